@@ -1,0 +1,177 @@
+"""Owns the vocabulary that flows through the program: chunks in, rows and port events out.
+
+It must not know where chunks come from or where rows go. All types are frozen; a row is made once,
+by the framer, and never changed.
+
+    Chunk      the bytes of one read, stamped once
+    Frame      ten bytes between a header and a tail (a row)
+    Damage     bytes that no frame claims (a row)
+    PortEvent  something that happened to the port rather than on the wire
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from types import MappingProxyType
+from typing import TypeAlias
+
+from fte_sniff.protocol.table import (
+    CMD_PLACE,
+    DIRECTION_OF_HEADER,
+    KIND_BY_HEADER_AND_CMD,
+    Direction,
+    FrameKind,
+)
+
+
+class Status(StrEnum):
+    """How far a row can be believed; the gravest of its faults decides."""
+
+    OK = "ok"
+    SUSPECT = "suspect"
+    MALFORMED = "malformed"
+
+
+class Fault(StrEnum):
+    """What is wrong with a row."""
+
+    UNKNOWN_CMD = "unknown_cmd"
+    BAD_MOTOR = "bad_motor"
+    BAD_HEADER = "bad_header"
+    BAD_TAIL = "bad_tail"
+    TRUNCATED = "truncated"
+    OVERLONG = "overlong"
+    NOISE = "noise"
+    RESERVED_NONZERO = "reserved_nonzero"
+    UNDEFINED_FLAGS = "undefined_flags"
+    AMBIGUOUS = "ambiguous"
+    LINE_ERROR = "line_error"
+
+
+FAULT_MEANINGS: Mapping[Fault, str] = MappingProxyType(
+    {
+        Fault.UNKNOWN_CMD: "framed, but the protocol has no such CMD for this header",
+        Fault.BAD_MOTOR: "framed, but NUM is not 1-4 where a motor is named",
+        Fault.BAD_HEADER: "ten bytes in step with their neighbours, the header wrong",
+        Fault.BAD_TAIL: "ten bytes in step with their neighbours, the tail wrong",
+        Fault.TRUNCATED: "starts like a frame, bytes are missing",
+        Fault.OVERLONG: "starts and ends like a frame, bytes too many",
+        Fault.NOISE: "bytes that belong to no frame",
+        Fault.RESERVED_NONZERO: "a reserve byte is not 00, as it is in all examples",
+        Fault.UNDEFINED_FLAGS: "bits 4-7 of ERROR or ONLINE are set",
+        Fault.AMBIGUOUS: "another reading of these bytes is as good",
+        Fault.LINE_ERROR: "the UART reported an error around these bytes",
+    }
+)
+
+SUSPECT_FAULTS = frozenset(
+    {Fault.RESERVED_NONZERO, Fault.UNDEFINED_FLAGS, Fault.AMBIGUOUS, Fault.LINE_ERROR}
+)
+"""Faults that leave a row readable; every other fault makes it malformed."""
+
+
+def status_of(faults: tuple[Fault, ...]) -> Status:
+    """The status that a row with these faults has."""
+    if not faults:
+        return Status.OK
+    return Status.SUSPECT if SUSPECT_FAULTS.issuperset(faults) else Status.MALFORMED
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """The bytes of one read, stamped once; no bytes at all means that time passed in silence."""
+
+    port: str
+    """Which wire: the port's name, or the file's."""
+    t_ns: int | None
+    """When the read returned, nanoseconds since 1970 UTC; None where the input has no time."""
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Ten bytes whose framing holds: a header, a tail, and a place in step."""
+
+    port: str
+    offset: int
+    """Of the first byte in that port's stream, from 0."""
+    raw: bytes
+    t_ns: int | None
+    """When the first byte began on the wire, nanoseconds since 1970 UTC, never falling per port."""
+    faults: tuple[Fault, ...] = ()
+    read_delay_ns: int | None = field(default=None, compare=False)
+    """From `t_ns` to the return of the read that brought the first byte, nanoseconds."""
+
+    @property
+    def status(self) -> Status:
+        """How far the row can be believed."""
+        return status_of(self.faults)
+
+    @property
+    def direction(self) -> Direction:
+        """Which way the frame goes."""
+        return DIRECTION_OF_HEADER[self.raw[0]]
+
+    @property
+    def kind(self) -> FrameKind | None:
+        """The table's entry, or None where header and CMD name none."""
+        return KIND_BY_HEADER_AND_CMD.get((self.raw[0], self.cmd))
+
+    @property
+    def cmd(self) -> int:
+        """CMD as it stands on the wire."""
+        return self.raw[CMD_PLACE]
+
+    @property
+    def values(self) -> dict[str, int]:
+        """The fields' values by row name, as on the wire even where out of range."""
+        kind = self.kind
+        return {f.name: f.read(self.raw) for f in kind.fields} if kind else {}
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """Bytes that no frame claims. They are kept, labelled with their cause, and never decoded."""
+
+    port: str
+    offset: int
+    """Of the first byte in that port's stream, from 0."""
+    raw: bytes
+    t_ns: int | None
+    """When the first byte began on the wire, nanoseconds since 1970 UTC, never falling per port."""
+    faults: tuple[Fault, ...]
+    read_delay_ns: int | None = field(default=None, compare=False)
+    """From `t_ns` to the return of the read that brought the first byte, nanoseconds."""
+
+    @property
+    def status(self) -> Status:
+        """How far the row can be believed."""
+        return status_of(self.faults)
+
+
+Row: TypeAlias = Frame | Damage
+
+
+class PortEventKind(StrEnum):
+    """What happened to a port."""
+
+    OPENED = "opened"
+    LOST = "lost"
+    FOUND_AGAIN = "found_again"
+    LINE_ERROR = "line_error"
+    OVERRUN = "overrun"
+    CLOSED = "closed"
+
+
+@dataclass(frozen=True, slots=True)
+class PortEvent:
+    """Something that happened to a port rather than on its wire."""
+
+    t_ns: int
+    """Nanoseconds since 1970 UTC."""
+    port: str
+    kind: PortEventKind
+    detail: str
+    """One line for people; may hold text from outside, so show it, never obey it."""

@@ -1,0 +1,247 @@
+"""Owns the frame table: every frame kind, its fields, their places, units and ranges.
+
+It must not know how bytes are found in a stream, who asks, or how anything is shown. Everything
+else in the program that says something about a frame (the framer's pattern, encoding and decoding,
+column names, the schema of recordings, table headers, options and help texts) is derived from
+`KINDS`.
+
+A frame (PROTOCOL.md, "Framing"), ten bytes, big-endian two's complement, no checksum:
+
+      0      1     2     3     4     5     6     7     8     9
+    +------+-----+-----+-----+-----+-----+-----+-----+-----+------+
+    | head | CMD | NUM |            six payload bytes      | tail |
+    +------+-----+-----+-----+-----+-----+-----+-----+-----+------+
+      AA     00    any   reserve ----------------------->    EE    reset
+      AA     01    1-4   rpm       reserve ------------->    EE    speed
+      AA     02    1-4   rpm       pulses -------------->    EE    position
+      AA     03    any   vx        vy        wz              EE    mecanum
+      55   01/03   1-4   rpm       reserve    error onln     EE    speed_feedback
+      55     02    1-4   pulses -----------> error onln      EE    position_feedback
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+
+from fte_sniff.errors import ValueRangeError
+
+FRAME_LENGTH = 10
+"""Bytes in every frame."""
+
+TAIL = 0xEE
+"""The last byte of every frame."""
+
+CMD_PLACE = 1
+"""The place of CMD in a frame."""
+
+NUM_PLACE = 2
+"""The place of NUM in a frame."""
+
+MOTORS = range(1, 5)
+"""The motor (driver) numbers that the protocol knows."""
+
+DEFAULT_BAUD = 115_200
+"""Bits per second on the controller's line, 8N1."""
+
+BITS_PER_BYTE = 10
+"""Bits that one byte takes on an 8N1 line: start, eight data bits, stop."""
+
+
+def byte_time_ns(baud: int) -> int:
+    """Nanoseconds that one byte takes on an 8N1 line of `baud` bits per second."""
+    return round(BITS_PER_BYTE * 1_000_000_000 / baud)
+
+
+class Direction(StrEnum):
+    """Which way a frame goes; the header byte tells."""
+
+    CONTROL = "control"
+    FEEDBACK = "feedback"
+
+
+HEADERS: Mapping[Direction, int] = MappingProxyType(
+    {Direction.CONTROL: 0xAA, Direction.FEEDBACK: 0x55}
+)
+"""The header byte of each direction: host to controller, controller to host."""
+
+DIRECTION_OF_HEADER: Mapping[int, Direction] = MappingProxyType(
+    {header: direction for direction, header in HEADERS.items()}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a frame: where it stands, what it is, and which values are legal."""
+
+    name: str
+    """The row name (a column, a filter field, a schema field)."""
+    start: int
+    """Place of the first byte in the frame."""
+    size: int
+    """Bytes; big-endian."""
+    low: int
+    """Least value that can be encoded."""
+    high: int
+    """Greatest value that can be encoded."""
+    unit: str
+    """Unit of one count; empty for numbers and bit fields."""
+    meaning: str
+    """What the value is, for help texts and the dissection."""
+    option: str
+    """Its short name on the command line."""
+    defined_bits: int | None = None
+    """For a bit field: the bits that the protocol gives a meaning. Others make a frame suspect."""
+    default: int | None = None
+    """The value taken where the user gives none; None where it must be given."""
+
+    @property
+    def signed(self) -> bool:
+        """Whether the field is two's complement."""
+        return self.low < 0
+
+    @property
+    def places(self) -> range:
+        """The byte places that the field takes in the frame."""
+        return range(self.start, self.start + self.size)
+
+    def read(self, raw: bytes) -> int:
+        """The field's value in the ten bytes of a frame."""
+        return int.from_bytes(raw[self.start : self.start + self.size], "big", signed=self.signed)
+
+    def to_bytes(self, value: int) -> bytes:
+        """The field's bytes for `value`.
+
+        Raises:
+            ValueRangeError: the value does not fit; the message names field, range and unit.
+        """
+        if not self.low <= value <= self.high:
+            raise ValueRangeError(f"{self.name} {value} is out of range: {self.range_text}")
+        return value.to_bytes(self.size, "big", signed=self.signed)
+
+    @property
+    def range_text(self) -> str:
+        """The legal range with its unit, for messages and help: `-32768..32767 RPM`."""
+        return f"{self.low}..{self.high} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class FrameKind:
+    """One kind of frame: which header and CMDs name it, and what its bytes mean."""
+
+    name: str
+    """The word in the row's `kind`."""
+    direction: Direction
+    cmds: tuple[int, ...]
+    """The CMD values that name this kind; the first is the one encoded by default."""
+    fields: tuple[Field, ...]
+    """In the order of their places; NUM is among them only where it names a motor."""
+    reserved: range
+    """Places that every example in the protocol leaves at 00."""
+    meaning: str
+    """What the frame does or tells, for help texts."""
+
+    @property
+    def header(self) -> int:
+        """The header byte."""
+        return HEADERS[self.direction]
+
+    @property
+    def names_motor(self) -> bool:
+        """Whether NUM is a motor number; otherwise it means nothing and may be anything."""
+        return any(field.start == NUM_PLACE for field in self.fields)
+
+    def field(self, name: str) -> Field | None:
+        """The field of that row name, or None where this kind has no such field."""
+        return next((field for field in self.fields if field.name == name), None)
+
+
+def _int16(name: str, start: int, unit: str, meaning: str, option: str) -> Field:
+    return Field(name, start, 2, -(2**15), 2**15 - 1, unit, meaning, option)
+
+
+def _int32(name: str, start: int, unit: str, meaning: str, option: str) -> Field:
+    return Field(name, start, 4, -(2**31), 2**31 - 1, unit, meaning, option)
+
+
+def _flags(name: str, start: int, meaning: str, default: int) -> Field:
+    return Field(name, start, 1, 0, 0xFF, "", meaning, name, defined_bits=0x0F, default=default)
+
+
+_MOTOR = Field("motor", NUM_PLACE, 1, MOTORS[0], MOTORS[-1], "", "motor (driver) number", "motor")
+_ERROR = _flags("error", 7, "error flags; 00 is all normal, single bits are undocumented", 0x00)
+_ONLINE = _flags("online", 8, "online flags; 0F is four motors online", 0x0F)
+
+KINDS: tuple[FrameKind, ...] = (
+    FrameKind("reset", Direction.CONTROL, (0x00,), (), range(3, 9), "reset all motors"),
+    FrameKind(
+        "speed",
+        Direction.CONTROL,
+        (0x01,),
+        (_MOTOR, _int16("rpm", 3, "RPM", "target speed", "rpm")),
+        range(5, 9),
+        "turn one motor at a speed",
+    ),
+    FrameKind(
+        "position",
+        Direction.CONTROL,
+        (0x02,),
+        (
+            _MOTOR,
+            _int16("rpm", 3, "RPM", "speed limit", "rpm"),
+            _int32("pulses", 5, "pulses", "target position, the sign is the direction", "pulses"),
+        ),
+        range(0),
+        "turn one motor to a position",
+    ),
+    FrameKind(
+        "mecanum",
+        Direction.CONTROL,
+        (0x03,),
+        (
+            _int16("vx_cm_s", 3, "cm/s", "chassis speed, + is forward", "vx"),
+            _int16("vy_cm_s", 5, "cm/s", "chassis speed, + is left", "vy"),
+            _int16("wz_mrad_s", 7, "mrad/s", "chassis rotation, the sign is the direction", "wz"),
+        ),
+        range(0),
+        "drive the mecanum chassis",
+    ),
+    FrameKind(
+        "speed_feedback",
+        Direction.FEEDBACK,
+        (0x01, 0x03),
+        (_MOTOR, _int16("rpm", 3, "RPM", "present speed", "rpm"), _ERROR, _ONLINE),
+        range(5, 7),
+        "present speed of one motor (CMD 01 in speed mode, 03 in mecanum mode)",
+    ),
+    FrameKind(
+        "position_feedback",
+        Direction.FEEDBACK,
+        (0x02,),
+        (_MOTOR, _int32("pulses", 3, "pulses", "present position", "pulses"), _ERROR, _ONLINE),
+        range(0),
+        "present position of one motor",
+    ),
+)
+"""Every kind of frame. A new kind is one entry here."""
+
+KIND_BY_NAME: Mapping[str, FrameKind] = MappingProxyType({kind.name: kind for kind in KINDS})
+
+KIND_BY_HEADER_AND_CMD: Mapping[tuple[int, int], FrameKind] = MappingProxyType(
+    {(kind.header, cmd): kind for kind in KINDS for cmd in kind.cmds}
+)
+
+
+def _distinct_fields() -> Iterator[Field]:
+    seen = set()
+    for kind in KINDS:
+        for field in kind.fields:
+            if field.name not in seen:
+                seen.add(field.name)
+                yield field
+
+
+VALUE_FIELDS: tuple[Field, ...] = tuple(_distinct_fields())
+"""The first field of each row name, in the order in which the table first names them."""
