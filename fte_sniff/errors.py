@@ -18,10 +18,18 @@ from __future__ import annotations
 from typing import ClassVar
 
 
+def shown(text: str) -> str:
+    """Text from outside (a name, metadata) on one line, its control characters made visible."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 class FteSniffError(Exception):
     """The base of every error that a user can cause; its text is one line for the terminal."""
 
     exit_code: ClassVar[int] = 2
+
+    def __str__(self) -> str:
+        return shown(super().__str__())
 
 
 class UsageError(FteSniffError):

@@ -1,1 +1,14 @@
-"""Placeholder."""
+"""Other people's logs in, tables out.
+
+Nothing here knows a port, a recording or a filter. Import the modules one by one, so that a command
+loads only what it needs:
+
+    kinds      which kind of input a file is, by its name or its first bytes
+    hex_text   hex as people paste it, to bytes
+    raw        a file of raw bytes, to chunks
+    layout     a row as the cells of a line of text
+    lines      rows to plain or coloured lines
+    jsonl      rows to JSON lines
+    csv        rows to comma-separated values
+    dissection a row taken apart byte by byte, to text
+"""

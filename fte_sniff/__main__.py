@@ -1,0 +1,6 @@
+"""Owns `python -m fte_sniff`: the same program as the `fte-sniff` command. It knows only the door."""
+
+from fte_sniff.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""Owns the group of commands, and how every error ends: one line, and an exit code.
+
+It must not know what a command does; each is loaded when it is called for.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from types import MappingProxyType
+
+import click
+
+from fte_sniff.cli.stdout import abandon_stdout
+from fte_sniff.errors import FteSniffError, shown
+
+PROGRAM = "fte-sniff"
+
+_NAMES = ("live", "view", "decode", "hex", "encode", "simulate", "ports")
+
+COMMANDS: Mapping[str, str] = MappingProxyType({name: f"fte_sniff.cli.{name}" for name in _NAMES})
+"""Each command's module; the command in it is called `command`."""
+
+EXIT_INTERRUPTED = 130
+"""What shells report of a program that Ctrl-C ended, where that is not the usual way out."""
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command only when it is named, or when all are listed."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """The commands, in the order in which a newcomer meets them."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name, or None."""
+        if cmd_name not in COMMANDS:
+            return None
+        command = import_module(COMMANDS[cmd_name]).command
+        assert isinstance(command, click.Command)
+        return command
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="fte-sniff", prog_name=PROGRAM)
+def fte_sniff() -> None:
+    """Watch, record and decode the serial protocol of the FTE four-motor controller."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the program and exit with the code of the contract."""
+    try:
+        code = fte_sniff.main(arguments, prog_name=PROGRAM, standalone_mode=False)
+        sys.stdout.flush()
+        sys.exit(code if isinstance(code, int) else 0)
+    except FteSniffError as error:
+        _complain(str(error))
+        sys.exit(error.exit_code)
+    except click.ClickException as error:
+        _complain(_one_line(error))
+        sys.exit(error.exit_code)
+    except BrokenPipeError:
+        abandon_stdout()
+        sys.exit(0)
+    except (KeyboardInterrupt, click.Abort):
+        sys.exit(EXIT_INTERRUPTED)
+
+
+def _complain(message: str) -> None:
+    click.echo(f"{PROGRAM}: {shown(message)}", err=True)
+
+
+def _one_line(error: click.ClickException) -> str:
+    message = " ".join(error.format_message().split())
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else PROGRAM
+    return f"{message.rstrip('.')}; see '{path} --help'"

@@ -1,0 +1,56 @@
+"""Owns `fte-sniff simulate`: a controller on a pseudo-terminal, to develop against.
+
+It must not know what can be asked of a simulation: the options come from its table of parameters.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fte_sniff.capture.simulator.parameters import PARAMETERS, Parameter, SimulationParameters
+from fte_sniff.cli.signals import signals_call
+from fte_sniff.errors import shown
+from fte_sniff.protocol import DEFAULT_BAUD, Direction
+
+_DEFAULTS = {"host": "off", "wire": Direction.FEEDBACK.value}
+"""Where the command differs from sim://: the host is the program that is being developed."""
+
+
+def _option(parameter: Parameter) -> click.Option:
+    return click.Option(
+        [f"--{parameter.name}"],
+        type=click.Choice([str(word) for word in parameter.words])
+        if parameter.words
+        else type(parameter.default),
+        default=_DEFAULTS.get(parameter.name, parameter.default),
+        show_default=True,
+        help=f"{parameter.meaning} ({parameter.range_text})",
+    )
+
+
+def _run(link: Path | None, baud: int, **parameters: Any) -> None:
+    from fte_sniff.capture.controller_pty import ControllerPty
+
+    with ControllerPty(SimulationParameters(**parameters), baud, link) as controller:
+        click.echo(str(link) if link else controller.device)
+        click.echo(f"a controller answers on {shown(controller.device)}; Ctrl-C ends it", err=True)
+        with signals_call(controller.stop):
+            controller.run()
+
+
+command = click.Command(
+    "simulate",
+    callback=_run,
+    params=[
+        click.Option(["--link"], type=click.Path(path_type=Path), help="Make this link to it."),
+        click.Option(["--baud"], type=int, default=DEFAULT_BAUD, show_default=True, help="Bits/s."),
+        *map(_option, PARAMETERS),
+    ],
+    short_help="A controller on a pseudo-terminal, to develop against.",
+    help="Simulate a controller on a pseudo-terminal, for a host program to open.\n\n"
+    "The device's name goes to standard output. Four motors obey the commands that are written to "
+    "it and send their feedback.",
+)

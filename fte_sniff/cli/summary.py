@@ -1,0 +1,49 @@
+"""Owns the one-line summary that a command leaves on standard error.
+
+It must not count anything itself; the tally does.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fte_sniff.protocol import Status, iso_time, status_of
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.tally import Tally
+
+
+def summary(tally: Tally, written: int | None = None) -> str:
+    """What was read: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
+
+    Args:
+        tally: the count of all rows that were read.
+        written: how many of them were written, to be told where that is not all.
+    """
+    parts = [f"{tally.rows:,} row{'s' if tally.rows != 1 else ''}"]
+    if written is not None and written != tally.rows:
+        parts[0] += f" read, {written:,} written"
+    parts += [
+        text for status in (Status.SUSPECT, Status.MALFORMED) if (text := _share(tally, status))
+    ]
+    if len(parts) == 1:
+        parts.append("nothing malformed")
+    return ", ".join(parts) + _span(tally)
+
+
+def _share(tally: Tally, status: Status) -> str:
+    count = tally.by_status[status]
+    if not count:
+        return ""
+    faults = ", ".join(
+        f"{fault} {found:,}"
+        for fault, found in tally.by_fault.items()
+        if found and status_of((fault,)) is status
+    )
+    return f"{count:,} {status} ({count / tally.rows:.2%}: {faults})"
+
+
+def _span(tally: Tally) -> str:
+    if tally.first_ns is None or tally.duration_ns is None:
+        return ""
+    return f", {tally.duration_ns / 1e9:,.3f} s from {iso_time(tally.first_ns)}"

@@ -1,0 +1,53 @@
+"""Owns `fte-sniff view`: the screen of `live` on files.
+
+It must not know how files are read or how a screen looks; it shows the one what the other gives.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+
+import click
+
+from fte_sniff.cli.filtering import filter_option, row_filter
+from fte_sniff.cli.inputs import STDIN, batches_of, input_arguments
+from fte_sniff.errors import UsageError, shown
+from fte_sniff.formats.kinds import InputKind
+from fte_sniff.protocol import Row
+
+
+@click.command(name="view", short_help="Look at files on the screen that live has.")
+@input_arguments
+@filter_option
+def command(files: tuple[Path, ...], kind: InputKind | None, filter_text: str | None) -> None:
+    """Look at recordings, raw bytes or hex text on the screen that `live` has.
+
+    \b
+    fte-sniff view samples/damaged.mcap
+    """
+    if not (sys.stdout.isatty() and sys.stdin.isatty()):
+        raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
+    if STDIN in files:
+        raise UsageError("view reads files only, since the keys come from standard input")
+    from fte_sniff.session.replay import ReplaySession
+    from fte_sniff.tui.app import AtEnd, run_screen
+
+    wanted = row_filter(filter_text)
+    notes: list[str] = []
+    batches = [batches_of(path, kind, notes.append) for path in files]
+    # What cannot be read at all is told before the screen opens, not on it.
+    batches[0] = _begun(batches[0])
+    session = ReplaySession(chain.from_iterable(batches), " ".join(map(str, files)))
+    run_screen(session, AtEnd.STAY, wanted)
+    for note in notes:
+        click.echo(shown(note), err=True)
+    if session.error is not None:
+        raise session.error
+
+
+def _begun(batches: Iterator[list[Row]]) -> Iterator[list[Row]]:
+    """The same batches, the first of which is read now."""
+    return chain([next(batches, [])], batches)

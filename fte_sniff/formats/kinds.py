@@ -1,0 +1,81 @@
+"""Owns which kind of input a file is: a recording, raw bytes, or hex text.
+
+It must not read a file beyond its first bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from types import MappingProxyType
+
+from fte_sniff.errors import FileError, UsageError
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+"""The first bytes of every MCAP file."""
+
+
+class InputKind(StrEnum):
+    """What a file holds."""
+
+    MCAP = "mcap"
+    RAW = "raw"
+    HEX = "hex"
+
+
+KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
+    {
+        ".mcap": InputKind.MCAP,
+        ".bin": InputKind.RAW,
+        ".raw": InputKind.RAW,
+        ".hex": InputKind.HEX,
+        ".txt": InputKind.HEX,
+        ".log": InputKind.HEX,
+    }
+)
+"""The kind that a file's name promises."""
+
+
+def kind_of_file(path: Path) -> InputKind:
+    """What the file holds, by the end of its name, or else by the magic of an MCAP.
+
+    Raises:
+        FileError: the file cannot be read.
+        UsageError: neither name nor content tells.
+    """
+    named = KIND_OF_SUFFIX.get(path.suffix.lower())
+    if named is not None:
+        return named
+    try:
+        with path.open("rb") as file:
+            first = file.read(len(MCAP_MAGIC))
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if first == MCAP_MAGIC:
+        return InputKind.MCAP
+    names = ", ".join(KIND_OF_SUFFIX)
+    raise UsageError(
+        f"{path}: the name does not tell what is in it ({names}); say --input {'|'.join(InputKind)}"
+    )
+
+
+def kind_of_content(first: bytes) -> InputKind:
+    """What a stream most likely holds, by its first bytes: text is hex, all else is raw bytes."""
+    if first.startswith(MCAP_MAGIC):
+        return InputKind.MCAP
+    text = all(byte >= 0x20 or byte in b"\t\r\n" for byte in first) and b"\xaa" not in first
+    return InputKind.HEX if text else InputKind.RAW
+
+
+def unreadable(path: Path, error: OSError) -> FileError:
+    """The error for a file that the system does not let us read."""
+    if isinstance(error, FileNotFoundError):
+        way_out = "check the name"
+    elif isinstance(error, IsADirectoryError):
+        way_out = "name the files in it, for example with /*.mcap"
+    elif isinstance(error, PermissionError):
+        way_out = "check who may read it with ls -l"
+    else:
+        way_out = "try to copy it elsewhere and decode the copy"
+    return FileError(f"{path}: cannot be read: {error.strerror}; {way_out}")

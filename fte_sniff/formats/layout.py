@@ -1,0 +1,98 @@
+"""Owns a row as a line of text: which cells it has, how wide they are, and what stands in them.
+
+It must not know about colours or about where the line goes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fte_sniff.errors import shown
+from fte_sniff.protocol import (
+    KINDS,
+    Frame,
+    Row,
+    Status,
+    faults_text,
+    iso_time,
+    spaced_hex,
+)
+
+STATUS_MARK = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
+"""One character that says the status without colour."""
+
+_KIND_WIDTH = max(len(kind.name) for kind in KINDS)
+_TIME_WIDTH = len(iso_time(0))
+_VALUES_WIDTH = 40
+_OFFSET_WIDTH = 9
+_PORT_WIDTH = 14
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Which of the optional cells the lines of one output have."""
+
+    times: bool
+    """Whether the input has times."""
+    ports: bool
+    """Whether there is more than one port to tell apart."""
+
+    def header(self) -> tuple[str, ...]:
+        """The names above the cells, padded as the cells are."""
+        return self._padded(
+            "time", "port", "offset".rjust(_OFFSET_WIDTH), " ", "kind", "values", "raw", "faults"
+        )
+
+    def cells(self, row: Row) -> tuple[str, ...]:
+        """The row's cells, padded to their widths; the last, which may be empty, is not padded."""
+        return self._padded(
+            "-" if row.t_ns is None else iso_time(row.t_ns),
+            shown(row.port),
+            str(row.offset).rjust(_OFFSET_WIDTH),
+            STATUS_MARK[row.status],
+            kind_text(row),
+            values_text(row),
+            spaced_hex(row.raw),
+            faults_text(row.faults),
+        )
+
+    def _padded(  # one parameter a cell, in the order of the line
+        self,
+        time: str,
+        port: str,
+        offset: str,
+        mark: str,
+        kind: str,
+        values: str,
+        raw: str,
+        faults: str,
+    ) -> tuple[str, ...]:
+        times = (time.ljust(_TIME_WIDTH),) if self.times else ()
+        ports = (port.ljust(_PORT_WIDTH),) if self.ports else ()
+        values = values.ljust(_VALUES_WIDTH)
+        return (
+            *times,
+            *ports,
+            offset,
+            mark,
+            kind.ljust(_KIND_WIDTH),
+            values,
+            raw.ljust(29),
+            faults,
+        )
+
+
+def kind_text(row: Row) -> str:
+    """The row's kind, or a dash where header and CMD name none."""
+    kind = row.kind if isinstance(row, Frame) else None
+    return kind.name if kind else "-"
+
+
+def values_text(row: Row) -> str:
+    """The row's values as people read them: `motor=1 rpm=1000 error=0x00 online=0x0F`."""
+    if not isinstance(row, Frame):
+        return f"{len(row.raw)} byte{'s' if len(row.raw) != 1 else ''}"
+    kind = row.kind
+    if kind is None:
+        return f"cmd=0x{row.cmd:02X}"
+    return " ".join(f"{field.name}={field.text(field.read(row.raw))}" for field in kind.fields)

@@ -1,0 +1,57 @@
+"""Owns what all row writers have in common, and which one serves a format.
+
+It must not know where the rows come from. Each writer's module is loaded when it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import Protocol, TextIO
+
+from fte_sniff.protocol import Row
+
+
+class OutputFormat(StrEnum):
+    """The forms that rows can be written in."""
+
+    TABLE = "table"
+    JSONL = "jsonl"
+    CSV = "csv"
+
+
+class RowWriter(Protocol):
+    """Writes rows to a text stream that it does not own."""
+
+    def write(self, rows: Sequence[Row]) -> None:
+        """Write the rows at once, or keep them until `end`."""
+        ...
+
+    def end(self) -> None:
+        """Write what the format owes at its end; the stream stays open."""
+        ...
+
+
+def row_writer(form: OutputFormat, stream: TextIO, *, ports: bool) -> RowWriter:
+    """The writer of `form` to `stream`.
+
+    Args:
+        form: which format.
+        stream: where to; a table is coloured where this is a terminal, and plain elsewhere.
+        ports: whether rows of several ports or files are to be told apart in a table.
+    """
+    if form is OutputFormat.JSONL:
+        from fte_sniff.formats.jsonl import JsonlWriter
+
+        return JsonlWriter(stream)
+    if form is OutputFormat.CSV:
+        from fte_sniff.formats.csv import CsvWriter
+
+        return CsvWriter(stream)
+    from fte_sniff.formats.lines import PlainWriter, RichWriter
+
+    if not stream.isatty():
+        return PlainWriter(stream, ports=ports)
+    from rich.console import Console
+
+    return RichWriter(Console(file=stream), ports=ports)

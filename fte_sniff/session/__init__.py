@@ -1,0 +1,14 @@
+"""The one place that wires a source to a recording and to a view.
+
+It must not know what shows the rows, nor how any of the rooms below does its work.
+
+    plan       what a capture is to do: the port, the recording, when to end
+    messages   what the capture process tells the process of the view
+    process    the capture process: port -> framer -> recording, and rows handed to the view
+    outbox     the bounded way out of the capture process, so that no view can hold it up
+    live       the view's end of a capture process
+    replay     the same for a file that is being read
+
+A capture runs in a process of its own. A slow, stopped or killed view costs it no byte, no
+timestamp and no file; only "stop" goes back up, and a view that is gone means the same.
+"""

@@ -1,0 +1,47 @@
+"""Owns what the capture process tells the process of the view, and the one word that goes back.
+
+It must not know how messages travel. All of them can be pickled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+from fte_sniff.errors import FteSniffError
+from fte_sniff.protocol import PortEvent, Row
+
+STOP: Final = "stop"
+"""The one word that goes back up: end the capture, and close its file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """The port is open, and so is the recording if there is one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """What has come since the batch before."""
+
+    rows: list[Row]
+    events: list[PortEvent]
+    total_rows: int
+    """All rows captured so far."""
+    not_shown: int
+    """Rows captured and recorded, but dropped on the way because the view was too slow."""
+    recording_failure: FteSniffError | None = None
+    """Why the recording has stopped, although the capture goes on; None while it is well."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The capture is over and its file is closed; nothing comes after this."""
+
+    reason: str | None = None
+    """Why, one line for people; None where it was asked to end."""
+    error: FteSniffError | None = None
+    """What went wrong, if something did."""
+
+
+Message: TypeAlias = Started | Batch | Ended

@@ -1,0 +1,29 @@
+"""Owns what a capture is to do, in a form that can be handed to another process.
+
+It must not know how it is done.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fte_sniff.capture.ports import PortSettings
+from fte_sniff.recording.writer import Existing
+
+
+@dataclass(frozen=True, slots=True)
+class CapturePlan:
+    """One capture of one port."""
+
+    port: str
+    """A device, or a URL that pyserial opens."""
+    settings: PortSettings
+    recording: Path | None
+    """Where to record to; None to record nothing."""
+    existing: Existing = Existing.REFUSE
+    """What to do when the recording's file is there already."""
+    duration_s: float | None = None
+    """End after so many seconds; None to go on."""
+    count: int | None = None
+    """End after so many rows; None to go on."""

@@ -1,0 +1,86 @@
+"""Owns a file that is being read as a feed for a view, in a thread that waits when it is ahead.
+
+It must not know what kind of file it is, nor what shows the rows.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterable
+
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
+from fte_sniff.errors import FteSniffError
+from fte_sniff.protocol import Row
+
+MOST_BATCHES_AHEAD = 16
+"""Batches that are read ahead of the view at most."""
+
+MOST_ROWS_A_POLL = 65_536
+"""Rows that one poll hands over at most, so that a screen can still draw between two."""
+
+
+class ReplaySession:
+    """Rows that are there already, as a feed for one view."""
+
+    error: FteSniffError | None = None
+    """Why reading stopped before the end, if it did."""
+
+    def __init__(self, batches: Iterable[list[Row]], title: str) -> None:
+        """Start reading.
+
+        Args:
+            batches: the rows; iterated in a thread of its own.
+            title: the name of the file, to be shown.
+        """
+        self._batches = batches
+        self._title = title
+        self._rows = 0
+        self._stop = threading.Event()
+        self._read: queue.Queue[list[Row] | None] = queue.Queue(MOST_BATCHES_AHEAD)
+        self._running = True
+        self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
+        self._thread.start()
+
+    def poll(self) -> FeedUpdate:
+        """What was read since the poll before; returns at once."""
+        rows: list[Row] = []
+        while self._running and len(rows) < MOST_ROWS_A_POLL:
+            try:
+                batch = self._read.get_nowait()
+            except queue.Empty:
+                break
+            if batch is None:
+                self._running = False
+            else:
+                rows += batch
+        self._rows += len(rows)
+        return FeedUpdate(self._state(), rows)
+
+    def stop(self) -> None:
+        """End reading; returns at once."""
+        self._stop.set()
+
+    def _state(self) -> FeedState:
+        ended = None
+        if not self._running:
+            ended = str(self.error) if self.error else "end of file"
+        return FeedState(title=self._title, running=self._running, ended=ended, rows=self._rows)
+
+    def _run(self) -> None:
+        try:
+            for batch in self._batches:
+                if not self._put(batch):
+                    return
+        except FteSniffError as error:
+            self.error = error
+        self._put(None)
+
+    def _put(self, batch: list[Row] | None) -> bool:
+        while not self._stop.is_set():
+            try:
+                self._read.put(batch, timeout=0.1)
+            except queue.Full:
+                continue
+            return True
+        return False
