@@ -1,1 +1,68 @@
-"""fte-sniff."""
+"""fte-sniff: a serial protocol analyzer and logger for the FTE four-motor controller.
+
+One way, no back and forth:
+
+    port   --Chunk--> capture -+-> Framer --rows--> recording (MCAP)
+                               +-----------rows--> row store -> screen | plain lines
+    file   ---------> reader --rows--> filter -> table | JSON lines | CSV | screen
+
+The rooms, from the top of the import order down; each imports only from those below it:
+
+    cli        one file a command; the exit codes
+    tui        the screen; the only room that knows Textual
+    session    the one place that wires capture to recording and to a view
+    capture    bytes in: ports, the reader, the simulator      } these four
+    recording  MCAP out and in                                 } do not know
+    formats    other people's logs in; tables out              } each
+    analysis   columns, filter, tally, row store               } other
+    protocol   what the bytes mean: the frame table, codec, framer; standard library only
+    errors     the exceptions, their tree, and the exit code of each
+
+Three promises hold everywhere. Every byte that came in stands in exactly one row, in order, and
+damage is labelled with its cause. A recording is complete in itself at every moment. Whatever a
+user can do wrong ends in one line that says what, where, and the way out.
+"""
+
+from fte_sniff.errors import (
+    FileError,
+    FilterError,
+    FteSniffError,
+    InputTextError,
+    PortError,
+    UsageError,
+    ValueRangeError,
+)
+from fte_sniff.protocol import (
+    KINDS,
+    Chunk,
+    Damage,
+    Fault,
+    Frame,
+    Framer,
+    PortEvent,
+    Row,
+    Status,
+    encode,
+    record,
+)
+
+__all__ = [
+    "KINDS",
+    "Chunk",
+    "Damage",
+    "Fault",
+    "FileError",
+    "FilterError",
+    "Frame",
+    "Framer",
+    "FteSniffError",
+    "InputTextError",
+    "PortError",
+    "PortEvent",
+    "Row",
+    "Status",
+    "UsageError",
+    "ValueRangeError",
+    "encode",
+    "record",
+]

@@ -1,4 +1,4 @@
-"""Owns `python -m fte_sniff`: the same program as the `fte-sniff` command. It knows only the door."""
+"""Owns `python -m fte_sniff`: the same program as `fte-sniff`. It knows only the door."""
 
 from fte_sniff.cli import main
 

@@ -1,4 +1,4 @@
-"""The exceptions that a user of fte-sniff can cause, and the exit code of each.
+"""The exceptions that a user of fte-sniff can cause, the exit code of each, and their wording.
 
 This module knows no other part of the program: it stands at the bottom of the import order.
 
@@ -15,6 +15,7 @@ Each message is one line that says what happened, where, and the way out.
 
 from __future__ import annotations
 
+import errno
 from typing import ClassVar
 
 
@@ -58,3 +59,39 @@ class FileError(FteSniffError):
     """A file cannot be read, is not what it should be, or must not be overwritten."""
 
     exit_code: ClassVar[int] = 4
+
+
+_FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up"}
+
+
+def reason_of(error: OSError) -> str:
+    """Why the system refused, in words."""
+    return _FULL.get(error.errno or 0, error.strerror or str(error))
+
+
+def unreadable(path: object, error: OSError) -> FileError:
+    """What to tell the user when a file cannot be opened or read."""
+    match error:
+        case FileNotFoundError():
+            return FileError(f"{path}: there is no such file; check the name and the folder")
+        case IsADirectoryError():
+            return FileError(f"{path} is a directory; name the files in it")
+        case PermissionError():
+            return FileError(f"{path}: no permission to read it; try `ls -l` and `chmod u+r`")
+    return FileError(f"{path} cannot be read: {reason_of(error)}; copy it and try again")
+
+
+def unwritable(path: object, error: OSError) -> FileError:
+    """What to tell the user when a file cannot be made or written."""
+    match error:
+        case FileExistsError():
+            return FileError(f"{path} exists already; name another file, or use --force")
+        case FileNotFoundError():
+            return FileError(f"{path}: its folder does not exist; make it with `mkdir -p`")
+        case NotADirectoryError():
+            return FileError(f"{path}: part of this path is a file, not a folder; name another")
+        case IsADirectoryError():
+            return FileError(f"{path} is a directory; name a file in it")
+        case PermissionError():
+            return FileError(f"{path}: no permission to write there; name another place with -o")
+    return FileError(f"{path} cannot be written: {reason_of(error)}; name another place with -o")

@@ -15,11 +15,23 @@ from fte_sniff.protocol import Row
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter import RowFilter
 
+
+def _explain(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
+    if text is None or text.strip().lower() != "help":
+        return text
+    from fte_sniff.analysis.filter import FILTER_HELP
+
+    click.echo(FILTER_HELP)
+    return context.exit()
+
+
 filter_option = click.option(
     "--filter",
     "filter_text",
     metavar="EXPR",
-    help="Only rows for which this holds: motor = 1 AND rpm > 500. --filter help tells more.",
+    is_eager=True,
+    callback=_explain,
+    help="Only rows for which this holds: motor = 1 AND rpm > 500. '--filter help' tells more.",
 )
 """The `--filter` option, as every command that shows rows has it."""
 
@@ -32,11 +44,8 @@ def row_filter(text: str | None) -> RowFilter | None:
     """
     if text is None:
         return None
-    from fte_sniff.analysis.filter import FILTER_HELP, RowFilter
+    from fte_sniff.analysis.filter import RowFilter
 
-    if text.strip().lower() == "help":
-        click.echo(FILTER_HELP)
-        click.get_current_context().exit()
     return RowFilter.parse(text)
 
 

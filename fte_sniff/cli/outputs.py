@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 import click
 
-from fte_sniff.errors import FileError
+from fte_sniff.errors import unwritable
 from fte_sniff.formats.writers import OutputFormat
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -26,7 +26,7 @@ def format_option(default: OutputFormat | None) -> Decorator:
         "form",
         type=click.Choice([form.value for form in OutputFormat]),
         callback=lambda _context, _option, word: OutputFormat(word) if word else None,
-        default=default,
+        default=default and default.value,
         show_default=default is not None,
         help="How rows are written; a table is plain where the output is no terminal.",
     )
@@ -47,16 +47,3 @@ def text_output(path: Path | None, *, force: bool) -> Iterator[TextIO]:
             yield file
     except OSError as error:
         raise unwritable(path, error) from error
-
-
-def unwritable(path: Path, error: OSError) -> FileError:
-    """The error for a file that cannot be made or filled."""
-    if isinstance(error, FileExistsError):
-        return FileError(f"{path}: exists; choose another name, or overwrite it with --force")
-    ways_out = {
-        FileNotFoundError: "make its folder first",
-        IsADirectoryError: "name a file in it",
-        PermissionError: "choose a folder that you may write to",
-    }
-    way_out = ways_out.get(type(error), "choose another place with -o")
-    return FileError(f"{path}: cannot be written: {error.strerror}; {way_out}")

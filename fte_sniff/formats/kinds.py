@@ -10,7 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 
-from fte_sniff.errors import FileError, UsageError
+from fte_sniff.errors import UsageError, unreadable
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of every MCAP file."""
@@ -66,16 +66,3 @@ def kind_of_content(first: bytes) -> InputKind:
         return InputKind.MCAP
     text = all(byte >= 0x20 or byte in b"\t\r\n" for byte in first) and b"\xaa" not in first
     return InputKind.HEX if text else InputKind.RAW
-
-
-def unreadable(path: Path, error: OSError) -> FileError:
-    """The error for a file that the system does not let us read."""
-    if isinstance(error, FileNotFoundError):
-        way_out = "check the name"
-    elif isinstance(error, IsADirectoryError):
-        way_out = "name the files in it, for example with /*.mcap"
-    elif isinstance(error, PermissionError):
-        way_out = "check who may read it with ls -l"
-    else:
-        way_out = "try to copy it elsewhere and decode the copy"
-    return FileError(f"{path}: cannot be read: {error.strerror}; {way_out}")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from fte_sniff.errors import shown
 from fte_sniff.protocol import (
+    FRAME_LENGTH,
     KINDS,
     Frame,
     Row,
@@ -23,9 +24,13 @@ STATUS_MARK = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
 
 _KIND_WIDTH = max(len(kind.name) for kind in KINDS)
 _TIME_WIDTH = len(iso_time(0))
-_VALUES_WIDTH = 40
+_VALUES_WIDTH = max(
+    len(" ".join(f"{field.name}={field.text(field.low)}" for field in kind.fields))
+    for kind in KINDS
+)
 _OFFSET_WIDTH = 9
 _PORT_WIDTH = 14
+_RAW_WIDTH = len(spaced_hex(bytes(FRAME_LENGTH)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +82,7 @@ class Layout:
             mark,
             kind.ljust(_KIND_WIDTH),
             values,
-            raw.ljust(29),
+            raw.ljust(_RAW_WIDTH),
             faults,
         )
 

@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, BinaryIO
 
-from fte_sniff.errors import FileError, InputTextError
+from fte_sniff.errors import FileError, InputTextError, unreadable
 from fte_sniff.formats.hex_text import bytes_of_lines
-from fte_sniff.formats.kinds import unreadable
 from fte_sniff.protocol import Chunk
 
 _BLOCK = 1 << 16

@@ -1,1 +1,26 @@
-"""Placeholder."""
+"""Recordings: rows and port events out to MCAP files, and in again, exactly as they were.
+
+This package must not know where rows come from, who looks at them, or any other file format. It
+re-exports nothing, so that no light command pays for mcap and protobuf. To read it, in this order:
+
+    facts      what a recording says about itself: ports, host, clocks
+    topics     which row goes to which topic, derived from the frame table
+    schema     the protobuf schema of each topic, derived from the frame table
+    messages   one row or event to the bytes of its message, and back
+    container  an MCAP file that grows by whole chunks and is complete after each
+    writer     RecordingWriter: rows in log order, into a container
+    records    the records of any MCAP file, cut, damaged or hostile as it may be
+    summary    what a file's summary tells before its rows are read
+    reader     RecordingReader: the rows and events of a file
+    refusals   the one line that tells how a recording came to stop
+
+A recording on disk (https://mcap.dev/spec):
+
+    magic  Header  Metadata "fte-sniff"  Schemas  Channels    an empty capture explains itself
+    Chunk  MessageIndex...                                    once or more a second, zstd, CRC
+    Chunk  MessageIndex...
+    DataEnd  summary  Footer  magic                           written anew behind each new chunk
+
+Schemas and channels stand a second time in the first chunk that uses them: there a checksum guards
+them, and the reader believes that copy more than the one at the head.
+"""

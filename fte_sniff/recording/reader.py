@@ -1,0 +1,194 @@
+"""Owns reading a recording: the rows and port events of a file, in their order, lazily.
+
+It must not know how the rows are used, nor how a record or a message is laid out.
+
+A file may be cut, damaged or written by another program. What can be read is read; what cannot is
+told by `ending` and `losses`, and never made up: a chunk counts only if its checksum holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from shutil import copyfileobj
+from tempfile import NamedTemporaryFile
+from typing import IO, BinaryIO
+from weakref import finalize
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata
+
+from fte_sniff.errors import FileError, unreadable
+from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.facts import PortFacts
+from fte_sniff.recording.reading import Reading, without_our_topics
+from fte_sniff.recording.records import MAGIC, RawRecord, RecordError, RecordStream, parse
+from fte_sniff.recording.summary import Summary, read_summary
+from fte_sniff.recording.topics import TOPIC_BY_NAME
+
+_MOST_BAUD_DIGITS = 9
+_HEAD_ENDS = frozenset({Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.FOOTER})
+
+
+class RecordingReader:
+    """Reads one recording; iterate it for its rows, as often as wanted.
+
+    `ending` and `losses` tell of the last iteration that came to its end.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Look at the file: that it is an MCAP, and what its head and summary tell.
+
+        Raises:
+            FileError: the file cannot be read, is empty, no MCAP, or has none of our topics.
+        """
+        self._path = path
+        self._channels: dict[int, Channel] = {}
+        self._metadata: dict[str, dict[str, str]] = {}
+        self._summary: Summary | None = None
+        self._finished = False
+        self._ending = ""
+        self._losses: tuple[str, ...] = ()
+        self._times: tuple[int, int] | None = None
+        self._copy: IO[bytes] | None = None
+        self._copy = self._copy_of_pipe()
+        with self._open() as stream:
+            self._look(stream)
+
+    @property
+    def path(self) -> Path:
+        """Where the recording lies."""
+        return self._path
+
+    @property
+    def ports(self) -> tuple[PortFacts, ...]:
+        """The ports that the file names before its rows are read, each once."""
+        found = {}
+        for channel in self._channels.values():
+            if channel.topic in TOPIC_BY_NAME:
+                facts = self._port_of(channel)
+                found[facts.name] = facts
+        return tuple(found.values())
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The metadata records by name, as far as they stand before the first row."""
+        return self._metadata
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """First and last log time, nanoseconds since 1970 UTC; None where the file cannot tell."""
+        return self._times
+
+    @property
+    def ending(self) -> str:
+        """How the file ends, where it does not end as it should; else empty."""
+        return self._ending
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What could not be read, one line each; empty where all could."""
+        return self._losses
+
+    @property
+    def complete(self) -> bool:
+        """Whether an iteration came to its end, in a whole and undamaged file."""
+        return self._finished and not self._ending and not self._losses
+
+    def __iter__(self) -> Iterator[Row]:
+        """The rows, in file order.
+
+        Raises:
+            FileError: reading failed, or the file turns out to have none of our topics.
+        """
+        return (entry for entry in self.entries() if not isinstance(entry, PortEvent))
+
+    def events(self) -> Iterator[PortEvent]:
+        """The port events, in file order; raises as iteration over rows does."""
+        return (entry for entry in self.entries() if isinstance(entry, PortEvent))
+
+    def entries(self) -> Iterator[Row | PortEvent]:
+        """Rows and port events together, in file order; raises as iteration over rows does."""
+        reading = Reading(self._path, self._port_of)
+        with self._open() as stream:
+            records = RecordStream(stream, self._summary.starts if self._summary else ())
+            yield from reading.entries(records)
+        self._ending = records.ending
+        self._losses = (*records.losses, *reading.losses)
+        self._times = reading.times or self._times
+        expected = self._summary and self._summary.statistics
+        if expected and expected.message_count > reading.messages:
+            missing = expected.message_count - reading.messages
+            self._losses += (f"{missing} of {expected.message_count} messages are missing",)
+        self._finished = True
+
+    @contextmanager
+    def _open(self) -> Iterator[BinaryIO]:
+        path = self._path if self._copy is None else Path(self._copy.name)
+        try:
+            with path.open("rb") as stream:
+                yield stream
+        except OSError as error:
+            raise unreadable(self._path, error) from error
+
+    def _copy_of_pipe(self) -> IO[bytes] | None:
+        """A temporary file with all that a pipe brings, because a pipe can be read only once."""
+        with self._open() as stream:
+            if stream.seekable():
+                return None
+            copy = NamedTemporaryFile(prefix="fte-sniff-", suffix=".mcap")  # noqa: SIM115
+            copyfileobj(stream, copy)
+            copy.flush()
+            finalize(self, copy.close)
+            return copy
+
+    def _look(self, stream: BinaryIO) -> None:
+        self._check_magic(stream.read(len(MAGIC)))
+        self._summary = read_summary(stream)
+        stream.seek(0)
+        for record in RecordStream(stream):
+            if record.opcode in _HEAD_ENDS:
+                break
+            self._take_from_head(record)
+        if self._summary is not None:
+            self._take_summary(self._summary)
+
+    def _take_summary(self, summary: Summary) -> None:
+        self._channels.update((channel.id, channel) for channel in summary.channels)
+        statistics = summary.statistics
+        if statistics is not None and statistics.message_count:
+            self._times = (statistics.message_start_time, statistics.message_end_time)
+        topics = [channel.topic for channel in summary.channels]
+        if topics and not any(topic in TOPIC_BY_NAME for topic in topics):
+            raise without_our_topics(self._path, topics)
+
+    def _check_magic(self, magic: bytes) -> None:
+        if not magic:
+            raise FileError(f"{self._path} is empty: nothing was recorded into it")
+        if magic == MAGIC:
+            return
+        if MAGIC.startswith(magic):
+            raise FileError(f"{self._path} is cut after {len(magic)} bytes: nothing is left in it")
+        raise FileError(
+            f"{self._path} is not an MCAP recording; "
+            "if it holds raw bytes or hex text, say --input raw or --input hex"
+        )
+
+    def _take_from_head(self, record: RawRecord) -> None:
+        try:
+            if record.opcode == Opcode.CHANNEL:
+                channel = parse(Channel, record.body)
+                self._channels[channel.id] = channel
+            elif record.opcode == Opcode.METADATA:
+                metadata = parse(Metadata, record.body)
+                self._metadata[metadata.name] = metadata.metadata
+        except RecordError:
+            return
+
+    def _port_of(self, channel: Channel) -> PortFacts:
+        """The port of a channel; the file's name stands in where the file names none."""
+        name = channel.metadata.get("port", self._path.name)
+        baud = channel.metadata.get("baud", "")
+        legible = baud.isascii() and baud.isdecimal() and len(baud) <= _MOST_BAUD_DIGITS
+        return PortFacts(name, int(baud) if legible else None)

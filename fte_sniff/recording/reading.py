@@ -1,0 +1,185 @@
+"""Owns one pass over the records of a recording: definitions and messages in, rows and events out.
+
+It must not know files: where records come from and how they end is told to it.
+
+A later definition takes the place of an earlier one of the same number. So what a chunk defines,
+under its checksum, is believed more than the head of the file, which nothing guards: a flipped bit
+there would put rows on another port.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Schema
+from mcap.well_known import MessageEncoding
+
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.facts import PROGRAM, PortFacts
+from fte_sniff.recording.messages import MessageReader
+from fte_sniff.recording.records import (
+    RawRecord,
+    RecordError,
+    RecordStream,
+    parse,
+    records_in,
+    unpack,
+)
+from fte_sniff.recording.topics import TOPIC_BY_NAME
+
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_MOST_LOSSES = 20
+_OTHER_LOSSES = "more could not be read"
+_MOST_TOPICS = 10
+_Definition = TypeVar("_Definition", Schema, Channel)
+
+
+class Reading:
+    """One pass; what it found is valid when `entries` has come to its end."""
+
+    def __init__(self, path: Path, port_of: Callable[[Channel], PortFacts]) -> None:
+        """Begin a pass.
+
+        Args:
+            path: the file, for messages.
+            port_of: the port that a channel's rows belong to.
+        """
+        self._path, self._port_of = path, port_of
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._readers: dict[int, MessageReader | None] = {}
+        self._refused: FileError | None = None
+        self._ours = False
+        self._lost: Counter[str] = Counter()
+        self.messages = 0
+        """Messages seen, of any topic."""
+        self.times: tuple[int, int] | None = None
+        """First and last log time of our messages."""
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What could not be read, one line each."""
+        return tuple(
+            text if count == 1 else f"{text} ({count} times)" for text, count in self._lost.items()
+        )
+
+    def entries(self, records: RecordStream) -> Iterator[Row | PortEvent]:
+        """The rows and events of the records, in their order.
+
+        Raises:
+            FileError: the file has none of our topics, or none that can be read.
+        """
+        for record in records:
+            if record.opcode == Opcode.CHUNK:
+                yield from self._chunk_entries(record)
+            elif record.opcode == Opcode.MESSAGE:
+                yield from self._entries_of(record.body)
+            else:
+                self._define(record.opcode, record.body)
+        self._check_topics(cut=bool(records.ending))
+
+    def _chunk_entries(self, record: RawRecord) -> Iterator[Row | PortEvent]:
+        try:
+            for opcode, body in records_in(unpack(record.body)):
+                if opcode == Opcode.MESSAGE:
+                    yield from self._entries_of(body)
+                else:
+                    self._define(opcode, body)
+        except RecordError as error:
+            self._lose(f"{error} at byte {record.position} ({len(record.body)} bytes)")
+
+    def _entries_of(self, body: bytes) -> Iterator[Row | PortEvent]:
+        """The row or event of one message, if it is one of ours."""
+        if len(body) < _MESSAGE_HEAD.size:
+            self._lose("a message without its head")
+            return
+        channel_id, _, log_time, _ = _MESSAGE_HEAD.unpack_from(body)
+        self.messages += 1
+        if channel_id not in self._readers:
+            self._readers[channel_id] = self._reader_of(channel_id)
+        reader = self._readers[channel_id]
+        if reader is None:
+            return
+        try:
+            entry = reader.entry(body[_MESSAGE_HEAD.size :], log_time)
+        except ValueError as error:
+            self._lose(f"{self._channels[channel_id].topic}: {error}")
+            return
+        first, last = self.times or (log_time, log_time)
+        self.times = (min(first, log_time), max(last, log_time))
+        yield entry
+
+    def _lose(self, text: str) -> None:
+        """Note a loss; a file can hold any number of different ones, so most are only counted."""
+        told = text in self._lost or len(self._lost) < _MOST_LOSSES
+        self._lost[text if told else _OTHER_LOSSES] += 1
+
+    def _define(self, opcode: int, body: bytes) -> None:
+        """Take a schema or channel, and who wrote the file; other records say nothing of rows."""
+        try:
+            if opcode == Opcode.SCHEMA:
+                self._take(parse(Schema, body), self._schemas)
+            elif opcode == Opcode.CHANNEL:
+                self._take(parse(Channel, body), self._channels)
+            elif opcode == Opcode.HEADER:
+                self._ours = parse(Header, body).library.startswith(PROGRAM)
+        except RecordError as error:
+            self._lose(str(error))
+
+    def _take(self, record: _Definition, known: dict[int, _Definition]) -> None:
+        if known.get(record.id) == record:
+            return
+        known[record.id] = record
+        self._readers.clear()
+
+    def _reader_of(self, channel_id: int) -> MessageReader | None:
+        """What reads a channel's messages; None where nothing can or needs to."""
+        channel = self._channels.get(channel_id)
+        if channel is None:
+            self._lose(f"messages of channel {channel_id}, which nothing describes")
+            return None
+        if channel.topic not in TOPIC_BY_NAME:
+            return None
+        try:
+            return self._our_reader(channel)
+        except FileError as error:
+            self._refused = self._refused or FileError(f"{self._path}: {error}")
+            self._lose(str(error))
+            return None
+
+    def _our_reader(self, channel: Channel) -> MessageReader:
+        schema = self._schemas.get(channel.schema_id)
+        if channel.message_encoding != MessageEncoding.Protobuf or schema is None:
+            encoding = channel.message_encoding if schema else "without schema"
+            raise FileError(
+                f"{channel.topic} is {encoding!r}; fte-sniff reads protobuf with schema"
+            )
+        port = self._port_of(channel).name
+        return MessageReader(channel.topic, port, schema.name, schema.data)
+
+    def _check_topics(self, *, cut: bool) -> None:
+        if self.times is not None:
+            return
+        if self._refused is not None:
+            raise self._refused
+        topics = [channel.topic for channel in self._channels.values()]
+        ours = self._ours or any(topic in TOPIC_BY_NAME for topic in topics)
+        if not ours and (topics or not cut):
+            raise without_our_topics(self._path, topics)
+
+
+def without_our_topics(path: Path, topics: Iterable[str]) -> FileError:
+    """What to tell the user about an MCAP that is not ours; names the topics that it has."""
+    names = sorted(set(topics))
+    listed = ", ".join(map(repr, names[:_MOST_TOPICS])) or "no topics at all"
+    more = f" and {len(names) - _MOST_TOPICS} more" if len(names) > _MOST_TOPICS else ""
+    return FileError(
+        f"{path} is an MCAP, but holds nothing of fte-sniff's (topics /fte/...): "
+        f"it has {listed}{more}"
+    )

@@ -1,0 +1,282 @@
+"""Owns the recording under way: rows and events in, a file of messages in log order out.
+
+It must not know ports or screens, nor how the file is laid out on the disk.
+
+Rows of several ports arrive a little out of order, a read at a time. They are kept until the chunk
+ends and put in order of time then, so a message's log time is its row's time. Only where a row
+comes later than its chunk, or its port's clock fell back, is the log time raised to what was
+written last; the message then tells the row's own time too, so nothing is lost. The rows of one
+port are never put in another order than they came in.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterable, Mapping, Sequence
+from enum import Enum
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mcap.records import Channel, Metadata, Schema
+from mcap.well_known import MessageEncoding, SchemaEncoding
+
+from fte_sniff.errors import FileError, unwritable
+from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.container import Entry, McapFile
+from fte_sniff.recording.facts import PROGRAM, PortFacts, library_name, recording_facts
+from fte_sniff.recording.messages import encode_event, encode_row, plain
+from fte_sniff.recording.refusals import stopped
+from fte_sniff.recording.schema import schema_data, schema_name
+from fte_sniff.recording.topics import EVENTS, TOPICS, Topic, topic_of
+
+METADATA_NAME = PROGRAM
+"""The name of the file's metadata record."""
+
+MOST_PENDING = 16_384
+"""Rows that wait for the end of their chunk at most; then the chunk ends by itself."""
+
+_TIMES = range(2**64)
+
+
+class Existing(Enum):
+    """What to do with a file that is in the way of a new recording."""
+
+    REFUSE = "refuse"
+    REPLACE = "replace"
+
+
+class RecordingWriter:
+    """Writes one recording.
+
+    What is written stands in the file after `flush`, and stays there whatever happens afterwards:
+    the file is complete between any two flushes. Once a write has failed the recording has
+    stopped: that call and every later one raise the same FileError, and the file holds what was
+    flushed before.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        ports: Sequence[PortFacts],
+        facts: Mapping[str, str] | None = None,
+        *,
+        existing: Existing = Existing.REFUSE,
+    ) -> None:
+        """Create the file, with the schemas and channels of all ports in it.
+
+        Args:
+            path: the file; nothing but a regular file is ever replaced.
+            ports: the ports whose rows will come; rows of others are taken too.
+            facts: what else the file is to say about itself, e.g. `host_facts(now)`.
+            existing: what to do if the file is there already.
+
+        Raises:
+            FileError: the file exists, its folder does not, or the system refuses it.
+        """
+        self._path = path
+        self._failure: FileError | None = None
+        self._pending: list[tuple[int, Topic, Row | PortEvent]] = []
+        self._rows = self._flushed_rows = 0
+        self._last_of_port: dict[str, int] = {}
+        self._last_time = 0
+        self._sequences: dict[int, int] = {}
+        self._channel_ids: dict[tuple[str, str], int] = {}
+        self._schema_ids = _schema_ids()
+        channels = [channel for port in ports for channel in self._channels_of(port)]
+        self._descriptor: int | None = _create(path, existing)
+        try:
+            self._file = McapFile(
+                self._descriptor,
+                library_name(),
+                Metadata(METADATA_NAME, _plain_items(recording_facts(tuple(ports), facts or {}))),
+                _schemas(self._schema_ids),
+                channels,
+            )
+        except OSError as error:
+            self._release()
+            if existing is Existing.REFUSE:
+                path.unlink(missing_ok=True)
+            raise unwritable(path, error) from error
+
+    @property
+    def path(self) -> Path:
+        """Where the recording lies."""
+        return self._path
+
+    @property
+    def rows(self) -> int:
+        """Rows taken so far, flushed or not."""
+        return self._rows
+
+    @property
+    def flushed_rows(self) -> int:
+        """Rows that stand in the file."""
+        return self._flushed_rows
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return self._file.size
+
+    @property
+    def failure(self) -> FileError | None:
+        """Why the recording has stopped; None while it goes on."""
+        return self._failure
+
+    def write(self, rows: Iterable[Row]) -> None:
+        """Take rows, each port's in the order of its stream; they are in the file after `flush`.
+
+        Raises:
+            FileError: a row has no time that a recording can hold, or writing failed.
+        """
+        self._check()
+        for row in rows:
+            self._take(row, topic_of(row), f"offset {row.offset}")
+            self._rows += 1
+            if len(self._pending) >= MOST_PENDING:
+                self.flush()
+
+    def write_event(self, event: PortEvent) -> None:
+        """Take a port event; it is in the file after `flush`.
+
+        Raises:
+            FileError: the event has no time that a recording can hold, or writing failed.
+        """
+        self._check()
+        self._take(event, EVENTS, event.kind)
+
+    def flush(self) -> None:
+        """End the chunk and push it to the disk. Call it at least once a second.
+
+        Raises:
+            FileError: the disk is full or failed; what was flushed before is in the file.
+        """
+        self._check()
+        if not self._pending:
+            return
+        pending, self._pending = sorted(self._pending, key=_time_of), []
+        try:
+            self._file.add_chunk([self._entry(*waiting) for waiting in pending])
+        except OSError as error:
+            raise self._stop(error) from error
+        self._flushed_rows = self._rows
+
+    def close(self) -> None:
+        """Flush, and close the file. Closing again, or after a failure, does nothing.
+
+        Raises:
+            FileError: the last flush failed; the file is closed all the same.
+        """
+        if self._descriptor is None:
+            return
+        try:
+            if self._failure is None:
+                self.flush()
+                self._file.finish()
+        except OSError as error:
+            raise self._stop(error) from error
+        finally:
+            self._release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        if self._descriptor is None:
+            raise ValueError(f"{self._path} is closed already")
+
+    def _stop(self, error: OSError) -> FileError:
+        self._failure = stopped(self._path, error, self._flushed_rows)
+        return self._failure
+
+    def _release(self) -> None:
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def _take(self, taken: Row | PortEvent, topic: Topic, where: str) -> None:
+        if taken.t_ns is None or taken.t_ns not in _TIMES:
+            raise FileError(
+                f"{self._path} cannot hold {plain(taken.port)!r}, {where}: it has no time since "
+                "1970, and a recording needs one; write another format"
+            )
+        time = max(taken.t_ns, self._last_of_port.get(taken.port, 0))
+        self._last_of_port[taken.port] = time
+        self._pending.append((time, topic, taken))
+
+    def _entry(self, time: int, topic: Topic, taken: Row | PortEvent) -> Entry:
+        channel_id = self._channel_id(taken.port, topic)
+        sequence = self._sequences.get(channel_id, 0)
+        self._sequences[channel_id] = (sequence + 1) & 0xFFFF_FFFF
+        self._last_time = log_time = max(time, self._last_time)
+        if isinstance(taken, PortEvent):
+            data = encode_event(taken, log_time)
+        else:
+            data = encode_row(topic, taken, log_time)
+        return Entry(channel_id, sequence, log_time, data)
+
+    def _channel_id(self, port: str, topic: Topic) -> int:
+        if (port, topic.name) not in self._channel_ids:
+            for channel in self._channels_of(PortFacts(port)):
+                self._file.add_channel(channel)
+        return self._channel_ids[port, topic.name]
+
+    def _channels_of(self, port: PortFacts) -> list[Channel]:
+        """One channel for each topic, now that this port has come."""
+        metadata = {"port": plain(port.name)}
+        if port.baud is not None:
+            metadata["baud"] = str(port.baud)
+        channels = []
+        for topic in TOPICS:
+            id_ = self._channel_ids[port.name, topic.name] = len(self._channel_ids) + 1
+            schema_id = self._schema_ids[topic.schema]
+            channels.append(Channel(id_, topic.name, MessageEncoding.Protobuf, metadata, schema_id))
+        return channels
+
+
+def _time_of(waiting: tuple[int, Topic, Row | PortEvent]) -> int:
+    return waiting[0]
+
+
+def _schema_ids() -> dict[str, int]:
+    names = dict.fromkeys(topic.schema for topic in TOPICS)
+    return {name: id_ for id_, name in enumerate(names, 1)}
+
+
+def _schemas(ids: Mapping[str, int]) -> list[Schema]:
+    named = {topic.schema: topic for topic in TOPICS}
+    return [
+        Schema(id_, schema_data(name), SchemaEncoding.Protobuf, schema_name(named[name]))
+        for name, id_ in ids.items()
+    ]
+
+
+def _plain_items(facts: Mapping[str, str]) -> dict[str, str]:
+    return {plain(key): plain(value) for key, value in facts.items()}
+
+
+def _create(path: Path, existing: Existing) -> int:
+    """A descriptor of an empty regular file."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
+    try:
+        if path.is_dir():
+            raise IsADirectoryError
+        if existing is Existing.REFUSE:
+            return os.open(path, flags | os.O_EXCL, 0o666)
+        if path.exists() and not stat.S_ISREG(path.stat().st_mode):
+            raise FileError(f"{path} is not a regular file; a recording must be able to seek in it")
+        return os.open(path, flags | os.O_TRUNC, 0o666)
+    except OSError as error:
+        raise unwritable(path, error) from error

@@ -1,0 +1,166 @@
+"""Owns the sample files: made from the simulator with fixed seeds, so that anyone gets the same.
+
+    python samples/make.py            make every sample and its expected output again
+    python samples/make.py --check    say which are not current; exit 1 if any
+
+Each sample stands here three times, as a recording, as raw bytes and as hex text, and
+`expected/NAME.txt` is what `fte-sniff decode samples/NAME` prints of it. A recording is compared by
+what is in it, since another release of the compressor may pack the same chunks into other bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from fte_sniff.capture.simulator import parse_parameters, simulate
+from fte_sniff.protocol import (
+    DEFAULT_BAUD,
+    Chunk,
+    Framer,
+    PortEvent,
+    PortEventKind,
+    iso_time,
+    record,
+    spaced_hex,
+)
+from fte_sniff.recording.facts import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import Existing, RecordingWriter
+
+FOLDER = Path(__file__).parent
+START_NS = 1_769_860_800_000_000_000  # 2026-01-31T12:00:00Z
+EXTRA_FORMATS = {"damaged.mcap": ("jsonl", "csv")}
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One session on a simulated wire."""
+
+    name: str
+    story: str
+    query: str
+    """What is asked of sim://."""
+    skip: int = 0
+    """Bytes that went by before the listener came."""
+
+    @property
+    def port(self) -> str:
+        """The port's name in the recording."""
+        return f"sim://?{self.query}"
+
+    def chunks(self) -> list[Chunk]:
+        """What was read, with its times."""
+        found, skip = [], self.skip
+        for timed in simulate(parse_parameters(self.query)):
+            data = timed.data[skip:]
+            skip -= len(timed.data) - len(data)
+            if data:
+                found.append(Chunk(self.port, START_NS + timed.t_ns, data))
+        return found
+
+
+SAMPLES = (
+    Sample("clean", "a host drives a robot, nothing goes wrong", "seed=1&rate=30&frames=1200"),
+    Sample(
+        "damaged",
+        "the same wire with a bad connector: lost bytes, flipped bits, noise",
+        "seed=2&rate=30&drop=0.05&flip=0.05&noise=0.05&frames=500",
+    ),
+    Sample("idle", "almost silence: a frame now and then", "seed=3&rate=1&frames=12"),
+    Sample(
+        "midstream",
+        "somebody plugged in while frames went by, in the middle of one",
+        "seed=4&rate=200&frames=60",
+        skip=117,
+    ),
+)
+
+
+def make(folder: Path) -> None:
+    """Make every sample, and what is expected of it, in `folder`."""
+    (folder / "expected").mkdir(parents=True, exist_ok=True)
+    for sample in SAMPLES:
+        chunks = sample.chunks()
+        _write_recording(folder / f"{sample.name}.mcap", sample, chunks)
+        (folder / f"{sample.name}.raw").write_bytes(b"".join(chunk.data for chunk in chunks))
+        (folder / f"{sample.name}.hex").write_text("".join(_hex_lines(sample, chunks)))
+        for ending in ("mcap", "raw", "hex"):
+            _expect(folder, f"{sample.name}.{ending}")
+
+
+def _write_recording(path: Path, sample: Sample, chunks: list[Chunk]) -> None:
+    framer = Framer(sample.port, DEFAULT_BAUD)
+    facts = {"start": iso_time(START_NS), "story": sample.story}
+    ports = (PortFacts(sample.port, DEFAULT_BAUD),)
+    opened = PortEvent(START_NS, sample.port, PortEventKind.OPENED, f"{DEFAULT_BAUD} baud 8N1")
+    with RecordingWriter(path, ports, facts, existing=Existing.REPLACE) as recording:
+        recording.write_event(opened)
+        for chunk in chunks:
+            recording.write(framer.feed(chunk))
+        recording.write(framer.flush())
+
+
+def _hex_lines(sample: Sample, chunks: list[Chunk]) -> Iterator[str]:
+    yield f"# {sample.story}\n"
+    for chunk in chunks:
+        yield f"{spaced_hex(chunk.data)}\n"
+
+
+def _expect(folder: Path, name: str) -> None:
+    _decode(folder, name, "table", f"{name}.txt")
+    for form in EXTRA_FORMATS.get(name, ()):
+        _decode(folder, name, form, f"{name}.{form}")
+
+
+def _decode(folder: Path, name: str, form: str, expected: str) -> None:
+    # Run beside the sample's folder, so that names in the output are the same everywhere.
+    command = [sys.executable, "-m", "fte_sniff", "decode", f"samples/{name}", "--format", form]
+    with (folder / "expected" / expected).open("wb") as output:
+        subprocess.run(
+            command, cwd=folder.parent, stdout=output, stderr=subprocess.DEVNULL, check=True
+        )
+
+
+def stale() -> list[str]:
+    """The files here that are not what `make` makes."""
+    with tempfile.TemporaryDirectory() as scratch:
+        fresh = Path(scratch) / FOLDER.name
+        make(fresh)
+        made = {path.relative_to(fresh) for path in fresh.rglob("*") if path.is_file()}
+        kept = {
+            path.relative_to(FOLDER)
+            for path in FOLDER.rglob("*")
+            if path.is_file() and path.suffix not in (".py", ".pyc", ".md")
+        }
+        differing = {
+            name for name in made & kept if _content(fresh / name) != _content(FOLDER / name)
+        }
+        return sorted(map(os.fspath, made ^ kept | differing))
+
+
+def _content(path: Path) -> object:
+    if path.suffix != ".mcap":
+        return path.read_bytes()
+    reader = RecordingReader(path)
+    facts = {key: value for key, value in reader.metadata["fte-sniff"].items() if key != "library"}
+    return [record(row) for row in reader], list(reader.events()), facts, reader.complete
+
+
+def main() -> int:
+    """Make the samples, or check them; the exit code."""
+    if sys.argv[1:] == ["--check"]:
+        for name in (old := stale()):
+            print(f"not current: samples/{name}; run python samples/make.py", file=sys.stderr)
+        return 1 if old else 0
+    make(FOLDER)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,68 @@
+"""The program running in the background, and the wire it listens to, for tests to act on."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import sys
+import tty
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from time import monotonic
+
+PROGRAM = (sys.executable, "-m", "fte_sniff")
+FRAME = bytes.fromhex("AA0000000000000000EE")
+BOUND_S = 30.0
+"""How long anything may take at most, on the slowest machine."""
+
+Process = subprocess.Popen[bytes]
+
+
+@contextmanager
+def wire() -> Iterator[tuple[int, str]]:
+    """A pseudo-terminal: the descriptor of the far end, and the device to listen to."""
+    far, near = os.openpty()
+    tty.setraw(near)
+    try:
+        yield far, os.ttyname(near)
+    finally:
+        for descriptor in (far, near):
+            with suppress(OSError):
+                os.close(descriptor)
+
+
+@contextmanager
+def started(environment: Mapping[str, str], folder: Path, *arguments: str) -> Iterator[Process]:
+    """The program at work in `folder`, with its output in pipes; killed at the end if need be."""
+    with subprocess.Popen(
+        [*PROGRAM, *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=dict(environment),
+        cwd=folder,
+    ) as process:
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.kill()
+
+
+def hears(process: Process, far: int) -> bytes:
+    """Send frames until the program prints something; what it printed first."""
+    assert process.stdout is not None
+    deadline = monotonic() + BOUND_S
+    while monotonic() < deadline:
+        os.write(far, FRAME)
+        if select.select([process.stdout], [], [], 0.05)[0]:
+            return os.read(process.stdout.fileno(), 1 << 16)
+    raise AssertionError("it hears nothing")
+
+
+def ended(process: Process) -> tuple[int, str, str]:
+    """Wait for the end; exit code and what was still written to stdout and stderr."""
+    output, errors = process.communicate(timeout=BOUND_S)
+    return process.returncode, (output or b"").decode(), errors.decode()

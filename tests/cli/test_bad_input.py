@@ -1,0 +1,171 @@
+"""Everything a user can do wrong: one clear line, the exit code of the contract, nothing lost."""
+
+import os
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+from mcap.writer import Writer
+
+from tests.cli.processes import hears, started, wire
+
+
+def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    assert done.returncode == code, done.stderr
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("fte-sniff: ")
+    for word in words:
+        assert word in lines[0], lines[0]
+
+
+def test_no_such_port(run) -> None:
+    refused(run("live", "/dev/ttyNOPE"), 3, "/dev/ttyNOPE", "no such port")
+
+
+def test_nothing_is_left_behind_where_the_port_cannot_be_opened(run, tmp_path: Path) -> None:
+    run("live", "/dev/ttyNOPE")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_serial_port(run, tmp_path: Path) -> None:
+    refused(run("live", tmp_path), 3, "no serial port", "directory")
+
+
+def test_unknown_scheme(run) -> None:
+    refused(run("live", "gopher://x"), 3, "gopher://", "sim://")
+
+
+@pytest.mark.parametrize("query", ["rat=5", "drop=2", "seed=x", "rate=99999", "wire=up"])
+def test_bad_simulation(run, query: str) -> None:
+    refused(run("live", f"sim://?{query}"), 3, "sim://", query.split("=")[0])
+
+
+def test_nobody_listens(run) -> None:
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))
+        url = f"socket://127.0.0.1:{bound.getsockname()[1]}"
+        refused(run("live", url), 3, "refused")
+
+
+def test_a_busy_port(run, environment, tmp_path: Path) -> None:
+    with wire() as (controller, name), started(environment, tmp_path, "live", name) as holder:
+        hears(holder, controller)
+        refused(run("live", name), 3, name, "busy")
+
+
+def test_a_recording_is_never_overwritten_unasked(run, tmp_path: Path) -> None:
+    (tmp_path / "kept.mcap").write_bytes(b"precious")
+    refused(run("live", "sim://", "-o", "kept.mcap", "--count", "3"), 4, "kept.mcap", "--force")
+    assert (tmp_path / "kept.mcap").read_bytes() == b"precious"
+    done = run("live", "sim://", "-o", "kept.mcap", "--count", "3", "--force")
+    assert done.returncode == 0
+    assert run("decode", "kept.mcap").stdout.count("\n") == 4
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [("none/x.mcap", ["none"]), (".", ["directory"]), ("/proc/x.mcap", ["/proc/x.mcap"])],
+)
+def test_a_recording_that_cannot_be_made(run, output: str, words: list[str]) -> None:
+    refused(run("live", "sim://", "-o", output, "--count", "3"), 4, *words)
+
+
+def test_o_and_no_record_contradict_each_other(run) -> None:
+    refused(run("live", "sim://", "-o", "x.mcap", "--no-record"), 2, "-o", "--no-record")
+
+
+@pytest.mark.parametrize("command", ["decode", "view"])
+def test_unknown_options(run, command: str) -> None:
+    refused(run(command, "--bogus", "x.raw"), 2, "--bogus", "--help")
+
+
+def test_files_that_cannot_be_read(run, tmp_path: Path) -> None:
+    refused(run("decode", "none.mcap"), 4, "none.mcap")
+    refused(run("decode", "none.raw"), 4, "none.raw", "no such file")
+    (tmp_path / "folder.mcap").mkdir()
+    refused(run("decode", "folder.mcap"), 4, "folder.mcap", "directory")
+    (tmp_path / "folder.raw").mkdir()
+    refused(run("decode", "folder.raw"), 4, "folder.raw", "directory")
+
+
+def test_an_unreadable_file(run, tmp_path: Path, environment) -> None:
+    file = tmp_path / "secret.raw"
+    file.write_bytes(b"\xaa")
+    file.chmod(0)
+    if os.access(file, os.R_OK):  # root reads everything; what root cannot read is in /proc
+        refused(run("decode", "/proc/self/mem", "--input", "raw"), 4, "/proc/self/mem")
+    else:
+        refused(run("decode", "secret.raw"), 4, "secret.raw", "ermission")
+
+
+@pytest.mark.parametrize("name", ["empty.raw", "empty.hex", "empty.mcap"])
+def test_empty_files(run, tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    refused(run("decode", name), 4, name, "empty")
+
+
+def test_no_mcap(run, tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"AA 01 01 03 E8 00 00 00 00 EE")
+    refused(run("decode", "x.mcap"), 4, "x.mcap", "MCAP")
+
+
+def test_an_mcap_without_our_topics(run, tmp_path: Path) -> None:
+    with (tmp_path / "other.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel(topic="/imu", message_encoding="json", schema_id=0)
+        writer.add_message(channel, log_time=1, publish_time=1, data=b"{}")
+        writer.finish()
+    refused(run("decode", "other.mcap"), 4, "other.mcap", "/imu")
+
+
+def test_a_name_that_tells_nothing(run, tmp_path: Path) -> None:
+    (tmp_path / "capture.dat").write_bytes(b"\xaa\x00")
+    refused(run("decode", "capture.dat"), 2, "capture.dat", "--input")
+
+
+def test_no_hex_in_a_hex_file(run, tmp_path: Path) -> None:
+    (tmp_path / "x.hex").write_text("AA 00\nzz\n")
+    done = run("decode", "x.hex")
+    refused(done, 2, "x.hex", "line 2, column 1")
+
+
+def test_rows_before_the_fault_are_not_lost(run, tmp_path: Path) -> None:
+    frames = "AA 00 00 00 00 00 00 00 00 EE\n" * 40
+    (tmp_path / "x.hex").write_text(frames + "zz\n")
+    done = run("decode", "x.hex")
+    assert done.returncode == 2
+    assert done.stdout.count("AA 00 00 00 00 00 00 00 00 EE") >= 38
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("moter = 1", ["moter", "motor"]),
+        ("kind = 'sped'", ["sped", "speed"]),
+        ("motor = ", ["filter"]),
+        ("", ["filter"]),
+    ],
+)
+@pytest.mark.parametrize("command", ["decode", "live"])
+def test_bad_filters(run, samples: Path, tmp_path: Path, command, text, words) -> None:
+    target = samples / "clean.raw" if command == "decode" else "sim://"
+    refused(run(command, target, "--filter", text), 2, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_view_needs_a_terminal(run, samples: Path) -> None:
+    refused(run("view", samples / "clean.mcap"), 2, "terminal", "decode")
+
+
+def test_escapes_in_names_are_shown_not_obeyed(run, tmp_path: Path, samples: Path) -> None:
+    name = "a\x1b[31m[red].raw"
+    (tmp_path / name).write_bytes((samples / "idle.raw").read_bytes())
+    for form in ("table", "jsonl", "csv"):
+        done = run("decode", name, name, "--format", form)
+        assert done.returncode == 0
+        assert "\x1b" not in done.stdout + done.stderr
+        assert "[red]" in done.stdout
+    refused(run("decode", "none\x1b[31m.raw"), 4, r"none\x1b[31m.raw")

@@ -1,0 +1,68 @@
+"""`hex`: a paste in, every byte explained out."""
+
+import csv
+import io
+import json
+
+FRAME = "AA 02 02 03 E8 00 00 27 10 EE"
+
+
+def test_every_byte_is_explained(run) -> None:
+    done = run("hex", *FRAME.split())
+    assert done.returncode == 0
+    assert done.stderr == ""
+    title, *parts = done.stdout.splitlines()
+    assert title == "offset 0  position  motor=2 rpm=1000 pulses=10000  ok"
+    explained = [line.split()[0] for line in parts]
+    assert explained == ["0", "1", "2", "3-4", "5-8", "9"]
+    for word in ("header", "cmd", "motor", "speed limit", "10000 pulses", "tail"):
+        assert word in done.stdout
+
+
+def test_several_frames_and_junk_between_them(run) -> None:
+    done = run("hex", f"{FRAME} 13 37 {FRAME}", "--format", "jsonl")
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [row["offset"] for row in rows] == [0, 10, 12]
+    assert [row["faults"] for row in rows] == [[], ["noise"], []]
+    assert "".join(row["raw"] for row in rows) == (FRAME + "1337" + FRAME).replace(" ", "")
+
+
+def test_the_same_rows_as_csv(run) -> None:
+    rows = list(csv.DictReader(io.StringIO(run("hex", FRAME, "--format", "csv").stdout)))
+    assert [(row["kind"], row["motor"], row["pulses"]) for row in rows] == [
+        ("position", "2", "10000")
+    ]
+
+
+def test_standard_input(run) -> None:
+    assert run("hex", "-", stdin=FRAME).stdout == run("hex", FRAME).stdout
+    assert run("hex", stdin=f"[10:00:01.123] RX {FRAME}\n").stdout == run("hex", FRAME).stdout
+
+
+def test_no_hex_is_one_line_that_points_at_the_character(run) -> None:
+    done = run("hex", "AA", "0G")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "'G'" in done.stderr
+    assert "column 5" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_no_bytes_at_all(run) -> None:
+    done = run("hex", "-", stdin="# nothing")
+    assert done.returncode == 2
+    assert "no bytes on standard input" in done.stderr
+
+
+def test_a_file_name_is_recognised(run, tmp_path) -> None:
+    (tmp_path / "log.hex").write_text(FRAME)
+    done = run("hex", "log.hex")
+    assert done.returncode == 2
+    assert "fte-sniff decode log.hex" in done.stderr
+
+
+def test_doubt_and_damage_are_told(run) -> None:
+    done = run("hex", "55 01 01 03 E8 00 01 80 0F EE 99")
+    assert "suspect (undefined_flags,reserved_nonzero)" in done.stdout
+    assert "expected 00 00 as in all examples, found 00 01" in done.stdout
+    assert "malformed (noise)" in done.stdout
+    assert done.returncode == 0

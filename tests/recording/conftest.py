@@ -1,0 +1,93 @@
+"""Rows of every sort for the tests of recordings."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.protocol import (
+    KINDS,
+    Damage,
+    Fault,
+    Frame,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
+from fte_sniff.recording.facts import PortFacts
+from fte_sniff.recording.writer import RecordingWriter
+
+START = 1_770_000_000_000_000_000
+STEP = 868_000
+
+
+def some_rows(count: int = 60, port: str = "/dev/ttyUSB0", start: int = START) -> list[Row]:
+    """Rows that tile a stream: every kind, motor and topic, suspect frames and damage too."""
+    rows: list[Row] = []
+    offset = 0
+    for number in range(count):
+        row = _row(number, port, offset, start + number * STEP)
+        offset += len(row.raw)
+        rows.append(row)
+    return rows
+
+
+def _row(number: int, port: str, offset: int, t_ns: int) -> Row:
+    if number % 11 == 10:
+        return Damage(port, offset, bytes(range(number % 30 + 1)), t_ns, (Fault.NOISE,), number)
+    kind = KINDS[number % len(KINDS)]
+    given = {"motor": number // len(KINDS) % 4 + 1, "error": 0, "online": 15}
+    values = {field.name: given.get(field.name, number - 30) for field in kind.fields}
+    raw = bytearray(encode(kind, values))
+    if number % 13 == 12:
+        raw[1] = 0x77
+        return Frame(port, offset, bytes(raw), t_ns, (Fault.UNKNOWN_CMD,), number)
+    faults = (Fault.AMBIGUOUS, Fault.LINE_ERROR) if number % 17 == 16 else ()
+    return Frame(port, offset, bytes(raw), t_ns, faults, number)
+
+
+@pytest.fixture
+def make_rows() -> Callable[..., list[Row]]:
+    return some_rows
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> tuple[Path, list[Row], list[PortEvent]]:
+    """A recording of three chunks, its rows and its events."""
+    path = tmp_path / "recorded.mcap"
+    rows = some_rows()
+    port = rows[0].port
+    events = [
+        PortEvent(START - 5, port, PortEventKind.OPENED, "115200 8N1"),
+        PortEvent(START + 10**9, port, PortEventKind.CLOSED, ""),
+    ]
+    with RecordingWriter(path, [PortFacts(port, 115_200)], {"host": "bench"}) as writer:
+        writer.write_event(events[0])
+        for start in range(0, len(rows), 20):
+            writer.write(rows[start : start + 20])
+            writer.flush()
+        writer.write_event(events[1])
+    return path, rows, events
+
+
+def with_delays(rows: list[Row]) -> list[tuple[Row, int | None]]:
+    """Rows and their read delays, which rows leave out when they compare."""
+    return [(row, row.read_delay_ns) for row in rows]
+
+
+@pytest.fixture
+def told() -> Callable[[list[Row]], list[tuple[Row, int | None]]]:
+    return with_delays
+
+
+@pytest.fixture
+def replaced() -> Callable[[bytes, bytes, bytes], bytes]:
+    """Replaces bytes by as many others, and insists that there were some."""
+
+    def replace(content: bytes, old: bytes, new: bytes) -> bytes:
+        assert len(old) == len(new)
+        assert old in content
+        return content.replace(old, new)
+
+    return replace
