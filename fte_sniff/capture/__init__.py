@@ -1,1 +1,24 @@
-"""Placeholder."""
+"""Bytes in: ports, the clock they are stamped with, and the simulated line.
+
+It must not know of frames, files or screens: it hands on chunks and port events. Importing it makes
+`sim://` known to pyserial, so that whatever opens ports through `serial.serial_for_url` can open
+simulated ones.
+
+    ports          opening a port, and what can go wrong with it
+    source         an open port as an iterable of chunks and port events
+    clock          the time that chunks are stamped with
+    simulator/     a host, a controller and a wire as a pure model
+    url_handlers/  sim:// and socket://, as pyserial finds them
+    reading        taking what has arrived from any kind of port
+    refusal, permission, holders   why a port cannot be had, and the way out
+    listing        the ports that are plugged in
+    controller_pty a simulated controller as a device for other programs
+"""
+
+import serial
+
+_HANDLERS = f"{__name__}.url_handlers"
+
+if _HANDLERS not in serial.protocol_handler_packages:
+    # Before pyserial's own: one of them is mended here.
+    serial.protocol_handler_packages.insert(0, _HANDLERS)

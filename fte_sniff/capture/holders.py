@@ -1,0 +1,70 @@
+"""Owns the answer to who else has a device open, as far as the system tells.
+
+It must not know what for. Linux tells through /proc, and of other users' programs only to root.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+_PROC = Path("/proc")
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """A program that has a device open."""
+
+    pid: int
+    name: str
+    """What the program calls itself, made printable."""
+
+    def __str__(self) -> str:
+        return f"{self.name} (pid {self.pid})"
+
+
+def printable(text: str) -> str:
+    """Text from outside with every character escaped that a terminal could obey."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def holders_of(device: str) -> list[Holder]:
+    """The other programs that have `device` open; empty where there are none or none can be seen.
+
+    This process itself is not among them.
+    """
+    try:
+        wanted = Path(device).stat()
+    except (OSError, ValueError):
+        return []
+    return [
+        Holder(pid, _name_of(pid))
+        for pid in _others()
+        if any((s.st_dev, s.st_ino) == (wanted.st_dev, wanted.st_ino) for s in _open_files(pid))
+    ]
+
+
+def _others() -> list[int]:
+    if not _PROC.is_dir():
+        return []
+    pids = sorted(int(entry.name) for entry in _PROC.iterdir() if entry.name.isdecimal())
+    return [pid for pid in pids if pid != os.getpid()]
+
+
+def _open_files(pid: int) -> Iterator[os.stat_result]:
+    try:
+        with os.scandir(_PROC / str(pid) / "fd") as entries:
+            for entry in entries:
+                yield entry.stat()
+    except OSError:
+        # It belongs to another user, or has ended meanwhile: nothing can be said about it.
+        return
+
+
+def _name_of(pid: int) -> str:
+    try:
+        return printable((_PROC / str(pid) / "comm").read_text(errors="replace").strip())
+    except OSError:
+        return "a program"

@@ -1,0 +1,91 @@
+"""Owns the list of serial ports that are plugged in, and what the system knows of each.
+
+It must not open one: looking never disturbs a line.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from serial.tools.list_ports import comports
+from serial.tools.list_ports_common import ListPortInfo
+
+from fte_sniff.capture.holders import Holder, holders_of, printable
+
+_BY_ID = Path("/dev/serial/by-id")
+_SYS_TTY = Path("/sys/class/tty")
+
+
+@dataclass(frozen=True, slots=True)
+class PortListing:
+    """One port as the system knows it; texts from the device are made printable."""
+
+    device: str
+    """The device file."""
+    by_id: str | None
+    """A name that stays the same wherever the adapter is plugged in; None where there is none."""
+    vid: int | None
+    """USB vendor id."""
+    pid: int | None
+    """USB product id."""
+    serial_number: str | None
+    """USB serial number."""
+    location: str | None
+    """Where it is plugged in, as `1-1.2`."""
+    description: str
+    driver: str | None
+    """The kernel's driver, as `ftdi_sio`."""
+    permitted: bool
+    """Whether the present user may open it."""
+    holders: tuple[Holder, ...]
+    """Who has it open, as far as can be seen."""
+
+    @property
+    def usb_ids(self) -> str | None:
+        """Vendor and product id as people write them, `0403:6001`; None where it is no USB port."""
+        return None if self.vid is None else f"{self.vid:04x}:{self.pid or 0:04x}"
+
+
+def list_ports() -> list[PortListing]:
+    """The ports that are plugged in, in the order of their names."""
+    return listings(sorted(comports()))
+
+
+def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortListing]:
+    """What there is to say about ports that were found; links to them are looked for in `by_id`."""
+    links = _links_in(by_id)
+    return [_listing(port, links.get(os.path.realpath(port.device))) for port in found]
+
+
+def _listing(port: ListPortInfo, by_id: str | None) -> PortListing:
+    return PortListing(
+        device=port.device,
+        by_id=by_id,
+        vid=port.vid,
+        pid=port.pid,
+        serial_number=_shown(port.serial_number),
+        location=_shown(port.location),
+        description=printable(port.description),
+        driver=_driver_of(port.device),
+        permitted=os.access(port.device, os.R_OK | os.W_OK),
+        holders=tuple(holders_of(port.device)),
+    )
+
+
+def _shown(text: str | None) -> str | None:
+    return None if text is None else printable(text)
+
+
+def _links_in(folder: Path) -> dict[str, str]:
+    """From the device file to its link in `folder`."""
+    if not folder.is_dir():
+        return {}
+    return {os.path.realpath(link): str(link) for link in sorted(folder.iterdir(), reverse=True)}
+
+
+def _driver_of(device: str) -> str | None:
+    driver = _SYS_TTY / Path(device).name / "device" / "driver"
+    return driver.resolve().name if driver.exists() else None

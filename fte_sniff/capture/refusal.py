@@ -1,0 +1,144 @@
+"""Owns the one line that says why a port cannot be opened, and the way out.
+
+It must not open anything; it looks at the error, the name and the device file.
+"""
+
+from __future__ import annotations
+
+import errno
+import pkgutil
+import stat
+import termios
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import serial
+
+from fte_sniff.capture.holders import holders_of, printable
+from fte_sniff.capture.permission import way_in
+from fte_sniff.errors import PortError
+
+_NETWORK_SCHEMES = ("socket", "rfc2217")
+_MODULE_NEEDED = {"cp2110": "hid"}
+_MODULE_PREFIX = "protocol_"
+
+
+def known_schemes() -> list[str]:
+    """The URL schemes that a port can have here, sorted: `loop`, `sim`, `socket`..."""
+    found = {
+        module.name.removeprefix(_MODULE_PREFIX)
+        for package in serial.protocol_handler_packages
+        for module in pkgutil.iter_modules(import_module(package).__path__)
+        if module.name.startswith(_MODULE_PREFIX)
+    }
+    return sorted(
+        scheme
+        for scheme in found
+        if scheme not in _MODULE_NEEDED or find_spec(_MODULE_NEEDED[scheme])
+    )
+
+
+def check_name(name: str) -> None:
+    """Raise PortError where a name cannot be a port's before anything is opened."""
+    scheme, mark, _ = name.partition("://")
+    if not name.strip():
+        raise PortError(f"a port has an empty name; {_ports_there_are('')}")
+    if not mark:
+        return
+    known = known_schemes()
+    if scheme.lower() not in known:
+        listed = ", ".join(f"{scheme}://" for scheme in known)
+        raise PortError(f"{printable(name)}: no such kind of port; known are {listed}")
+    if scheme.lower() in _NETWORK_SCHEMES and not _names_host_and_port(name):
+        example = f"{scheme.lower()}://192.168.0.7:4001"
+        raise PortError(f"{printable(name)} names no host and TCP port: write it like {example}")
+
+
+def refusal(name: str, device: str | None, error: BaseException) -> PortError:
+    """What an error on opening means.
+
+    Args:
+        name: as the user gave it.
+        device: the device file behind it, None where there is none (URLs).
+        error: what pyserial or the system raised.
+    """
+    if isinstance(error.__cause__, PortError):
+        return error.__cause__
+    shown = printable(name)
+    what = None if device is None else _what_of_device(device, _errno_of(error))
+    if what is None:
+        # pyserial repeats the name in its own words; once is enough. Where it stumbles over options
+        # that it does not know, its words say nothing.
+        told = one_line(error).rpartition(f"port {shown}: ")[2]
+        stumbled = isinstance(error, LookupError)
+        what = f" cannot be opened: {'its options cannot be read' if stumbled else told}"
+        if urlsplit(name).scheme.lower() in _NETWORK_SCHEMES:
+            what += "; does a server listen there?"
+    return PortError(f"{shown}{what}")
+
+
+def one_line(error: BaseException) -> str:
+    """The error's own text on one line, with nothing that a terminal could obey."""
+    return printable(" ".join(str(error).split()))
+
+
+def _names_host_and_port(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return bool(parts.hostname and parts.port)
+    except ValueError:
+        return False
+
+
+def _what_of_device(device: str, number: int | None) -> str | None:
+    if number == errno.ENOENT:
+        return f": no such port; {_ports_there_are(device)}"
+    if number in (errno.EACCES, errno.EPERM):
+        return f": no permission; {way_in(device)}"
+    if number in (errno.EBUSY, errno.EAGAIN):
+        holders = " and ".join(map(str, holders_of(device)))
+        return f" is busy: {holders or 'this or another program'} has it open; close that first"
+    if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
+        return f" is no serial port but {_file_type(device)}; {_ports_there_are(device)}"
+    if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
+        return ": no hardware answers there, or it was just unplugged; check the plug"
+    return None
+
+
+def _errno_of(error: BaseException) -> int | None:
+    """The system's error number, which pyserial at times leaves to the error's context alone."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error.errno
+    cause = error if isinstance(error, termios.error) else error.__context__
+    if isinstance(cause, termios.error) and cause.args and isinstance(cause.args[0], int):
+        return cause.args[0]
+    return cause.errno if isinstance(cause, OSError) else None
+
+
+def _ports_there_are(asked: str) -> str:
+    # Looks through /sys, which is for the unlucky path alone.
+    from serial.tools.list_ports import comports
+
+    near = Path("/dev") / asked
+    if asked and "/" not in asked and near.is_char_device():
+        return f"did you mean {near}?"
+    devices = sorted(port.device for port in comports())
+    if devices:
+        return f"there are: {', '.join(devices)}"
+    return "none is plugged in ('fte-sniff ports' lists them; sim:// is a simulated one)"
+
+
+def _file_type(device: str) -> str:
+    try:
+        mode = Path(device).stat().st_mode
+    except OSError:
+        return "no device either"
+    kinds = {
+        stat.S_IFDIR: "a directory",
+        stat.S_IFREG: "a file",
+        stat.S_IFIFO: "a pipe",
+        stat.S_IFCHR: "another kind of device",
+    }
+    return kinds.get(stat.S_IFMT(mode), "something else")

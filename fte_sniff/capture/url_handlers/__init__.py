@@ -1,0 +1,5 @@
+"""URL handlers that pyserial finds by their module names, `protocol_<scheme>`.
+
+It must not hold anything else: `serial.serial_for_url` searches this package by name, once
+`fte_sniff.capture` has added it to `serial.protocol_handler_packages`.
+"""

@@ -1,0 +1,210 @@
+"""Owns `sim://`: the simulation behind pyserial's port interface, paced in real time.
+
+It must not know how the simulation makes its bytes.
+
+    sim://?seed=1&rate=200&drop=0.01&flip=0.01&noise=0.01
+
+A byte can be read when its frame's last byte would have arrived on a real line. What is written is
+heard by the simulated controller as commands; with `host=off` it is a controller to develop
+against. After `frames=N` frames the port is lost, as if it were unplugged.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+from serial.serialutil import PortNotOpenError, SerialBase, SerialException
+
+from fte_sniff.capture.simulator import (
+    Simulation,
+    SimulationParameters,
+    TimedBytes,
+    parse_parameters,
+)
+from fte_sniff.errors import PortError
+from fte_sniff.protocol import Chunk, Frame, Framer
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+_SCHEME = "sim"
+
+_LISTENS_ON_NS = 100_000_000
+"""How long after a write the controller is told of the silence, so that it holds nothing back."""
+
+
+def parameters_of_url(url: str) -> SimulationParameters:
+    """The parameters in a `sim://` URL.
+
+    Raises:
+        PortError: the URL has something before its `?`, or a parameter is not legal.
+    """
+    parts = urlsplit(url)
+    if parts.netloc or parts.path or parts.fragment:
+        raise PortError(f"{url!r} cannot be read: parameters stand after '?', as in sim://?seed=1")
+    return parse_parameters(parts.query)
+
+
+class Serial(SerialBase):
+    """A port with a simulated host and controller behind it, as `serial_for_url` makes it."""
+
+    _simulation: Simulation | None = None
+
+    def open(self) -> None:
+        """Start the simulation; raises SerialException where the URL or the rate is not legal."""
+        if self.port is None:
+            raise SerialException("Port must be configured before it can be used.")
+        if self.is_open:
+            raise SerialException("Port is already open.")
+        try:
+            self._simulation = Simulation(parameters_of_url(self.port), self.baudrate)
+        except PortError as error:
+            raise SerialException(str(error)) from error
+        self._changed = threading.Condition()
+        self._arrived = bytearray()
+        self._cancelled = False
+        self._listens_until_ns = 0
+        self._commands = Framer(_SCHEME, self.baudrate)
+        self._started_ns = time.monotonic_ns()
+        self._coming: TimedBytes | None = next(self._simulation, None)
+        self.is_open = True
+
+    def close(self) -> None:
+        """End the simulation; a read under way returns what it has."""
+        if self.is_open:
+            with self._changed:
+                self.is_open = False
+                self._changed.notify_all()
+
+    @property
+    def in_waiting(self) -> int:
+        """How many bytes can be read at once; raises SerialException when all have been read."""
+        with self._opened():
+            self._let_arrive()
+            if not self._arrived:
+                self._refuse_when_unplugged()
+            return len(self._arrived)
+
+    def read(self, size: int = 1, /) -> bytes:
+        """Up to `size` bytes: fewer only after `timeout` seconds, `cancel_read` or `close`."""
+        until_ns = None if self.timeout is None else self._elapsed_ns() + int(self.timeout * 1e9)
+        with self._opened():
+            while self.is_open and not self._cancelled:
+                self._let_arrive()
+                if len(self._arrived) >= size or self._coming is None:
+                    break
+                next_ns = self._coming.t_ns
+                if until_ns is not None:
+                    if self._elapsed_ns() >= until_ns:
+                        break
+                    next_ns = min(next_ns, until_ns)
+                self._changed.wait(max(next_ns - self._elapsed_ns(), 0) / 1e9)
+            self._cancelled = False
+            if size and not self._arrived:
+                self._refuse_when_unplugged()
+            data = bytes(self._arrived[:size])
+            del self._arrived[:size]
+            return data
+
+    def write(self, data: Buffer, /) -> int:
+        """Give bytes to the simulated controller, which obeys the control frames in them."""
+        heard = bytes(data)
+        with self._opened():
+            self._let_arrive()
+            now_ns = self._elapsed_ns()
+            self._listens_until_ns = now_ns + _LISTENS_ON_NS
+            self._obey(now_ns, heard)
+        return len(heard)
+
+    def cancel_read(self) -> None:
+        """Make a read under way in another thread, or else the next one, return what it has."""
+        with self._opened():
+            self._cancelled = True
+            self._changed.notify_all()
+
+    def cancel_write(self) -> None:
+        """Do nothing: a write never blocks."""
+
+    def flush(self) -> None:
+        """Do nothing: a write is done when it returns."""
+
+    def reset_input_buffer(self) -> None:
+        """Forget what has arrived and was not read."""
+        with self._opened():
+            self._let_arrive()
+            self._arrived.clear()
+
+    def reset_output_buffer(self) -> None:
+        """Do nothing but check that the port is open: nothing waits to be sent."""
+        with self._opened():
+            pass
+
+    @property
+    def out_waiting(self) -> int:
+        """Always 0: nothing waits to be sent."""
+        return 0
+
+    @property
+    def cts(self) -> bool:
+        """Clear to send: always."""
+        return True
+
+    @property
+    def dsr(self) -> bool:
+        """Data set ready: always."""
+        return True
+
+    @property
+    def ri(self) -> bool:
+        """Ring indicator: never."""
+        return False
+
+    @property
+    def cd(self) -> bool:
+        """Carrier detect: always."""
+        return True
+
+    def _reconfigure_port(self) -> None:
+        """Called by pyserial when a setting changes while the port is open."""
+        if self._simulation is not None:
+            try:
+                self._simulation.parameters.check_against(self.baudrate)
+            except PortError as error:
+                raise ValueError(str(error)) from error
+
+    def _update_break_state(self) -> None:
+        """Called by pyserial; the simulated line has no break."""
+
+    def _update_rts_state(self) -> None:
+        """Called by pyserial; the simulated line has no RTS."""
+
+    def _update_dtr_state(self) -> None:
+        """Called by pyserial; the simulated line has no DTR."""
+
+    def _opened(self) -> threading.Condition:
+        if not self.is_open:
+            raise PortNotOpenError
+        return self._changed
+
+    def _elapsed_ns(self) -> int:
+        return time.monotonic_ns() - self._started_ns
+
+    def _let_arrive(self) -> None:
+        elapsed_ns = self._elapsed_ns()
+        while self._coming is not None and self._coming.t_ns <= elapsed_ns:
+            self._arrived += self._coming.data
+            self._coming = next(self._simulation, None) if self._simulation else None
+        if elapsed_ns < self._listens_until_ns:
+            self._obey(elapsed_ns, b"")
+
+    def _obey(self, now_ns: int, written: bytes) -> None:
+        for row in self._commands.feed(Chunk(_SCHEME, now_ns, written)):
+            if self._simulation and isinstance(row, Frame) and row.kind and not row.faults:
+                self._simulation.controller.obey(row.kind, row.values)
+
+    def _refuse_when_unplugged(self) -> None:
+        if self.is_open and self._coming is None:
+            raise SerialException("the simulated port is unplugged: all its frames were sent")

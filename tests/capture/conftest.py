@@ -1,0 +1,74 @@
+"""Real pseudo-terminals, and bounded waits, for the tests of the capture room."""
+
+import os
+import select
+import termios
+import time
+import tty
+from dataclasses import dataclass, field
+
+import pytest
+
+
+@dataclass
+class Pty:
+    """A pseudo-terminal: the test holds the far end of the line, the program opens `device`."""
+
+    far: int
+    near: int
+    device: str
+    _open: set[int] = field(default_factory=set)
+
+    def __post_init__(self):
+        self._open = {self.far, self.near}
+
+    def send(self, data):
+        """Bytes onto the line, all of them."""
+        view = memoryview(data)
+        while view:
+            view = view[os.write(self.far, view) :]
+
+    def arrived(self, wait_s=0.0):
+        """What the program wrote to the line."""
+        ready, _, _ = select.select([self.far], [], [], wait_s)
+        return os.read(self.far, 65536) if ready else b""
+
+    def attributes(self):
+        """The terminal's settings as the program left them."""
+        return termios.tcgetattr(self.near)
+
+    def let_go(self):
+        """Leave the program as the only one that has the near end."""
+        self._close(self.near)
+
+    def unplug(self):
+        """Hang up the line, as a USB adapter does that is pulled out."""
+        self.let_go()
+        self._close(self.far)
+
+    def _close(self, descriptor):
+        if descriptor in self._open:
+            self._open.remove(descriptor)
+            os.close(descriptor)
+
+
+@pytest.fixture
+def pty():
+    far, near = os.openpty()
+    tty.setraw(near)
+    made = Pty(far, near, os.ttyname(near))
+    yield made
+    made.unplug()
+
+
+@pytest.fixture
+def until():
+    """Wait until something holds, but not for ever."""
+
+    def wait(holds, limit_s=10.0):
+        deadline = time.monotonic() + limit_s
+        while not holds():
+            assert time.monotonic() < deadline, "waited in vain"
+            time.sleep(0.002)
+
+    return wait

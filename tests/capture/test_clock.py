@@ -1,0 +1,34 @@
+import time
+
+from fte_sniff.capture.clock import Clock
+
+
+def test_the_clock_never_falls_and_tells_utc():
+    clock = Clock.tied()
+    before_ns = time.time_ns()
+    times = [clock.now_ns() for _ in range(10_000)]
+    after_ns = time.time_ns()
+    assert times == sorted(times)
+    slack_ns = clock.uncertainty_ns + 1_000_000
+    assert before_ns - slack_ns <= times[0] <= times[-1] <= after_ns + slack_ns
+
+
+def test_the_tie_knows_how_good_it_is():
+    clock = Clock.tied()
+    assert 0 <= clock.uncertainty_ns < 1_000_000
+    assert abs(clock.system_ahead_ns()) < 10_000_000
+
+
+def test_the_clock_goes_on_from_its_tie_whatever_the_system_says():
+    tied = Clock.tied()
+    elsewhere = Clock(0, tied.steady_at_tie_ns, 0)
+    assert 0 <= elsewhere.now_ns() < 60 * 10**9
+    assert abs(elsewhere.system_ahead_ns() - time.time_ns()) < 60 * 10**9
+
+
+def test_the_facts_tell_the_whole_tie():
+    clock = Clock(7, 8, 9)
+    facts = clock.facts()
+    assert facts["clock"] in ("CLOCK_BOOTTIME", "CLOCK_MONOTONIC")
+    told = ("clock_utc_at_tie_ns", "clock_steady_at_tie_ns", "clock_tie_uncertainty_ns")
+    assert [facts[name] for name in told] == ["7", "8", "9"]

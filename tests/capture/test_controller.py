@@ -1,0 +1,119 @@
+from random import Random
+
+import pytest
+
+from fte_sniff.capture.simulator import Controller
+from fte_sniff.capture.simulator.controller import wheel_speeds
+from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Frame, encode, frame_faults
+
+
+def told(controller, motor):
+    """The feedback of a motor, decoded; None while it is silent."""
+    raw = controller.feedback(motor)
+    if raw is None:
+        return None
+    assert frame_faults(raw) == ()
+    return Frame("", 0, raw, None)
+
+
+def obey(controller, name, **values):
+    controller.obey(KIND_BY_NAME[name], values)
+
+
+@pytest.fixture
+def controller():
+    return Controller(Random("a quiet one"))
+
+
+SIGNS_OF_WHEELS = [
+    ((30, 0, 0), (1, 1, 1, 1)),
+    ((-30, 0, 0), (-1, -1, -1, -1)),
+    ((0, 30, 0), (-1, 1, 1, -1)),
+    ((0, 0, 500), (-1, 1, -1, 1)),
+    ((0, 0, 0), (0, 0, 0, 0)),
+]
+
+
+@pytest.mark.parametrize(("motion", "signs"), SIGNS_OF_WHEELS)
+def test_mecanum_wheels_turn_as_the_chassis_moves(controller, motion, signs):
+    obey(
+        controller, "mecanum", **dict(zip(("vx_cm_s", "vy_cm_s", "wz_mrad_s"), motion, strict=True))
+    )
+    controller.advance_to(3)
+    wanted = wheel_speeds(*motion)
+    for motor, sign, rpm in zip(MOTORS, signs, wanted, strict=True):
+        feedback = told(controller, motor)
+        assert (feedback.kind.name, feedback.cmd) == ("speed_feedback", 3)
+        assert abs(feedback.values["rpm"] - rpm) <= 2
+        assert (feedback.values["rpm"] > 0) - (feedback.values["rpm"] < 0) == sign
+
+
+def test_motions_of_the_chassis_add_up():
+    together = wheel_speeds(10, 20, 300)
+    parts = ((10, 0, 0), (0, 20, 0), (0, 0, 300))
+    alone = zip(*(wheel_speeds(*part) for part in parts), strict=True)
+    assert together == pytest.approx([sum(wheel) for wheel in alone])
+
+
+def test_each_motor_answers_in_its_own_mode(controller):
+    obey(controller, "mecanum", vx_cm_s=10, vy_cm_s=0, wz_mrad_s=0)
+    obey(controller, "speed", motor=1, rpm=300)
+    obey(controller, "position", motor=2, rpm=1000, pulses=-4000)
+    controller.advance_to(4)
+    kinds = {
+        motor: (told(controller, motor).kind.name, told(controller, motor).cmd) for motor in MOTORS
+    }
+    assert kinds == {
+        1: ("speed_feedback", 1),
+        2: ("position_feedback", 2),
+        3: ("speed_feedback", 3),
+        4: ("speed_feedback", 3),
+    }
+    assert abs(told(controller, 1).values["rpm"] - 300) <= 1
+    assert told(controller, 2).values["pulses"] == -4000
+
+
+def test_reset_stops_all_and_zeroes_positions(controller):
+    obey(controller, "position", motor=2, rpm=1000, pulses=4000)
+    obey(controller, "speed", motor=1, rpm=700)
+    controller.advance_to(3)
+    obey(controller, "reset")
+    controller.advance_to(5)
+    assert [told(controller, motor).values["rpm"] for motor in MOTORS] == [0, 0, 0, 0]
+    obey(controller, "position", motor=2, rpm=0, pulses=0)
+    assert told(controller, 2).values["pulses"] == 0
+
+
+def test_a_position_past_the_field_wraps_as_a_counter_does(controller):
+    controller.motors[1].pulses = 2**31 + 5
+    obey(controller, "position", motor=1, rpm=0, pulses=0)
+    assert told(controller, 1).values["pulses"] == -(2**31) + 5
+
+
+def test_frames_that_are_no_commands_change_nothing(controller):
+    before = [controller.feedback(motor) for motor in MOTORS]
+    obey(controller, "speed", motor=9, rpm=100)
+    obey(controller, "speed_feedback", motor=1, rpm=100, error=0, online=15)
+    controller.advance_to(1)
+    assert [controller.feedback(motor) for motor in MOTORS] == before
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_now_and_then_one_motor_is_offline_and_silent_and_the_flags_say_which(seed):
+    controller = Controller(Random(seed))
+    spells = []
+    for tenths in range(1, 4000):
+        controller.advance_to(tenths / 10)
+        feedback = [told(controller, motor) for motor in MOTORS]
+        silent = [motor for motor, one in zip(MOTORS, feedback, strict=True) if one is None]
+        assert len(silent) <= 1
+        bit = sum(1 << (motor - 1) for motor in silent)
+        flags = {(one.values["error"], one.values["online"]) for one in feedback if one}
+        assert flags == {(bit, 0x0F & ~bit)}
+        spells.append(bool(silent))
+    assert 0.001 < sum(spells) / len(spells) < 0.1
+
+
+def test_the_feedback_is_what_the_protocol_encodes(controller):
+    values = {"motor": 3, "rpm": 0, "error": 0, "online": 15}
+    assert controller.feedback(3) == encode(KIND_BY_NAME["speed_feedback"], values, 1)

@@ -1,0 +1,104 @@
+import threading
+import time
+
+import pytest
+
+from fte_sniff.capture.controller_pty import ControllerPty
+from fte_sniff.capture.ports import open_port
+from fte_sniff.capture.simulator import SimulationParameters
+from fte_sniff.errors import FileError, PortError
+from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Chunk, Frame, Framer, encode
+
+ALONE = SimulationParameters(host="off", rate=1000)
+
+
+@pytest.fixture
+def serving():
+    """Run controllers in threads; all are stopped and closed in the end."""
+    running = []
+
+    def serves(parameters=ALONE, **settings):
+        controller = ControllerPty(parameters, **settings)
+        thread = threading.Thread(target=controller.run)
+        thread.start()
+        running.append((controller, thread))
+        return controller
+
+    yield serves
+    for controller, thread in running:
+        controller.stop()
+        thread.join(5)
+        assert not thread.is_alive()
+        controller.close()
+
+
+class Listener:
+    """What a host program knows of the motors."""
+
+    def __init__(self, port):
+        self.port, self.framer, self.speeds = port, Framer("host"), {}
+
+    def hears(self, motor, rpm):
+        data = self.port.read(self.port.in_waiting or 1)
+        for row in self.framer.feed(Chunk("host", time.monotonic_ns(), data)):
+            assert isinstance(row, Frame)
+            self.speeds[row.values["motor"]] = row.values["rpm"]
+        return set(self.speeds) == set(MOTORS) and abs(self.speeds[motor] - rpm) <= 1
+
+
+def test_a_program_commands_it_through_the_device_and_hears_the_motors(serving, until):
+    controller = serving()
+    with open_port(controller.device) as port:
+        listener = Listener(port)
+        until(lambda: listener.hears(2, 0))
+        port.write(encode(KIND_BY_NAME["speed"], {"motor": 2, "rpm": 700}))
+        until(lambda: listener.hears(2, 700))
+    assert listener.speeds[1] == 0
+
+
+def test_a_program_may_come_and_go_and_find_what_is_then_true(serving, until):
+    controller = serving()
+    for rpm in (300, -400):
+        with open_port(controller.device) as port:
+            port.write(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}))
+            listener = Listener(port)
+            until(lambda at=rpm, to=listener: to.hears(1, at))
+
+
+def test_a_link_leads_to_the_device_while_it_is_there(serving, tmp_path):
+    link = tmp_path / "controller"
+    with ControllerPty(ALONE, link=link) as controller:
+        assert str(link.readlink()) == controller.device
+        open_port(str(link)).close()
+    assert not link.is_symlink()
+
+
+def test_a_link_that_leads_nowhere_is_replaced_and_nothing_else_is(tmp_path):
+    link = tmp_path / "controller"
+    link.symlink_to("/dev/pts/no-such")
+    with ControllerPty(ALONE, link=link):
+        assert link.exists()
+    link.write_text("mine")
+    with pytest.raises(FileError, match="in the way"):
+        ControllerPty(ALONE, link=link)
+    assert link.read_text() == "mine"
+    with pytest.raises(FileError, match="cannot be made"):
+        ControllerPty(ALONE, link=tmp_path / "no" / "such")
+
+
+def test_a_link_that_was_taken_over_is_left_alone(tmp_path):
+    link = tmp_path / "controller"
+    with ControllerPty(ALONE, link=link):
+        link.unlink()
+        link.symlink_to("/dev/null")
+    assert str(link.readlink()) == "/dev/null"
+
+
+def test_a_simulation_with_an_end_ends_it():
+    with ControllerPty(SimulationParameters(frames=5, rate=1000)) as controller:
+        controller.run()
+
+
+def test_a_rate_that_the_line_cannot_carry_is_refused():
+    with pytest.raises(PortError, match="at most 96"):
+        ControllerPty(ALONE, baud=9600)

@@ -1,0 +1,165 @@
+import itertools
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+import serial
+
+import fte_sniff.capture  # noqa: F401
+from fte_sniff.capture.simulator import SimulationParameters, simulate
+from fte_sniff.protocol import KIND_BY_NAME, Chunk, Frame, Framer, encode
+
+
+@pytest.fixture
+def opened():
+    """Open a simulated port; all are closed in the end."""
+    ports = []
+
+    def opens(query, **settings):
+        port = serial.serial_for_url(f"sim://?{query}", 115_200, **settings)
+        ports.append(port)
+        return port
+
+    yield opens
+    for port in ports:
+        port.close()
+
+
+def test_importing_the_capture_room_is_all_it_takes():
+    code = (
+        "import serial, fte_sniff.capture\n"
+        "port = serial.serial_for_url('sim://?seed=4', 115200)\n"
+        "print(port.read(100).hex())"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    frames = itertools.islice(simulate(SimulationParameters(seed=4)), 10)
+    assert told.stdout.strip() == b"".join(item.data for item in frames).hex()
+
+
+@pytest.mark.parametrize("sizes", [[1], [7, 1, 23], [400]])
+def test_however_it_is_read_the_bytes_are_those_of_the_simulation(opened, sizes):
+    asked = SimulationParameters(seed=9, rate=1000, drop=0.1, flip=0.1, noise=0.3)
+    port = opened("seed=9&rate=1000&drop=0.1&flip=0.1&noise=0.3")
+    read = b"".join(port.read(size) for size in itertools.islice(itertools.cycle(sizes), 40))
+    expected = b"".join(item.data for item in itertools.islice(simulate(asked), 5000))
+    assert expected.startswith(read)
+    assert len(read) == sum(itertools.islice(itertools.cycle(sizes), 40))
+
+
+def test_a_frame_can_be_read_when_its_last_byte_is_over_and_not_before(opened):
+    late_s = []
+    started = time.monotonic()
+    port = opened("rate=500")
+    after_open = time.monotonic()
+    for item in itertools.islice(simulate(SimulationParameters(rate=500)), 100):
+        assert port.read(len(item.data)) == item.data
+        now = time.monotonic()
+        assert now - started >= item.t_ns / 1e9
+        late_s.append(now - after_open - item.t_ns / 1e9)
+    assert sorted(late_s)[50] < 0.02
+
+
+def test_a_read_ends_with_what_there_is_when_the_time_is_over(opened):
+    port = opened("host=off&rate=2", timeout=0.02)
+    started = time.monotonic()
+    assert port.read(1) == b""
+    assert 0.02 <= time.monotonic() - started < 0.4
+    port.timeout = 0
+    assert port.read(100) == b""
+
+
+def test_in_waiting_is_what_a_read_gives_at_once(opened, until):
+    port = opened("rate=1000", timeout=0)
+    until(lambda: port.in_waiting >= 50)
+    waiting = port.in_waiting
+    assert len(port.read(waiting)) == waiting
+
+
+def test_what_is_reset_is_not_read(opened, until):
+    port = opened("rate=200")
+    until(lambda: port.in_waiting >= 20)
+    port.reset_input_buffer()
+    sent = [item.data for item in itertools.islice(simulate(SimulationParameters()), 50)]
+    assert port.read(10) in sent[2:]
+
+
+@pytest.mark.parametrize("ending", ["cancel_read", "close"])
+def test_a_blocked_read_ends_when_another_thread_says_so(opened, ending, until):
+    port = opened("host=off&rate=0.01")
+    got = []
+    thread = threading.Thread(target=lambda: got.append(port.read(1)))
+    thread.start()
+    getattr(port, ending)()
+    thread.join(5)
+    assert got in ([b""], [])
+    assert not thread.is_alive()
+
+
+def test_a_closed_port_says_so(opened):
+    port = opened("")
+    port.close()
+    port.close()
+    for used in (lambda: port.read(1), lambda: port.in_waiting, lambda: port.write(b"")):
+        with pytest.raises(serial.PortNotOpenError):
+            used()
+    port.open()
+    assert len(port.read(10)) == 10
+    with pytest.raises(serial.SerialException, match="already open"):
+        port.open()
+
+
+def test_after_its_last_frame_the_port_is_lost_but_not_what_came_before(opened, until):
+    port = opened("frames=5&rate=1000", timeout=1)
+    until(lambda: port.in_waiting == 50)
+    assert len(port.read(1000)) == 50
+    for used in (lambda: port.read(1), lambda: port.in_waiting):
+        with pytest.raises(serial.SerialException, match="unplugged"):
+            used()
+
+
+def test_commands_written_to_it_are_obeyed_however_they_are_cut(opened, until):
+    port = opened("host=off&rate=1000", timeout=0.01)
+    framer, speeds = Framer("sim"), {}
+
+    def runs():
+        for row in framer.feed(Chunk("sim", time.monotonic_ns(), port.read(port.in_waiting or 1))):
+            assert isinstance(row, Frame)
+            speeds[row.values["motor"]] = row.values["rpm"]
+        return abs(speeds.get(3, 0) - 800) <= 1
+
+    command = encode(KIND_BY_NAME["speed"], {"motor": 3, "rpm": 800})
+    assert port.write(command[:4]) == 4
+    assert port.write(bytearray(command[4:])) == 6
+    until(runs)
+    assert (speeds[1], speeds[2], speeds[4]) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("url", "told"),
+    [
+        ("sim://?sed=1", "did you mean seed"),
+        ("sim://seed=1", "after '?'"),
+        ("sim:///x?seed=1", "after '?'"),
+        ("sim://?rate=1153", "at most 1152"),
+    ],
+)
+def test_what_cannot_be_simulated_is_pyserials_own_exception(url, told):
+    with pytest.raises(serial.SerialException, match=told.replace("?", r"\?")):
+        serial.serial_for_url(url, 115_200)
+
+
+def test_a_baud_that_cannot_carry_the_rate_is_refused_while_open(opened):
+    port = opened("rate=1000")
+    with pytest.raises(ValueError, match="at most 96"):
+        port.baudrate = 9600
+
+
+def test_the_lines_of_a_simulated_port_can_be_set_and_asked(opened):
+    port = opened("")
+    port.dtr, port.rts, port.break_condition = True, False, True
+    assert (port.cts, port.dsr, port.ri, port.cd, port.out_waiting) == (True, True, False, True, 0)
+    port.flush()
+    port.reset_output_buffer()
+    port.cancel_write()

@@ -1,0 +1,176 @@
+import hashlib
+import itertools
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fte_sniff.capture.simulator import SimulationParameters, simulate
+from fte_sniff.capture.simulator.host import Host
+from fte_sniff.protocol import (
+    Chunk,
+    Direction,
+    Frame,
+    Framer,
+    Status,
+    byte_time_ns,
+    encode,
+)
+
+SHARE = st.floats(0, 1)
+ANY_PARAMETERS = st.builds(
+    SimulationParameters,
+    seed=st.integers(0, 2**64),
+    rate=st.floats(20, 1152),
+    drop=SHARE,
+    flip=SHARE,
+    noise=SHARE,
+    wire=st.sampled_from(["both", "control", "feedback"]),
+)
+
+
+def heard(count, **asked):
+    return list(itertools.islice(simulate(SimulationParameters(**asked)), count))
+
+
+@settings(max_examples=30, deadline=None)
+@given(ANY_PARAMETERS)
+def test_the_same_parameters_give_the_same_bytes_at_the_same_times(parameters):
+    twice = [list(itertools.islice(simulate(parameters), 60)) for _ in range(2)]
+    assert twice[0] == twice[1]
+
+
+def test_the_bytes_of_a_seed_are_the_same_everywhere():
+    # Samples are made from seeds: a change here changes them, and must be meant.
+    all_bytes = b"".join(item.data for item in heard(5000, seed=1, drop=0.1, flip=0.1, noise=0.1))
+    assert hashlib.sha256(all_bytes).hexdigest()[:16] == "9e0681b5cf48c715"
+
+
+def test_other_seeds_give_other_bytes():
+    assert len({tuple(item.data for item in heard(400, seed=seed)) for seed in range(8)}) == 8
+
+
+@settings(max_examples=30, deadline=None)
+@given(ANY_PARAMETERS, st.sampled_from([115_200, 921_600]))
+def test_nothing_overlaps_on_the_wire_and_every_byte_takes_its_time(parameters, baud):
+    free_ns = 0
+    for item in itertools.islice(simulate(parameters, baud), 60):
+        assert item.data
+        assert item.begins_ns >= free_ns
+        assert item.t_ns - item.begins_ns == len(item.sent or item.data) * byte_time_ns(baud)
+        free_ns = item.t_ns
+
+
+def test_without_faults_all_is_legal_and_in_step():
+    framer = Framer("sim")
+    items = heard(3000, seed=3)
+    rows = [row for item in items for row in framer.feed(Chunk("sim", item.t_ns, item.data))]
+    rows += framer.flush()
+    assert [row.raw for row in rows] == [item.sent for item in items]
+    assert all(isinstance(row, Frame) and row.status is Status.OK for row in rows)
+
+
+@pytest.mark.parametrize("rate", [50, 200, 1152])
+def test_the_rate_is_kept(rate):
+    seconds = 30
+    items = itertools.takewhile(
+        lambda item: item.begins_ns < seconds * 10**9, simulate(SimulationParameters(rate=rate))
+    )
+    assert 0.8 * rate * seconds < sum(1 for _ in items) <= rate * seconds
+
+
+FRAMES = 20_000
+FIVE_SIGMA = 5 * (FRAMES * 0.1 * 0.9) ** 0.5
+
+
+def is_expected(count):
+    return abs(count - 0.1 * FRAMES) < FIVE_SIGMA
+
+
+def test_a_flip_is_one_bit_and_as_frequent_as_asked():
+    damaged = [item for item in heard(FRAMES, flip=0.1) if item.data != item.sent]
+    assert is_expected(len(damaged))
+    for item in damaged:
+        changed = int.from_bytes(item.data, "big") ^ int.from_bytes(item.sent, "big")
+        assert (len(item.data), changed.bit_count()) == (10, 1)
+
+
+def test_a_drop_loses_adjacent_bytes_and_is_as_frequent_as_asked():
+    damaged = [item for item in heard(FRAMES, drop=0.1) if item.data != item.sent]
+    assert is_expected(len(damaged))
+    for item in damaged:
+        lost = 10 - len(item.data)
+        assert 1 <= lost <= 4
+        assert any(item.sent[:at] + item.sent[at + lost :] == item.data for at in range(11 - lost))
+
+
+def test_noise_stands_between_frames_and_is_as_frequent_as_asked():
+    items = list(simulate(SimulationParameters(noise=0.1, frames=FRAMES)))
+    noise = [item for item in items if not item.sent]
+    assert len(items) - len(noise) == FRAMES
+    assert is_expected(len(noise))
+    assert {len(item.data) for item in noise} == set(range(1, 9))
+
+
+def test_one_kind_of_fault_leaves_the_others_where_they_are():
+    plain = heard(2000, flip=0.2)
+    noisy = [item for item in heard(4000, flip=0.2, noise=0.3) if item.sent][:2000]
+    assert [item.data for item in plain] == [item.data for item in noisy]
+
+
+def test_the_two_wires_together_are_the_bus():
+    both, *wires = (
+        list(itertools.takewhile(
+            lambda item: item.begins_ns < 20 * 10**9,
+            simulate(SimulationParameters(seed=5, wire=wire)),
+        ))
+        for wire in ("both", *Direction)
+    )  # fmt: skip
+    for direction, wire in zip(Direction, wires, strict=True):
+        assert {Frame("", 0, item.sent, None).direction for item in wire} == {direction}
+    merged = sorted((item for wire in wires for item in wire), key=lambda item: item.begins_ns)
+    assert [item.sent for item in merged] == [item.sent for item in both]
+
+
+def test_without_a_host_there_are_no_commands_and_nothing_moves():
+    frames = [Frame("", 0, item.sent, None) for item in heard(1000, host="off")]
+    assert {frame.direction for frame in frames} == {Direction.FEEDBACK}
+    assert {frame.values["rpm"] for frame in frames} == {0}
+
+
+def test_frames_asked_for_are_all_there_are():
+    assert len(list(simulate(SimulationParameters(frames=17)))) == 17
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_host_shows_every_kind_of_command_within_half_a_minute_and_pauses(seed):
+    frames = [Frame("", 0, i.sent, None) for i in heard(1200, seed=seed, wire="control")]
+    kinds = [frame.kind.name for frame in frames]
+    assert kinds[0] == "reset"
+    assert set(kinds) == {"reset", "speed", "position", "mecanum"}
+    times = [item.begins_ns for item in heard(1200, seed=seed, wire="control")]
+    assert max(b - a for a, b in itertools.pairwise(times)) > 10**9
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_a_host_says_can_be_encoded(seed):
+    from random import Random
+
+    host = Host(Random(seed))
+    said = [host.command_at(tick / 40) for tick in range(8000)]
+    assert any(command is None for command in said)
+    for command in filter(None, said):
+        assert len(encode(*command)) == 10
+
+
+def test_the_controller_can_be_told_what_to_do_between_two_frames():
+    from fte_sniff.capture.simulator import Simulation
+    from fte_sniff.protocol import KIND_BY_NAME
+
+    simulation = Simulation(SimulationParameters(host="off"))
+    list(itertools.islice(simulation, 10))
+    simulation.controller.obey(KIND_BY_NAME["speed"], {"motor": 2, "rpm": 900})
+    frames = [Frame("", 0, item.sent, None) for item in itertools.islice(simulation, 800)]
+    last = {frame.values["motor"]: frame.values["rpm"] for frame in frames}
+    assert abs(last.pop(2) - 900) <= 1
+    assert set(last.values()) == {0}
