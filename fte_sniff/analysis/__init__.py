@@ -1,1 +1,17 @@
-"""Placeholder."""
+"""What can be asked of rows: columns, filter, running numbers, and the store behind the screen.
+
+This package knows no screen and no file: rows come in, answers go out. To read it, in this order:
+
+    packing         rows in a numpy array, and back
+    columns         rows to a polars frame with the contract's names and types
+    filter          the filter, and help on its language
+    filter_tokens   its text cut into words and signs; errors that point at a place
+    filter_terms    what a part of it is
+    filter_values   what a value stands for beside a field
+    filter_meaning  what parts mean together
+    filter_grammar  in what order parts may stand
+    completion      what may stand next in a filter being typed
+    tally           counts and rates
+    feed            what a view asks of whatever brings it rows
+    store           a bounded run of rows with a filter on top
+"""

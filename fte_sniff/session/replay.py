@@ -64,8 +64,10 @@ class ReplaySession:
     def _state(self) -> FeedState:
         ended = None
         if not self._running:
-            ended = str(self.error) if self.error else "end of file"
-        return FeedState(title=self._title, running=self._running, ended=ended, rows=self._rows)
+            ended = str(self.error) if self.error else None
+        return FeedState(
+            title=self._title, running=self._running, ended=ended, live=False, rows=self._rows
+        )
 
     def _run(self) -> None:
         try:

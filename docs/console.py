@@ -1,0 +1,65 @@
+"""Owns the outputs in the README files: each is what its command really prints.
+
+    python docs/console.py            run every command in a `console` block, write what it prints
+    python docs/console.py --check    say which outputs are not current; exit 1 if any
+
+A command is a line that begins with `$ `; it runs in the top folder, without a terminal, and what
+it prints on either stream stands below it until the next command or the end of the block.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+TOP = Path(__file__).parents[1]
+PAGES = ("README.md", "README.zh-CN.md")
+BLOCK = re.compile(r"(?<=^```console\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
+
+
+def output_of(command: str) -> str:
+    """What a command prints, with lines that end in no spaces."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-c", command],
+        cwd=TOP,
+        env=os.environ | {"PATH": path, "COLUMNS": "80"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        timeout=120,
+        check=False,
+    )
+    return "".join(f"{line.rstrip()}\n" for line in done.stdout.decode().splitlines())
+
+
+def refreshed(page: str) -> str:
+    """The page with the output of every command as it is now."""
+
+    def run(block: re.Match[str]) -> str:
+        commands = [line for line in block.group().splitlines() if line.startswith("$ ")]
+        return "".join(f"{command}\n{output_of(command[2:])}" for command in commands)
+
+    return BLOCK.sub(run, page)
+
+
+def main() -> int:
+    """Refresh the pages, or check them; the exit code."""
+    stale = 0
+    for name in PAGES:
+        path = TOP / name
+        page = path.read_text(encoding="utf-8")
+        fresh = refreshed(page)
+        if sys.argv[1:] != ["--check"]:
+            path.write_text(fresh, encoding="utf-8")
+        elif fresh != page:
+            print(f"not current: {name}; run python docs/console.py", file=sys.stderr)
+            stale = 1
+    return stale
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,69 @@
+"""Owns the picture of the screen in the README: the real screen on a real capture of sim://.
+
+    python docs/picture.py
+
+The rows come from the simulator with a fixed seed: the picture changes only when the screen does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from time import monotonic
+
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
+from fte_sniff.capture.simulator import parse_parameters, simulate
+from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
+from fte_sniff.tui.app import SniffApp
+
+PICTURE = Path(__file__).with_name("screen.svg")
+SIZE = (132, 30)
+RATE = 200
+QUERY = f"seed=6&rate={RATE}&drop=0.01&flip=0.01&noise=0.01&frames=2400"
+START_NS = 1_769_860_800_000_000_000  # 2026-01-31T12:00:00Z
+
+
+class Capture:
+    """A capture that has run for a while and goes on at its own rate, as a feed."""
+
+    def __init__(self, rows: list[Row], coming: int) -> None:
+        self._rows = rows
+        self._given = 0
+        self._due = len(rows) - coming
+        self._begun = monotonic()
+
+    def poll(self) -> FeedUpdate:
+        """The rows that have come since the poll before."""
+        due = self._due + int((monotonic() - self._begun) * RATE)
+        rows = self._rows[self._given : due]
+        self._given += len(rows)
+        recording = "fte-sniff-20260131T120000Z.mcap"
+        state = FeedState(title="/dev/ttyUSB0", recording=recording, rows=self._given)
+        return FeedUpdate(state, rows)
+
+    def stop(self) -> None:
+        """There is nothing to stop."""
+
+
+def rows() -> list[Row]:
+    """What the simulated wire brings."""
+    framer = Framer("/dev/ttyUSB0", DEFAULT_BAUD)
+    found: list[Row] = []
+    for timed in simulate(parse_parameters(QUERY)):
+        found += framer.feed(Chunk("/dev/ttyUSB0", START_NS + timed.t_ns, timed.data))
+    return found
+
+
+async def take() -> str:
+    """The screen as SVG, on a damaged frame with its details open."""
+    app = SniffApp(Capture(rows(), coming=3 * RATE))
+    async with app.run_test(size=SIZE) as pilot:
+        # The rate is told over two seconds, which the first rows must have left behind.
+        await pilot.pause(2.6)
+        await pilot.press("E", "enter")
+        await pilot.pause()
+        return app.export_screenshot(title="fte-sniff live /dev/ttyUSB0")
+
+
+if __name__ == "__main__":
+    PICTURE.write_text(asyncio.run(take()), encoding="utf-8")

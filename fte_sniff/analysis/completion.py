@@ -1,0 +1,122 @@
+"""Owns what may stand next in a filter that is being typed: names, words, signs.
+
+It must not know a screen; a filter it cannot follow so far is simply not completed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from fte_sniff.analysis.filter_grammar import COMPARISONS, PATTERN_WORDS
+from fte_sniff.analysis.filter_terms import COLUMN_OF_WORD
+from fte_sniff.analysis.filter_tokens import Token, TokenType, tokens
+from fte_sniff.errors import FilterError
+from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType
+
+_BEGUN: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>\w*)$")
+_JOINTS: Final = ("AND", "OR")
+_OPENERS: Final = ("AND", "OR", "NOT", "WHERE")
+_TEXTS: Final = (ColumnType.TEXT, ColumnType.HEX, ColumnType.WORDS)
+
+
+@dataclass(frozen=True, slots=True)
+class Completions:
+    """What may replace the word before the cursor."""
+
+    start: int
+    """Place of the word's first character; the word ends at the cursor."""
+    choices: tuple[str, ...]
+    """Whole replacements, quotes included, the likeliest first."""
+
+
+def completions(text: str, cursor: int | None = None) -> Completions:
+    """The ways in which the word that ends at the cursor (by default the end) can go on."""
+    cursor = len(text) if cursor is None else min(max(cursor, 0), len(text))
+    begun = _BEGUN.search(text, 0, cursor)
+    if begun is None:
+        return Completions(cursor, ())
+    try:
+        before = tokens(text[: begun.start()])[:-1]
+    except FilterError:
+        return Completions(cursor, ())
+    word = begun["word"].lower()
+    if begun["quote"]:
+        choices: Sequence[str] = _quoted_words(_asked(before))
+    else:
+        choices = _next(before)
+    return Completions(
+        begun.start(),
+        tuple(
+            choice
+            for choice in choices
+            if choice.strip("'").lower().startswith(word) and choice.lower() != word
+        ),
+    )
+
+
+def _next(before: Sequence[Token]) -> Sequence[str]:
+    """What may stand behind these tokens."""
+    asked = _asked(before)
+    if asked is not None:
+        return _quoted_words(asked) or _alike(asked)
+    if not before or before[-1].word in _OPENERS or before[-1].text in ("(", "&&", "||", "!"):
+        return [*COLUMN_BY_NAME, "NOT", *COLUMN_OF_WORD]
+    last = before[-1]
+    if last.type is TokenType.SYMBOL and last.text != ")":
+        return list(COLUMN_BY_NAME)
+    column = _column(last)
+    compared = len(before) > 1 and before[-2].text in COMPARISONS
+    return _JOINTS if column is None or compared else _signs(column)
+
+
+def _alike(column: Column) -> Sequence[str]:
+    """The other columns that hold the same type."""
+    return [
+        other.name
+        for other in COLUMN_BY_NAME.values()
+        if other.type is column.type and other is not column
+    ]
+
+
+def _signs(column: Column) -> Sequence[str]:
+    """What a field may be asked."""
+    signs = ["IN", "IS NULL", "IS NOT NULL", "NOT IN"]
+    if column.type in (ColumnType.INT, ColumnType.TIME):
+        return ["=", ">", "<", "BETWEEN", *signs]
+    return ["=", "!=", *(["LIKE"] if column.type in _TEXTS else []), *signs]
+
+
+def _asked(before: Sequence[Token]) -> Column | None:
+    """The column whose value comes next, where one is asked for its value."""
+    at = len(before) - 1
+    if at >= 0 and before[at].text in ("(", ","):
+        while at >= 0 and before[at].text != "(":
+            at -= 1
+        at -= 1
+        if at < 0 or before[at].word != "IN":
+            return None
+    elif at < 0 or not _asks(before[at]):
+        return None
+    at -= 1
+    if at >= 0 and before[at].word == "NOT":
+        at -= 1
+    return _column(before[at]) if at >= 0 else None
+
+
+def _asks(token: Token) -> bool:
+    return token.word in PATTERN_WORDS or (
+        token.type is TokenType.SYMBOL and token.text in COMPARISONS
+    )
+
+
+def _column(token: Token) -> Column | None:
+    if token.type not in (TokenType.NAME, TokenType.QUOTED):
+        return None
+    return COLUMN_BY_NAME.get(token.text.lower())
+
+
+def _quoted_words(column: Column | None) -> Sequence[str]:
+    return [f"'{word}'" for word in column.words] if column else []

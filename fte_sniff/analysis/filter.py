@@ -1,0 +1,137 @@
+"""Owns the filter: one line of text that says which rows are wanted.
+
+It must not know where rows come from or where they are shown. The language is SQL's boolean
+expressions over the names of the row contract; the text is checked as a whole before the first
+row, turned into plain SQL and handed to `polars.sql_expr`.
+
+    motor = 1 AND rpm > 500             AND OR NOT, also && || !; == is =, <> is !=
+    kind IN ('speed', 'position')       words are checked; also "speed", and speed without quotes
+    malformed OR noise                  a word alone: the row's kind, direction, status or a fault
+    faults = 'noise'                    among its faults; != is not among them; IN is any of them
+    faults IS NULL                      no fault at all; also faults = ''
+    faults LIKE '%trunc%'               in the faults joined by commas
+    error = 0x0F, online & 0x01 = 0     hex and bits
+    raw LIKE 'aa 01%'                   spaces and case of the hex do not matter
+    time >= '2026-01-31 12:00'          UTC, or with a zone; numbers are nanoseconds since 1970
+
+As in SQL, a comparison with a value that the row has not is neither true nor false, and such a row
+is not wanted: `kind != 'speed'` leaves out damage. `kind IS DISTINCT FROM 'speed'` keeps it, and
+so does `NOT speed`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import compress
+from textwrap import wrap
+from typing import Final
+
+import polars as pl
+
+from fte_sniff.analysis.columns import row_frame
+from fte_sniff.analysis.filter_grammar import condition
+from fte_sniff.analysis.filter_tokens import printable
+from fte_sniff.errors import FilterError
+from fte_sniff.protocol import COLUMNS, KINDS, Damage, Fault, Frame, Row, encode
+
+
+@dataclass(frozen=True, slots=True)
+class RowFilter:
+    """A checked filter; made by `parse`."""
+
+    text: str
+    """As typed."""
+    sql: str
+    """As polars reads it: over the names and types of `row_frame`."""
+    names: frozenset[str]
+    """The columns that it reads; `mask` needs no others."""
+    expression: pl.Expr = field(compare=False, repr=False)
+    """True, false or null for every row."""
+
+    @classmethod
+    def parse(cls, text: str) -> RowFilter:
+        """The filter that a text says.
+
+        Raises:
+            FilterError: one line with what is wrong, where, and what to write instead.
+        """
+        found = condition(text)
+        try:
+            made = cls(text, found.sql, found.names, pl.sql_expr(found.sql))
+            made.mask(_TRIAL)
+        except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+            raise _refused(error) from None
+        return made
+
+    def mask(self, frame: pl.DataFrame) -> pl.Series:
+        """For every row of a frame of `row_frame`'s columns whether it is wanted; never null.
+
+        Raises:
+            FilterError: the filter cannot be computed for these rows.
+        """
+        try:
+            found = frame.select(wanted=self.expression).to_series()
+        except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+            raise _refused(error) from None
+        if len(found) != frame.height:  # polars gives a constant as a single row
+            found = found.new_from_index(0, frame.height)
+        return found.fill_null(False)
+
+    def select(self, rows: Sequence[Row]) -> list[Row]:
+        """The rows that are wanted, in their order."""
+        if not rows:
+            return []
+        return list(compress(rows, self.mask(row_frame(rows, self.names or ("offset",)))))
+
+
+def _refused(error: BaseException) -> FilterError:
+    why = printable(str(error).split("\n", 1)[0][:120])
+    return FilterError(f"filter: it cannot be computed ({why}); compare fields with plain values")
+
+
+def _trial_rows() -> Iterator[Row]:
+    """Rows of every kind with their values at both ends, and rows that have none."""
+    for kind in KINDS:
+        for end in ("low", "high"):
+            values = {field.name: getattr(field, end) for field in kind.fields}
+            yield Frame("port", 0, encode(kind, values), 0)
+    yield Damage("port", 0, b"", None, (Fault.NOISE, Fault.LINE_ERROR))
+
+
+_TRIAL: Final = row_frame(list(_trial_rows()))
+
+
+def _help() -> Iterator[str]:
+    yield "A filter says which rows are wanted, in SQL's words: motor = 1 AND rpm > 500"
+    yield ""
+    yield "Fields"
+    for column in COLUMNS:
+        yield from _beside(f"  {column.name:<10} ", column.meaning)
+        yield from _beside(" " * 13, ", ".join(column.words))
+    yield ""
+    yield "Examples"
+    for example, meaning in EXAMPLES:
+        yield f"  {example:<34} {meaning}"
+
+
+def _beside(start: str, text: str) -> list[str]:
+    return wrap(text, 79, initial_indent=start, subsequent_indent=" " * len(start))
+
+
+EXAMPLES: Final = (
+    ("motor = 1 AND rpm > 500", "AND OR NOT, also && || !"),
+    ("kind IN ('speed', 'position')", "one of these words"),
+    ("malformed OR noise", "a word alone: a kind, status or fault"),
+    ("faults = 'noise'", "among the row's faults; IN: any of them"),
+    ("faults IS NULL", "no fault at all"),
+    ("error = 0x0F OR online & 0x01 = 0", "hex and single bits"),
+    ("raw LIKE 'AA 01%'", "% is any text; spaces and case are free"),
+    ("time >= '2026-01-31T12:00:00Z'", "UTC, or with a zone as +08:00"),
+    ("rpm BETWEEN -10 AND 10", "both ends included; never rows without rpm"),
+    ("kind IS DISTINCT FROM 'speed'", "any other, also rows that have no kind"),
+)
+"""Filters that work, and what each shows."""
+
+FILTER_HELP: Final = "\n".join(_help())
+"""The language on one screen, for `--help` and the filter field."""

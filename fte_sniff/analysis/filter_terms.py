@@ -1,0 +1,117 @@
+"""Owns what a part of a filter is: its type, its SQL, and how a message speaks of it.
+
+It must not know how parts are joined or in what order they were written.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from fte_sniff.protocol import COLUMNS, Column
+
+
+class TermType(Enum):
+    """What a part of a filter is; the value is how a message names it."""
+
+    NUMBER = "a number"
+    TEXT = "a text"
+    WORD = "a word"
+    WORDS = "a list of words"
+    TIME = "a time"
+    HEX = "hex digits"
+    TRUTH = "a condition"
+    LITERAL = "a text in quotes"
+    """Takes the type of what it is compared with."""
+    NAME = "a name"
+    """No field; a word of the contract, or a mistake."""
+    NULL = "NULL"
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A part of a filter as SQL that stands by itself, with its type and place."""
+
+    type: TermType
+    sql: str
+    start: int
+    """Place of its first character in the filter."""
+    shown: str
+    """How a message names it."""
+    depth: int = 0
+    """Brackets inside brackets in `sql`."""
+    column: Column | None = None
+    """The column, where the term is nothing but one."""
+    names: frozenset[str] = frozenset()
+    """The columns it reads."""
+
+
+UNTYPED: Final = (TermType.LITERAL, TermType.NAME)
+"""What has no type by itself."""
+
+COLUMN_OF_WORD: Final = {word: column for column in COLUMNS for word in column.words}
+"""The column that each word of the contract belongs to."""
+
+INT64: Final = range(-(2**63) + 1, 2**63)
+"""The whole numbers that polars reads as such; -2**63 it takes for a decimal fraction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """A function of a filter: the types it takes, the type it gives, and an example."""
+
+    takes: tuple[TermType, ...]
+    gives: TermType
+    example: str
+
+
+FUNCTIONS: Final = {
+    "abs": Function((TermType.NUMBER,), TermType.NUMBER, "abs(rpm) > 500"),
+    "coalesce": Function(
+        (TermType.NUMBER, TermType.NUMBER), TermType.NUMBER, "coalesce(rpm, 0) < 10"
+    ),
+    "lower": Function((TermType.TEXT,), TermType.TEXT, "lower(port) LIKE '%usb%'"),
+    "upper": Function((TermType.TEXT,), TermType.TEXT, "upper(port) LIKE '%USB%'"),
+    "starts_with": Function(
+        (TermType.TEXT, TermType.LITERAL), TermType.TRUTH, "starts_with(raw, 'AA 01')"
+    ),
+    "ends_with": Function(
+        (TermType.TEXT, TermType.LITERAL), TermType.TRUTH, "ends_with(raw, 'EE')"
+    ),
+}
+"""The functions that a filter may call, by name."""
+
+
+def nearest(word: str, choices: Iterable[str]) -> str:
+    """`did you mean x?`, or nothing where no choice is like the word."""
+    near = difflib.get_close_matches(word.lower(), list(choices), n=1)
+    return f"did you mean {near[0]}?" if near else ""
+
+
+def how_to_ask(term: Term) -> str:
+    """How a term of that type is asked about."""
+    name = term.shown if term.column else "motor"
+    return {
+        TermType.NUMBER: f"compare it, as in {name} = 1",
+        TermType.TIME: "compare it, as in time > '2026-01-31T12:00:00Z'",
+        TermType.TEXT: "compare it, as in port LIKE '%USB%'",
+        TermType.HEX: "compare it, as in raw LIKE 'AA01%'",
+        TermType.WORDS: "ask for one, as in faults = 'noise', or for any: faults IS NOT NULL",
+        TermType.WORD: f"compare it, as in {name} = '{_first_word(term)}'",
+        TermType.LITERAL: "compare a field with it, as in kind = 'speed'",
+        TermType.NULL: "write IS NULL or IS NOT NULL",
+        TermType.TRUTH: "join conditions with AND or OR",
+        TermType.NAME: "compare it with a field",
+    }[term.type]
+
+
+def _first_word(term: Term) -> str:
+    return term.column.words[0] if term.column and term.column.words else "speed"
+
+
+def quoted(text: str) -> str:
+    """The text as SQL writes it."""
+    return "'" + text.replace("'", "''") + "'"

@@ -1,0 +1,188 @@
+"""Owns the words of a filter: text cut into tokens, and errors that point at a place in it.
+
+It must not know any field of a row, nor what an expression means.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Final
+
+from fte_sniff.errors import FilterError
+
+MAX_LENGTH: Final = 8_000
+"""Characters in a filter; more are an accident, not a question."""
+
+MAX_TOKENS: Final = 600
+"""Tokens in a filter. Polars walks a chain of conditions by recursion: this bounds its stack."""
+
+_EXCERPT: Final = 24
+_LONGEST: Final = 160
+
+
+class TokenType(Enum):
+    """What a token is."""
+
+    NUMBER = auto()
+    TEXT = auto()
+    """In single quotes."""
+    QUOTED = auto()
+    """In double quotes (or backticks): in SQL a name, in many heads a text."""
+    NAME = auto()
+    """A field, a word of the contract, or a word of SQL."""
+    SYMBOL = auto()
+    END = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """One token, and where it stands in the filter."""
+
+    type: TokenType
+    text: str
+    """As typed; for texts what stands between the quotes."""
+    start: int
+    end: int
+
+    @property
+    def word(self) -> str:
+        """A name as SQL compares it: upper case; empty for any other token."""
+        return self.text.upper() if self.type is TokenType.NAME else ""
+
+    @property
+    def number(self) -> int | float:
+        """The value of a number token; hex and binary numbers keep their meaning."""
+        if self.text[:2].lower() in ("0x", "0b"):
+            return int(self.text, 0)
+        return int(self.text) if self.text.isdigit() else float(self.text)
+
+
+_TOKEN: Final = re.compile(
+    r"""
+      (?P<SPACE> \s+ )
+    | (?P<NUMBER> 0[xX][0-9A-Fa-f]+ | 0[bB][01]+
+                | (?: [0-9]+ (?: \.[0-9]* )? | \.[0-9]+ ) (?: [eE][+-]?[0-9]+ )? )
+    | (?P<TEXT> '(?: [^'] | '' )*' )
+    | (?P<QUOTED> "(?: [^"] | "" )*" | `[^`]*` )
+    | (?P<NAME> [^\W\d]\w* )
+    | (?P<SYMBOL> && | \|\| | == | != | <> | <= | >= | => | =< | !~ | [=<>+\-*/%&|(),!~] )
+    """,
+    re.VERBOSE,
+)
+
+_ADVICE: Final = {
+    "'": "this quote is never closed; a quote inside a text is written twice: 'it''s'",
+    '"': "this quote is never closed",
+    "`": "this quote is never closed",
+    ";": "a filter is one expression; leave out the ';'",
+    "^": "there is no '^'; bits are asked for with & and |, as in online & 0x01 = 1",
+    ".": "names have no dots; write the field alone",
+    ":": "there is no ':'; times are texts, as in time > '2026-01-31T12:00:00Z'",
+    **dict.fromkeys(
+        "\u2018\u2019\u201c\u201d\u201e\u00ab\u00bb\uff07\uff02",
+        "texts stand in plain single quotes, as in kind = 'speed'",
+    ),
+    **dict.fromkeys(
+        "\uff08\uff09\uff0c\uff1d\uff1e\uff1c\uff01",
+        "this is a full-width character; type the ASCII one",
+    ),
+}
+
+
+def printable(text: str) -> str:
+    """Text from outside as it can be shown on one line: control characters are escaped."""
+    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
+
+
+def complaint(text: str, at: int, what: str, way_out: str = "") -> FilterError:
+    """An error that names a place in a filter.
+
+    Args:
+        text: the whole filter.
+        at: the place, counted from 0.
+        what: what is wrong there.
+        way_out: what to write instead.
+    """
+    before = text[max(0, at - _EXCERPT) : at]
+    after = text[at : at + _EXCERPT]
+    start = "..." if at > _EXCERPT else ""
+    end = "..." if at + _EXCERPT < len(text) else ""
+    place = f'{at + 1} of "{start}{printable(before)}-->{printable(after)}{end}"'
+    tail = f"; {_short(way_out)}" if way_out else ""
+    return FilterError(f"filter: {_short(what)} at character {place}{tail}")
+
+
+def _short(text: str) -> str:
+    shown = printable(text)
+    return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}..."
+
+
+def tokens(text: str) -> list[Token]:
+    """The tokens of a filter; the last is of type END.
+
+    Raises:
+        FilterError: the text is too long, or holds what is in no filter.
+    """
+    if len(text) > MAX_LENGTH:
+        raise FilterError(
+            f"filter: {len(text)} characters are too many; the limit is {MAX_LENGTH}: ask for less"
+        )
+    found: list[Token] = []
+    at = 0
+    while at < len(text):
+        token = _token_at(text, at)
+        at = token.end if token else _space_end(text, at)
+        if token:
+            found.append(token)
+    if len(found) > MAX_TOKENS:
+        raise FilterError(
+            f"filter: {len(found)} words and signs are too many; the limit is {MAX_TOKENS}: "
+            "split it, or ask for a range with BETWEEN"
+        )
+    return [*found, Token(TokenType.END, "", len(text), len(text))]
+
+
+def _space_end(text: str, at: int) -> int:
+    space = _TOKEN.match(text, at)
+    return space.end() if space else at + 1
+
+
+def _token_at(text: str, at: int) -> Token | None:
+    """The token that begins there, or None where white space does."""
+    match = _TOKEN.match(text, at)
+    if match is None:
+        char = text[at]
+        raise complaint(text, at, f"'{char}' is in no filter", _ADVICE.get(char, ""))
+    name, content = str(match.lastgroup), match.group()
+    if name == "SPACE":
+        return None
+    token_type = TokenType[name]
+    if token_type is TokenType.NUMBER:
+        _check_number(text, match)
+    elif token_type in (TokenType.TEXT, TokenType.QUOTED):
+        _check_unicode(text, match)
+        quote = content[0]
+        content = content[1:-1].replace(quote * 2, quote)
+    return Token(token_type, content, at, match.end())
+
+
+def _check_number(text: str, match: re.Match[str]) -> None:
+    rest = re.compile(r"[\w.]+").match(text, match.end())
+    if rest:
+        raise complaint(
+            text,
+            match.start(),
+            f"'{match.group()}{rest.group()}' is no number",
+            "write plain digits or hex as 0x0F, without a unit",
+        )
+
+
+def _check_unicode(text: str, match: re.Match[str]) -> None:
+    try:
+        match.group().encode()
+    except UnicodeEncodeError as error:
+        raise complaint(
+            text, match.start() + error.start, "this text is not valid Unicode", "type it again"
+        ) from None

@@ -1,0 +1,123 @@
+"""Owns the packed form of rows: 48 bytes each, side by side in one numpy array.
+
+It must not know what a column means, who keeps the arrays, or how long they live. Packing loses
+nothing: `unpack(pack(row))` is the row, whatever it holds.
+
+    t_ns  offset  delay_ns    nanoseconds since 1970 UTC, bytes, nanoseconds
+    length                    bytes of the row; where it is more than ten, the bytes stand aside
+    port  faults              numbers in a `Codebook`
+    raw                       the first ten bytes, zeros behind them
+    form                      which of the two row types, and which of the times there are
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from fte_sniff.protocol import FRAME_LENGTH, Damage, Fault, Frame, Row
+
+ROW_TYPE: Final = np.dtype(
+    [
+        ("t_ns", np.int64),
+        ("offset", np.int64),
+        ("delay_ns", np.int64),
+        ("length", np.uint32),
+        ("faults", np.uint32),
+        ("port", np.uint16),
+        ("raw", np.uint8, (FRAME_LENGTH,)),
+        ("form", np.uint8),
+    ],
+    align=True,
+)
+"""One packed row."""
+
+FRAMED: Final = 1
+"""Bit of `form`: the row is a `Frame`, not a `Damage`."""
+TIMED: Final = 2
+"""Bit of `form`: `t_ns` holds a time; without it the row has none."""
+DELAYED: Final = 4
+"""Bit of `form`: `delay_ns` holds the read delay; without it the row has none."""
+
+Packed = npt.NDArray[Any]
+"""An array of `ROW_TYPE`."""
+
+
+class Codebook:
+    """The ports and the combinations of faults seen so far, each under a small number."""
+
+    def __init__(self) -> None:
+        self.ports: list[str] = []
+        """Port names, by number."""
+        self.faults: list[tuple[Fault, ...]] = []
+        """Combinations of faults in the row's order, by number."""
+        self._port_codes: dict[str, int] = {}
+        self._fault_codes: dict[tuple[Fault, ...], int] = {}
+
+    def port_code(self, port: str) -> int:
+        """The number of a port; a new one where it was never seen."""
+        code = self._port_codes.get(port)
+        if code is None:
+            code = self._port_codes[port] = len(self.ports)
+            self.ports.append(port)
+        return code
+
+    def fault_code(self, faults: tuple[Fault, ...]) -> int:
+        """The number of a combination of faults; a new one where it was never seen."""
+        code = self._fault_codes.get(faults)
+        if code is None:
+            code = self._fault_codes[faults] = len(self.faults)
+            self.faults.append(faults)
+        return code
+
+
+def pack(rows: Sequence[Row], codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
+    """The rows as an array, and the bytes of those longer than ten, by place in `rows`."""
+    packed: Packed = np.zeros(len(rows), ROW_TYPE)
+    raws = [row.raw for row in rows]
+    lengths = [len(raw) for raw in raws]
+    times = [row.t_ns for row in rows]
+    delays = [row.read_delay_ns for row in rows]
+    packed["t_ns"] = [time or 0 for time in times]
+    packed["offset"] = [row.offset for row in rows]
+    packed["delay_ns"] = [delay or 0 for delay in delays]
+    packed["length"] = lengths
+    packed["faults"] = [codebook.fault_code(row.faults) for row in rows]
+    packed["port"] = [codebook.port_code(row.port) for row in rows]
+    inline = b"".join([raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0") for raw in raws])
+    packed["raw"] = np.frombuffer(inline, np.uint8).reshape(-1, FRAME_LENGTH)
+    packed["form"] = [
+        isinstance(row, Frame) * FRAMED + (time is not None) * TIMED + (delay is not None) * DELAYED
+        for row, time, delay in zip(rows, times, delays, strict=True)
+    ]
+    long = {at: raws[at] for at, length in enumerate(lengths) if length > FRAME_LENGTH}
+    return packed, long
+
+
+def unpack(
+    packed: Packed, long: Mapping[int, bytes], codebook: Codebook, start: int = 0
+) -> list[Row]:
+    """The rows of an array; `start` is the place in `long` at which the array begins."""
+    raws = packed["raw"].tobytes()
+    scalars = zip(
+        *(packed[name].tolist() for name in ROW_TYPE.names or () if name != "raw"), strict=True
+    )
+    rows: list[Row] = []
+    for at, (t_ns, offset, delay_ns, length, faults, port, form) in enumerate(scalars):
+        first = at * FRAME_LENGTH
+        raw = long[start + at] if length > FRAME_LENGTH else raws[first : first + length]
+        row = Frame if form & FRAMED else Damage
+        rows.append(
+            row(
+                codebook.ports[port],
+                offset,
+                raw,
+                t_ns if form & TIMED else None,
+                codebook.faults[faults],
+                delay_ns if form & DELAYED else None,
+            )
+        )
+    return rows
