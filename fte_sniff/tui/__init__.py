@@ -1,1 +1,22 @@
-"""Placeholder."""
+"""The screen of `live` and `view`: rows in a table, their numbers, and what one row means.
+
+Nothing else in the program knows Textual, and nothing here knows where rows come from: they arrive
+through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and files mirror the screen:
+
+    +----------------------------------------------------------+
+    | title.py       what is watched, where it is kept, state  |
+    | table/         the table's head and the rows             |
+    |    |             | detail.py  the cursor row, byte by    |
+    |                  |            byte (beside or below)     |
+    | notices.py     the last thing that happened to a port    |
+    | prompt/        the filter field, the go-to field         |
+    | status.py      counts, rates, the place in the rows      |
+    | (footer)       the keys, out of keys.py                  |
+    +----------------------------------------------------------+
+      help.py        over all of it, out of keys.py as well
+
+    app.py           puts it together: the timer, the keys' actions, the end
+    keys.py          every key, once
+    watched.py       the feed's rows, their numbers, and ways to a row; knows no Textual
+    fitting.py       text to a width in cells
+"""

@@ -240,7 +240,8 @@ def test_places_where_no_recording_can_be(tmp_path: Path) -> None:
     cases = [
         (tmp_path / "absent" / "x.mcap", Existing.REFUSE, "folder does not exist"),
         (tmp_path, Existing.REPLACE, "is a directory"),
-        (tmp_path, Existing.REFUSE, "exists already"),
+        (tmp_path, Existing.REFUSE, "is a directory"),
+        (tmp_path / "file", Existing.REFUSE, "exists already"),
         (tmp_path / "pipe", Existing.REPLACE, "not a regular file"),
         (tmp_path / "file" / "x.mcap", Existing.REFUSE, "a file, not a folder"),
     ]

@@ -1,0 +1,92 @@
+"""Owns the page of help over the screen: every key, and what the signs in the table mean.
+
+It must not repeat a key or a meaning: keys come from `keys`, faults and
+columns from the vocabulary of rows, examples of filters from the filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from textwrap import wrap
+from typing import ClassVar, TypeAlias
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.screen import ModalScreen
+from textual.widgets import Static
+
+from fte_sniff.analysis.filter import EXAMPLES
+from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, Status, status_of
+from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.table.layout import MARKS
+
+Pair: TypeAlias = tuple[str, str]
+"""A key or a name, and what it means."""
+
+
+def help_pairs() -> Iterator[tuple[str, list[Pair]]]:
+    """The page's sections: a heading, and what stands under it."""
+    for heading, keys in SECTIONS:
+        yield heading, [(key.key_display or key.key, key.tooltip) for key in keys]
+    yield "Signs before a row", [(MARKS[status], status.value) for status in Status]
+    yield (
+        "Faults",
+        [(f"{MARKS[status_of((fault,))]} {fault}", said) for fault, said in FAULT_MEANINGS.items()],
+    )
+    yield "Columns, and names in a filter", [(column.name, column.meaning) for column in COLUMNS]
+    yield "Filters", list(EXAMPLES)
+
+
+def help_text(width: int) -> Text:
+    """The page for so many cells."""
+    lines = []
+    for heading, pairs in help_pairs():
+        lines.append(Text(heading, style="bold"))
+        names = min(max(len(left) for left, _ in pairs), width // 2)
+        for pair in pairs:
+            lines += _pair_lines(pair, names, width)
+        lines.append(Text())
+    return Text("\n").join(lines)
+
+
+def _pair_lines(pair: Pair, names: int, width: int) -> Iterator[Text]:
+    """Beside each other where there is room, else one below the other."""
+    left, right = pair
+    indent = " " * (names + 4)
+    words = wrap(right, max(8, width - len(indent)))
+    if len(left) <= names:
+        first = words.pop(0) if words else ""
+        yield Text.assemble("  ", (f"{left:<{names}}", "bold"), "  ", first)
+    else:
+        yield from (Text("  " + line, style="bold") for line in wrap(left, max(8, width - 2)))
+    yield from (Text(indent + line) for line in words)
+
+
+class HelpPage(ModalScreen[None]):
+    """The page of help; any of its keys puts it away."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,question_mark,q,enter", "dismiss", "Back"),
+        Binding("down,j", "scroll(1)", "Down", show=False),
+        Binding("up,k", "scroll(-1)", "Up", show=False),
+        Binding("pagedown,space", "scroll(10)", "Page down", show=False),
+        Binding("pageup", "scroll(-10)", "Page up", show=False),
+    ]
+
+    def compose(self) -> ComposeResult:
+        """One page that can be moved up and down."""
+        with VerticalScroll(id="help", can_focus=False) as page:
+            page.border_title = "Keys and signs"
+            page.border_subtitle = "esc: back"
+            yield Static()
+
+    def on_resize(self) -> None:
+        """Set the page anew for another width."""
+        page = self.query_one("#help")
+        page.query_one(Static).update(help_text(page.scrollable_content_region.width))
+
+    def action_scroll(self, by: int) -> None:
+        """Move the page by lines."""
+        self.query_one("#help").scroll_relative(y=by, animate=False)

@@ -1,0 +1,66 @@
+"""Owns every key of the screen, once: the footer, the help and the keys themselves come from here.
+
+It must not know what an action does. Keys are those of less, lnav and termshark; none is one that
+tmux takes for itself.
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+from textual.binding import Binding, BindingType
+
+
+def _key(keys: str, action: str, short: str, meaning: str, display: str | None = None) -> Binding:
+    """A key that the footer shows by its short name, where it has one, and the help in words."""
+    shown = bool(short)
+    return Binding(keys, action, short or meaning, show=shown, key_display=display, tooltip=meaning)
+
+
+MOVING: tuple[Binding, ...] = (
+    _key("up,k", "move(-1)", "", "one row up; leaves the end", "up k"),
+    _key("down,j", "move(1)", "", "one row down", "down j"),
+    _key("pageup,ctrl+u", "page(-1)", "", "one page up", "pgup ^u"),
+    _key("pagedown,ctrl+d", "page(1)", "", "one page down", "pgdn ^d"),
+    _key("home,g", "first", "", "the first row", "home g"),
+    _key("end,G", "follow", "Follow", "the last row, and follow what comes", "G"),
+    _key("left,h", "aside(-1)", "", "columns to the left", "left h"),
+    _key("right,l", "aside(1)", "", "columns to the right", "right l"),
+)
+"""Keys of the table."""
+
+FINDING: tuple[Binding, ...] = (
+    _key("f", "filter", "Filter", "filter the rows: motor = 1 AND rpm > 500", "f"),
+    _key("F", "unfilter", "", "show all rows again", "F"),
+    _key("e", "fault(1)", "Fault", "the next row with a fault", "e"),
+    _key("E", "fault(-1)", "", "the fault before", "E"),
+    _key("colon", "goto", "", "go to a row (1200), a time (12:00:03.5) or away (+2s, -50ms)", ":"),
+)
+"""Keys that lead to a row."""
+
+HANDLING: tuple[Binding, ...] = (
+    _key("space,p", "pause", "Pause", "freeze the view, never the capture", "space"),
+    _key("enter", "detail", "Detail", "what each byte of the row under the cursor means", "enter"),
+    _key("c", "copy", "", "copy the row's bytes as hex (through the terminal, OSC 52)", "c"),
+    _key("escape", "dismiss", "", "close the pane, or put the notice away; never quits", "esc"),
+    _key("question_mark", "help", "Help", "this page", "?"),
+    _key("q", "quit", "Quit", "end, and say where the recording lies", "q"),
+)
+"""Keys that do something to the view."""
+
+INTERRUPT = Binding(
+    "ctrl+c", "interrupt", "Quit", show=False, priority=True, tooltip="copy a selection, or end"
+)
+"""As on every command line; in a field with selected text it copies, as in every field."""
+
+SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
+    ("Move", MOVING),
+    ("Find", FINDING),
+    ("Handle", HANDLING),
+)
+"""All keys, as the help shows them."""
+
+
+def bindings(*groups: tuple[Binding, ...]) -> list[BindingType]:
+    """The groups as Textual wants them."""
+    return [cast(BindingType, binding) for group in groups for binding in group]

@@ -1,0 +1,30 @@
+"""Owns what the filter field suggests: the line as it would be with its last word completed.
+
+It must not know the filter's language; `analysis` does.
+"""
+
+from __future__ import annotations
+
+from textual.suggester import Suggester
+
+from fte_sniff.analysis.completion import completions
+
+
+def completed(line: str) -> str | None:
+    """The line with the likeliest rest of its last word, or None where nothing fits behind it."""
+    if not line.strip():
+        return None
+    found = completions(line)
+    wholes = (line[: found.start] + choice for choice in found.choices)
+    return next((whole for whole in wholes if whole.lower().startswith(line.lower())), None)
+
+
+class WordSuggester(Suggester):
+    """Suggests the rest of a name, a sign or a value."""
+
+    def __init__(self) -> None:
+        super().__init__(use_cache=False, case_sensitive=True)
+
+    async def get_suggestion(self, value: str) -> str | None:
+        """The whole line as it would be."""
+        return completed(value)

@@ -1,0 +1,43 @@
+"""Owns the field for a filter: what it suggests, checks and tells.
+
+It must not know the filter's language; `analysis` does.
+"""
+
+from __future__ import annotations
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.widgets import Static
+
+from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.tui.prompt.complete import WordSuggester
+from fte_sniff.tui.prompt.field import Field
+
+
+class FilterField(Field):
+    """Asks for a filter, and shows the one that holds with the number of rows it lets through."""
+
+    def __init__(self, row_filter: RowFilter | None) -> None:
+        """The field, with the filter that already holds."""
+        super().__init__(
+            "filter",
+            RowFilter.parse,
+            "motor = 1 AND rpm > 500",
+            "enter applies, an empty line shows all; esc goes back; up: earlier ones",
+            WordSuggester(),
+        )
+        self._shown = Static(classes="shown")
+        self.standing = row_filter.text if row_filter else ""
+
+    def compose(self) -> ComposeResult:
+        """The field, and behind the line the count."""
+        yield from super().compose()
+
+    def on_mount(self) -> None:
+        """Put the count behind the line."""
+        self.query_one(".asked").mount(self._shown)
+        self.rest()
+
+    def tell_shown(self, words: str) -> None:
+        """Say how many rows the filter lets through."""
+        self._shown.update(Text(words))

@@ -1,0 +1,80 @@
+"""Owns the field that asks where to go, and what a text in it means.
+
+It must not know the rows; it only says which row, moment or distance is meant.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from fte_sniff.errors import InputTextError
+from fte_sniff.tui.prompt.field import Field
+
+_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
+_DAY_S = 86_400
+
+
+@dataclass(frozen=True, slots=True)
+class ToRow:
+    """The row of that number, from 1, among those shown."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class ToTimeOfDay:
+    """The first row at or after a time of the day under the cursor."""
+
+    day_ns: int
+    """Nanoseconds since midnight UTC."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToDistance:
+    """The first row at or after so long from the cursor's."""
+
+    ns: int
+    """Nanoseconds; below 0 is earlier."""
+
+
+Goal: TypeAlias = ToRow | ToTimeOfDay | ToDistance
+
+_ROW = re.compile(r"[0-9][0-9_,]*")
+_TIME = re.compile(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2})(?:\.([0-9]{1,9}))?)?")
+_DISTANCE = re.compile(r"([+-])([0-9]+)(?:\.([0-9]+))?(ns|us|ms|s)", re.ASCII)
+
+
+def parse_goal(text: str) -> Goal:
+    """What a text in the field means.
+
+    Raises:
+        InputTextError: it is no row, time or distance; the message shows one of each.
+    """
+    text = text.strip()
+    if _ROW.fullmatch(text):
+        return ToRow(int(text.replace(",", "").replace("_", "")))
+    if match := _TIME.fullmatch(text):
+        hours, minutes, seconds, fraction = match.groups(default="0")
+        whole = int(hours) * 3600 + int(minutes) * 60 + int(seconds)
+        if int(minutes) < 60 and int(seconds) < 60 and whole < _DAY_S:
+            return ToTimeOfDay(whole * _NS["s"] + int(fraction.ljust(9, "0")))
+    if match := _DISTANCE.fullmatch(text):
+        sign, whole_text, fraction, unit = match.groups(default="")
+        scale = _NS[unit]
+        ns = int(whole_text) * scale + int(fraction or 0) * scale // 10 ** len(fraction)
+        return ToDistance(-ns if sign == "-" else ns)
+    raise InputTextError("a row (1200), a time (12:00:03.5) or a distance (+2s, -50ms)")
+
+
+class GotoField(Field):
+    """Asks where to go."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "go to",
+            parse_goal,
+            "1200, 12:00:03.5, +2s, -50ms",
+            "enter goes there, esc stays here",
+        )

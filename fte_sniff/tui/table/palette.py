@@ -1,0 +1,91 @@
+"""Owns the table's colours, by kind and by status, for dark and for light backgrounds.
+
+It must not know columns or the window. The hues are those of Okabe and Ito, which people with any
+of the common colour vision deficiencies can tell apart; on light backgrounds they are darker. What
+a frame is about decides the hue and a command is bold, so that a motor's target and its feedback
+look related. Marks and words say the same without colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from rich.style import Style
+
+from fte_sniff.protocol import KINDS, Direction, Frame, FrameKind, Row, Status
+
+_PLAIN = Style.null()
+_COMMAND = Style(bold=True)
+
+
+@dataclass(frozen=True)
+class Palette:
+    """The styles of one theme; each is a real style, never None."""
+
+    muted: Style
+    """Times, and the bytes of rows that are in order."""
+    hues: tuple[str, ...]
+    """A colour for each thing that frames are about, in the order in which the table names them."""
+    statuses: Mapping[Status, Style]
+    """The mark, and the words for what is wrong."""
+    marks: Mapping[Status, Style]
+
+    @cached_property
+    def kinds(self) -> Mapping[str, Style]:
+        """The style of each kind's name."""
+        subjects = list(dict.fromkeys(_subject(kind) for kind in KINDS))
+        return {
+            kind.name: Style(
+                color=self.hues[subjects.index(_subject(kind)) % len(self.hues)],
+                bold=kind.direction is Direction.CONTROL,
+            )
+            for kind in KINDS
+        }
+
+    def of_kind(self, row: Row) -> Style:
+        """The style of the row's kind."""
+        kind = row.kind if isinstance(row, Frame) else None
+        return _PLAIN if kind is None else self.kinds[kind.name]
+
+    def of_values(self, row: Row) -> Style:
+        """The style of the row's numbers."""
+        command = isinstance(row, Frame) and row.direction is Direction.CONTROL
+        return _COMMAND if command else _PLAIN
+
+
+def _subject(kind: FrameKind) -> str | None:
+    """What a frame is about: its last number that is no flag byte."""
+    numbers = [field.name for field in kind.fields if field.unit]
+    return numbers[-1] if numbers else None
+
+
+DARK = Palette(
+    muted=Style(color="#8a94a0"),
+    hues=("#dd9fc3", "#56b4e9", "#2fc49b", "#e6b04a"),
+    statuses={
+        Status.OK: _PLAIN,
+        Status.SUSPECT: Style(color="#f0e442"),
+        Status.MALFORMED: Style(color="#ff8f50"),
+    },
+    marks={
+        Status.OK: _PLAIN,
+        Status.SUSPECT: Style(color="#101010", bgcolor="#f0e442", bold=True),
+        Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
+    },
+)
+LIGHT = Palette(
+    muted=Style(color="#66707a"),
+    hues=("#8f3a6b", "#0062a0", "#00694b", "#7a5200"),
+    statuses={
+        Status.OK: _PLAIN,
+        Status.SUSPECT: Style(color="#6b5e00"),
+        Status.MALFORMED: Style(color="#a33c00"),
+    },
+    marks={
+        Status.OK: _PLAIN,
+        Status.SUSPECT: Style(color="#101010", bgcolor="#e0d030", bold=True),
+        Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
+    },
+)

@@ -1,0 +1,85 @@
+"""Owns the top line: what is watched, where it is kept, and the state of the view.
+
+It must not know rows.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from rich.cells import cell_len
+from rich.text import Text
+from textual.widget import Widget
+
+from fte_sniff.analysis.feed import FeedState
+from fte_sniff.errors import shown
+from fte_sniff.tui.fitting import fit, fit_path
+
+NAME = "fte-sniff"
+
+
+class Mode(StrEnum):
+    """The word for what the view does."""
+
+    LOADING = "LOADING"
+    LIVE = "LIVE"
+    PAUSED = "PAUSED"
+    ENDED = "ENDED"
+    FILE = "FILE"
+
+
+def mode_of(state: FeedState, paused: bool) -> Mode:
+    """The mode of a view on such a feed."""
+    if paused:
+        return Mode.PAUSED
+    if state.live:
+        return Mode.LIVE if state.running else Mode.ENDED
+    return Mode.LOADING if state.running else Mode.FILE
+
+
+def title_text(state: FeedState, mode: Mode, waiting: int, width: int) -> str:
+    """The line in exactly `width` cells; names are cut before the state is."""
+    badge = f" {mode} "
+    if mode is Mode.PAUSED:
+        badge = f" {mode}, {waiting:,} new "
+    elif mode is Mode.LOADING and state.progress is not None:
+        badge = f" {mode} {state.progress:4.0%} "
+    room = max(0, width - cell_len(badge))
+    names = f" {shown(state.title)}"
+    if cell_len(names) + cell_len(NAME) + 2 < room:
+        names = f" {NAME} {names}"
+    if state.recording is not None:
+        rest = room - cell_len(names) - len("  rec ") - 1
+        path = shown(state.recording)
+        shortest = min(cell_len(path), 16)
+        if rest < shortest:
+            names = fit(names, max(0, room - len("  rec ") - 1 - shortest)).rstrip()
+            rest = room - cell_len(names) - len("  rec ") - 1
+        names += f"  rec {fit_path(path, rest)}"
+    return fit(names, room) + badge
+
+
+class TitleLine(Widget):
+    """The top line."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._shown: tuple[FeedState, Mode, int] | None = None
+
+    def show(self, state: FeedState, mode: Mode, waiting: int) -> None:
+        """Draw this, if it is not what is drawn."""
+        if self._shown != (state, mode, waiting):
+            self._shown = (state, mode, waiting)
+            self.set_class(mode is Mode.PAUSED, "-paused")
+            self.set_class(mode is Mode.ENDED, "-ended")
+            self.refresh()
+
+    def render(self) -> Text:
+        """The line, with the state set off at its end."""
+        if self._shown is None:
+            return Text()
+        state, mode, waiting = self._shown
+        line = title_text(state, mode, waiting, self.size.width)
+        text = Text(line, no_wrap=True, overflow="crop")
+        text.stylize("bold reverse", max(0, line.rfind(f" {mode}")))
+        return text

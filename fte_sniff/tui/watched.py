@@ -1,0 +1,136 @@
+"""Owns what the screen looks at: the rows of a feed in a store, their numbers, and ways to a row.
+
+It must not know Textual, the window, or the clock; the time comes with each look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fte_sniff.analysis.feed import Feed, FeedState
+from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.analysis.store import RowStore
+from fte_sniff.analysis.tally import Rate, Tally
+from fte_sniff.protocol import PortEvent
+from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToRow
+from fte_sniff.tui.status import Numbers
+from fte_sniff.tui.table.viewport import Viewport
+
+DAY_NS = 86_400 * 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class News:
+    """What one look at the feed brought."""
+
+    changed: bool
+    """Whether other rows are shown now."""
+    events: Sequence[PortEvent]
+    ended: bool
+    """Whether the feed ended since the look before."""
+
+
+class Watched:
+    """A feed and everything that came from it."""
+
+    def __init__(self, feed: Feed, row_filter: RowFilter | None, keep_rows: int) -> None:
+        self.store = RowStore(keep_rows)
+        self.store.set_filter(row_filter)
+        self.state = FeedState("")
+        self._feed = feed
+        self._tally = Tally()
+        self._rate = Rate()
+        self._frames = 0
+        self._per_second = 0.0
+
+    def look(self, now_ns: int) -> News:
+        """Take in what came; `now_ns` is any rising clock's nanoseconds.
+
+        Raises:
+            FteSniffError: the feed failed.
+        """
+        update = self._feed.poll()
+        ended = self.state.running and not update.state.running
+        self.state = update.state
+        if update.rows:
+            self.store.append(update.rows)
+            self._tally.add(update.rows)
+        changed = bool(update.rows) or bool(self.store.pending)
+        self.store.filter_step()
+        self._take_rate(now_ns)
+        return News(changed, update.events, ended)
+
+    def _take_rate(self, now_ns: int) -> None:
+        """Frames per second: now, on a wire; over the time covered, in what lies behind."""
+        frames = self.state.rows - (self._tally.rows - self._tally.frames)
+        self._rate.add(frames - self._frames, now_ns)
+        self._frames = frames
+        if self.state.running and self.state.live:
+            self._per_second = self._rate.per_second(now_ns)
+        elif self._tally.duration_ns:
+            self._per_second = self._tally.frames * 1e9 / self._tally.duration_ns
+
+    @property
+    def ports(self) -> int:
+        """Ports that rows came from."""
+        return len(self._tally.by_port)
+
+    def numbers(self, view: Viewport) -> Numbers:
+        """What the line of numbers tells."""
+        return Numbers(
+            rows=self.state.rows,
+            frames_per_s=self._per_second,
+            malformed=self._tally.malformed,
+            malformed_share=self._tally.malformed_share,
+            not_shown=self.state.not_shown,
+            place=view.cursor + 1 if view.count else 0,
+            following=view.following,
+            below=view.below,
+        )
+
+    @property
+    def shown_words(self) -> str:
+        """How many rows the filter lets through."""
+        words = f"{self.store.shown_count:,} of {len(self.store):,} rows"
+        return f"{words}, {self.store.pending:,} to go" if self.store.pending else words
+
+    @property
+    def empty_words(self) -> str:
+        """Why there is nothing to see, where nothing is shown."""
+        if self.store.pending:
+            return "filtering ..."
+        if len(self.store):
+            return f"the filter hides all {len(self.store):,} rows; F shows them again"
+        return "nothing came yet" if self.state.running else "nothing came"
+
+    def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
+        """Show only what the filter lets through, the rows near that index first."""
+        self.store.set_filter(row_filter, near)
+        self.store.filter_step()
+
+    def row_of(self, goal: Goal, cursor: int) -> int | None:
+        """The shown row that is meant, or None where no row has a time."""
+        if isinstance(goal, ToRow):
+            return goal.number - 1
+        here = self._time_at(cursor)
+        if here is None:
+            return None
+        if isinstance(goal, ToDistance):
+            return self._first_at(here + goal.ns)
+        return self._first_at(here - here % DAY_NS + goal.day_ns)
+
+    def _first_at(self, t_ns: int) -> int:
+        """The first shown row at or after a time; times are taken to rise."""
+        low, high = 0, self.store.shown_count
+        while low < high:
+            middle = (low + high) // 2
+            time = self._time_at(middle)
+            if time is None or time < t_ns:
+                low = middle + 1
+            else:
+                high = middle
+        return min(low, max(0, self.store.shown_count - 1))
+
+    def _time_at(self, row: int) -> int | None:
+        return self.store.shown_row(row).t_ns if row < self.store.shown_count else None

@@ -1,0 +1,138 @@
+"""The title, the numbers, notices, the pane of details and the help as text."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from rich.cells import cell_len
+
+from fte_sniff.analysis.feed import FeedState
+from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind, Row, spaced_hex
+from fte_sniff.tui.detail import Room, detail_text
+from fte_sniff.tui.help import help_text
+from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.notices import event_text
+from fte_sniff.tui.status import Numbers, status_text
+from fte_sniff.tui.table.palette import DARK
+from fte_sniff.tui.title import Mode, mode_of, title_text
+
+LIVE = FeedState("/dev/ttyUSB0", "/home/ana/captures/fte-sniff-20260131T120000Z.mcap")
+NUMBERS = Numbers(
+    rows=1_234_567,
+    frames_per_s=1151.7,
+    malformed=12,
+    malformed_share=12 / 1_234_567,
+    not_shown=0,
+    place=1_234_567,
+    following=True,
+    below=0,
+)
+
+
+@pytest.mark.parametrize(
+    ("state", "paused", "mode"),
+    [
+        (LIVE, False, Mode.LIVE),
+        (LIVE, True, Mode.PAUSED),
+        (replace(LIVE, running=False), False, Mode.ENDED),
+        (replace(LIVE, live=False), False, Mode.LOADING),
+        (replace(LIVE, live=False, running=False), False, Mode.FILE),
+    ],
+)
+def test_the_mode_of_the_view(state: FeedState, paused: bool, mode: Mode) -> None:
+    assert mode_of(state, paused) is mode
+
+
+@pytest.mark.parametrize("width", [0, 1, 10, 24, 40, 80, 200])
+@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("title", ["p", "/dev/serial/by-id/usb-串口-if00-port0", "\x1b[31m[red]"])
+def test_the_title_fills_its_width(width: int, mode: Mode, title: str) -> None:
+    line = title_text(replace(LIVE, title=title, progress=0.42), mode, 12_345, width)
+    assert line.isprintable()
+    assert width < 24 or (cell_len(line) == width and mode in line)
+
+
+def test_the_title_keeps_the_end_of_the_recordings_name() -> None:
+    line = title_text(LIVE, Mode.LIVE, 0, 80)
+    assert line.startswith(" fte-sniff  /dev/ttyUSB0  rec …")
+    assert line.rstrip().endswith("120000Z.mcap  LIVE")
+
+
+def test_the_title_tells_how_many_rows_wait() -> None:
+    assert title_text(LIVE, Mode.PAUSED, 1234, 80).endswith(" PAUSED, 1,234 new ")
+
+
+def test_the_numbers_at_eighty_cells() -> None:
+    assert status_text(NUMBERS, 80).rstrip() == (
+        "1,234,567 rows   1,152 frames/s      12 malformed <0.01%  row 1,234,567"
+    )
+
+
+@pytest.mark.parametrize("width", range(0, 120, 7))
+def test_the_numbers_fill_their_width(width: int) -> None:
+    assert len(status_text(replace(NUMBERS, not_shown=7), width)) == width
+
+
+def test_the_numbers_stand_still_while_they_grow() -> None:
+    lines = [
+        status_text(replace(NUMBERS, rows=rows, frames_per_s=f), 80)
+        for rows, f in [(0, 0.0), (999, 99.6), (1_000_000, 2304.0)]
+    ]
+    assert len({line.index("malformed") for line in lines}) == 1
+
+
+def test_rows_that_came_too_fast_are_told() -> None:
+    assert "7 too fast to show" in status_text(replace(NUMBERS, not_shown=7), 120)
+
+
+def test_an_event_is_one_line_and_is_not_obeyed() -> None:
+    event = PortEvent(1_769_860_800_000_000_000, "p\n", PortEventKind.FOUND_AGAIN, "\x1b[2J[b]x")
+    assert event_text(event) == "12:00:00.000  p\\n found again: \\x1b[2J[b]x"
+
+
+def test_the_details_show_every_byte_once(odd_rows: list[Row]) -> None:
+    for row in odd_rows:
+        text = detail_text(row, DARK, Room(200, bits=False)).plain
+        shown = [line[2:50] for line in text.split("\n")[1:]]
+        digits = "".join(
+            pair for line in shown for pair in line.split("  ")[0].split() if len(pair) == 2
+        )
+        assert row.raw.hex().upper() in digits.replace(" ", "")
+
+
+@pytest.mark.parametrize("width", [1, 20, 40, 79, 199])
+def test_the_details_keep_to_their_room(odd_rows: list[Row], width: int) -> None:
+    for row in odd_rows:
+        for line in detail_text(row, DARK, Room(width, bits=True)).plain.split("\n"):
+            assert cell_len(line) <= max(width, 15)
+
+
+def test_the_details_tell_what_is_wrong_and_where(odd_rows: list[Row]) -> None:
+    text = detail_text(odd_rows[3], DARK, Room(80, bits=False)).plain
+    assert "! bad_tail: " in text
+    assert "expected EE, found EF" in text
+    assert spaced_hex(odd_rows[3].raw[5:9]) in text
+
+
+def test_flags_are_told_bit_by_bit_where_there_is_room() -> None:
+    from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
+
+    raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5, "online": 0x0B})
+    tight = detail_text(Frame("p", 0, raw, None), DARK, Room(80, bits=False)).plain
+    roomy = detail_text(Frame("p", 0, raw, None), DARK, Room(80, bits=True)).plain
+    assert "00001011" in tight
+    assert "bit 2" not in tight
+    assert "bit 2 is 0: motor 3" in roomy
+
+
+@pytest.mark.parametrize("width", [30, 60, 80])
+def test_the_help_has_every_key_and_every_fault(width: int) -> None:
+    text = help_text(width).plain
+    assert all(len(line) <= width for line in text.split("\n"))
+    flat = " ".join(text.split())
+    for _, keys in SECTIONS:
+        for key in keys:
+            assert f"{key.key_display} {' '.join(key.tooltip.split())}" in flat
+    for fault in FAULT_MEANINGS:
+        assert fault in flat

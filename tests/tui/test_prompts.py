@@ -1,0 +1,66 @@
+"""What is typed into the fields, without a screen."""
+
+from __future__ import annotations
+
+import pytest
+
+from fte_sniff.errors import InputTextError
+from fte_sniff.tui.prompt.complete import completed
+from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToRow, ToTimeOfDay, parse_goal
+from fte_sniff.tui.prompt.history import History
+
+
+@pytest.mark.parametrize(
+    ("text", "goal"),
+    [
+        ("1", ToRow(1)),
+        (" 1,200 ", ToRow(1200)),
+        ("12:00", ToTimeOfDay(43_200 * 10**9)),
+        ("00:00:03.5", ToTimeOfDay(3_500_000_000)),
+        ("23:59:59.999999999", ToTimeOfDay(86_400 * 10**9 - 1)),
+        ("+2s", ToDistance(2 * 10**9)),
+        ("-50ms", ToDistance(-50_000_000)),
+        ("+0.25s", ToDistance(250_000_000)),
+        ("-1.5us", ToDistance(-1_500)),
+        ("+7ns", ToDistance(7)),
+    ],
+)
+def test_a_goal_is_understood(text: str, goal: Goal) -> None:
+    assert parse_goal(text) == goal
+
+
+@pytest.mark.parametrize(
+    "text", ["", "x", "24:00", "12:60", "12:00:61", "+2", "2s", "--1s", "1.5", "٣", "+1m"]
+)
+def test_what_is_no_goal_is_told_with_examples(text: str) -> None:
+    with pytest.raises(InputTextError, match=r"1200.*12:00:03\.5.*-50ms"):
+        parse_goal(text)
+
+
+@pytest.mark.parametrize(
+    ("typed", "whole"),
+    [
+        ("mo", "motor"),
+        ("motor = 1 AND r", "motor = 1 AND rpm"),
+        ("kind = 'speed_", "kind = 'speed_feedback'"),
+        ("motor = 1 an", "motor = 1 AND"),
+        ("motor ", "motor ="),
+        ("zz", None),
+        ("", None),
+    ],
+)
+def test_the_last_word_is_completed(typed: str, whole: str | None) -> None:
+    assert completed(typed) == whole
+
+
+def test_history_goes_back_and_returns_to_what_was_typed() -> None:
+    history = History()
+    for line in ("a", "b", "a", ""):
+        history.add(line)
+    assert [history.go(-1, "half") for _ in range(3)] == ["a", "b", "b"]
+    assert [history.go(1, "half") for _ in range(3)] == ["a", "half", "half"]
+
+
+def test_history_without_lines_keeps_what_is_typed() -> None:
+    history = History()
+    assert history.go(-1, "half") == history.go(1, "half") == "half"

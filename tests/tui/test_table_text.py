@@ -1,0 +1,152 @@
+"""The table's columns, cells and lines of text, without a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+from rich.style import Style
+
+from fte_sniff.protocol import COLUMNS, KINDS, Damage, Fault, Frame, Row, Status, encode, record
+from fte_sniff.tui.fitting import fit, fit_path, fit_right
+from fte_sniff.tui.table.layout import MARKS, ORDER, clock_text, layout_for
+from fte_sniff.tui.table.painter import Painter
+from fte_sniff.tui.table.palette import DARK, LIGHT, Palette
+
+PORTS = st.text(max_size=30)
+TIMES = st.one_of(st.none(), st.integers(0, 2**63 - 1))
+FAULTS = st.lists(st.sampled_from(list(Fault)), unique=True, max_size=3).map(tuple)
+FRAMES = st.builds(
+    Frame, PORTS, st.integers(0, 2**40), st.binary(min_size=10, max_size=10), TIMES, FAULTS
+).filter(lambda row: row.raw[0] in (0xAA, 0x55))
+KIND_FRAMES = st.builds(
+    lambda kind, end, port: Frame(
+        port, 0, encode(kind, {field.name: getattr(field, end) for field in kind.fields}), 0
+    ),
+    st.sampled_from(KINDS),
+    st.sampled_from(("low", "high")),
+    PORTS,
+)
+DAMAGE = st.builds(Damage, PORTS, st.integers(0, 2**40), st.binary(max_size=1024), TIMES, FAULTS)
+ROWS = st.one_of(FRAMES, KIND_FRAMES, DAMAGE)
+
+
+@given(st.text(), st.integers(0, 40))
+def test_fitted_text_has_exactly_its_width(text: str, width: int) -> None:
+    printable = "".join(c if c.isprintable() else "?" for c in text)
+    assert cell_len(fit(printable, width)) == width
+    assert cell_len(fit_right(printable, width)) == width
+    assert cell_len(fit_path(printable, width)) <= max(width, 0)
+
+
+def test_a_path_keeps_its_end() -> None:
+    assert fit_path("/home/ana/captures/run-7.mcap", 12) == "…/run-7.mcap"
+    assert fit_path("run-7.mcap", 12) == "run-7.mcap"
+
+
+def test_wide_characters_take_two_cells() -> None:
+    assert fit("串口一", 7) == "串口一 "
+    assert fit("串口一号", 6) == "串口 …"
+
+
+def test_the_table_has_every_column_of_the_contract_once() -> None:
+    assert sorted(ORDER) == sorted(column.name for column in COLUMNS)
+
+
+@pytest.mark.parametrize(
+    ("width", "ports", "last"), [(79, 1, "wz_mrad_s"), (199, 1, "cmd"), (139, 2, "online")]
+)
+def test_what_fits_without_moving_sideways(width: int, ports: int, last: str) -> None:
+    assert layout_for(width, ports).end_of(last) <= width
+
+
+def test_the_port_is_shown_only_where_there_are_several() -> None:
+    assert "port" not in {column.name for column in layout_for(80, 1).columns}
+    assert "port" in {column.name for column in layout_for(80, 2).columns}
+
+
+@given(ROWS, st.sampled_from((40, 80, 200)), st.sampled_from((1, 2)))
+def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> None:
+    values = record(row)
+    for column in layout_for(width, ports).columns:
+        cell = column.cell(values[column.name])
+        assert cell_len(cell) == column.width
+        assert cell.isprintable()
+
+
+@given(
+    ROWS,
+    st.integers(0, 240),
+    st.sampled_from((1, 2)),
+    st.integers(0, 16),
+    st.sampled_from((DARK, LIGHT)),
+)
+def test_every_line_fills_the_window_and_has_styles(
+    row: Row, width: int, ports: int, hidden: int, palette: Palette
+) -> None:
+    painter = Painter(layout_for(width, ports), palette, width, hidden)
+    for strip in (painter.row(row, Style.null()), painter.head(Style.null())):
+        assert strip.cell_length == width
+        assert all(isinstance(segment.style, Style) for segment in strip)
+        assert strip.text.isprintable()
+
+
+def painted(row: Row, width: int, hidden: int = 0) -> str:
+    return Painter(layout_for(width, 1), DARK, width, hidden).row(row, Style.null()).text
+
+
+def test_a_line_at_eighty_cells(speed_rows: Callable[..., list[Row]]) -> None:
+    [row] = speed_rows(1, start=1234)
+    assert painted(row, 79).rstrip() == "  12:00:01.234 speed                 3   1234"
+
+
+def test_damage_takes_the_place_of_values_where_the_table_is_narrow(odd_rows: list[Row]) -> None:
+    damage = odd_rows[3]
+    assert painted(damage, 79).rstrip() == (
+        "! 12:00:00.000 bad_tail  AA 01 01 00 01 00 00 00 00 EF"
+    )
+    wide = painted(damage, 199)
+    assert wide.count("AA 01 01 00 01 00 00 00 00 EF") == wide.count("bad_tail") == 1
+
+
+def test_of_long_damage_the_length_is_told(odd_rows: list[Row]) -> None:
+    assert "1024 bytes" in painted(odd_rows[5], 110)
+
+
+def test_time_stays_when_columns_are_moved_out(speed_rows: Callable[..., list[Row]]) -> None:
+    [row] = speed_rows(1, start=1234)
+    assert painted(row, 79, hidden=2).startswith("  12:00:01.234   1234 ")
+    assert "AA 01 03 04 D2 00 00 00 00 EE" in painted(row, 79, hidden=8)
+
+
+def test_the_head_says_where_there_is_more() -> None:
+    def head(hidden: int) -> str:
+        return Painter(layout_for(79, 1), DARK, 79, hidden).head(Style.null()).text
+
+    assert head(0).startswith("  time         kind ")
+    assert head(0).endswith(">")
+    assert head(2).startswith("  time        <   rpm ")
+    last = layout_for(79, 1).most_hidden(79)
+    assert head(last).rstrip().endswith("cmd")
+    assert head(last - 1).endswith(">")
+
+
+def test_every_status_that_is_not_in_order_has_a_mark_of_its_own(odd_rows: list[Row]) -> None:
+    marks = {row.status: painted(row, 80)[0] for row in odd_rows}
+    assert marks == {Status.MALFORMED: "!", Status.SUSPECT: "?"}
+    assert len(set(MARKS.values())) == len(Status)
+
+
+@pytest.mark.parametrize("palette", [DARK, LIGHT])
+def test_every_kind_and_status_has_a_style(palette: Palette) -> None:
+    assert set(palette.kinds) == {kind.name for kind in KINDS}
+    assert set(palette.statuses) == set(palette.marks) == set(Status)
+    styles = [palette.kinds[kind.name] for kind in KINDS]
+    assert len(set(styles)) == len(KINDS)
+
+
+def test_the_clock_is_utc() -> None:
+    assert clock_text(1_769_860_800_123_456_789, 9) == "12:00:00.123456789"
