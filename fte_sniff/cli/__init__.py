@@ -7,7 +7,7 @@ text, 3 port, 4 file).
     main        the group of commands and the last handler of every error
     inputs      files and standard input, to batches of rows
     outputs     where rows go: standard output or a new file
-    filtering   `--filter`
+    filtering, keeping    `--filter`, `--keep-rows`
     signals, stdout    how a command that runs on hears of its end
     live, view, decode, hex, encode, simulate, ports    the commands
 """

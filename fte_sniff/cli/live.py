@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.filtering import filter_option, row_filter, selection
+from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.cli.signals import signals_call
 from fte_sniff.cli.stdout import abandon_stdout
 from fte_sniff.errors import UsageError, shown
@@ -39,10 +40,16 @@ _LINE_WORDS = click.Choice(["on", "off", "leave"])
 @click.option("--no-record", is_flag=True, help="Record nothing.")
 @click.option("--plain", is_flag=True, help="Print one line a row instead of the screen.")
 @filter_option
+@keep_rows_option(1_000_000)
 @click.option("--duration", type=click.FloatRange(min=0), metavar="S", help="End after S seconds.")
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows.")
 def command(
-    filter_text: str | None, plain: bool, output: Path | None, no_record: bool, **options: Any
+    filter_text: str | None,
+    plain: bool,
+    output: Path | None,
+    no_record: bool,
+    keep_rows: int,
+    **options: Any,
 ) -> None:
     r"""Capture PORT, record it and watch it.
 
@@ -62,7 +69,7 @@ def command(
     if plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         _print_lines(plan, filter_text)
     else:
-        _show_screen(plan, filter_text)
+        _show_screen(plan, filter_text, keep_rows)
 
 
 def _default_path() -> Path:
@@ -133,15 +140,17 @@ def _row_batches(session: LiveSession) -> Iterator[Sequence[Row]]:
             yield update.rows
 
 
-def _show_screen(plan: CapturePlan, filter_text: str | None) -> None:
+def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int) -> None:
     from fte_sniff.session.live import LiveSession
     from fte_sniff.tui.app import AtEnd, run_screen
 
     wanted = row_filter(filter_text)
     bounded = plan.duration_s is not None or plan.count is not None
     with LiveSession(plan) as session:
-        run_screen(session, AtEnd.LEAVE if bounded else AtEnd.STAY, wanted)
+        at_end = AtEnd.LEAVE if bounded else AtEnd.STAY
+        code = run_screen(session, at_end, wanted, keep_rows)
     _leave(plan, session)
+    sys.exit(code)
 
 
 def _leave(plan: CapturePlan, session: LiveSession) -> None:

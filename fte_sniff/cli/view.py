@@ -14,6 +14,7 @@ import click
 
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import STDIN, batches_of, input_arguments
+from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.formats.kinds import InputKind
 from fte_sniff.protocol import Row
@@ -22,7 +23,10 @@ from fte_sniff.protocol import Row
 @click.command(name="view", short_help="Look at files on the screen that live has.")
 @input_arguments
 @filter_option
-def command(files: tuple[Path, ...], kind: InputKind | None, filter_text: str | None) -> None:
+@keep_rows_option(10_000_000)
+def command(
+    files: tuple[Path, ...], kind: InputKind | None, filter_text: str | None, keep_rows: int
+) -> None:
     """Look at recordings, raw bytes or hex text on the screen that `live` has.
 
     \b
@@ -41,11 +45,12 @@ def command(files: tuple[Path, ...], kind: InputKind | None, filter_text: str | 
     # What cannot be read at all is told before the screen opens, not on it.
     batches[0] = _begun(batches[0])
     session = ReplaySession(chain.from_iterable(batches), " ".join(map(str, files)))
-    run_screen(session, AtEnd.STAY, wanted)
+    code = run_screen(session, AtEnd.STAY, wanted, keep_rows)
     for note in notes:
         click.echo(shown(note), err=True)
     if session.error is not None:
         raise session.error
+    sys.exit(code)
 
 
 def _begun(batches: Iterator[list[Row]]) -> Iterator[list[Row]]:
