@@ -31,8 +31,7 @@ import polars as pl
 
 from fte_sniff.analysis.columns import row_frame
 from fte_sniff.analysis.filter_grammar import condition
-from fte_sniff.analysis.filter_tokens import printable
-from fte_sniff.errors import FilterError
+from fte_sniff.errors import FilterError, shown
 from fte_sniff.protocol import COLUMNS, KINDS, Damage, Fault, Frame, Row, encode
 
 
@@ -86,7 +85,7 @@ class RowFilter:
 
 
 def _refused(error: BaseException) -> FilterError:
-    why = printable(str(error).split("\n", 1)[0][:120])
+    why = shown(str(error).split("\n", 1)[0][:120])
     return FilterError(f"filter: it cannot be computed ({why}); compare fields with plain values")
 
 

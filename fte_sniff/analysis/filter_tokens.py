@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from fte_sniff.errors import FilterError
+from fte_sniff.errors import FilterError, shown
 
 MAX_LENGTH: Final = 8_000
 """Characters in a filter; more are an accident, not a question."""
@@ -91,11 +91,6 @@ _ADVICE: Final = {
 }
 
 
-def printable(text: str) -> str:
-    """Text from outside as it can be shown on one line: control characters are escaped."""
-    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
-
-
 def complaint(text: str, at: int, what: str, way_out: str = "") -> FilterError:
     """An error that names a place in a filter.
 
@@ -109,14 +104,14 @@ def complaint(text: str, at: int, what: str, way_out: str = "") -> FilterError:
     after = text[at : at + _EXCERPT]
     start = "..." if at > _EXCERPT else ""
     end = "..." if at + _EXCERPT < len(text) else ""
-    place = f'{at + 1} of "{start}{printable(before)}-->{printable(after)}{end}"'
+    place = f'{at + 1} of "{start}{shown(before)}-->{shown(after)}{end}"'
     tail = f"; {_short(way_out)}" if way_out else ""
     return FilterError(f"filter: {_short(what)} at character {place}{tail}")
 
 
 def _short(text: str) -> str:
-    shown = printable(text)
-    return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}..."
+    line = shown(text)
+    return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}..."
 
 
 def tokens(text: str) -> list[Token]:

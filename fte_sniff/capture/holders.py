@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from fte_sniff.errors import shown
+
 _PROC = Path("/proc")
 
 
@@ -23,11 +25,6 @@ class Holder:
 
     def __str__(self) -> str:
         return f"{self.name} (pid {self.pid})"
-
-
-def printable(text: str) -> str:
-    """Text from outside with every character escaped that a terminal could obey."""
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def holders_of(device: str) -> list[Holder]:
@@ -65,6 +62,6 @@ def _open_files(pid: int) -> Iterator[os.stat_result]:
 
 def _name_of(pid: int) -> str:
     try:
-        return printable((_PROC / str(pid) / "comm").read_text(errors="replace").strip())
+        return shown((_PROC / str(pid) / "comm").read_text(errors="replace").strip())
     except OSError:
         return "a program"

@@ -13,7 +13,8 @@ from pathlib import Path
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.capture.holders import Holder, holders_of, printable
+from fte_sniff.capture.holders import Holder, holders_of
+from fte_sniff.errors import shown
 
 _BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
@@ -68,7 +69,7 @@ def _listing(port: ListPortInfo, by_id: str | None) -> PortListing:
         pid=port.pid,
         serial_number=_shown(port.serial_number),
         location=_shown(port.location),
-        description=printable(port.description),
+        description=shown(port.description),
         driver=_driver_of(port.device),
         permitted=os.access(port.device, os.R_OK | os.W_OK),
         holders=tuple(holders_of(port.device)),
@@ -76,7 +77,7 @@ def _listing(port: ListPortInfo, by_id: str | None) -> PortListing:
 
 
 def _shown(text: str | None) -> str | None:
-    return None if text is None else printable(text)
+    return None if text is None else shown(text)
 
 
 def _links_in(folder: Path) -> dict[str, str]:

@@ -16,9 +16,9 @@ from urllib.parse import urlsplit
 
 import serial
 
-from fte_sniff.capture.holders import holders_of, printable
+from fte_sniff.capture.holders import holders_of
 from fte_sniff.capture.permission import way_in
-from fte_sniff.errors import PortError
+from fte_sniff.errors import PortError, shown
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 _MODULE_NEEDED = {"cp2110": "hid"}
@@ -50,10 +50,10 @@ def check_name(name: str) -> None:
     known = known_schemes()
     if scheme.lower() not in known:
         listed = ", ".join(f"{scheme}://" for scheme in known)
-        raise PortError(f"{printable(name)}: no such kind of port; known are {listed}")
+        raise PortError(f"{shown(name)}: no such kind of port; known are {listed}")
     if scheme.lower() in _NETWORK_SCHEMES and not _names_host_and_port(name):
         example = f"{scheme.lower()}://192.168.0.7:4001"
-        raise PortError(f"{printable(name)} names no host and TCP port: write it like {example}")
+        raise PortError(f"{shown(name)} names no host and TCP port: write it like {example}")
 
 
 def refusal(name: str, device: str | None, error: BaseException) -> PortError:
@@ -66,22 +66,22 @@ def refusal(name: str, device: str | None, error: BaseException) -> PortError:
     """
     if isinstance(error.__cause__, PortError):
         return error.__cause__
-    shown = printable(name)
+    named = shown(name)
     what = None if device is None else _what_of_device(device, _errno_of(error))
     if what is None:
         # pyserial repeats the name in its own words; once is enough. Where it stumbles over options
         # that it does not know, its words say nothing.
-        told = one_line(error).rpartition(f"port {shown}: ")[2]
+        told = one_line(error).rpartition(f"port {named}: ")[2]
         stumbled = isinstance(error, LookupError)
         what = f" cannot be opened: {'its options cannot be read' if stumbled else told}"
         if urlsplit(name).scheme.lower() in _NETWORK_SCHEMES:
             what += "; does a server listen there?"
-    return PortError(f"{shown}{what}")
+    return PortError(f"{named}{what}")
 
 
 def one_line(error: BaseException) -> str:
     """The error's own text on one line, with nothing that a terminal could obey."""
-    return printable(" ".join(str(error).split()))
+    return shown(" ".join(str(error).split()))
 
 
 def _names_host_and_port(url: str) -> bool:

@@ -3,9 +3,10 @@ import subprocess
 
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.capture.holders import Holder, holders_of, printable
+from fte_sniff.capture.holders import Holder, holders_of
 from fte_sniff.capture.listing import list_ports, listings
 from fte_sniff.capture.permission import way_in
+from fte_sniff.errors import shown
 
 
 def found(device, **facts):
@@ -45,7 +46,7 @@ def test_who_has_a_device_open_is_named_and_oneself_is_not(pty):
 
 
 def test_text_from_outside_is_shown_not_obeyed():
-    assert printable("a\x1b[31m\n\u202eb é") == r"a\x1b[31m\n\u202eb é"
+    assert shown("a\x1b[31m\n\u202eb é") == r"a\x1b[31m\n\u202eb é"
 
 
 def test_the_way_in_names_the_group_or_the_rule(tmp_path):
