@@ -11,7 +11,7 @@ from enum import StrEnum
 from typing import TypeAlias
 
 from fte_sniff.protocol.rows import FAULT_MEANINGS, Fault, Frame, Row, Status
-from fte_sniff.protocol.table import KINDS, VALUE_FIELDS, Direction, Field
+from fte_sniff.protocol.table import KINDS, VALUE_FIELDS, Direction
 
 Value: TypeAlias = int | str | list[str] | None
 """What a column holds: a number, a text, the list of faults, or nothing."""
@@ -43,8 +43,11 @@ class Column:
     """For WORD and WORDS: every value there can be."""
 
 
-def _with_unit(field: Field) -> str:
-    return f"{field.meaning} [{field.unit}]" if field.unit else field.meaning
+def _meaning(name: str, unit: str) -> str:
+    """What a value is in every kind that has it, with its unit."""
+    fields = (field for kind in KINDS for field in kind.fields if field.name == name)
+    meanings = ", or ".join(dict.fromkeys(field.meaning for field in fields))
+    return f"{meanings} [{unit}]" if unit else meanings
 
 
 COLUMNS: tuple[Column, ...] = (
@@ -56,11 +59,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("kind", ColumnType.WORD, "kind of frame", tuple(kind.name for kind in KINDS)),
     Column("cmd", ColumnType.INT, "CMD as on the wire"),
     *(
-        Column(
-            field.name,
-            ColumnType.INT,
-            f"{field.meaning} [{field.unit}]" if field.unit else field.meaning,
-        )
+        Column(field.name, ColumnType.INT, _meaning(field.name, field.unit))
         for field in VALUE_FIELDS
     ),
     Column("status", ColumnType.WORD, "how far the row can be believed", tuple(Status)),

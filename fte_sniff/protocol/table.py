@@ -121,6 +121,10 @@ class Field:
             raise ValueRangeError(f"{self.name} {value} is out of range: {self.range_text}")
         return value.to_bytes(self.size, "big", signed=self.signed)
 
+    def text(self, value: int) -> str:
+        """A value as people read it: bit fields in hex, all else in decimal, without the unit."""
+        return f"{value}" if self.defined_bits is None else f"0x{value:02X}"
+
     @property
     def range_text(self) -> str:
         """The legal range with its unit, for messages and help: `-32768..32767 RPM`."""

@@ -1,0 +1,159 @@
+"""Owns how likely things are: what frames hold, how they are damaged, what noise looks like.
+
+It must not know of streams or windows. This is the cost model of the framer, written down once:
+the probability of a stretch of bytes under each explanation, divided by the probability of the
+same bytes as uniform noise (1/256 each). So a noise byte weighs 1, a byte that only one value fits
+weighs 256, and the weight of a reading is the product of the weights of its pieces; its negative
+logarithm is its cost in bits.
+
+What was chosen, and why:
+
+- One frame in ten is damaged. Readings hardly depend on it: it is small against what structure
+  tells, and large enough that damage is considered at once.
+- Five kinds of damage are equally likely: 1-9 adjacent bytes lost, 1-4 put in, one bit flipped,
+  2-6 adjacent bytes replaced, 1-30 bytes of junk before a frame. Each place is equally likely.
+- Payload bytes are not uniform: 00 and FF are common, 01-03 too, and AA, 55 and EE get a surplus.
+  Without it, three payload bytes that happen to imitate a frame's first bytes would
+  weigh as much as real evidence.
+- Long noise (a wrong baud rate, a plugged-in cable) is rare to begin, and lasts once it began; a
+  lone legal-looking frame in the midst of it has to outweigh leaving noise and beginning it anew.
+- A pause on the line between two bytes is 64 times as likely between frames as within one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG, legal_bytes
+from fte_sniff.protocol.table import (
+    FRAME_LENGTH,
+    KINDS,
+    NUM_PLACE,
+    TAIL,
+    FrameKind,
+)
+
+DAMAGED = 0.1
+"""Share of frames that are damaged."""
+
+WHOLE = 1 - DAMAGED
+"""Share of frames that arrive as they were sent."""
+
+_EACH_HARM = DAMAGED / 5
+
+LONGEST_JUNK = 30
+"""Bytes that junk before a frame has at most; more is long noise."""
+
+JUNK = _EACH_HARM / LONGEST_JUNK
+"""Weight of junk of one certain length."""
+
+NOISE_BEGINS = 1e-5
+"""Weight of long noise beginning at a boundary."""
+
+NOISE_ENDS = 1 / 500
+"""Weight of long noise ending at a header."""
+
+NOISE_STAYS = 1 - NOISE_ENDS
+
+FOREIGN = 0.002
+"""Share of frames with a header, a tail and content that this protocol does not have."""
+
+PAUSE_WITHIN = 1 / 64
+"""Weight of a pause within a frame, against one between frames."""
+
+UNPAUSED = 1 / 64
+"""Weight of two pieces meeting without a pause, where other pauses show that the line has them."""
+
+CERTAIN = 0.9995
+"""A frame that is at least so probable is believed; a less probable one is `ambiguous`."""
+
+SHOWN = 0.03
+"""A frame that is at least so probable is shown as a frame, if no other claims its bytes."""
+
+
+def _uneven(shares: Mapping[int, float]) -> tuple[float, ...]:
+    """Weights of a byte's values, where some have a share of their own and the rest is even."""
+    even = (1 - sum(shares.values())) / (256 - len(shares))
+    return tuple(256 * shares.get(byte, even) for byte in range(256))
+
+
+_IMITATING = dict.fromkeys([*HEADER_BYTES, TAIL], 0.03)
+_PAYLOAD = _uneven({0x00: 0.25, 0xFF: 0.08, **dict.fromkeys((1, 2, 3), 0.03), **_IMITATING})
+_UNUSED_NUM = _uneven({0x00: 0.5})
+_USUAL_FLAGS = 0.9
+"""Share of flag bytes that have the value of the protocol's examples."""
+
+
+def _place_weights(kind: FrameKind, place: int) -> tuple[float, ...]:
+    """For one place of a kind the weight of each byte value; 0 where it does not fit."""
+    legal = legal_bytes(kind)[place]
+    if legal is None:
+        return _UNUSED_NUM if place == NUM_PLACE else _PAYLOAD
+    weights = [0.0] * 256
+    usual = next((f.default for f in kind.fields if f.start == place and f.size == 1), None)
+    for byte in legal:
+        weights[byte] = 256 / len(legal)
+        if usual is not None:
+            rest = (1 - _USUAL_FLAGS) / (len(legal) - 1)
+            weights[byte] = 256 * (_USUAL_FLAGS if byte == usual else rest)
+    return tuple(weights)
+
+
+def _choices(header: int) -> int:
+    """How many CMDs a header has."""
+    return sum(len(kind.cmds) for kind in KINDS if kind.header == header)
+
+
+PLACE_WEIGHTS: Mapping[str, tuple[tuple[float, ...], ...]] = MappingProxyType(
+    {
+        kind.name: tuple(_place_weights(kind, place) for place in range(FRAME_LENGTH))
+        for kind in KINDS
+    }
+)
+"""By kind, place and byte value: the weight if that kind was sent, 0 where the byte cannot be."""
+
+KIND_SHARE: Mapping[str, float] = MappingProxyType(
+    {kind.name: len(kind.cmds) / _choices(kind.header) / len(HEADER_BYTES) for kind in KINDS}
+)
+"""The share of a kind among all frames: every header is equally likely, and every CMD under it."""
+
+HEADER_WEIGHT = 256 / len(HEADER_BYTES)
+"""Weight of a header byte at the first place of a frame."""
+
+BROKEN = 1e-5
+"""Weight of a frame damaged twice or in some other way, its tail left, of one certain length."""
+
+UNUSUAL = 0.003
+"""Share of frames with reserve bytes or flags that the document does not show."""
+
+LIKELY = 0.5
+"""A frame that does not fit its kind at every place is `ambiguous` if it is less probable."""
+
+FOREIGN_FRAME = FOREIGN * HEADER_WEIGHT * 256
+"""Weight of ten bytes between a header and a tail, whatever they are."""
+
+
+def _lost(length: int) -> float:
+    """Weight of a truncated frame of `length` bytes, for one place of the loss."""
+    return _EACH_HARM / (FRAME_LENGTH - 1) / (length + 1)
+
+
+LOST: tuple[float, ...] = (0.0, *(_lost(length) for length in range(1, FRAME_LENGTH)))
+"""By length left: weight of one certain run of bytes having been lost."""
+
+PUT_IN = _EACH_HARM / (LONGEST_OVERLONG - FRAME_LENGTH) / (FRAME_LENGTH - 1)
+"""Weight of one certain number of bytes having been put in at one certain place."""
+
+
+def _changed(width: int) -> float:
+    if width == 1:
+        return _EACH_HARM / FRAME_LENGTH / 8
+    return _EACH_HARM / 5 / (FRAME_LENGTH + 1 - width)
+
+
+WIDEST_CHANGE = 6
+"""Bytes that one replacement changes at most."""
+
+CHANGED: tuple[float, ...] = (0.0, *(_changed(width) for width in range(1, WIDEST_CHANGE + 1)))
+"""By width: weight of that many adjacent bytes having been changed at one certain place."""

@@ -1,0 +1,90 @@
+"""Owns the regular expressions that find frames in bytes, built from the frame table.
+
+They must not decide anything: the framer does. All of them look at whole frames of ten bytes.
+"""
+
+from __future__ import annotations
+
+import re
+
+from fte_sniff.protocol.structure import HEADER_BYTES, strict_regex
+from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, MOTORS, TAIL, FrameKind
+
+_HEADER = b"[%b]" % re.escape(HEADER_BYTES)
+_TAIL = re.escape(bytes([TAIL]))
+_FRAMED = b"%b.{%d}%b" % (_HEADER, FRAME_LENGTH - 2, _TAIL)
+
+_TAIL_AHEAD = b"(?=.{%d}%b)" % (FRAME_LENGTH - 2, _TAIL)
+
+
+def _behind_header(header: int) -> bytes:
+    """The strict frames with that header, from their second byte on."""
+    own = re.escape(bytes([header]))
+    kinds = (strict_regex(kind) for kind in KINDS if kind.header == header)
+    return b"(?<=%b)(?:%b)" % (own, b"|".join(kind.partition(b"]")[2] for kind in kinds))
+
+
+_STRICT = b"%b%b(?:%b)" % (
+    _HEADER,
+    _TAIL_AHEAD,
+    b"|".join(_behind_header(header) for header in HEADER_BYTES),
+)
+_DIVIDING = b"%b%b|%b[%b][%b]" % (
+    _TAIL,
+    _HEADER,
+    _HEADER,
+    re.escape(bytes({cmd for kind in KINDS if kind.fields for cmd in kind.cmds})),
+    re.escape(bytes([0, *MOTORS])),
+)
+_CALM = b"[^%b%b]{%d}" % (re.escape(HEADER_BYTES), _TAIL, FRAME_LENGTH - 2)
+
+
+def _plain_regex(kind: FrameKind) -> bytes:
+    """As `strict_regex`, but nothing dividing begins in the free bytes."""
+    free = re.compile(rb"\.{2,}")
+    plain = b"(?:[^%b%b]{%d}|(?:(?!%b).){%d})"
+    headers = re.escape(HEADER_BYTES)
+    return free.sub(
+        lambda dots: plain % (headers, _TAIL, len(dots[0]), _DIVIDING, len(dots[0])),
+        strict_regex(kind),
+    )
+
+
+STRICT = re.compile(_STRICT, re.DOTALL)
+"""A frame that fits its kind at every place: no reserve byte set, no undefined flag."""
+
+_RUN_FRAMES = 128
+
+PLAIN_RUN = re.compile(
+    b"(?:%b){0,%d}+" % (b"|".join(_plain_regex(kind) for kind in KINDS), _RUN_FRAMES), re.DOTALL
+)
+"""Such frames in step, up to `LONG_RUN` bytes, none of which could also be two truncated ones."""
+
+LONG_RUN = _RUN_FRAMES * FRAME_LENGTH
+"""Bytes of the longest run that `PLAIN_RUN` matches; behind it there may be more."""
+
+DIVIDING = re.compile(_DIVIDING, re.DOTALL)
+"""In a payload: here one truncated frame could end and another begin, or begin with its motor."""
+
+STRICT_PAIR = re.compile(_STRICT * 2, re.DOTALL)
+"""Two such frames in step."""
+
+CALM = re.compile(b"%b%b%b" % (_HEADER, _CALM, _TAIL), re.DOTALL)
+"""Ten bytes that hold no header but the first and no tail but the last."""
+
+FRAMED_THREE = re.compile(_FRAMED * 3, re.DOTALL)
+"""Three times ten bytes in step, each between a header and a tail, whatever they hold."""
+
+ANCHOR_TAIL = re.compile(
+    b"%b(?:(?<=%b)(?=.{%d})|(?<=%b)(?=%b))"
+    % (
+        _TAIL,
+        b"|".join(strict_regex(kind) for kind in KINDS),
+        *(FRAME_LENGTH, _FRAMED, _FRAMED),
+    ),
+    re.DOTALL,
+)
+"""The tail of what can end long noise: a frame that fits, or ten framed bytes before ten others."""
+
+ANCHOR_REACH = 2 * FRAME_LENGTH - 1
+"""An anchor that is not yet complete begins at most so many bytes before the end."""

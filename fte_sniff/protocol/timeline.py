@@ -1,0 +1,82 @@
+"""Owns the way from the times of chunks to the times of bytes, and to silence on the line.
+
+It must not know of frames.
+
+A chunk of n bytes was read at t. Its byte i is taken to have begun n - i byte times before t, but
+not before the read before it: `max(P, t - (n - i) * byte time)`, where P is the latest time at
+which bytes of this port were read before. So times never fall, and they are the same however the
+bytes were cut into chunks, if a piece cut off earlier carries the correspondingly earlier time.
+
+Silence before a chunk is what is left between P and its first byte. An empty chunk says that
+nothing came up to its time; it is silence too, but moves no byte.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+from fte_sniff.protocol.rows import Chunk
+
+
+class Mark(NamedTuple):
+    """The bytes of one chunk in their port's stream, and when they were read."""
+
+    start: int
+    """Offset of the first byte."""
+    stop: int
+    """Offset behind the last byte."""
+    t_ns: int | None
+    """When they were read, nanoseconds since 1970 UTC."""
+    floor_ns: int | None
+    """No byte of them began before this time."""
+    byte_ns: int
+
+    def time_of(self, offset: int) -> int | None:
+        """When the byte at `offset` began on the wire."""
+        if self.t_ns is None:
+            return None
+        began = self.t_ns - (self.stop - offset) * self.byte_ns
+        return began if self.floor_ns is None else max(began, self.floor_ns)
+
+    def delay_after(self, began_ns: int) -> int:
+        """From the time when a byte began to the return of its read, nanoseconds."""
+        return 0 if self.t_ns is None else max(0, self.t_ns - began_ns)
+
+
+class Timeline:
+    """The marks of one port's latest bytes."""
+
+    def __init__(self, byte_ns: int) -> None:
+        self._byte_ns = byte_ns
+        self._marks: deque[Mark] = deque()
+        self._size = 0
+        self._floor: int | None = None
+        self._silent_since: int | None = None
+
+    def add(self, chunk: Chunk) -> int:
+        """Take a chunk with bytes; returns the silence before it, nanoseconds, 0 if unknown."""
+        stop = self._size + len(chunk.data)
+        self._marks.append(Mark(self._size, stop, chunk.t_ns, self._floor, self._byte_ns))
+        self._size = stop
+        before, self._silent_since = self._silent_since, chunk.t_ns
+        if chunk.t_ns is None:
+            return 0
+        if self._floor is not None:
+            self._silent_since = max(self._floor, chunk.t_ns)
+        self._floor = self._silent_since
+        if before is None:
+            return 0
+        return max(0, chunk.t_ns - len(chunk.data) * self._byte_ns - before)
+
+    def silence_at(self, t_ns: int | None) -> int:
+        """How long the line has been silent at `t_ns`, nanoseconds, 0 if unknown."""
+        if t_ns is None or self._silent_since is None:
+            return 0
+        return max(0, t_ns - self._silent_since)
+
+    def mark(self, offset: int) -> Mark:
+        """The mark of the byte at `offset`; earlier offsets must not be asked for again."""
+        while self._marks[0].stop <= offset:
+            self._marks.popleft()
+        return self._marks[0]

@@ -1,0 +1,146 @@
+"""Encode and decode of single frames: the protocol's own examples, and every legal value."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.errors import ValueRangeError
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    KINDS,
+    Chunk,
+    Fault,
+    Frame,
+    FrameKind,
+    Framer,
+    encode,
+    frame_faults,
+)
+
+GOLDEN = [
+    ("AA 00 00 00 00 00 00 00 00 EE", "reset", {}),
+    ("AA 01 01 03 E8 00 00 00 00 EE", "speed", {"motor": 1, "rpm": 1000}),
+    ("AA 02 02 03 E8 00 00 27 10 EE", "position", {"motor": 2, "rpm": 1000, "pulses": 10000}),
+    (
+        "AA 03 00 00 0A 00 00 00 00 EE",
+        "mecanum",
+        {"vx_cm_s": 10, "vy_cm_s": 0, "wz_mrad_s": 0},
+    ),
+    (
+        "AA 03 00 00 14 00 0A 00 00 EE",
+        "mecanum",
+        {"vx_cm_s": 20, "vy_cm_s": 10, "wz_mrad_s": 0},
+    ),
+    (
+        "55 01 01 03 E8 00 00 00 0F EE",
+        "speed_feedback",
+        {"motor": 1, "rpm": 1000, "error": 0, "online": 15},
+    ),
+    (
+        "55 02 01 00 00 27 10 00 0F EE",
+        "position_feedback",
+        {"motor": 1, "pulses": 10000, "error": 0, "online": 15},
+    ),
+]
+"""PROTOCOL.md, "The document's own examples"."""
+
+
+@pytest.mark.parametrize(("text", "kind", "values"), GOLDEN)
+def test_golden_vectors_encode(text: str, kind: str, values: dict[str, int]) -> None:
+    assert encode(KIND_BY_NAME[kind], values) == bytes.fromhex(text)
+
+
+@pytest.mark.parametrize(("text", "kind", "values"), GOLDEN)
+def test_golden_vectors_decode(text: str, kind: str, values: dict[str, int]) -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", None, bytes.fromhex(text))) + framer.flush()
+    assert len(rows) == 1
+    row = rows[0]
+    assert isinstance(row, Frame)
+    assert row.kind is KIND_BY_NAME[kind]
+    assert (row.values, row.faults) == (values, ())
+
+
+@st.composite
+def legal_frames(draw: st.DrawFn) -> tuple[FrameKind, dict[str, int], int, bytes]:
+    """A kind, values that fit it, one of its CMDs, and the frame's bytes."""
+    kind = draw(st.sampled_from(KINDS))
+    values = {}
+    for field in kind.fields:
+        high = field.high if field.defined_bits is None else field.defined_bits
+        values[field.name] = draw(st.integers(field.low, high))
+    cmd = draw(st.sampled_from(kind.cmds))
+    return kind, values, cmd, encode(kind, values, cmd)
+
+
+@given(legal_frames())
+def test_encode_then_decode_is_the_identity(
+    frame: tuple[FrameKind, dict[str, int], int, bytes],
+) -> None:
+    kind, values, cmd, raw = frame
+    framer = Framer("p")
+    (row,) = framer.feed(Chunk("p", None, raw)) + framer.flush()
+    assert isinstance(row, Frame)
+    assert (row.kind, row.values, row.cmd, row.raw) == (kind, values, cmd, raw)
+    assert set(row.faults) <= {Fault.AMBIGUOUS}
+
+
+ALL_FIELDS = [(kind, field) for kind in KINDS for field in kind.fields]
+
+
+@pytest.mark.parametrize(("kind", "field"), ALL_FIELDS, ids=lambda entry: entry.name)
+@pytest.mark.parametrize("beyond", ["low", "high"])
+def test_a_value_out_of_range_names_field_range_and_unit(
+    kind: FrameKind, field: object, beyond: str
+) -> None:
+    values = {other.name: other.low for other in kind.fields}
+    (wrong,) = [other for other in kind.fields if other is field]
+    values[wrong.name] = wrong.low - 1 if beyond == "low" else wrong.high + 1
+    with pytest.raises(ValueRangeError) as error:
+        encode(kind, values)
+    message = str(error.value)
+    assert wrong.name in message
+    assert f"{wrong.low}..{wrong.high}" in message
+    assert wrong.unit in message
+    assert "\n" not in message
+
+
+def test_a_missing_value_is_named() -> None:
+    with pytest.raises(ValueRangeError, match=r"speed needs rpm \(-32768\.\.32767 RPM\)"):
+        encode(KIND_BY_NAME["speed"], {"motor": 1})
+
+
+def test_a_value_of_another_kind_is_named() -> None:
+    with pytest.raises(ValueRangeError, match="reset has no rpm"):
+        encode(KIND_BY_NAME["reset"], {"rpm": 1})
+
+
+def test_a_cmd_of_another_kind_is_named() -> None:
+    values = {"motor": 1, "rpm": 5}
+    with pytest.raises(ValueRangeError, match="cmd 2 is out of range: speed_feedback has cmd 1 or"):
+        encode(KIND_BY_NAME["speed_feedback"], values, cmd=2)
+
+
+@pytest.mark.parametrize(
+    ("text", "faults"),
+    [
+        ("AA 01 01 03 E8 00 00 00 01 EE", (Fault.RESERVED_NONZERO,)),
+        ("AA 00 00 01 00 00 00 00 00 EE", (Fault.RESERVED_NONZERO,)),
+        ("55 01 01 03 E8 00 00 10 0F EE", (Fault.UNDEFINED_FLAGS,)),
+        ("55 01 01 03 E8 01 00 00 1F EE", (Fault.UNDEFINED_FLAGS, Fault.RESERVED_NONZERO)),
+        ("55 00 01 03 E8 00 00 00 0F EE", (Fault.UNKNOWN_CMD,)),
+        ("AA 04 01 03 E8 00 00 00 00 EE", (Fault.UNKNOWN_CMD,)),
+        ("AA 01 00 03 E8 00 00 00 00 EE", (Fault.BAD_MOTOR,)),
+        ("AA 02 05 03 E8 00 00 27 10 EE", (Fault.BAD_MOTOR,)),
+        ("AA 03 FF 00 0A 00 00 00 00 EE", ()),
+    ],
+)
+def test_what_one_frame_shows_by_itself(text: str, faults: tuple[Fault, ...]) -> None:
+    raw = bytes.fromhex(text)
+    assert frame_faults(raw) == faults
+    framer = Framer("p")
+    (row,) = framer.feed(Chunk("p", None, raw)) + framer.flush()
+    assert isinstance(row, Frame)
+    assert row.faults == faults

@@ -1,0 +1,167 @@
+"""Named damage cases, each whole, byte by byte, and with trailing data.
+
+A case is a line of pieces, `|` between them; each piece is written with what its row must be.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, Row
+
+SPEED = "AA 01 01 03 E8 00 00 00 00 EE"
+POSITION = "AA 02 02 03 E8 00 00 27 10 EE"
+FEEDBACK = "55 01 01 03 E8 00 00 00 0F EE"
+PLACE = "55 02 01 00 00 27 10 00 0F EE"
+RESET = "AA 00 00 00 00 00 00 00 00 EE"
+
+CASES: dict[str, list[tuple[str, str]]] = {
+    "clean": [(SPEED, ""), (FEEDBACK, ""), (RESET, "")],
+    "tail lost": [(SPEED, ""), ("AA 01 01 03 E8 00 00 00 00", "truncated"), (SPEED, "")],
+    "only the header left": [(SPEED, ""), ("AA", "truncated"), (FEEDBACK, "")],
+    "middle lost": [(SPEED, ""), ("AA 02 02 03 10 EE", "truncated"), (SPEED, "")],
+    "header lost": [(SPEED, ""), ("02 02 03 E8 00 00 27 10 EE", "noise"), (SPEED, "")],
+    "only the tail left": [(PLACE, "ambiguous"), ("EE", "noise"), (SPEED, "")],
+    "one byte put in": [(SPEED, ""), ("AA 01 01 03 77 E8 00 00 00 00 EE", "overlong"), (SPEED, "")],
+    "four bytes put in": [
+        (SPEED, ""),
+        ("55 01 01 03 E8 12 34 56 78 00 00 00 0F EE", "overlong"),
+        (SPEED, ""),
+    ],
+    "header changed": [(SPEED, ""), ("AB 02 02 03 E8 00 00 27 10 EE", "bad_header"), (SPEED, "")],
+    "tail changed": [(SPEED, ""), ("AA 02 02 03 E8 00 00 27 10 EF", "bad_tail"), (SPEED, "")],
+    "cmd changed": [(SPEED, ""), ("AA 42 02 03 E8 00 00 27 10 EE", "unknown_cmd"), (SPEED, "")],
+    "reset as feedback": [
+        (SPEED, ""),
+        ("55 00 01 03 E8 00 00 00 0F EE", "unknown_cmd"),
+        (SPEED, ""),
+    ],
+    "motor 0": [(SPEED, ""), ("AA 02 00 03 E8 00 00 27 10 EE", "bad_motor"), (SPEED, "")],
+    "motor 5": [(SPEED, ""), ("55 02 05 00 00 27 10 00 0F EE", "bad_motor"), (SPEED, "")],
+    "reserve set": [
+        (SPEED, ""),
+        ("AA 01 01 03 E8 00 01 00 00 EE", "reserved_nonzero"),
+        (SPEED, ""),
+    ],
+    "undefined flag": [
+        (SPEED, ""),
+        ("55 01 01 03 E8 00 00 80 0F EE", "undefined_flags"),
+        (SPEED, ""),
+    ],
+    "noise between": [(SPEED, ""), ("12 34 56 78 9A BC", "noise"), (FEEDBACK, ""), (SPEED, "")],
+    "noise before": [("00 FF 00 FF", "noise"), (SPEED, ""), (SPEED, "")],
+    "noise that begins like a frame": [
+        (SPEED, ""),
+        ("AA 01 77 12 34 AA 9C 66 31 22 90 AB C1 20 77", "truncated noise"),
+        (SPEED, ""),
+        (FEEDBACK, ""),
+    ],
+    "joined in mid-frame": [("27 10 00 0F EE", "noise"), (PLACE, ""), (PLACE, "")],
+    "joined where a payload imitates a header": [
+        ("AA 03 27 10 EE", "truncated noise"),
+        (POSITION, ""),
+        (SPEED, ""),
+    ],
+    "a shifted window that looks like a reset": [
+        (POSITION, ""),
+        ("AA 02 01 AA 00 00 00 00 00 EE", ""),
+        ("AA 03 00 00 00 00 00 00 00 EE", ""),
+        ("55 02 01 00 00 AA 00 00 0F EE", ""),
+        (SPEED, ""),
+    ],
+    "two damaged in a row, in step": [
+        (SPEED, ""),
+        ("AA 02 02 03 E8 00 00 27 10 EF", "bad_tail"),
+        ("AB 02 02 03 E8 00 00 27 10 EE", "bad_header"),
+        (SPEED, ""),
+        (FEEDBACK, ""),
+    ],
+    "payload full of headers and tails": [
+        (SPEED, ""),
+        ("AA 02 03 AA 55 EE AA 00 EE EE", ""),
+        ("55 02 03 EE AA 03 EE 00 0F EE", ""),
+        (SPEED, ""),
+    ],
+    "a frame the protocol has not, alone": [("AA 09 01 02 03 04 05 06 07 EE", "unknown_cmd")],
+}
+
+TRAILING = [(FEEDBACK, ""), (SPEED, ""), (POSITION, "")]
+
+
+def _bytes(case: list[tuple[str, str]]) -> bytes:
+    return b"".join(bytes.fromhex(piece) for piece, _ in case)
+
+
+def _check(case: list[tuple[str, str]], rows: list[Row]) -> None:
+    expected = [(len(bytes.fromhex(piece)), label) for piece, label in case]
+    got = [(len(row.raw), ",".join(row.faults)) for row in rows]
+    assert len(got) >= len(expected)
+    assert sum(length for length, _ in got) == sum(length for length, _ in expected)
+    at = 0
+    for length, label in expected:
+        inside: list[str] = []
+        end = at + length
+        while at < end:
+            size, faults = got.pop(0)
+            inside.append(faults)
+            at += size
+        assert at == end, label
+        assert set(inside) <= (set(label.split()) or {""})
+        assert len(inside) == 1 or len(label.split()) > 1
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_whole(name: str) -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", None, _bytes(CASES[name])))
+    _check(CASES[name], rows + framer.flush())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_byte_by_byte(name: str) -> None:
+    framer, rows = Framer("p"), []
+    for byte in _bytes(CASES[name]):
+        rows += framer.feed(Chunk("p", None, bytes([byte])))
+    _check(CASES[name], rows + framer.flush())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_with_trailing_data(name: str) -> None:
+    case = CASES[name] + TRAILING
+    framer = Framer("p")
+    _check(case, framer.feed(Chunk("p", None, _bytes(case))) + framer.flush())
+
+
+def test_framed_rows_are_frames_and_the_rest_is_damage() -> None:
+    framed = {"", "ambiguous", "unknown_cmd", "bad_motor", "reserved_nonzero", "undefined_flags"}
+    for case in CASES.values():
+        framer = Framer("p")
+        for row in framer.feed(Chunk("p", None, _bytes(case))) + framer.flush():
+            faults = ",".join(row.faults)
+            assert isinstance(row, Frame if faults in framed else Damage)
+
+
+UNDECIDABLE = bytes.fromhex("AA 02 03 EE AA 02 01 03 E8 EE")
+"""PROTOCOL.md, "Why framing is hard here": repeated, it is also the repetition of another frame."""
+
+
+def test_the_undecidable_stream_says_so() -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", None, UNDECIDABLE * 30)) + framer.flush()
+    assert len(rows) == 30
+    assert all(row.faults == (Fault.AMBIGUOUS,) for row in rows)
+
+
+@pytest.mark.parametrize("shift", [0, 4])
+def test_silence_decides_the_undecidable_stream(shift: int) -> None:
+    framer, rows, t_ns = Framer("p"), [], 10**18
+    stream = UNDECIDABLE * 20
+    cuts = [shift, *range(shift + 10, len(stream), 10)]
+    for start, stop in pairwise(cuts):
+        t_ns += 3_000_000
+        rows += framer.feed(Chunk("p", t_ns, stream[start:stop]))
+    rows += framer.flush()
+    assert all(isinstance(row, Frame) for row in rows)
+    assert [row.faults for row in rows[3:-1]] == [()] * (len(rows) - 4)

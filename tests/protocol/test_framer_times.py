@@ -1,0 +1,127 @@
+"""When rows come out, what times they carry, and what silence settles."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.protocol import (
+    DEFAULT_BAUD,
+    FRAME_LENGTH,
+    Chunk,
+    Fault,
+    Frame,
+    Framer,
+    Row,
+    byte_time_ns,
+)
+
+BYTE_NS = byte_time_ns(DEFAULT_BAUD)
+MS = 1_000_000
+START = 1_700_000_000_000_000_000
+SPEED = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
+HOSTILE = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
+
+
+def _byte_by_byte(framer: Framer, data: bytes) -> list[list[Row]]:
+    return [framer.feed(Chunk("p", None, bytes([byte]))) for byte in data]
+
+
+def test_on_a_calm_line_a_frame_is_out_with_its_last_byte() -> None:
+    framer = Framer("p")
+    framer.feed(Chunk("p", None, SPEED * 60))
+    out = _byte_by_byte(framer, SPEED * 5)
+    assert [len(rows) for rows in out] == ([0] * 9 + [1]) * 5
+
+
+def test_a_disputed_frame_is_out_after_two_further_frames() -> None:
+    framer = Framer("p")
+    framer.feed(Chunk("p", None, SPEED * 3 + b"\x12\x34\x56" + SPEED * 3))
+    framer.feed(Chunk("p", None, HOSTILE))
+    out = [row for rows in _byte_by_byte(framer, SPEED * 2) for row in rows]
+    assert HOSTILE in [row.raw for row in out]
+
+
+@given(st.integers(1, 40), st.binary(max_size=20))
+def test_silence_of_20_ms_lets_the_last_frame_out(frames: int, junk: bytes) -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", START, SPEED * frames + junk + SPEED))
+    rows += framer.feed(Chunk("p", START + 20 * MS, b""))
+    assert rows[-1].raw == SPEED
+    assert framer.flush() == []
+
+
+def test_less_silence_does_not_settle_a_disputed_frame() -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", START, SPEED + b"\x12\x34" + HOSTILE))
+    rows += framer.feed(Chunk("p", START + 19 * MS, b""))
+    assert HOSTILE not in [row.raw for row in rows]
+
+
+def test_noise_on_a_silent_line_comes_out() -> None:
+    framer = Framer("p")
+    assert framer.feed(Chunk("p", START, b"\x12\x34\x56")) == []
+    (row,) = framer.feed(Chunk("p", START + 25 * MS, b""))
+    assert (row.raw, row.faults) == (b"\x12\x34\x56", (Fault.NOISE,))
+
+
+def test_a_reader_that_was_held_up_tears_no_frame() -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", START, SPEED * 3 + SPEED[:4]))
+    rows += framer.feed(Chunk("p", START + 50 * MS, b""))
+    rows += framer.feed(Chunk("p", START + 120 * MS, SPEED[4:] + SPEED))
+    rows += framer.flush()
+    assert [row.raw for row in rows] == [SPEED] * 5
+    assert all(isinstance(row, Frame) and row.faults == () for row in rows)
+
+
+def test_the_beginning_of_a_frame_is_given_up_after_half_a_second() -> None:
+    framer = Framer("p")
+    framer.feed(Chunk("p", START, SPEED * 3 + SPEED[:4]))
+    framer.feed(Chunk("p", START + 30 * MS, b""))
+    assert framer.feed(Chunk("p", START + 490 * MS, b"")) == []
+    (row,) = framer.feed(Chunk("p", START + 500 * MS, b""))
+    assert (row.raw, row.faults) == (SPEED[:4], (Fault.TRUNCATED,))
+    later = framer.feed(Chunk("p", START + 600 * MS, SPEED[4:])) + framer.flush()
+    assert all(row.faults == (Fault.NOISE,) for row in later)
+
+
+def test_a_row_begins_its_bytes_before_the_read() -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", START, SPEED * 3)) + framer.flush()
+    assert [row.t_ns for row in rows] == [START - n * FRAME_LENGTH * BYTE_NS for n in (3, 2, 1)]
+    assert [row.read_delay_ns for row in rows] == [n * FRAME_LENGTH * BYTE_NS for n in (3, 2, 1)]
+
+
+def test_a_row_does_not_begin_before_the_read_before_its_own() -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", START, SPEED))
+    rows += framer.feed(Chunk("p", START + BYTE_NS, SPEED * 2)) + framer.flush()
+    assert [row.t_ns for row in rows[1:]] == [START, START]
+
+
+@given(st.lists(st.tuples(st.integers(-5 * MS, 30 * MS), st.integers(0, 25)), max_size=20))
+def test_times_never_fall(reads: list[tuple[int, int]]) -> None:
+    framer, now, rows = Framer("p"), START, []
+    for step, size in reads:
+        now += step
+        rows += framer.feed(Chunk("p", now, (SPEED * 3)[:size]))
+    times = [row.t_ns for row in rows + framer.flush()]
+    assert all(t is not None for t in times)
+    assert times == sorted(t for t in times if t is not None)
+
+
+def test_untimed_input_has_no_times() -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", None, SPEED * 2 + b"\x01")) + framer.flush()
+    assert [(row.t_ns, row.read_delay_ns) for row in rows] == [(None, None)] * 3
+
+
+def test_memory_stays_bounded() -> None:
+    for unit in (b"\xaa", b"\xee", b"\x00", b"\x55\x02", HOSTILE, HOSTILE[3:] + HOSTILE[:4]):
+        framer = Framer("p")
+        held = 0
+        for _ in range(20):
+            rows = framer.feed(Chunk("p", None, unit * (1000 // len(unit))))
+            held += 1000 // len(unit) * len(unit) - sum(len(row.raw) for row in rows)
+            assert held <= 1200
