@@ -28,8 +28,8 @@ evidence for a boundary where readings compete.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable
+from typing import TypeAlias
 
 from fte_sniff.protocol.patterns import (
     ANCHOR_REACH,
@@ -43,9 +43,10 @@ from fte_sniff.protocol.patterns import (
 )
 from fte_sniff.protocol.pieces import Window
 from fte_sniff.protocol.reading import Stretch
-from fte_sniff.protocol.rows import Chunk, Damage, Fault, Frame, Row
+from fte_sniff.protocol.rows import Chunk, Fault, Row
 from fte_sniff.protocol.table import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
-from fte_sniff.protocol.timeline import Mark, Timeline
+from fte_sniff.protocol.tiling import NOISE, Run, Tiler, rows_of
+from fte_sniff.protocol.timeline import Timeline
 from fte_sniff.protocol.undisputed import undisputed
 from fte_sniff.protocol.weighing import (
     Carry,
@@ -68,9 +69,6 @@ KEPT = 24
 LEAD = 32
 """Bytes before an anchor that are weighed, after long noise."""
 
-LONGEST_ROW = 1024
-"""Bytes in a row of noise."""
-
 PAUSE_BYTES = 3.5
 """Byte times of silence that count as a pause."""
 
@@ -81,30 +79,9 @@ GIVING_UP_NS = 500_000_000
 """Silence after which the beginning of a frame is held no longer."""
 
 _IN_STEP = trusted()
-_NOISE = (Fault.NOISE,)
 
 Skip: TypeAlias = Callable[[bytes, int], int]
 """Counts frames in step from a place on that are as `PLAIN_RUN` has them; it may stop early."""
-
-
-class Run(NamedTuple):
-    """Frames in step, nothing wrong with any of them, all of whose first bytes share a mark."""
-
-    port: str
-    offset: int
-    """Of the first byte in that port's stream."""
-    raw: bytes
-    """The bytes of all the frames."""
-    mark: Mark
-
-    def frames(self) -> Iterator[Frame]:
-        """The frames one by one."""
-        port, first, raw, mark = self
-        for place in range(0, len(raw), FRAME_LENGTH):
-            offset = first + place
-            t_ns = mark.time_of(offset)
-            delay = None if t_ns is None else mark.delay_after(t_ns)
-            yield Frame(port, offset, raw[place : place + FRAME_LENGTH], t_ns, (), delay)
 
 
 class Framer:
@@ -118,17 +95,15 @@ class Framer:
             baud: bits per second on the line, for the times of bytes.
             skip: a quicker way to count frames in step, for bulk work; the rows are the same.
         """
-        self._port = port
         self._skip = skip
-        self._byte_ns = byte_time_ns(baud)
-        self._timeline = Timeline(self._byte_ns)
+        self._timeline = Timeline(byte_time_ns(baud))
+        self._tiler = Tiler(port, self._timeline)
+        self._pause_ns = min(SETTLING_NS, round(PAUSE_BYTES * byte_time_ns(baud)))
         self._data = b""
         self._base = 0
         """Offset in the stream of the first byte of `_data`."""
         self._at = 0
         """Place in `_data` up to which all is decided."""
-        self._noise_from: int | None = None
-        """Place in `_data` where decided noise began that has not become a row yet."""
         self._carry: Carry | None = joined()
         """What the past says of the places from `_at` on; None where the stream is in step."""
         self._lost_from: int | None = None
@@ -141,40 +116,35 @@ class Framer:
         self._pauses: list[int] = []
         """Offsets of bytes before which the line paused."""
         self._settled = False
-        self._out: list[Row | Run] = []
 
     def feed(self, chunk: Chunk) -> list[Row]:
         """The rows that this chunk completes; never raises on wire data."""
-        return _rows(self.feed_spans(chunk))
+        return rows_of(self.feed_spans(chunk))
 
     def flush(self) -> list[Row]:
         """The rows of whatever is still held; the stream ends here."""
-        return _rows(self.flush_spans())
+        return rows_of(self.flush_spans())
 
     def feed_spans(self, chunk: Chunk) -> list[Row | Run]:
         """As `feed`, but frames in step come as runs: for whoever wants many rows at once."""
         if not chunk.data:
             self._be_silent(self._timeline.silence_at(chunk.t_ns))
-            return self._take_out()
+            return self._tiler.take()
         silence = self._timeline.add(chunk)
-        self._be_silent(silence)
-        if silence >= PAUSE_BYTES * self._byte_ns:
+        if silence >= self._pause_ns:
+            self._be_silent(silence)
             self._pauses.append(self._base + len(self._data))
         self._data += chunk.data
         self._settled = False
         self._advance()
         self._drop_decided()
-        return self._take_out()
+        return self._tiler.take()
 
     def flush_spans(self) -> list[Row | Run]:
         """As `flush`, with frames in step as runs."""
         self._settle(hold=False)
         self._drop_decided()
-        return self._take_out()
-
-    def _take_out(self) -> list[Row | Run]:
-        out, self._out = self._out, []
-        return out
+        return self._tiler.take()
 
     # The three states
 
@@ -222,14 +192,8 @@ class Framer:
 
     def _take_run(self, count: int) -> None:
         stop = self._at + count * FRAME_LENGTH
-        self._close_noise(self._at)
-        while self._at < stop:
-            mark = self._timeline.mark(self._base + self._at)
-            here = -(-(mark.stop - self._base - self._at) // FRAME_LENGTH) * FRAME_LENGTH
-            end = min(stop, self._at + here)
-            raw = self._data[self._at : end]
-            self._out.append(Run(self._port, self._base + self._at, raw, mark))
-            self._at = end
+        self._tiler.run(self._base + self._at, self._data[self._at : stop])
+        self._at = stop
         self._streak += count
 
     def _weigh_if_due(self) -> bool:
@@ -302,7 +266,7 @@ class Framer:
         if self._passing or known >= self._lost_from + WIDEST:
             self._passing = True
             self._carry = lost()
-            self._hold_noise(max(self._at, known - LEAD))
+            self._take_noise(max(self._at, known - LEAD))
         if anchor:
             self._lost_from = None
             self._not_before = 0
@@ -329,7 +293,7 @@ class Framer:
             self._carry = None if in_step else Carry([1.0], [], 0.05)
             self._lost_from = None
             self._not_before = 0
-        self._close_noise(self._at)
+        self._tiler.end_noise()
 
     def _can_go_on(self, last: Stretch) -> bool:
         """Whether the pending bytes end with the beginning of a frame."""
@@ -343,54 +307,34 @@ class Framer:
     def _decide(self, reading: list[Stretch]) -> None:
         start = self._at
         for part in reading:
-            if part.faults == _NOISE:
-                self._hold_noise(start + part.stop)
+            stop = start + part.stop
+            if part.faults == NOISE:
+                self._take_noise(stop)
             else:
-                self._row(start + part.start, start + part.stop, part.framed, part.faults)
+                take = self._tiler.frame if part.framed else self._tiler.damage
+                take(self._base + self._at, self._data[self._at : stop], part.faults)
+                self._at = stop
             self._streak = self._streak + 1 if part.certain else 0
 
-    def _hold_noise(self, stop: int) -> None:
+    def _take_noise(self, stop: int) -> None:
         """Take the bytes up to `stop` as noise, which may go on."""
-        if stop > self._at and self._noise_from is None:
-            self._noise_from = self._at
-        self._at = stop
-        while self._noise_from is not None and stop - self._noise_from > LONGEST_ROW:
-            self._damage(self._noise_from, self._noise_from + LONGEST_ROW)
-            self._noise_from += LONGEST_ROW
-
-    def _close_noise(self, stop: int) -> None:
-        if self._noise_from is not None:
-            self._damage(self._noise_from, stop)
-            self._noise_from = None
-
-    def _damage(self, start: int, stop: int) -> None:
-        self._append(start, stop, framed=False, faults=_NOISE)
-
-    def _row(self, start: int, stop: int, framed: bool, faults: tuple[Fault, ...]) -> None:
-        self._close_noise(start)
-        self._append(start, stop, framed=framed, faults=faults)
-        self._at = stop
-
-    def _append(self, start: int, stop: int, *, framed: bool, faults: tuple[Fault, ...]) -> None:
-        offset = self._base + start
-        mark = self._timeline.mark(offset)
-        make = Frame if framed else Damage
-        raw = self._data[start:stop]
-        t_ns = mark.time_of(offset)
-        delay = None if t_ns is None else mark.delay_after(t_ns)
-        self._out.append(make(self._port, offset, raw, t_ns, faults, delay))
+        if stop > self._at:
+            self._tiler.noise(self._base + self._at, self._data[self._at : stop])
+            self._at = stop
 
     def _drop_decided(self) -> None:
-        """Forget the bytes that have become rows."""
-        done = self._at if self._noise_from is None else self._noise_from
+        """Forget the bytes that are decided."""
+        done = self._at
+        if not done:
+            return
         self._data = self._data[done:]
         self._base += done
-        self._at -= done
+        self._at = 0
         self._not_before = max(0, self._not_before - done)
-        if self._noise_from is not None:
-            self._noise_from = 0
         if self._lost_from is not None:
             self._lost_from -= done
+        while self._pauses and self._pauses[0] <= self._base:
+            del self._pauses[0]
 
 
 def _settled_part(reading: list[Stretch], size: int) -> list[Stretch]:
@@ -403,16 +347,6 @@ def _settled_part(reading: list[Stretch], size: int) -> list[Stretch]:
     limit = size - KEPT
     settled = [part for part in reading if part.stop <= limit]
     following = reading[len(settled)]
-    if following.faults == _NOISE and following.start < limit:
+    if following.faults == NOISE and following.start < limit:
         settled.append(following._replace(stop=limit))
     return settled
-
-
-def _rows(spans: list[Row | Run]) -> list[Row]:
-    rows: list[Row] = []
-    for span in spans:
-        if isinstance(span, Run):
-            rows += span.frames()
-        else:
-            rows.append(span)
-    return rows

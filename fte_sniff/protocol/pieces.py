@@ -12,6 +12,7 @@ over all ways to divide it so.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import accumulate
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -52,6 +53,7 @@ _WITH_HEADER: Mapping[int, tuple[int, ...]] = MappingProxyType(
     }
 )
 _LEAST_LEFT = FRAME_LENGTH - WIDEST_CHANGE
+_CUT_FRONT = tuple(BROKEN + weight for weight in LOST)
 _ONLY_HEADER = (1.0, HEADER_WEIGHT)
 
 
@@ -73,16 +75,15 @@ class _Tail:
 
     def _headless(self) -> list[float]:
         weights = [0.0] * (LONGEST_OVERLONG + 1)
+        longer = [0.0] * (LONGEST_OVERLONG + 1)
         for rest, share in zip(self.rests, _SHARES, strict=True):
             fit = min(len(rest), FRAME_LENGTH) - 1
             for length in range(1, fit + 1):
-                weights[length] += share * (BROKEN + LOST[length]) * rest[length]
-            other = share * BROKEN * rest[fit]
-            for length in range(fit + 1, LONGEST_OVERLONG + 1):
-                weights[length] += other
+                weights[length] += share * _CUT_FRONT[length] * rest[length]
+            longer[fit + 1] += share * BROKEN * rest[fit]
             for left in range(_LEAST_LEFT, fit + 1):
                 weights[FRAME_LENGTH] += share * CHANGED[FRAME_LENGTH - left] * rest[left]
-        return weights
+        return [own + more for own, more in zip(weights, accumulate(longer), strict=True)]
 
     def only_header(self, header: int) -> list[float]:
         """By length: the weight of a frame of which the header is left, and not the CMD."""
@@ -127,11 +128,12 @@ class Window:
             if self.data[start] in HEADER_BYTES:
                 pieces = self._with_header(start)
             else:
-                pieces = [
-                    (stop, tail.without_header[stop - start], False)
-                    for stop, tail in self._tails
-                    if start < stop <= start + LONGEST_OVERLONG
-                ]
+                pieces = []
+                for stop, tail in self._tails:
+                    if start < stop:
+                        if stop > start + LONGEST_OVERLONG:
+                            break
+                        pieces.append((stop, tail.without_header[stop - start], False))
             if self.pauses:
                 pieces = [self._with_pauses(start, *piece) for piece in pieces]
             self._pieces[start] = pieces

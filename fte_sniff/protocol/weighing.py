@@ -15,7 +15,6 @@ The passes take time and memory in proportion to the stretch, which the framer b
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -88,7 +87,6 @@ class Weighing:
         self._size = len(window.data)
         self._ending = ending
         self._headers = set(window.headers)
-        self._reached: dict[int, list[int]] = {}
         self._carry = replace(carry, after_piece=_joining(window, carry))
         self._after_piece, self._after_noise, _ = self._passed(self._carry, self._size)
         self._backward(self._carry)
@@ -102,57 +100,51 @@ class Weighing:
         after_noise = _padded(carry.after_noise, self._size)
         in_noise = carry.in_noise
         for place in range(end):
+            weight = here = after_piece[place]
             if place in headers:
-                after_noise[place] += in_noise * NOISE_ENDS
-            here = after_piece[place]
-            weight = here + after_noise[place]
+                junk = sum(after_piece[max(0, place - LONGEST_JUNK) : place])
+                after_noise[place] += junk * JUNK + in_noise * NOISE_ENDS
+                weight += after_noise[place]
             if weight:
                 for stop, own, _ in pieces_at(place):
                     after_piece[stop] += weight * own
-            if here:
-                junk = here * JUNK
-                for header in self._headers_in_reach(place):
-                    after_noise[header] += junk
             in_noise = in_noise * NOISE_STAYS + here * NOISE_BEGINS
+        for place in self._window.headers:
+            if place >= end:
+                junk = sum(after_piece[max(0, place - LONGEST_JUNK) : end])
+                after_noise[place] += junk * JUNK
         return after_piece, after_noise, in_noise
-
-    def _headers_in_reach(self, place: int) -> list[int]:
-        """The headers at which junk that begins here can end."""
-        reached = self._reached.get(place)
-        if reached is None:
-            headers = self._window.headers
-            begin = bisect_right(headers, place)
-            reached = headers[begin : bisect_right(headers, place + LONGEST_JUNK)]
-            self._reached[place] = reached
-        return reached
 
     def _backward(self, carry: Carry) -> None:
         size, headers, pieces_at = self._size, self._headers, self._window.pieces_at
+        after_piece, after_noise = self._after_piece, self._after_noise
         to_end = self._to_end = [0.0] * size + [1.0]
-        fresh = [0.0] * size + [1.0]
+        at_header = [0.0] * size + [0.0]
         noise = 1.0 if self._ending is Ending.OPEN else NOISE_ENDS
         for place in range(size - 1, -1, -1):
-            if self._after_piece[place] or self._after_noise[place]:
-                weight = self._cut_off(place)
+            weight = 0.0
+            if after_piece[place] or after_noise[place]:
                 for stop, own, _ in pieces_at(place):
                     weight += own * to_end[stop]
-                fresh[place] = weight
-                junk = self._junk_at_end(place)
-                for header in self._headers_in_reach(place):
-                    junk += fresh[header]
+                junk = sum(at_header[place + 1 : place + 1 + LONGEST_JUNK])
+                if place > size - FRAME_LENGTH:
+                    weight += self._cut_off(place)
+                if place >= size - LONGEST_JUNK:
+                    junk += self._junk_at_end(place)
                 to_end[place] = weight + JUNK * junk + NOISE_BEGINS * noise
             noise *= NOISE_STAYS
             if place in headers:
-                noise += NOISE_ENDS * fresh[place]
+                at_header[place] = weight
+                noise += NOISE_ENDS * weight
         total = carry.in_noise * noise
         total += sum(a * b for a, b in zip(carry.after_piece, to_end, strict=False))
-        total += sum(a * b for a, b in zip(carry.after_noise, fresh, strict=False))
+        total += sum(a * b for a, b in zip(carry.after_noise, at_header, strict=False))
         self._total = total
 
     def _cut_off(self, place: int) -> float:
         """The weight of a frame that begins here and goes on behind the window's end."""
         length = self._size - place
-        if length >= FRAME_LENGTH or self._window.data[place] not in HEADER_BYTES:
+        if self._window.data[place] not in HEADER_BYTES:
             return 0.0
         head = self._window.head(place)
         if len(head) <= length:
@@ -162,8 +154,6 @@ class Weighing:
     def _junk_at_end(self, place: int) -> float:
         """In how many lengths junk that begins here can reach the window's end."""
         length = self._size - place
-        if length > LONGEST_JUNK:
-            return 0.0
         return LONGEST_JUNK + 1 - length if self._ending is Ending.OPEN else 1.0
 
     # The chosen reading

@@ -1,0 +1,1 @@
+"""What measures the program: its speed and the quality of its framer. Never a timed test."""

@@ -1,0 +1,132 @@
+"""Owns the streams that the framer is judged by: legal frames, and the damage done to them.
+
+It must not know how anything is decoded. Everything is drawn from a seeded generator: the same
+seed gives the same bytes. The tests and the benchmarks both take their streams from here.
+
+Each frame is damaged with probability p, by one of five kinds with equal chance:
+
+    lost      1-9 adjacent bytes are gone
+    inserted  1-4 random bytes come in after byte 0-8
+    flipped   one bit is turned over
+    replaced  2-6 adjacent bytes become random ones
+    junk      1-30 random bytes stand before the frame, which is whole
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from random import Random
+
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, Field, FrameKind, encode
+
+HOSTILE_BYTES = bytes([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03])
+HOSTILE_SHARE = 0.3
+
+
+class Harm(StrEnum):
+    """What was done to a frame."""
+
+    LOST = "lost"
+    INSERTED = "inserted"
+    FLIPPED = "flipped"
+    REPLACED = "replaced"
+    JUNK = "junk"
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """One frame that was sent, and where its bytes ended up."""
+
+    raw: bytes
+    """As sent."""
+    harm: Harm | None
+    before: int
+    """Junk bytes before the frame."""
+    start: int
+    """Offset in the stream where its own bytes begin."""
+    arrived: bytes
+    """As they stand in the stream."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether all its bytes arrived as they were sent."""
+        return self.harm is None or self.harm is Harm.JUNK
+
+
+Draw = Callable[[Random, Field], int]
+
+
+def ordinary(random: Random, field: Field) -> int:
+    """A value as motion has them: around zero, small against the field's range."""
+    if field.name == "motor":
+        return random.randint(field.low, field.high)
+    if field.name == "error":
+        return 0 if random.random() < 0.98 else random.randrange(16)
+    if field.name == "online":
+        return 0x0F
+    spread = {"rpm": 600, "pulses": 40_000, "wz_mrad_s": 400}.get(field.name, 60)
+    value = round(random.gauss(0, spread))
+    return max(field.low, min(field.high, value))
+
+
+def hostile(random: Random, field: Field) -> int:
+    """An ordinary value or, in three of ten, one made of bytes that imitate a frame's own."""
+    if field.size > 1 and random.random() < HOSTILE_SHARE:
+        own = bytes(random.choice(HOSTILE_BYTES) for _ in range(field.size))
+        return int.from_bytes(own, "big", signed=True)
+    return ordinary(random, field)
+
+
+PAYLOADS: dict[str, Draw] = {"ordinary": ordinary, "hostile": hostile}
+
+
+def draw_frame(random: Random, draw: Draw, kinds: tuple[FrameKind, ...] = KINDS) -> bytes:
+    """One legal frame; a reset is rare, as it is on a real line."""
+    kind = random.choice(kinds)
+    if kind.name == "reset" and random.random() < 0.9:
+        kind = random.choice(kinds)
+    values = {field.name: draw(random, field) for field in kind.fields}
+    return encode(kind, values, random.choice(kind.cmds))
+
+
+def _harmed(random: Random, raw: bytes, harm: Harm) -> bytes:
+    if harm is Harm.LOST:
+        count = random.randint(1, FRAME_LENGTH - 1)
+        start = random.randint(0, FRAME_LENGTH - count)
+        return raw[:start] + raw[start + count :]
+    if harm is Harm.INSERTED:
+        after = random.randint(1, FRAME_LENGTH - 1)
+        return raw[:after] + random.randbytes(random.randint(1, 4)) + raw[after:]
+    if harm is Harm.FLIPPED:
+        place = random.randrange(FRAME_LENGTH)
+        return raw[:place] + bytes([raw[place] ^ 1 << random.randrange(8)]) + raw[place + 1 :]
+    count = random.randint(2, 6)
+    start = random.randint(0, FRAME_LENGTH - count)
+    return raw[:start] + random.randbytes(count) + raw[start + count :]
+
+
+def damage(random: Random, frames: Iterator[bytes], share: float) -> tuple[bytes, list[Sent]]:
+    """The stream that these frames become, `share` (0-1) of them damaged, and what was sent."""
+    stream, sent = bytearray(), []
+    harms = tuple(Harm)
+    for raw in frames:
+        harm = random.choice(harms) if random.random() < share else None
+        before = 0
+        arrived = raw
+        if harm is Harm.JUNK:
+            before = random.randint(1, 30)
+            stream += random.randbytes(before)
+        elif harm is not None:
+            arrived = _harmed(random, raw, harm)
+        sent.append(Sent(raw, harm, before, len(stream), arrived))
+        stream += arrived
+    return bytes(stream), sent
+
+
+def damaged_stream(seed: int, frames: int, share: float, payload: str) -> tuple[bytes, list[Sent]]:
+    """A stream of `frames` frames with `payload` ("ordinary", "hostile"), `share` damaged."""
+    random = Random(f"{seed} {share} {payload}")
+    draw = PAYLOADS[payload]
+    return damage(random, (draw_frame(random, draw) for _ in range(frames)), share)

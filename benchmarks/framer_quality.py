@@ -1,0 +1,88 @@
+"""Measures how well the framer finds frames, invents none, doubts few, and names damage.
+
+    python -m benchmarks.framer_quality [--frames 100000] [--seeds 1 2 3] [--joins 100000]
+
+Prints the quality table, the confusion table of single faults, and the joins.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from random import Random
+from time import perf_counter
+
+from benchmarks.faults import PAYLOADS, Harm, damaged_stream, draw_frame
+from benchmarks.score import labels, score
+from fte_sniff.protocol import FRAME_LENGTH, Chunk, Frame, Framer, Row
+
+LINES = [(0.01, "ordinary"), (0.2, "ordinary"), (0.2, "hostile"), (0.5, "hostile")]
+
+
+def rows_of(stream: bytes) -> list[Row]:
+    framer = Framer("bench")
+    return framer.feed(Chunk("bench", None, stream)) + framer.flush()
+
+
+def quality(seed: int, frames: int) -> Counter[tuple[Harm, str]]:
+    """Print the table for one seed; returns what single faults were called."""
+    named: Counter[tuple[Harm, str]] = Counter()
+    for share, payload in LINES:
+        stream, sent = damaged_stream(seed, frames, share, payload)
+        began = perf_counter()
+        rows = rows_of(stream)
+        seconds = perf_counter() - began
+        judged = score(sent, rows)
+        named += labels(sent, rows)
+        print(
+            f"{seed:4}  {share:4.0%} {payload:9} found {judged.found_share:9.4%} "
+            f"(missed {len(judged.missed)})  invented ok {judged.invented_ok_share:.4%} "
+            f"({judged.invented_ok})  invented {judged.invented / judged.rows:.4%}  "
+            f"doubted {judged.doubted_share:.3%}  {len(stream) / seconds / 1e6:.2f} MB/s",
+            flush=True,
+        )
+    return named
+
+
+def print_confusion(named: Counter[tuple[Harm, str]]) -> None:
+    for harm in Harm:
+        row = {label: count for (done, label), count in named.most_common() if done is harm}
+        total = sum(row.values())
+        text = ", ".join(f"{label} {count / total:.2%}" for label, count in row.items())
+        print(f"      {harm.value:9} {total:6}: {text}")
+
+
+def joins(seed: int, count: int) -> None:
+    """Join undamaged ordinary streams at random bytes."""
+    random = Random(seed)
+    invented = found = 0
+    for _ in range(count):
+        frames = [draw_frame(random, PAYLOADS["ordinary"]) for _ in range(8)]
+        stream = b"".join(frames)
+        cut = random.randrange(1, FRAME_LENGTH * 2)
+        first = -cut % FRAME_LENGTH
+        rows = [row for row in rows_of(stream[cut:]) if isinstance(row, Frame)]
+        invented += any((row.offset - first) % FRAME_LENGTH for row in rows)
+        found += any(row.offset == first for row in rows)
+    print(
+        f"joins {count}: streams with an invented frame {invented}, first found {found / count:.4%}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=100_000)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--joins", type=int, default=100_000)
+    chosen = parser.parse_args()
+    named: Counter[tuple[Harm, str]] = Counter()
+    for seed in chosen.seeds:
+        named += quality(seed, chosen.frames)
+    print("what single faults between intact neighbours are called:")
+    print_confusion(named)
+    if chosen.joins:
+        joins(chosen.seeds[0], chosen.joins)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+"""Measures the bulk path, from bytes to columns, against other decoders and a copy of the memory.
+
+    python -m benchmarks.framer_speed [--megabytes 2] [--sizes 1 10 100] [--live]
+
+All decoders get the same bytes in the same run (the slow ones a part of them); each number is the
+best of three. Needs `construct` and `kaitaistruct`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from random import Random
+from time import perf_counter, process_time
+
+from benchmarks.faults import damaged_stream
+from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_machine
+from fte_sniff.analysis.bulk import bulk_columns
+from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, byte_time_ns
+
+SLOW_PART = 200_000
+"""Bytes that the slow decoders get."""
+
+
+def wrong_baud(size: int) -> bytes:
+    """What a line at half the rate looks like: few values, long runs of ones and zeros."""
+    random = Random(3)
+    values = bytes([0x00, 0x80, 0xC0, 0xE0, 0xF0, 0xF8, 0xFE, 0xFF, 0x78, 0x66, 0x9E, 0xE6])
+    return bytes(random.choices(values, k=size))
+
+
+def streams(size: int) -> dict[str, bytes]:
+    """Every stream, `size` bytes of it or a little less."""
+
+    def damaged(share: float, payload: str) -> bytes:
+        stream, _ = damaged_stream(1, min(size, 2_000_000) // 10, share, payload)
+        return (stream * (size // len(stream) + 1))[:size]
+
+    return {
+        "clean": damaged(0, "ordinary"),
+        "1 % damaged": damaged(0.01, "ordinary"),
+        "20 % hostile": damaged(0.2, "hostile"),
+        "random": Random(2).randbytes(size),
+        "all AA": b"\xaa" * size,
+        "wrong baud": wrong_baud(size),
+    }
+
+
+def speed(decode: Callable[[bytes], object], data: bytes, times: int = 3) -> float:
+    """Megabytes a second, the best of `times`."""
+    best = float("inf")
+    for _ in range(times):
+        began = perf_counter()
+        decode(data)
+        best = min(best, perf_counter() - began)
+    return len(data) / best / 1e6
+
+
+def compare(size: int) -> None:
+    print(f"MB/s, {size / 1e6:g} MB")
+    print(f"{'':14}{'bulk':>9}{'state m.':>10}{'construct':>10}{'kaitai':>9}{'copy':>9}   bulk/…")
+    for name, data in streams(size).items():
+        part = data[:SLOW_PART]
+        bulk = speed(lambda stream: bulk_columns("bench", stream), data)
+        machine = speed(with_state_machine, part)
+        slow = speed(with_construct, part, 1)
+        kaitai = speed(with_kaitai, part, 1)
+        copy = speed(bytearray, data)
+        print(
+            f"{name:14}{bulk:9.2f}{machine:10.2f}{slow:10.3f}{kaitai:9.3f}{copy:9.0f}"
+            f"   machine {bulk / machine:.2f}x  construct {bulk / slow:.0f}x"
+            f"  copy 1/{copy / bulk:.0f}",
+            flush=True,
+        )
+
+
+def growth(sizes: list[int]) -> None:
+    print("seconds by size (linear: the last column's ratios stay near the sizes')")
+    for name in streams(1000):
+        took = []
+        for megabytes in sizes:
+            data = streams(megabytes * 1_000_000)[name]
+            if name == "20 % hostile" and megabytes > 10:
+                continue
+            began = perf_counter()
+            bulk_columns("bench", data)
+            took.append(f"{megabytes} MB {perf_counter() - began:.2f} s")
+        print(f"{name:14}" + "   ".join(took), flush=True)
+
+
+def live() -> None:
+    """The framer's share of a core on two wires at line rate, reads of 1 to 16 bytes."""
+    for share in (0.0, 0.01, 0.2):
+        stream, _ = damaged_stream(4, 11_520, share, "ordinary")
+        random, framer, at, now = Random(5), Framer("bench"), 0, 10**18
+        byte_ns, began = byte_time_ns(DEFAULT_BAUD), process_time()
+        while at < len(stream):
+            size = random.randint(1, 16)
+            now += size * byte_ns
+            framer.feed(Chunk("bench", now, stream[at : at + size]))
+            at += size
+        used = process_time() - began
+        line = len(stream) * byte_ns / 1e9
+        print(f"live, {share:.0%} damaged: {2 * used / line:.2%} of a core for two wires")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--megabytes", type=float, default=2)
+    parser.add_argument("--sizes", type=int, nargs="*", default=[])
+    parser.add_argument("--live", action="store_true")
+    chosen = parser.parse_args()
+    compare(int(chosen.megabytes * 1_000_000))
+    if chosen.sizes:
+        growth(chosen.sizes)
+    if chosen.live:
+        live()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""Owns the coverage-guided search for input that breaks the framer's promises.
+
+    python tests/fuzz/fuzz_framer.py [corpus folder] [-max_total_time=300]
+
+It needs atheris. The input is read as: one byte that says how to cut, then the stream. Broken is:
+an exception, rows that do not tile the stream, rows that depend on how the stream was cut, a
+frame that is not ten bytes between a header and a tail, or a frame called `ok` that does not fit
+its kind.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import atheris
+
+with atheris.instrument_imports(include=["fte_sniff.protocol"]):
+    from fte_sniff.protocol import (
+        DEFAULT_BAUD,
+        FRAME_LENGTH,
+        HEADERS,
+        TAIL,
+        Chunk,
+        Frame,
+        Framer,
+        Row,
+        Status,
+        byte_time_ns,
+        encode,
+    )
+    from fte_sniff.protocol.dissect import dissect
+
+BYTE_NS = byte_time_ns(DEFAULT_BAUD)
+SILENCES_NS = (0, 3 * BYTE_NS, 5_000_000, 25_000_000, 600_000_000)
+
+
+def chunks_of(how: int, stream: bytes) -> list[Chunk]:
+    """The stream in pieces of one size, with one silence between them, timed or not."""
+    size = 1 + how % 32
+    silence = SILENCES_NS[how // 32 % len(SILENCES_NS)]
+    timed, now = how >= 128, 10**18
+    chunks = []
+    for at in range(0, len(stream), size):
+        piece = stream[at : at + size]
+        now += silence + len(piece) * BYTE_NS
+        chunks.append(Chunk("p", now if timed else None, piece))
+    return chunks
+
+
+def byte_by_byte(chunks: list[Chunk]) -> list[Chunk]:
+    """The same bytes at the same times, each by itself, with heartbeats in the silences."""
+    singles: list[Chunk] = []
+    last: int | None = None
+    for chunk in chunks:
+        size = len(chunk.data)
+        if chunk.t_ns is not None and last is not None:
+            began = chunk.t_ns - size * BYTE_NS
+            singles += [Chunk("p", t, b"") for t in range(last, began + 1, 10_000_000)]
+        for place in range(size):
+            t_ns = None if chunk.t_ns is None else chunk.t_ns - (size - place - 1) * BYTE_NS
+            singles.append(Chunk("p", t_ns, chunk.data[place : place + 1]))
+        last = chunk.t_ns
+    return singles
+
+
+def rows_of(chunks: list[Chunk]) -> list[Row]:
+    framer = Framer("p")
+    rows = [row for chunk in chunks for row in framer.feed(chunk)]
+    return rows + framer.flush()
+
+
+def check(data: bytes) -> None:
+    """Fails where a promise is broken."""
+    chunks = chunks_of(data[0], data[1:]) if data else []
+    rows = rows_of(chunks)
+    at = 0
+    for row in rows:
+        assert row.offset == at
+        assert row.raw
+        at += len(row.raw)
+        assert b"".join(part.raw for part in dissect(row)) == row.raw
+        if isinstance(row, Frame):
+            assert len(row.raw) == FRAME_LENGTH
+            assert row.raw[0] in HEADERS.values()
+            assert row.raw[-1] == TAIL
+            if row.status is Status.OK:
+                assert row.kind is not None
+                other = encode(row.kind, row.values, row.cmd)
+                assert [a for a, b in zip(row.raw, other, strict=True) if a != b] in (
+                    [],
+                    [row.raw[2]],
+                )
+    assert b"".join(row.raw for row in rows) == data[1:]
+    assert rows == rows_of(byte_by_byte(chunks))
+
+
+def main() -> None:
+    """Run the fuzzer until it finds something, or is told to end."""
+    atheris.Setup(sys.argv, check)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
