@@ -68,24 +68,21 @@ def compare(size: int) -> None:
         copy = speed(bytearray, data)
         print(
             f"{name:14}{bulk:9.2f}{machine:10.2f}{slow:10.3f}{kaitai:9.3f}{copy:9.0f}"
-            f"   machine {bulk / machine:.2f}x  construct {bulk / slow:.0f}x"
+            f"   machine {bulk / machine:.2f}x  construct {bulk / slow:.1f}x"
             f"  copy 1/{copy / bulk:.0f}",
             flush=True,
         )
 
 
 def growth(sizes: list[int]) -> None:
-    print("seconds by size (linear: the last column's ratios stay near the sizes')")
-    for name in streams(1000):
-        took = []
-        for megabytes in sizes:
-            data = streams(megabytes * 1_000_000)[name]
+    """Seconds by size: linear, if a line's numbers grow as the sizes do."""
+    for megabytes in sizes:
+        for name, data in streams(megabytes * 1_000_000).items():
             if name == "20 % hostile" and megabytes > 10:
                 continue
             began = perf_counter()
             bulk_columns("bench", data)
-            took.append(f"{megabytes} MB {perf_counter() - began:.2f} s")
-        print(f"{name:14}" + "   ".join(took), flush=True)
+            print(f"{megabytes:4} MB {name:14}{perf_counter() - began:8.3f} s", flush=True)
 
 
 def live() -> None:

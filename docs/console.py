@@ -48,6 +48,9 @@ def refreshed(page: str) -> str:
 
 def main() -> int:
     """Refresh the pages, or check them; the exit code."""
+    if sys.argv[1:] not in ([], ["--check"]):
+        print(__doc__, file=sys.stderr)
+        return 2
     stale = 0
     for name in PAGES:
         path = TOP / name

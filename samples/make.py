@@ -101,8 +101,13 @@ def _write_recording(path: Path, sample: Sample, chunks: list[Chunk]) -> None:
     opened = PortEvent(START_NS, sample.port, PortEventKind.OPENED, f"{DEFAULT_BAUD} baud 8N1")
     with RecordingWriter(path, ports, facts, existing=Existing.REPLACE) as recording:
         recording.write_event(opened)
+        flush_ns = START_NS
         for chunk in chunks:
             recording.write(framer.feed(chunk))
+            # As a live recording does, so that a copy cut short still has its beginning.
+            if (now_ns := chunk.t_ns or 0) >= flush_ns:
+                recording.flush()
+                flush_ns = now_ns + 1_000_000_000
         recording.write(framer.flush())
 
 
@@ -154,6 +159,9 @@ def _content(path: Path) -> object:
 
 def main() -> int:
     """Make the samples, or check them; the exit code."""
+    if sys.argv[1:] not in ([], ["--check"]):
+        print(__doc__, file=sys.stderr)
+        return 2
     if sys.argv[1:] == ["--check"]:
         for name in (old := stale()):
             print(f"not current: samples/{name}; run python samples/make.py", file=sys.stderr)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -192,9 +192,13 @@ def _columns(port: str, spans: Iterable[Row | Run]) -> BulkColumns:
     framed[places] = [isinstance(row, Frame) for _, row in odd]
     faults = np.zeros(rows, np.uint16)
     faults[places], sets = _fault_codes([row.faults for _, row in odd])
-    kind = _kinds(frames)
-    offset = np.cumsum(length) - length
-    return BulkColumns(port, offset, length, framed, kind, _values(frames, kind), faults, sets)
+    kind, values = _decoded(frames)
+    offset = np.arange(0, rows * FRAME_LENGTH, FRAME_LENGTH)
+    excess = np.zeros(rows, np.int64)
+    excess[places] = length[places] - FRAME_LENGTH
+    if excess.any():
+        offset += np.cumsum(excess) - excess
+    return BulkColumns(port, offset, length, framed, kind, values, faults, sets)
 
 
 def _fault_codes(
@@ -211,38 +215,45 @@ def _fault_codes(
     return codes, tuple(numbers)
 
 
-def _kinds(frames: Array) -> Array:
-    codes = np.empty(len(frames), np.uint8)
-    for block in _blocks(len(frames)):
-        own = frames[block]
-        codes[block] = _KIND[own[:, 0] | own[:, 1].astype(np.uint16) << np.uint16(8)]
-    return codes
+_Places: TypeAlias = list[tuple[int, Array]]
+"""Where a field stands, by its first byte, and which kinds have it there."""
 
 
-def _blocks(rows: int) -> Iterable[slice]:
-    return (slice(at, at + _LARGEST_BLOCK) for at in range(0, rows, _LARGEST_BLOCK))
-
-
-def _values(frames: Array, kinds: Array) -> Mapping[str, Array]:
-    """Every field of the table in every row, read where the row's kind has it."""
-    values: dict[str, Array] = {}
+def _field_places() -> dict[str, tuple[np.dtype[Any], _Places]]:
+    """For every row name the field's form on the wire, and its places."""
+    found: dict[str, tuple[np.dtype[Any], _Places]] = {}
     for first in VALUE_FIELDS:
-        places: dict[int, list[int]] = {}
+        places: dict[int, Array] = {}
         for code, kind in enumerate(KINDS):
             field = kind.field(first.name)
             if field is not None:
-                places.setdefault(field.start, []).append(code)
+                places.setdefault(field.start, np.zeros(NO_KIND + 1, np.bool_))[code] = True
         wire = np.dtype(f">{'i' if first.signed else 'u'}{first.size}")
-        column = np.empty(len(frames), wire.newbyteorder("="))
-        for block in _blocks(len(frames)):
-            own = frames[block]
-            start, *others = places
-            column[block] = _read(own, start, wire)
-            for other in others:
-                here = np.isin(np.arange(NO_KIND + 1), places[other])[kinds[block]]
-                np.copyto(column[block], _read(own, other, wire), where=here)
-        values[first.name] = column
-    return MappingProxyType(values)
+        found[first.name] = wire, list(places.items())
+    return found
+
+
+_FIELD_PLACES: Final = _field_places()
+
+
+def _decoded(frames: Array) -> tuple[Array, Mapping[str, Array]]:
+    """The kind of every row, and every field of the table, read where the row's kind has it."""
+    rows = len(frames)
+    kinds = np.empty(rows, np.uint8)
+    values = {
+        name: np.empty(rows, wire.newbyteorder("=")) for name, (wire, _) in _FIELD_PLACES.items()
+    }
+    for at in range(0, rows, _LARGEST_BLOCK):
+        block = slice(at, at + _LARGEST_BLOCK)
+        own = frames[block]
+        kind = _KIND[own[:, 0] | own[:, 1].astype(np.uint16) << np.uint16(8)]
+        kinds[block] = kind
+        for name, (wire, ((start, _), *others)) in _FIELD_PLACES.items():
+            column = values[name][block]
+            column[:] = _read(own, start, wire)
+            for other, has in others:
+                np.copyto(column, _read(own, other, wire), where=has[kind])
+    return kinds, MappingProxyType(values)
 
 
 def _read(frames: Array, start: int, wire: np.dtype[Any]) -> Array:

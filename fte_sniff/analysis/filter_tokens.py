@@ -20,6 +20,7 @@ MAX_TOKENS: Final = 600
 
 _EXCERPT: Final = 24
 _LONGEST: Final = 160
+_LONGEST_NUMBER: Final = 64
 
 
 class TokenType(Enum):
@@ -164,6 +165,8 @@ def _token_at(text: str, at: int) -> Token | None:
 
 
 def _check_number(text: str, match: re.Match[str]) -> None:
+    if len(match.group()) > _LONGEST_NUMBER:
+        raise complaint(text, match.start(), "this number is too long", "no field is as large")
     rest = re.compile(r"[\w.]+").match(text, match.end())
     if rest:
         raise complaint(

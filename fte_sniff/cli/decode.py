@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.filtering import filter_option, selection
-from fte_sniff.cli.inputs import batches_of, input_arguments
+from fte_sniff.cli.inputs import batches_of, check_inputs, input_arguments
 from fte_sniff.cli.outputs import format_option, text_output
 from fte_sniff.cli.summary import summary
 from fte_sniff.errors import shown
@@ -58,6 +58,7 @@ def command(
     """
     from fte_sniff.analysis.tally import Tally
 
+    check_inputs(files, output)
     select = selection(filter_text)
     tally = Tally()
     notes: list[str] = []
@@ -69,8 +70,8 @@ def command(
             written += len(rows)
         writer.end()
     for note in notes:
-        click.echo(shown(note), err=True)
-    click.echo(summary(tally, written), err=True)
+        click.echo(f"fte-sniff: {shown(note)}", err=True)
+    click.echo(summary(tally, written, partly=written == limit), err=True)
 
 
 def _selected(

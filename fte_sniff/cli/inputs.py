@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from io import BufferedReader, FileIO
 from itertools import islice
 from pathlib import Path
@@ -17,10 +18,19 @@ from typing import Any
 
 import click
 
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, FteSniffError, UsageError
 from fte_sniff.formats.kinds import InputKind, kind_of_content, kind_of_file
 from fte_sniff.formats.raw import hex_chunks, hex_stream_chunks, raw_chunks, raw_stream_chunks
-from fte_sniff.protocol import FRAME_LENGTH, Chunk, Damage, Fault, Framer, Row
+from fte_sniff.protocol import (
+    FRAME_LENGTH,
+    Chunk,
+    Damage,
+    Fault,
+    Framer,
+    PortEvent,
+    PortEventKind,
+    Row,
+)
 
 STDIN = Path("-")
 STDIN_NAME = "stdin"
@@ -28,6 +38,9 @@ STDIN_NAME = "stdin"
 
 BATCH = 4096
 """Rows handed on at once, at most, where they come one by one."""
+
+TROUBLES = (PortEventKind.OVERRUN, PortEventKind.LINE_ERROR, PortEventKind.LOST)
+"""Events of a recording that tell of bytes that are not in it, or not as they were sent."""
 
 Note = Callable[[str], None]
 """Takes one line for people about an input, such as that it ends in the middle."""
@@ -46,6 +59,26 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
         help="What the files hold, where their names do not tell.",
     )
     return files(kind(command))
+
+
+def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
+    """Refuse a list of inputs that cannot work out, before anything is opened.
+
+    Raises:
+        UsageError: standard input is named twice, or the output is one of the inputs.
+    """
+    if files.count(STDIN) > 1:
+        raise UsageError("'-' is standard input, which can be read once; name it once")
+    for path in files:
+        if output is not None and _same(path, output):
+            raise UsageError(f"{output} is an input, and would be lost; name another file with -o")
+
+
+def _same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:
+        return False
 
 
 def batches_of(path: Path, kind: InputKind | None, note: Note) -> Iterator[list[Row]]:
@@ -72,17 +105,25 @@ def batches_of(path: Path, kind: InputKind | None, note: Note) -> Iterator[list[
 
 def _framed_batches(chunks: Iterable[Chunk], name: str, note: Note) -> Iterator[list[Row]]:
     framer = Framer(name)
+    rows: list[Row] = []
     some = False
-    for chunk in chunks:
-        some = True
-        if rows := framer.feed(chunk):
-            yield rows
+    try:
+        for chunk in chunks:
+            some = True
+            rows += framer.feed(chunk)
+            if len(rows) >= BATCH:
+                yield rows
+                rows = []
+    except FteSniffError:
+        # What stood before the fault is not lost with it.
+        yield rows + framer.flush()
+        raise
     if not some:
         raise FileError(f"{name}: is empty; there is nothing to decode")
-    last = framer.flush()
-    if last:
-        yield last
-        _note_cut_frame(last[-1], name, note)
+    rows += framer.flush()
+    if rows:
+        yield rows
+        _note_cut_frame(rows[-1], name, note)
 
 
 def _note_cut_frame(last: Row, name: str, note: Note) -> None:
@@ -94,11 +135,17 @@ def _recording_batches(path: Path, note: Note) -> Iterator[list[Row]]:
     from fte_sniff.recording.reader import RecordingReader
 
     reader = RecordingReader(path)
-    rows = iter(reader)
-    while batch := list(islice(rows, BATCH)):
-        yield batch
-    if not reader.complete:
-        note(f"{path}: {reader.ending}")
+    entries = reader.entries()
+    troubles: Counter[PortEventKind] = Counter()
+    while batch := list(islice(entries, BATCH)):
+        troubles.update(entry.kind for entry in batch if isinstance(entry, PortEvent))
+        yield [entry for entry in batch if not isinstance(entry, PortEvent)]
+    for kind in TROUBLES:
+        if troubles[kind]:
+            note(f"{path}: the port reported {kind} {troubles[kind]:,} times while it was recorded")
+    for loss in (*reader.losses, reader.ending):
+        if loss:
+            note(f"{path}: {loss}")
 
 
 def _stdin_batches(kind: InputKind | None, note: Note) -> Iterator[list[Row]]:

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib import import_module
 from types import MappingProxyType
+from typing import NoReturn
 
 import click
 
-from fte_sniff.cli.stdout import abandon_stdout
-from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.cli.stdout import abandon_stdout, settle_streams
+from fte_sniff.errors import FteSniffError, shown, unwritable
 
 PROGRAM = "fte-sniff"
 
@@ -50,25 +52,46 @@ def fte_sniff() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the program and exit with the code of the contract."""
+    settle_streams()
     try:
-        code = fte_sniff.main(arguments, prog_name=PROGRAM, standalone_mode=False)
-        sys.stdout.flush()
-        sys.exit(code if isinstance(code, int) else 0)
+        sys.exit(_run(sys.argv[1:] if arguments is None else arguments))
     except FteSniffError as error:
-        _complain(str(error))
+        _end(str(error), error.exit_code)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        _complain(_one_line(error))
-        sys.exit(error.exit_code)
+        _end(_one_line(error), error.exit_code)
     except BrokenPipeError:
         abandon_stdout()
         sys.exit(0)
+    except OSError as error:
+        refused = unwritable(error.filename or "standard output", error)
+        _end(str(refused), refused.exit_code)
     except (KeyboardInterrupt, click.Abort):
+        abandon_stdout()
         sys.exit(EXIT_INTERRUPTED)
 
 
-def _complain(message: str) -> None:
+def _run(arguments: Sequence[str]) -> int:
+    # Not click's own `main`: that turns a closed pipe into exit code 1.
+    try:
+        with fte_sniff.make_context(PROGRAM, list(arguments)) as context:
+            fte_sniff.invoke(context)
+    except click.exceptions.Exit as end:
+        code = end.exit_code
+    else:
+        code = 0
+    sys.stdout.flush()
+    return code
+
+
+def _end(message: str, code: int) -> NoReturn:
+    with suppress(OSError):
+        sys.stdout.flush()
+    abandon_stdout()
     click.echo(f"{PROGRAM}: {shown(message)}", err=True)
+    sys.exit(code)
 
 
 def _one_line(error: click.ClickException) -> str:

@@ -34,16 +34,42 @@ def format_option(default: OutputFormat | None) -> Decorator:
 
 @contextmanager
 def text_output(path: Path | None, *, force: bool) -> Iterator[TextIO]:
-    """Standard output, or the file at `path`, made now.
+    """Standard output, or a file that stands at `path` once there is something in it.
+
+    What is written goes to a file beside it first, so that a command that fails before its first
+    row leaves nothing behind, and an old file is replaced only by a new one.
 
     Raises:
         FileError: the file is there already (and `force` is not set), or cannot be written.
     """
-    if path is None:
+    if path is None or str(path) == "-":
         yield sys.stdout
         return
     try:
-        with path.open("w" if force else "x", encoding="utf-8", newline="") as file:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            with path.open("w", encoding="utf-8", newline="") as device:
+                yield device
+            return
+        if path.is_dir():
+            raise IsADirectoryError
+        if path.exists() and not force:
+            raise FileExistsError
+        with _beside(path) as file:
             yield file
     except OSError as error:
         raise unwritable(path, error) from error
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[TextIO]:
+    """A new file next to `path`, which takes its place in the end if anything was written."""
+    part = path.with_name(f"{path.name}.part")
+    with part.open("w", encoding="utf-8", newline="") as file:
+        try:
+            yield file
+        finally:
+            file.flush()
+            if file.tell():
+                part.replace(path)
+            else:
+                part.unlink()

@@ -12,7 +12,7 @@ import click
 
 from fte_sniff.capture.simulator.parameters import PARAMETERS, Parameter, SimulationParameters
 from fte_sniff.cli.signals import signals_call
-from fte_sniff.errors import shown
+from fte_sniff.errors import PortError, UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
 
 _DEFAULTS = {"host": "off", "wire": Direction.FEEDBACK.value}
@@ -34,7 +34,12 @@ def _option(parameter: Parameter) -> click.Option:
 def _run(link: Path | None, baud: int, **parameters: Any) -> None:
     from fte_sniff.capture.controller_pty import ControllerPty
 
-    with ControllerPty(SimulationParameters(**parameters), baud, link) as controller:
+    try:
+        asked = SimulationParameters(**parameters)
+        asked.check_against(baud)
+    except PortError as error:
+        raise UsageError(str(error).replace("sim://", "simulate")) from error
+    with ControllerPty(asked, baud, link) as controller:
         click.echo(str(link) if link else controller.device)
         click.echo(f"a controller answers on {shown(controller.device)}; Ctrl-C ends it", err=True)
         with signals_call(controller.stop):
@@ -46,7 +51,13 @@ command = click.Command(
     callback=_run,
     params=[
         click.Option(["--link"], type=click.Path(path_type=Path), help="Make this link to it."),
-        click.Option(["--baud"], type=int, default=DEFAULT_BAUD, show_default=True, help="Bits/s."),
+        click.Option(
+            ["--baud"],
+            type=click.IntRange(50, 12_000_000),
+            default=DEFAULT_BAUD,
+            show_default=True,
+            help="Bits/s.",
+        ),
         *map(_option, PARAMETERS),
     ],
     short_help="A controller on a pseudo-terminal, to develop against.",

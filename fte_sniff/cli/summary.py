@@ -13,13 +13,16 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.tally import Tally
 
 
-def summary(tally: Tally, written: int | None = None) -> str:
+def summary(tally: Tally, written: int | None = None, *, partly: bool = False) -> str:
     """What was read: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
     Args:
         tally: the count of all rows that were read.
         written: how many of them were written, to be told where that is not all.
+        partly: whether reading stopped at a limit, so that the numbers are not of the whole input.
     """
+    if partly:
+        return f"stopped at the limit: {tally.rows:,} rows read so far, {written or 0:,} written"
     parts = [f"{tally.rows:,} row{'s' if tally.rows != 1 else ''}"]
     if written is not None and written != tally.rows:
         parts[0] += f" read, {written:,} written"

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 
 from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import STDIN, batches_of, input_arguments
+from fte_sniff.cli.inputs import STDIN, batches_of, check_inputs, input_arguments
 from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.formats.kinds import InputKind
@@ -36,6 +36,7 @@ def command(
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     if STDIN in files:
         raise UsageError("view reads files only, since the keys come from standard input")
+    check_inputs(files)
     from fte_sniff.session.replay import ReplaySession
     from fte_sniff.tui.app import AtEnd, run_screen
 
@@ -47,7 +48,7 @@ def command(
     session = ReplaySession(chain.from_iterable(batches), " ".join(map(str, files)))
     code = run_screen(session, AtEnd.STAY, wanted, keep_rows)
     for note in notes:
-        click.echo(shown(note), err=True)
+        click.echo(f"fte-sniff: {shown(note)}", err=True)
     if session.error is not None:
         raise session.error
     sys.exit(code)

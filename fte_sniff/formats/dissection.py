@@ -9,8 +9,9 @@ It must not know what the bytes mean; `protocol.dissect` says that. It loads not
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from textwrap import TextWrapper
+from typing import TextIO
 
 import click
 
@@ -23,18 +24,33 @@ _BYTES_A_LINE = 6
 _COLOR = {Status.OK: "green", Status.SUSPECT: "yellow", Status.MALFORMED: "red"}
 
 
-def dissection_lines(rows: Iterable[Row], width: int | None = None) -> Iterator[str]:
-    """The rows taken apart, an empty line between two of them.
+class DissectionWriter:
+    """Writes rows taken apart, an empty line between two of them."""
 
-    Args:
-        rows: what to take apart.
-        width: columns to wrap the explanations at; None to leave them on one line.
-    """
-    wrap = _no_wrap if width is None else _wrapper(width)
-    for number, row in enumerate(rows):
-        if number:
-            yield ""
-        yield from _row_lines(row, wrap)
+    def __init__(self, stream: TextIO, width: int | None, *, colored: bool) -> None:
+        """Write to `stream`, in colours if asked for.
+
+        Args:
+            stream: where to.
+            width: columns to wrap the explanations at; None to leave them on one line.
+            colored: whether colours are wanted.
+        """
+        self._stream = stream
+        self._wrap = _no_wrap if width is None else _wrapper(width)
+        self._colored = colored
+        self._begun = False
+
+    def write(self, rows: Sequence[Row]) -> None:
+        """Write the rows."""
+        for row in rows:
+            if self._begun:
+                self._stream.write("\n")
+            self._begun = True
+            for line in _row_lines(row, self._wrap):
+                self._stream.write((line if self._colored else click.unstyle(line)) + "\n")
+
+    def end(self) -> None:
+        """Nothing is held back."""
 
 
 def _row_lines(row: Row, wrap: TextWrapper) -> Iterator[str]:

@@ -1,6 +1,6 @@
 r"""Owns hex as people write and paste it: from text to bytes.
 
-It must not know what the bytes mean or where the text came from.
+It must not know where the text came from, nor what the bytes mean, save those that begin a frame.
 
 Accepted: digits in pairs, together or apart (`AA0202`, `AA 02 02`), a lone digit that stands by
 itself (`AA 2 2`), `0x` and `\x` in front, any of `, ; : - |` and brackets and quotes between, a
@@ -13,14 +13,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from fte_sniff.errors import InputTextError
+from fte_sniff.protocol import HEADERS
 
 _COMMENT = re.compile(r"#|//")
 _DIRECTION = (
     r"(?:(?:RX|TX|RECV|RECEIVED?|SEND|SENT|IN|OUT)(?![A-Za-z0-9])|接收|发送|收|发"
     r"|[→←↑↓◆◇►◄▶◀>=＞＜<-]+)"
 )
+_HEADER = "|".join(f"{header:02X}" for header in HEADERS.values())
 _CLOCK = r"\d{1,2}:\d{2}:\d{2}"
 _DATE = r"\d{4}[-/]\d{1,2}[-/]\d{1,2}[T ]"
 _TIME = (
@@ -28,14 +31,19 @@ _TIME = (
     rf"|{_DATE}{_CLOCK}(?:[.,]\d+)?Z?(?![\w:])"  # with a date
     rf"|{_CLOCK}[.,]\d+(?![\w:])"  # with a fraction of a second
     rf"|{_CLOCK}(?=\s*{_DIRECTION})"  # before a direction
-    rf"|{_CLOCK}(?=\s[^:]*$))"  # alone, where no other colon could make it bytes
+    rf"|{_CLOCK}(?=\s+(?:0x)?(?:{_HEADER})\b))"  # before what begins a frame
 )
 _LINE_START = re.compile(
-    rf"\s*(?:{_TIME})?\s*(?:[\[(【]?{_DIRECTION}[\])】]?\s*)*[:：]?", re.IGNORECASE
+    rf"\s*(?:{_TIME}\s*(?:#\s*(?={_DIRECTION}))?)?"
+    rf"(?:[\[(【]?{_DIRECTION}[\])】]?\s*(?:HEX\b)?\s*)*[:：]?\s*"
+    r"(?:[a-z_][\w\s*]*(?:\[\d*\])?\s*=\s*(?=[\[{(b]))?",
+    re.IGNORECASE,
 )
-_BYTES_LITERAL = re.compile(r"""b(?:'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""", re.IGNORECASE)
-_WORD = re.compile(r"(?:0x|\\x)?([0-9a-f]+)", re.IGNORECASE)
-_BETWEEN = re.compile(r"[\s,;:|\-\[\](){}\"'<>，；：、\u00a0\ufeff]+")
+_BYTES_LITERAL = re.compile(
+    r"""(?<![0-9a-z])b(?:'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""", re.IGNORECASE
+)
+_WORD = re.compile(r"(?:0x|\\x)?([0-9a-f]+)(?:h(?![0-9a-z]))?", re.IGNORECASE)
+_BETWEEN = re.compile(r"[\s,;:|\-\[\](){}\"'<>，；：、.□\u00a0\ufeff]+|bytearray(?=\()|bytes(?=\()")
 
 
 def bytes_of_text(text: str) -> bytes:
@@ -44,40 +52,61 @@ def bytes_of_text(text: str) -> bytes:
     Raises:
         InputTextError: something is not hex; the message names line, column and the character.
     """
-    return b"".join(bytes_of_lines(text.splitlines()))
+    lines = enumerate(text.splitlines(), start=1)
+    return b"".join(bytes_of_pieces(Piece(line, number, 0) for number, line in lines))
 
 
-def bytes_of_lines(lines: Iterable[str]) -> Iterator[bytes]:
-    """The bytes of each line, one item a line that has any.
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A line of text, or a part of a very long one."""
+
+    text: str
+    line: int
+    """Number of the line, from 1."""
+    column: int
+    """Characters of the line before this piece."""
+
+
+def bytes_of_pieces(pieces: Iterable[Piece]) -> Iterator[bytes]:
+    """The bytes of each piece, one item for each that has any.
 
     Raises:
         InputTextError: something is not hex; the message names line, column and the character.
     """
-    for number, line in enumerate(lines, start=1):
-        found = _bytes_of_line(line.rstrip("\r\n"), number)
+    commented = 0
+    for piece in pieces:
+        if piece.line == commented:
+            continue
+        found, ends_in_comment = _bytes_of_piece(piece)
+        if ends_in_comment:
+            commented = piece.line
         if found:
             yield found
 
 
-def _bytes_of_line(line: str, number: int) -> bytes:
+def _bytes_of_piece(piece: Piece) -> tuple[bytes, bool]:
+    """The bytes, and whether a comment goes on to the end of the line."""
     found = bytearray()
-    start = _LINE_START.match(line)
+    line = piece.text
+    start = _LINE_START.match(line) if piece.column == 0 else None
     at = start.end() if start else 0
-    while at < len(line) and not _COMMENT.match(line, at):
+    while at < len(line):
+        if _COMMENT.match(line, at):
+            return bytes(found), True
         if between := _BETWEEN.match(line, at):
             at = between.end()
         elif literal := _BYTES_LITERAL.match(line, at):
-            found += _bytes_of_literal(literal.group(), line, number, at)
+            found += _bytes_of_literal(literal.group(), piece, at)
             at = literal.end()
         elif word := _WORD.match(line, at):
-            found += _bytes_of_word(word, line, number)
+            found += _bytes_of_word(word, piece)
             at = word.end()
         else:
-            raise _not_hex(line, number, at, "is no hex digit")
-    return bytes(found)
+            raise _not_hex(piece, at, "is no hex digit")
+    return bytes(found), False
 
 
-def _bytes_of_word(word: re.Match[str], line: str, number: int) -> bytes:
+def _bytes_of_word(word: re.Match[str], piece: Piece) -> bytes:
     digits = word.group(1)
     if len(digits) == 1:
         after = word.string[word.end() : word.end() + 1]
@@ -87,26 +116,26 @@ def _bytes_of_word(word: re.Match[str], line: str, number: int) -> bytes:
         # An odd digit run may simply end in a character that is no digit: point at that one.
         after = word.string[word.end() : word.end() + 1]
         if after and not _BETWEEN.match(after):
-            raise _not_hex(line, number, word.end(), "is no hex digit")
-        raise _not_hex(line, number, word.end() - 1, "has no second digit to make a byte")
+            raise _not_hex(piece, word.end(), "is no hex digit")
+        raise _not_hex(piece, word.end() - 1, "has no second digit to make a byte")
     return bytes.fromhex(digits)
 
 
-def _bytes_of_literal(literal: str, line: str, number: int, at: int) -> bytes:
+def _bytes_of_literal(literal: str, piece: Piece, at: int) -> bytes:
     from ast import literal_eval
 
     try:
         value = literal_eval(literal)
     except (SyntaxError, ValueError) as error:
-        raise _not_hex(
-            line, number, at, "starts a bytes literal that Python cannot read"
-        ) from error
+        raise _not_hex(piece, at, "starts a bytes literal that Python cannot read") from error
     return bytes(value)
 
 
-def _not_hex(line: str, number: int, at: int, why: str) -> InputTextError:
+def _not_hex(piece: Piece, at: int, why: str) -> InputTextError:
+    line = piece.text
     before, here, after = line[max(0, at - 12) : at], line[at], line[at + 1 : at + 12]
     return InputTextError(
-        f"not hex: {here!r} {why}, line {number}, column {at + 1}: {before}>>{here}<<{after}"
+        f"not hex: {here!r} {why}, line {piece.line}, column {piece.column + at + 1}:"
+        f" {before}>>{here}<<{after}"
         " (write bytes as hex digits, like AA 01 01 03 E8 00 00 00 00 EE; # starts a comment)"
     )

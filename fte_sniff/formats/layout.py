@@ -29,6 +29,7 @@ _VALUES_WIDTH = max(
     for kind in KINDS
 )
 _OFFSET_WIDTH = 9
+_CLOCK_WIDTH = len("12:00:00.000")
 _PORT_WIDTH = 14
 _RAW_WIDTH = len(spaced_hex(bytes(FRAME_LENGTH)))
 
@@ -60,6 +61,30 @@ class Layout:
             spaced_hex(row.raw),
             faults_text(row.faults),
         )
+
+    @property
+    def width(self) -> int:
+        """Columns that the whole line of an ordinary frame takes, with two between the cells."""
+        header = self.header()
+        return sum(map(len, header)) + 2 * len(header)
+
+    def narrow_header(self) -> tuple[str, ...]:
+        """The names above `narrow_cells`, padded as those are."""
+        return self._narrow("time UTC", "port", " ", "kind", "values")
+
+    def narrow_cells(self, row: Row) -> tuple[str, ...]:
+        """The row for a narrow terminal: no offset, and what is wrong before the bytes."""
+        clock = "" if row.t_ns is None else iso_time(row.t_ns)[11 : 11 + _CLOCK_WIDTH]
+        kind, faults = kind_text(row), faults_text(row.faults)
+        told = "  ".join(filter(None, (values_text(row), faults, spaced_hex(row.raw))))
+        if not isinstance(row, Frame):
+            kind, told = faults, spaced_hex(row.raw)
+        return self._narrow(clock, shown(row.port), STATUS_MARK[row.status], kind, told)
+
+    def _narrow(self, clock: str, port: str, mark: str, kind: str, told: str) -> tuple[str, ...]:
+        times = (clock.ljust(_CLOCK_WIDTH),) if self.times else ()
+        ports = (port[-_PORT_WIDTH:].ljust(_PORT_WIDTH),) if self.ports else ()
+        return (*times, *ports, mark, kind.ljust(_KIND_WIDTH), told)
 
     def _padded(  # one parameter a cell, in the order of the line
         self,

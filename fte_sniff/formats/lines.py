@@ -5,7 +5,7 @@ It must not know where the rows come from or what is in the cells; the layout sa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 from fte_sniff.formats.layout import Layout
@@ -43,21 +43,32 @@ def _joined(cells: Iterable[str]) -> str:
 
 
 class RichWriter:
-    """Writes one coloured line a row, cut at the terminal's right edge."""
+    """Writes one coloured line a row, cut at the terminal's right edge.
+
+    Where the terminal is too narrow for the whole line, the times are short, the offsets are left
+    out, and what is wrong with a row stands before its bytes.
+    """
 
     def __init__(self, console: Console, *, ports: bool) -> None:
         self._console = console
         self._ports = ports
-        self._layout: Layout | None = None
+        self._cells: Callable[[Row], Iterable[str]] | None = None
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows; the first one decides whether there is a column for the time."""
-        if rows and self._layout is None:
-            self._layout = Layout(times=rows[0].t_ns is not None, ports=self._ports)
-            self._print(_GAP.join(self._layout.header()), "bold")
-        if self._layout is not None:
+        if rows and self._cells is None:
+            self._cells = self._begin(Layout(times=rows[0].t_ns is not None, ports=self._ports))
+        if self._cells is not None:
             for row in rows:
-                self._print(_GAP.join(self._layout.cells(row)), style_of(row))
+                self._print(_GAP.join(self._cells(row)), style_of(row))
+
+    def _begin(self, layout: Layout) -> Callable[[Row], Iterable[str]]:
+        """Write the header, and choose the cells that the terminal has room for."""
+        if self._console.width >= layout.width:
+            self._print(_GAP.join(layout.header()), "bold")
+            return layout.cells
+        self._print(_GAP.join(layout.narrow_header()), "bold")
+        return layout.narrow_cells
 
     def end(self) -> None:
         """Nothing is held back."""

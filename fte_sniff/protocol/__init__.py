@@ -7,7 +7,17 @@ order:
     rows      the vocabulary: Chunk in, Frame and Damage (a row) out, PortEvent beside them
     codec     one frame's bytes from its values, and the faults one frame shows alone
     columns   the row contract: names, order and types of what a row tells
-    framer    a port's chunks to rows
+    dissect   one row explained, byte by byte
+    framer    a port's chunks to rows; what it needs, from what it is told to what it says:
+        structure    what each byte of a frame must be
+        patterns     the regular expressions that find frames
+        timeline     the times of bytes, and silence
+        undisputed   damage that has one reading only
+        likelihood   the cost model: how likely frames, damage and noise are
+        pieces       what can begin at a place of a disputed stretch
+        weighing     which reading of the stretch is chosen, and what doubt remains
+        reading      a decided stretch, in parts
+        tiling       decided bytes to rows
 """
 
 from fte_sniff.protocol.codec import encode, frame_faults

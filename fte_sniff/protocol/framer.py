@@ -10,8 +10,8 @@ cut into chunks. There are three states:
     in step   A frame ended here beyond doubt. Frames that fit their kind at every place are taken
               as long as each is followed by another one in step, unless a header in their
               payload, behind a tail or before a CMD and a motor, could make them two truncated
-              ones. On a calm line, that is after `CALM_STREAK` frames without damage, even the
-              last is taken, at once, if it holds no second header or tail.
+              ones. On a calm line, that is before any damage and `CALM_STREAK` frames behind it,
+              even the last is taken, at once, if it holds no second header or tail.
     disputed  Anything else. Bytes are gathered to the first of: two frames that fit, in step;
               three that fit, in step or not; three times ten framed bytes in step; `WIDEST` bytes;
               silence. Then all readings of them are weighed. If the last two frames are certain,
@@ -57,7 +57,7 @@ from fte_sniff.protocol.weighing import (
     trusted,
 )
 
-CALM_STREAK = 32
+CALM_STREAK = 100
 """Frames without damage after which a calm frame needs no further one to be believed."""
 
 WIDEST = 64
@@ -112,7 +112,8 @@ class Framer:
         """Whether the long noise is already being passed over."""
         self._not_before = 0
         """Place in `_data` before which weighing again would tell nothing new."""
-        self._streak = 0
+        self._streak = CALM_STREAK
+        """Frames since the last damage; a line that has shown none yet is calm."""
         self._pauses: list[int] = []
         """Offsets of bytes before which the line paused."""
         self._settled = False
@@ -306,6 +307,8 @@ class Framer:
 
     def _decide(self, reading: list[Stretch]) -> None:
         start = self._at
+        # A stream may begin within a frame: that is no damage of the line.
+        first = FRAME_LENGTH - self._base
         for part in reading:
             stop = start + part.stop
             if part.faults == NOISE:
@@ -314,7 +317,7 @@ class Framer:
                 take = self._tiler.frame if part.framed else self._tiler.damage
                 take(self._base + self._at, self._data[self._at : stop], part.faults)
                 self._at = stop
-            self._streak = self._streak + 1 if part.certain else 0
+            self._streak = self._streak + 1 if part.certain or stop <= first else 0
 
     def _take_noise(self, stop: int) -> None:
         """Take the bytes up to `stop` as noise, which may go on."""

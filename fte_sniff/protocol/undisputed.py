@@ -1,7 +1,8 @@
 """Owns the short cut: damage that has one reading only, so that nothing needs weighing.
 
-It must not decide otherwise than weighing does; it is only quicker, by far, for the damage that is
-the most common: one piece between plain frames, with no header or tail in it but its own.
+It must not read bytes otherwise than weighing does; it is only quicker, by far, for the damage that
+is the most common: one piece between plain frames, with no header or tail in it but its own. (Very
+rarely weighing doubts one of those frames by a hair, where this does not.)
 
     [frame] damage frame frame      each frame fits its kind, and holds no header or tail inside
 
@@ -100,6 +101,8 @@ def _named(shape: str, raw: bytes) -> Fault | None:
     if shape == "tailed":
         fits = max(rest_fit(kind, raw) for kind in KINDS) >= _LEAST_LEFT
         return Fault.BAD_HEADER if fits else None
+    if shape == "both" and len(raw) == FRAME_LENGTH:
+        return _FRAMED
     kinds = kinds_of(raw)
     if len(kinds) != 1:
         return None
@@ -108,8 +111,6 @@ def _named(shape: str, raw: bytes) -> Fault | None:
         if len(raw) == FRAME_LENGTH:
             return Fault.BAD_TAIL if fitting >= _LEAST_LEFT else None
         return Fault.TRUNCATED if fitting == len(raw) else None
-    if len(raw) == FRAME_LENGTH:
-        return _FRAMED
     split = split_damaged(raw)
     if split is None or split.head <= CMD_PLACE:
         return None

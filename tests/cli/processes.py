@@ -34,11 +34,13 @@ def wire() -> Iterator[tuple[int, str]]:
 
 
 @contextmanager
-def started(environment: Mapping[str, str], folder: Path, *arguments: str) -> Iterator[Process]:
+def started(
+    environment: Mapping[str, str], folder: Path, *arguments: str, stdin: int = subprocess.DEVNULL
+) -> Iterator[Process]:
     """The program at work in `folder`, with its output in pipes; killed at the end if need be."""
     with subprocess.Popen(
         [*PROGRAM, *arguments],
-        stdin=subprocess.DEVNULL,
+        stdin=stdin,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=dict(environment),

@@ -116,3 +116,63 @@ def test_a_file_cut_anywhere_is_decoded_to_its_end(run, tmp_path: Path, samples:
     cut = run("decode", "cut.mcap", "--format", "jsonl")
     assert cut.returncode == 0
     assert "cut.mcap: " in cut.stderr
+
+
+def test_the_input_is_never_the_output(run, tmp_path: Path, samples: Path) -> None:
+    before = (samples / "idle.mcap").read_bytes()
+    (tmp_path / "x.mcap").write_bytes(before)
+    for output in ("x.mcap", "./x.mcap"):
+        done = run("decode", "x.mcap", "--force", "-o", output)
+        assert done.returncode == 2
+        assert "is an input" in done.stderr
+    assert (tmp_path / "x.mcap").read_bytes() == before
+
+
+def test_a_command_that_fails_leaves_an_old_output_and_no_new_one(run, tmp_path: Path) -> None:
+    (tmp_path / "old.txt").write_text("old")
+    assert run("decode", "none.raw", "--force", "-o", "old.txt").returncode == 4
+    assert (tmp_path / "old.txt").read_text() == "old"
+    assert run("decode", "none.raw", "-o", "new.txt").returncode == 4
+    assert [path.name for path in tmp_path.iterdir()] == ["old.txt"]
+
+
+def test_rows_before_a_fault_are_in_the_output(run, tmp_path: Path) -> None:
+    (tmp_path / "x.hex").write_text("AA 00 00 00 00 00 00 00 00 EE\n" * 40 + "zz\n")
+    assert run("decode", "x.hex", "-o", "rows.txt").returncode == 2
+    assert (tmp_path / "rows.txt").read_text().count("reset") == 40
+
+
+def test_output_to_a_device_and_to_standard_output_by_name(run, samples: Path) -> None:
+    plain = run("decode", samples / "idle.raw").stdout
+    assert run("decode", samples / "idle.raw", "-o", "-").stdout == plain
+    assert run("decode", samples / "idle.raw", "-o", "/dev/stdout").stdout == plain
+
+
+def test_standard_input_is_named_once(run, samples: Path) -> None:
+    done = run("decode", "-", "-", stdin=(samples / "idle.raw").read_bytes())
+    assert done.returncode == 2
+    assert "once" in done.stderr
+
+
+def test_what_is_lost_inside_a_recording_is_told(run, tmp_path: Path, samples: Path) -> None:
+    data = bytearray((samples / "clean.mcap").read_bytes())
+    data[len(data) // 3] ^= 0xFF
+    (tmp_path / "flip.mcap").write_bytes(data)
+    done = run("decode", "flip.mcap", "--format", "jsonl")
+    assert done.returncode == 0
+    assert len(jsonl(done.stdout)) < 1200
+    assert all(line.startswith("fte-sniff: flip.mcap: ") for line in done.stderr.splitlines()[:-1])
+    assert "missing" in done.stderr or "lost" in done.stderr
+
+
+def test_a_limit_is_not_taken_for_the_whole_file(run, samples: Path) -> None:
+    told = run("decode", samples / "clean.mcap", "--limit", "2").stderr
+    assert "stopped at the limit" in told
+    assert "malformed" not in told
+
+
+def test_lines_of_hex_without_end(run, tmp_path: Path) -> None:
+    (tmp_path / "long.hex").write_text("AA 00 00 00 00 00 00 00 00 EE " * 50_000)
+    done = run("decode", "long.hex", "--format", "jsonl", "--filter", "NOT reset")
+    assert done.stdout == ""
+    assert "50,000 rows read, 0 written" in done.stderr

@@ -3,6 +3,10 @@
 import csv
 import io
 import json
+import os
+import subprocess
+
+from tests.cli.processes import started
 
 FRAME = "AA 02 02 03 E8 00 00 27 10 EE"
 
@@ -66,3 +70,26 @@ def test_doubt_and_damage_are_told(run) -> None:
     assert "expected 00 00 as in all examples, found 00 01" in done.stdout
     assert "malformed (noise)" in done.stdout
     assert done.returncode == 0
+
+
+def test_a_long_paste_that_is_no_hex(run) -> None:
+    for paste in ("A" * 1001, "Z" * 1001):
+        done = run("hex", paste)
+        assert done.returncode == 2
+        assert done.stderr.count("\n") == 1
+
+
+def test_dash_and_bytes_are_not_mixed(run) -> None:
+    done = run("hex", "AA", "-", stdin="BB")
+    assert done.returncode == 2
+    assert "not both" in done.stderr
+
+
+def test_standard_input_without_end_is_taken_apart_as_it_comes(environment, tmp_path) -> None:
+    with started(environment, tmp_path, "hex", "-", stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(f"{FRAME}\n".encode() * 200)
+        process.stdin.flush()
+        assert b"position" in os.read(process.stdout.fileno(), 1 << 16)
+        process.kill()

@@ -40,3 +40,10 @@ def test_help_of_every_command(run) -> None:
         assert done.returncode == 0
         assert done.stdout.startswith(f"Usage: fte-sniff {name}")
     assert run("--version").stdout.startswith("fte-sniff, version ")
+
+
+@pytest.mark.parametrize("arguments", [[], ["encode"]])
+def test_no_command_prints_the_help(run, arguments: list[str]) -> None:
+    done = run(*arguments)
+    assert done.returncode == 2
+    assert "Commands:\n" in done.stderr

@@ -1,11 +1,13 @@
 """Hex as people paste it: whatever the style, the same bytes; whatever is no hex, the place."""
 
+from itertools import count
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.hex_text import bytes_of_lines, bytes_of_text
+from fte_sniff.formats.hex_text import Piece, bytes_of_pieces, bytes_of_text
 
 FRAME = bytes.fromhex("AA0202 03E8 00002710 EE")
 
@@ -27,7 +29,14 @@ PASTES = {
     "words of two bytes": "AA02 0203 E800 0027 10EE",
     "comments": "# sent\nAA 02 02 03 E8 // the limit\n00 00 27 10 EE  # the target",
     "an assistant's time": "[12:00:01.345] AA 02 02 03 E8 00 00 27 10 EE",
-    "time, direction": "[12:00:01.345]发→◇AA 02 02 03 E8 00 00 27 10 EE □"[:-2],
+    "time, direction": "[12:00:01.345]发→◇AA 02 02 03 E8 00 00 27 10 EE □",
+    "time, words": "[2026-01-31 10:15:02.123]# RECV HEX> AA 02 02 03 E8 00 00 27 10 EE",
+    "h behind": "AAh 02h 02h 03h E8h 00h 00h 27h 10h EEh",
+    "a full stop": "AA 02 02 03 E8 00 00 27 10 EE.",
+    "a C declaration": "unsigned char buf[] = {0xAA,0x02,0x02,3,0xE8,0,0,0x27,0x10,0xEE};",
+    "a Python list": "data = [0xAA, 0x02, 0x02, 0x03, 0xE8, 0x00, 0x00, 0x27, 0x10, 0xEE]",
+    "a bytearray": r"""bytearray(b"\xaa\x02\x02\x03\xe8\x00\x00'\x10\xee\"""".replace('\\"', '"')
+    + ")",
     "a bare time": "12:00:01.345 AA 02 02 03 E8 00 00 27 10 EE",
     "a whole date": "2026-01-31 12:00:01.345 RX: AA 02 02 03 E8 00 00 27 10 EE",
     "a time, no fraction": "12:00:01 AA 02 02 03 E8 00 00 27 10 EE",
@@ -46,6 +55,7 @@ def test_each_style_of_paste_gives_the_same_bytes(text: str) -> None:
 def test_colons_between_decimal_looking_bytes_are_no_time() -> None:
     assert bytes_of_text("00:00:27:10:EE") == bytes.fromhex("00002710EE")
     assert bytes_of_text("12:34:56") == bytes.fromhex("123456")
+    assert bytes_of_text("01:01:03 E8 00") == bytes.fromhex("010103E800")
 
 
 def test_several_frames_and_bytes_between_them() -> None:
@@ -110,8 +120,5 @@ def test_a_bytes_literal_is_what_python_prints(data: bytes) -> None:
 
 
 def test_lines_are_read_one_by_one() -> None:
-    def endless():
-        while True:
-            yield "AA 01\n"
-
-    assert next(iter(bytes_of_lines(endless()))) == b"\xaa\x01"
+    pieces = (Piece("AA 01", number, 0) for number in count(1))
+    assert next(bytes_of_pieces(pieces)) == b"\xaa\x01"

@@ -34,6 +34,15 @@ def test_on_a_calm_line_a_frame_is_out_with_its_last_byte() -> None:
     assert [len(rows) for rows in out] == ([0] * 9 + [1]) * 5
 
 
+def test_a_line_is_calm_until_it_shows_damage() -> None:
+    framer = Framer("p")
+    out = _byte_by_byte(framer, SPEED[4:] + SPEED * 5)
+    assert [len(rows) for rows in out[26:]] == ([0] * 9 + [1]) * 3
+    after_damage = _byte_by_byte(framer, b"\x12\x34\x56" + SPEED * 6)
+    assert [len(rows) for rows in after_damage[-20:]] == ([0] * 9 + [1]) * 2
+    assert framer.flush()[0].raw == SPEED
+
+
 def test_a_disputed_frame_is_out_after_two_further_frames() -> None:
     framer = Framer("p")
     framer.feed(Chunk("p", None, SPEED * 3 + b"\x12\x34\x56" + SPEED * 3))
