@@ -29,7 +29,7 @@ def command() -> None:
 def _lines(port: PortListing) -> Iterator[str]:
     from fte_sniff.capture.permission import way_in
 
-    yield f"{port.device}  {port.description}"
+    yield f"{port.device}  {port.description}".removesuffix("  n/a")
     facts = {
         "by id": port.by_id,
         "USB": " ".join(filter(None, (port.usb_ids, port.location))) or None,

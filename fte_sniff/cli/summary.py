@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.tally import Tally
 
 
+ENOUGH_ROWS = 5
+"""Rows of damage alone from which on something is wrong with more than a frame."""
+
+
 def summary(tally: Tally, written: int | None = None, *, partly: bool = False) -> str:
     """What was read: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
@@ -29,9 +33,18 @@ def summary(tally: Tally, written: int | None = None, *, partly: bool = False) -
     parts += [
         text for status in (Status.SUSPECT, Status.MALFORMED) if (text := _share(tally, status))
     ]
-    if len(parts) == 1:
+    if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
-    return ", ".join(parts) + _span(tally)
+    return ", ".join(parts) + _span(tally) + _hint(tally)
+
+
+def _hint(tally: Tally) -> str:
+    """What to look at where nothing came, or nothing that could be read."""
+    if not tally.rows:
+        return "; nothing came: check the wire, the ground and the baud rate"
+    if tally.rows >= ENOUGH_ROWS and not tally.frames:
+        return "; no frame in it: is it this controller, this baud rate, this polarity?"
+    return ""
 
 
 def _share(tally: Tally, status: Status) -> str:

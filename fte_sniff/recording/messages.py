@@ -18,6 +18,7 @@ from google.protobuf.message import DecodeError
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import (
     FRAME_LENGTH,
+    HEADERS,
     KIND_BY_NAME,
     Damage,
     Fault,
@@ -26,6 +27,7 @@ from fte_sniff.protocol import (
     PortEvent,
     PortEventKind,
     Row,
+    TAIL,
     Status,
 )
 from fte_sniff.recording.schema import (
@@ -37,6 +39,9 @@ from fte_sniff.recording.schema import (
     value_fields,
 )
 from fte_sniff.recording.topics import EVENTS, MALFORMED, TOPIC_BY_NAME, Topic
+
+_GREATEST = 2**63 - 1
+"""The largest offset and time that the columns of any tool can hold."""
 
 _STATUS_NUMBER = {status: enum_number("Status", status) for status in Status}
 _FAULT_NUMBER = {fault: enum_number("Fault", fault) for fault in Fault}
@@ -169,8 +174,10 @@ class MessageReader:
         delay = message.read_delay_ns if message.HasField("read_delay_ns") else None
         made: type[Row] = Damage if self._tells_framed and not message.framed else Frame
         raw = message.raw
-        if len(raw) != FRAME_LENGTH if made is Frame else not raw:
-            raise ValueError(f"a {made.__name__.lower()} of {len(raw)} bytes")
+        if not (_is_framed(raw) if made is Frame else raw):
+            raise ValueError(f"no {made.__name__.lower()} in its {len(raw)} bytes")
+        if message.offset > _GREATEST:
+            raise ValueError(f"offset {message.offset} is past the end of any stream")
         return made(
             self._port,
             message.offset,
@@ -198,13 +205,20 @@ class MessageReader:
 
     def _time(self, message: Any, log_time: int) -> int:
         own = self._tells_time and message.HasField("time_ns")
-        return int(message.time_ns) if own else log_time
+        time = int(message.time_ns) if own else log_time
+        if time > _GREATEST:
+            raise ValueError(f"time {time} ns is past the year 2262")
+        return time
 
     def _word(self, number: int) -> str:
         word = self._words.get(number)
         if word is None:
             raise ValueError(f"a word that this version does not know (number {number})")
         return word
+
+
+def _is_framed(raw: bytes) -> bool:
+    return len(raw) == FRAME_LENGTH and raw[0] in HEADERS.values() and raw[-1] == TAIL
 
 
 def _words_of(field: Any) -> dict[int, str]:

@@ -5,22 +5,34 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.protocol import (
+    HEADERS,
+    KINDS,
+    TAIL,
+    Damage,
+    Fault,
+    Frame,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
 from fte_sniff.recording.facts import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 
 PORTS = ("/dev/ttyUSB0", "loop://", "串口 \x1b[31m[bold]")
-times = st.integers(0, 2**64 - 1) | st.integers(1000, 1020)
+times = st.integers(0, 2**63 - 1) | st.integers(1000, 1020)
 delays = st.none() | st.integers(-(2**63), 2**63 - 1)
-offsets = st.integers(0, 2**64 - 1)
+offsets = st.integers(0, 2**63 - 1)
 faults = st.lists(st.sampled_from(Fault), unique=True, max_size=4).map(tuple)
 
 
 @st.composite
 def frame_bytes(draw: st.DrawFn) -> bytes:
     if draw(st.booleans()):
-        return draw(st.binary(min_size=10, max_size=10))
+        header = draw(st.sampled_from(list(HEADERS.values())))
+        return bytes([header]) + draw(st.binary(min_size=8, max_size=8)) + bytes([TAIL])
     kind = draw(st.sampled_from(KINDS))
     values = {field.name: draw(st.integers(field.low, field.high)) for field in kind.fields}
     return encode(kind, values, draw(st.sampled_from(kind.cmds)))
