@@ -17,7 +17,7 @@ from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.tui.app import SniffApp
 
 PICTURE = Path(__file__).with_name("screen.svg")
-SIZE = (148, 30)
+SIZE = (118, 30)
 RATE = 200
 QUERY = f"seed=6&rate={RATE}&drop=0.01&flip=0.01&noise=0.01&frames=2400"
 START_NS = 1_769_860_800_000_000_000  # 2026-01-31T12:00:00Z

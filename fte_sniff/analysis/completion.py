@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from fte_sniff.analysis.filter_grammar import COMPARISONS, PATTERN_WORDS
-from fte_sniff.analysis.filter_terms import COLUMN_OF_WORD
+from fte_sniff.analysis.filter_grammar import COMPARISONS, OPERATOR_WORDS, PATTERN_WORDS
+from fte_sniff.analysis.filter_terms import COLUMN_OF_WORD, FUNCTIONS
 from fte_sniff.analysis.filter_tokens import Token, TokenType, tokens
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType
@@ -19,6 +19,7 @@ from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType
 _BEGUN: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>\w*)$")
 _JOINTS: Final = ("AND", "OR")
 _OPENERS: Final = ("AND", "OR", "NOT", "WHERE")
+_CONSTANTS: Final = ("NULL", "TRUE", "FALSE", "FROM", "WHERE")
 _TEXTS: Final = (ColumnType.TEXT, ColumnType.HEX, ColumnType.WORDS)
 
 
@@ -42,6 +43,8 @@ def completions(text: str, cursor: int | None = None) -> Completions:
         before = tokens(text[: begun.start()])[:-1]
     except FilterError:
         return Completions(cursor, ())
+    if not all(map(_is_known, before)):
+        return Completions(cursor, ())
     word = begun["word"].lower()
     if begun["quote"]:
         choices: Sequence[str] = _quoted_words(_asked(before))
@@ -54,6 +57,19 @@ def completions(text: str, cursor: int | None = None) -> Completions:
             for choice in choices
             if choice.strip("'").lower().startswith(word) and choice.lower() != word
         ),
+    )
+
+
+def _is_known(token: Token) -> bool:
+    """Whether the token, where it is a name, is one that a filter can have."""
+    name = token.text.lower()
+    return (
+        token.type is not TokenType.NAME
+        or token.word in OPERATOR_WORDS
+        or token.word in _CONSTANTS
+        or name in COLUMN_BY_NAME
+        or name in COLUMN_OF_WORD
+        or name in FUNCTIONS
     )
 
 

@@ -50,9 +50,10 @@ _REFUSED: Final = {
 _AGGREGATES: Final = frozenset(
     ["AVG", "COUNT", "FIRST", "LAST", "MAX", "MEAN", "MEDIAN", "MIN", "RANK", "ROW_NUMBER", "SUM"]
 )
-_OPERATOR_WORDS: Final = frozenset(
+OPERATOR_WORDS: Final = frozenset(
     ["AND", "OR", "NOT", "IN", "IS", "BETWEEN", "DISTINCT", "ANY", *PATTERN_WORDS]
 )
+"""The words that join the parts of a filter, and so are no names."""
 
 
 def condition(text: str) -> Term:
@@ -274,7 +275,7 @@ class _Parser:
     def _named(self, token: Token) -> Term:
         column = COLUMN_BY_NAME.get(token.text.lower())
         called = self._peek().text == "(" and self._peek().type is TokenType.SYMBOL
-        if token.type is TokenType.NAME and called and token.word not in _OPERATOR_WORDS:
+        if token.type is TokenType.NAME and called and token.word not in OPERATOR_WORDS:
             return self._call(token)
         if column:
             return self._mean.column(column, token.start)
@@ -284,7 +285,7 @@ class _Parser:
             return Term(TermType.TRUTH, token.word, token.start, token.word)
         if token.word == "NULL":
             return Term(TermType.NULL, "NULL", token.start, "NULL")
-        if token.word in _REFUSED or token.word in _OPERATOR_WORDS:
+        if token.word in _REFUSED or token.word in OPERATOR_WORDS:
             self._at -= 1
             raise self._unexpected("here a field or a value is missing")
         return Term(TermType.NAME, "", token.start, token.text)

@@ -86,8 +86,10 @@ FUNCTIONS: Final = {
 
 
 def nearest(word: str, choices: Iterable[str]) -> str:
-    """`did you mean x?`, or nothing where no choice is like the word."""
-    near = difflib.get_close_matches(word.lower(), list(choices), n=1)
+    """`did you mean x?`, or nothing where no choice begins with the word or is like it."""
+    names = list(choices)
+    begun = [name for name in names if len(word) > 1 and name.startswith(word.lower())]
+    near = begun or difflib.get_close_matches(word.lower(), names, n=1)
     return f"did you mean {near[0]}?" if near else ""
 
 

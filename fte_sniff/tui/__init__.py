@@ -19,4 +19,5 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
     keys.py          every key, once
     watched.py       the feed's rows, their numbers, and ways to a row; knows no Textual
     fitting.py       text to a width in cells
+    colourless.py    the screen without colours
 """

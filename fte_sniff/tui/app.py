@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+from collections.abc import Sequence
 from enum import Enum
 from time import monotonic_ns
 from typing import ClassVar
@@ -15,6 +16,7 @@ from typing import ClassVar
 from textual import on
 from textual.app import App, ComposeResult
 from textual.binding import BindingType
+from textual.filter import LineFilter
 from textual.widgets import Footer, Input
 
 from fte_sniff.analysis.feed import Feed
@@ -22,11 +24,19 @@ from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.store import DEFAULT_BOUND
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.protocol import spaced_hex
+from fte_sniff.tui.colourless import Colourless
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.help import HelpPage
-from fte_sniff.tui.keys import FINDING, HANDLING, INTERRUPT, bindings
+from fte_sniff.tui.keys import (
+    FINDING,
+    HANDLING,
+    INTERRUPT,
+    LEAVING,
+    TABLE_ACTIONS,
+    bindings,
+)
 from fte_sniff.tui.notices import NoticeLine
-from fte_sniff.tui.prompt.field import Field
+from fte_sniff.tui.prompt.field import Line
 from fte_sniff.tui.prompt.filter import FilterField
 from fte_sniff.tui.prompt.goto import GotoField, parse_goal
 from fte_sniff.tui.status import StatusLine
@@ -59,7 +69,10 @@ class SniffApp(App[None]):
     TITLE = "fte-sniff"
     ENABLE_COMMAND_PALETTE = False
     """Textual's palette fails on very small terminals and on keys that are typed ahead."""
-    BINDINGS: ClassVar[list[BindingType]] = [INTERRUPT, *bindings(FINDING, HANDLING)]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        INTERRUPT,
+        *bindings(LEAVING, FINDING, HANDLING),
+    ]
 
     def __init__(
         self,
@@ -85,7 +98,10 @@ class SniffApp(App[None]):
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(self._watched.store, self._header)
         self._detail, self._notice = DetailPane(), NoticeLine()
-        self._filter_field, self._goto_field = FilterField(row_filter), GotoField()
+        self._filter_field, self._goto_field = (
+            FilterField(row_filter, self._set_filter),
+            GotoField(self._go),
+        )
         self._status_line = StatusLine()
 
     def compose(self) -> ComposeResult:
@@ -99,6 +115,16 @@ class SniffApp(App[None]):
         yield self._goto_field
         yield self._status_line
         yield Footer(compact=True, show_command_palette=False)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Whether a key may do this now: a field that asks and the help have keys of their own."""
+        if action not in TABLE_ACTIONS:
+            return True
+        return len(self.screen_stack) == 1 and not isinstance(self.focused, Line)
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """What every line drawn goes through last."""
+        return [Colourless()] if self.no_color else super().get_line_filters()
 
     def on_mount(self) -> None:
         """Begin to look at the feed, a file at its first row; end when the system says so."""
@@ -142,11 +168,10 @@ class SniffApp(App[None]):
     def _show_state(self) -> None:
         """Draw the lines above and below the table, where they changed."""
         watched, view = self._watched, self._table.viewport
-        mode = mode_of(watched.state, view.paused)
-        self._title_line.show(watched.state, mode, view.waiting)
+        mode = mode_of(watched.state, view.paused, view.following)
+        self._title_line.show(watched.state, mode, view.waiting if view.paused else view.below)
         self._status_line.show(watched.numbers(view))
-        if watched.store.filter is not None:
-            self._filter_field.tell_shown(watched.shown_words)
+        self._filter_field.tell_shown(watched.shown_words)
         self._table.tell_empty(watched.empty_words)
         if self._detail.display:
             palette = DARK if self.current_theme.dark else LIGHT
@@ -156,27 +181,22 @@ class SniffApp(App[None]):
     def _follow_cursor(self) -> None:
         self._show_state()
 
-    @on(Field.Given)
-    def _take(self, event: Field.Given) -> None:
-        if event.field is self._filter_field:
-            self._set_filter(event.line)
-        elif event.line:
-            self._go(event.line)
-        event.field.fall_back()
-
-    @on(Field.Closed)
-    def _back_to_table(self) -> None:
-        self._table.focus()
-
     def _set_filter(self, line: str) -> None:
         self._filter_field.standing = line
         self._watched.set_filter(RowFilter.parse(line) if line else None, self._table.near)
         self._table.sync()
 
     def _go(self, line: str) -> None:
+        if not line:
+            return
         row = self._watched.row_of(parse_goal(line), self._table.viewport.cursor)
-        if row is not None:
-            self._table.jump(row)
+        if row is None:
+            self._notice.tell("no row here has a time to go by", worry=False)
+            return
+        last = self._table.viewport.count - 1
+        self._table.jump(row)
+        if row > last >= 0:
+            self._notice.tell(f"there is no row {row + 1:,}; this is the last", worry=False)
 
     def action_filter(self) -> None:
         """Ask for a filter."""
@@ -204,6 +224,8 @@ class SniffApp(App[None]):
     def action_detail(self) -> None:
         """Show or hide the explanation of the row under the cursor."""
         self._detail.display = not self._detail.display
+        if self._detail.display:
+            self._table.stay()
         self._show_state()
 
     def action_copy(self) -> None:
@@ -219,6 +241,10 @@ class SniffApp(App[None]):
             self._notice.put_away()
         else:
             self._detail.display = False
+
+    def action_leave(self) -> None:
+        """End."""
+        self.exit()
 
     def action_help(self) -> None:
         """Show the page of help."""

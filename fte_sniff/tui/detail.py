@@ -16,7 +16,7 @@ from textual.containers import VerticalScroll
 from textual.widgets import Static
 
 from fte_sniff.errors import shown
-from fte_sniff.protocol import FRAME_LENGTH, Frame, Row, iso_time, spaced_hex, status_of
+from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
 from fte_sniff.protocol.dissect import Part, dissect, explain
 from fte_sniff.tui.table.layout import MARKS
 from fte_sniff.tui.table.palette import Palette
@@ -24,8 +24,11 @@ from fte_sniff.tui.table.palette import Palette
 BYTES_BESIDE = 4
 """Bytes of a field that stand side by side, before its name."""
 
-BYTES_BELOW = 16
-"""Bytes that stand side by side where a part is longer than any field of a frame."""
+BYTES_BELOW = 8
+"""Bytes that stand side by side below the name, where a part has more than stand before it."""
+
+BESIDE_CELLS = 30
+"""Cells that words need at least to stand beside a value; else they stand below it."""
 
 ROOMY_LINES = 40
 """Lines of the terminal from which on flag bytes are explained bit by bit."""
@@ -48,9 +51,12 @@ class Room:
 
 def detail_text(row: Row, palette: Palette, room: Room) -> Text:
     """The row explained."""
-    lines = [_heading(row, palette)]
+    lines = _heading(row, palette, room)
     wrong = palette.statuses[row.status]
-    lines += [Text(f"{MARKS[row.status]} {line}", style=wrong) for line in explain(row)]
+    for said in explain(row):
+        first, *more = _wrap(said, room.width - 2)
+        lines.append(Text(f"{MARKS[row.status]} {first}", style=wrong))
+        lines += [Text(f"  {line}", style=wrong) for line in more]
     for part in dissect(row):
         lines += _part_lines(part, palette, room)
     for line in lines:
@@ -58,39 +64,70 @@ def detail_text(row: Row, palette: Palette, room: Room) -> Text:
     return Text("\n").join(lines)
 
 
-def _heading(row: Row, palette: Palette) -> Text:
+def _heading(row: Row, palette: Palette, room: Room) -> list[Text]:
     kind = row.kind if isinstance(row, Frame) else None
     name = kind.name if kind else "unknown frame" if isinstance(row, Frame) else "damage"
     time = "no time" if row.t_ns is None else iso_time(row.t_ns)
     where = f"offset {row.offset:,}  {len(row.raw)} bytes  {shown(row.port)}"
     style = palette.of_kind(row) if kind else palette.statuses[row.status]
-    return Text.assemble((name, style + Style(bold=True)), f"  {time}  {where}")
+    lines = [Text(name, style=style + Style(bold=True))]
+    for words in (time, where):
+        line = Text.assemble(lines[-1], f"  {words}")
+        if line.cell_len <= room.width:
+            lines[-1] = line
+        else:
+            lines.append(Text(f"  {words}"))
+    return lines
 
 
 def _part_lines(part: Part, palette: Palette, room: Room) -> Iterator[Text]:
-    """The bytes, the name, the value and what it is; then what is wrong, and the bits."""
+    """The bytes, the name, the value and what it is; then what is wrong, and the bits.
+
+    More bytes than stand before a name follow in lines of their own, each with the part's mark.
+    """
     wrong = palette.statuses[status_of((part.fault,))] if part.fault else Style.null()
     mark = MARKS[status_of((part.fault,))] if part.fault else " "
-    long = len(part.raw) > FRAME_LENGTH - 4
-    first, *more = [""] if long else _hex_lines(part.raw, BYTES_BESIDE)
-    below = _hex_lines(part.raw, BYTES_BELOW) if long else more
+    beside = len(part.raw) <= BYTES_BESIDE
     value = part.value
     if part.bits:
         value += "  " + "".join("01"[bit.is_set] for bit in reversed(part.bits))
-    yield Text.assemble(
+    line = Text.assemble(
         (mark, wrong),
-        f" {first:<{_HEX_WIDTH}}",
+        f" {spaced_hex(part.raw) if beside else '':<{_HEX_WIDTH}}",
         (f"{part.name:<{_NAME_WIDTH}} ", wrong + Style(bold=True)),
         f"{value:<{_VALUE_WIDTH}} ",
-        (part.meaning, palette.muted),
     )
-    for line in below:
-        yield Text(f"  {line}")
-    for line in wrap(part.note, max(1, room.width - len(_INDENT))):
-        yield Text(_INDENT + line, style=wrong)
+    here, *more = _wrapped_beside(part.meaning, len(line), room)
+    line.append(here, palette.muted)
+    line.rstrip()
+    yield line
+    for below in more:
+        yield Text(below, style=palette.muted)
+    for digits in [] if beside else _hex_lines(part.raw, BYTES_BELOW):
+        yield Text.assemble((mark, wrong), f" {digits}")
+    yield from _indented(part.note, wrong, room)
     for bit in part.bits if room.bits else ():
         said = f"bit {bit.number} is {'01'[bit.is_set]}: {bit.meaning}"
-        yield Text(_INDENT + said, style=Style.null() if bit.is_set else palette.muted)
+        yield from _indented(said, Style.null() if bit.is_set else palette.muted, room)
+
+
+def _wrapped_beside(words: str, start: int, room: Room) -> list[str]:
+    """The words from cell `start` on, its other lines indented; all below where that is narrow."""
+    if not words:
+        return [""]
+    if room.width - start >= BESIDE_CELLS or room.width - start >= len(words):
+        first, *more = _wrap(words, room.width - start)
+        return [first, *(" " * start + line for line in more)]
+    return ["", *(_INDENT + line for line in _wrap(words, room.width - len(_INDENT)))]
+
+
+def _indented(words: str, style: Style, room: Room) -> list[Text]:
+    lines = _wrap(words, room.width - len(_INDENT))
+    return [Text(_INDENT + line, style=style) for line in lines]
+
+
+def _wrap(words: str, width: int) -> list[str]:
+    return wrap(words, max(1, width), break_on_hyphens=False)
 
 
 def _hex_lines(raw: bytes, width: int) -> list[str]:
@@ -120,5 +157,4 @@ class DetailPane(VerticalScroll, can_focus=False):
         now = (row, palette, Room(self.app.size.width - 1, roomy))
         if self._shown != now:
             self._shown = now
-            self.set_class(roomy, "-roomy")
             self._page.update(detail_text(*now))

@@ -68,25 +68,52 @@ class HelpPage(ModalScreen[None]):
     """The page of help; any of its keys puts it away."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,question_mark,q,enter", "dismiss", "Back"),
-        Binding("down,j", "scroll(1)", "Down", show=False),
-        Binding("up,k", "scroll(-1)", "Up", show=False),
-        Binding("pagedown,space", "scroll(10)", "Page down", show=False),
-        Binding("pageup", "scroll(-10)", "Page up", show=False),
+        Binding(keys, action, priority=True, show=False)
+        for keys, action in (
+            ("escape,question_mark,q,enter", "dismiss"),
+            ("down,j", "scroll(1)"),
+            ("up,k", "scroll(-1)"),
+            ("pagedown,ctrl+d,space", "page(1)"),
+            ("pageup,ctrl+u", "page(-1)"),
+            ("home,g", "edge(-1)"),
+            ("end,G", "edge(1)"),
+        )
     ]
 
     def compose(self) -> ComposeResult:
         """One page that can be moved up and down."""
         with VerticalScroll(id="help", can_focus=False) as page:
             page.border_title = "Keys and signs"
-            page.border_subtitle = "esc: back"
             yield Static()
+
+    def on_mount(self) -> None:
+        """Say at every move how much more there is."""
+        self.watch(self._page, "scroll_y", self._tell_more)
 
     def on_resize(self) -> None:
         """Set the page anew for another width."""
-        page = self.query_one("#help")
-        page.query_one(Static).update(help_text(page.scrollable_content_region.width))
+        width = self._page.scrollable_content_region.width
+        self._page.query_one(Static).update(help_text(width))
+        self.call_after_refresh(self._tell_more)
+
+    def _tell_more(self) -> None:
+        page = self._page
+        below = round(page.max_scroll_y - page.scroll_y)
+        more = f"{below} more lines: down, pgdn, end   " if below > 0 else ""
+        page.border_subtitle = f"{more}esc: back"
+
+    @property
+    def _page(self) -> VerticalScroll:
+        return self.query_one("#help", VerticalScroll)
 
     def action_scroll(self, by: int) -> None:
-        """Move the page by lines."""
-        self.query_one("#help").scroll_relative(y=by, animate=False)
+        """Move the page by lines, when it is laid out: the key may have come before."""
+        self.call_after_refresh(self._page.scroll_relative, y=by, animate=False)
+
+    def action_page(self, by: int) -> None:
+        """Move the page by what is in view."""
+        (self._page.scroll_page_down if by > 0 else self._page.scroll_page_up)(animate=False)
+
+    def action_edge(self, by: int) -> None:
+        """Go to the page's end, or its start (below 0)."""
+        (self._page.scroll_end if by > 0 else self._page.scroll_home)(animate=False)

@@ -1,7 +1,8 @@
 """Owns every key of the screen, once: the footer, the help and the keys themselves come from here.
 
 It must not know what an action does. Keys are those of less, lnav and termshark; none is one that
-tmux takes for itself.
+tmux takes for itself. Each has priority: it then acts before the next key is looked at, so that
+keys typed ahead of the screen go to the field that an earlier one of them opened.
 """
 
 from __future__ import annotations
@@ -13,8 +14,15 @@ from textual.binding import Binding, BindingType
 
 def _key(keys: str, action: str, short: str, meaning: str, display: str | None = None) -> Binding:
     """A key that the footer shows by its short name, where it has one, and the help in words."""
-    shown = bool(short)
-    return Binding(keys, action, short or meaning, show=shown, key_display=display, tooltip=meaning)
+    return Binding(
+        keys,
+        action,
+        short or meaning,
+        show=bool(short),
+        key_display=display,
+        priority=True,
+        tooltip=meaning,
+    )
 
 
 MOVING: tuple[Binding, ...] = (
@@ -23,7 +31,7 @@ MOVING: tuple[Binding, ...] = (
     _key("pageup,ctrl+u", "page(-1)", "", "one page up", "pgup ^u"),
     _key("pagedown,ctrl+d", "page(1)", "", "one page down", "pgdn ^d"),
     _key("home,g", "first", "", "the first row", "home g"),
-    _key("end,G", "follow", "Follow", "the last row, and follow what comes", "G"),
+    _key("end,G", "follow", "Follow", "the last row, and follow what comes, also after enter", "G"),
     _key("left,h", "aside(-1)", "", "columns to the left", "left h"),
     _key("right,l", "aside(1)", "", "columns to the right", "right l"),
 )
@@ -34,19 +42,28 @@ FINDING: tuple[Binding, ...] = (
     _key("F", "unfilter", "", "show all rows again", "F"),
     _key("e", "fault(1)", "Fault", "the next row with a fault", "e"),
     _key("E", "fault(-1)", "", "the fault before", "E"),
-    _key("colon", "goto", "", "go to a row (1200), a time (12:00:03.5) or away (+2s, -50ms)", ":"),
+    _key("colon", "goto", "", "go to a row (1200), a time, UTC (12:00:03.5) or away (+2s)", ":"),
 )
 """Keys that lead to a row."""
 
 HANDLING: tuple[Binding, ...] = (
     _key("space,p", "pause", "Pause", "freeze the view, never the capture", "space"),
-    _key("enter", "detail", "Detail", "what each byte of the row under the cursor means", "enter"),
+    _key("enter", "detail", "Detail", "what each byte of the row means; stays on it", "enter"),
     _key("c", "copy", "", "copy the row's bytes as hex (through the terminal, OSC 52)", "c"),
     _key("escape", "dismiss", "", "close the pane, or put the notice away; never quits", "esc"),
-    _key("question_mark", "help", "Help", "this page", "?"),
-    _key("q", "quit", "Quit", "end, and say where the recording lies", "q"),
 )
 """Keys that do something to the view."""
+
+LEAVING: tuple[Binding, ...] = (
+    _key("question_mark", "help", "Help", "this page", "?"),
+    _key("q", "leave", "Quit", "end, and say where the recording lies", "q"),
+)
+"""Keys that lead away; first in the footer, so that they stand on the smallest terminal."""
+
+TABLE_ACTIONS = frozenset(
+    binding.action.partition("(")[0] for binding in (*FINDING, *HANDLING, *LEAVING)
+)
+"""What the keys of the whole screen do while no field or page takes the keys."""
 
 INTERRUPT = Binding(
     "ctrl+c", "interrupt", "Quit", show=False, priority=True, tooltip="copy a selection, or end"
@@ -56,7 +73,7 @@ INTERRUPT = Binding(
 SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
     ("Move", MOVING),
     ("Find", FINDING),
-    ("Handle", HANDLING),
+    ("Handle", (*HANDLING, *LEAVING)),
 )
 """All keys, as the help shows them."""
 

@@ -13,6 +13,9 @@ from textual.widget import Widget
 
 from fte_sniff.tui.fitting import fit
 
+ROOMY = 72
+"""Cells from which on there is room for whole words."""
+
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
@@ -20,7 +23,8 @@ class Numbers:
 
     rows: int
     """All rows that came."""
-    frames_per_s: float
+    frames_per_s: float | None
+    """None where there are no times to count by."""
     malformed: int
     """Malformed rows among those that reached the view."""
     malformed_share: float
@@ -36,16 +40,12 @@ class Numbers:
 
 def status_text(numbers: Numbers, width: int) -> str:
     """The line in exactly `width` cells; where it is narrow, the last parts are left out first."""
-    behind = "" if numbers.following else f", {numbers.below:,} below"
-    place = f"row {numbers.place:,}{behind}" if numbers.place else "no row shown"
-    parts = [
-        f"{numbers.rows:>9,} rows",
-        f"{numbers.frames_per_s:>6,.0f} frames/s",
-        f"{numbers.malformed:>6,} malformed {_share(numbers):>6}",
-        place,
-    ]
+    parts = _parts(numbers) if width >= ROOMY else _short_parts(numbers)
     if numbers.not_shown:
-        parts.insert(3, f"{numbers.not_shown:,} too fast to show")
+        parts.append(f"{numbers.not_shown:,} too fast to show")
+    parts.append(f"row {numbers.place:,}" if numbers.place else "no row shown")
+    if not numbers.following:
+        parts.append(f"{numbers.below:,} below")
     line = parts[0]
     for part in parts[1:]:
         if len(line) + len(part) + 2 > width:
@@ -54,9 +54,24 @@ def status_text(numbers: Numbers, width: int) -> str:
     return fit(line, width)
 
 
-def _share(numbers: Numbers) -> str:
-    share = numbers.malformed_share
-    return "<0.01%" if 0 < share < 0.0001 else f"{share:.2%}" if share < 1 else "100%"
+def _parts(numbers: Numbers) -> list[str]:
+    rate = [] if numbers.frames_per_s is None else [f"{numbers.frames_per_s:>6,.0f} frames/s"]
+    malformed = f"{numbers.malformed:>6,} malformed {_share(numbers, 2):>6}"
+    return [f"{numbers.rows:>9,} rows", *rate, malformed]
+
+
+def _short_parts(numbers: Numbers) -> list[str]:
+    """The same in few cells, the rate last."""
+    rate = [] if numbers.frames_per_s is None else [f"{numbers.frames_per_s:>5,.0f}/s"]
+    malformed = f"{numbers.malformed:>5,} bad {_share(numbers, 1):>5}"
+    return [f"{numbers.rows:>9,} rows", malformed, *rate]
+
+
+def _share(numbers: Numbers, digits: int) -> str:
+    share, least = numbers.malformed_share, 10.0 ** -(digits + 2)
+    if 0 < share < least:
+        return f"<{least:.{digits}%}"
+    return f"{share:.{digits}%}" if share < 1 else "100%"
 
 
 class StatusLine(Widget):

@@ -23,25 +23,33 @@ class Mode(StrEnum):
 
     LOADING = "LOADING"
     LIVE = "LIVE"
+    SCROLLED = "SCROLLED"
     PAUSED = "PAUSED"
     ENDED = "ENDED"
     FILE = "FILE"
 
 
-def mode_of(state: FeedState, paused: bool) -> Mode:
-    """The mode of a view on such a feed."""
+def mode_of(state: FeedState, paused: bool, following: bool) -> Mode:
+    """The mode of a view on such a feed; LIVE is said only while the newest rows are in view."""
     if paused:
         return Mode.PAUSED
+    if state.live and state.running:
+        return Mode.LIVE if following else Mode.SCROLLED
     if state.live:
-        return Mode.LIVE if state.running else Mode.ENDED
+        return Mode.ENDED
     return Mode.LOADING if state.running else Mode.FILE
 
 
-def title_text(state: FeedState, mode: Mode, waiting: int, width: int) -> str:
-    """The line in exactly `width` cells; names are cut before the state is."""
+def title_text(state: FeedState, mode: Mode, unseen: int, width: int) -> str:
+    """The line in exactly `width` cells; names are cut before the state is.
+
+    `unseen` is the number of rows that came since a pause, or are below the window.
+    """
     badge = f" {mode} "
     if mode is Mode.PAUSED:
-        badge = f" {mode}, {waiting:,} new "
+        badge = f" {mode}, {unseen:,} new "
+    elif mode is Mode.SCROLLED:
+        badge = f" {mode} +{unseen:,} "
     elif mode is Mode.LOADING and state.progress is not None:
         badge = f" {mode} {state.progress:4.0%} "
     room = max(0, width - cell_len(badge))
@@ -66,10 +74,10 @@ class TitleLine(Widget):
         super().__init__()
         self._shown: tuple[FeedState, Mode, int] | None = None
 
-    def show(self, state: FeedState, mode: Mode, waiting: int) -> None:
+    def show(self, state: FeedState, mode: Mode, unseen: int) -> None:
         """Draw this, if it is not what is drawn."""
-        if self._shown != (state, mode, waiting):
-            self._shown = (state, mode, waiting)
+        if self._shown != (state, mode, unseen):
+            self._shown = (state, mode, unseen)
             self.set_class(mode is Mode.PAUSED, "-paused")
             self.set_class(mode is Mode.ENDED, "-ended")
             self.refresh()
@@ -78,8 +86,8 @@ class TitleLine(Widget):
         """The line, with the state set off at its end."""
         if self._shown is None:
             return Text()
-        state, mode, waiting = self._shown
-        line = title_text(state, mode, waiting, self.size.width)
+        state, mode, unseen = self._shown
+        line = title_text(state, mode, unseen, self.size.width)
         text = Text(line, no_wrap=True, overflow="crop")
         text.stylize("bold reverse", max(0, line.rfind(f" {mode}")))
         return text

@@ -42,7 +42,7 @@ class Watched:
         self._tally = Tally()
         self._rate = Rate()
         self._frames = 0
-        self._per_second = 0.0
+        self._per_second: float | None = None
 
     def look(self, now_ns: int) -> News:
         """Take in what came; `now_ns` is any rising clock's nanoseconds.
@@ -91,7 +91,9 @@ class Watched:
 
     @property
     def shown_words(self) -> str:
-        """How many rows the filter lets through."""
+        """How many rows the filter lets through; empty where there is none."""
+        if self.store.filter is None:
+            return ""
         words = f"{self.store.shown_count:,} of {len(self.store):,} rows"
         return f"{words}, {self.store.pending:,} to go" if self.store.pending else words
 

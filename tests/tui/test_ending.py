@@ -5,13 +5,14 @@ from __future__ import annotations
 import fcntl
 import os
 import pty
+import re
 import select
 import signal
 import subprocess
 import sys
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -44,9 +45,11 @@ def take_terminal() -> None:
 class Terminal:
     """A program on a pseudo-terminal."""
 
-    def __init__(self, program: str) -> None:
+    def __init__(self, program: str, asked: Mapping[str, str]) -> None:
         self.master, slave = pty.openpty()
         environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "80", "LINES": "24"}
+        environment.pop("NO_COLOR", None)
+        environment |= asked
         self.process = subprocess.Popen(
             [sys.executable, "-c", program],
             stdin=slave,
@@ -77,8 +80,9 @@ class Terminal:
 
 
 @contextmanager
-def terminal(program: str) -> Iterator[Terminal]:
-    here = Terminal(program)
+def terminal(program: str, asked: Mapping[str, str]) -> Iterator[Terminal]:
+    """The program on a terminal, with these variables in its environment."""
+    here = Terminal(program, asked)
     try:
         yield here
     finally:
@@ -92,7 +96,7 @@ def terminal(program: str) -> Iterator[Terminal]:
 )
 def test_the_terminal_is_left_as_it_was(tmp_path: Path, way: bytes | signal.Signals) -> None:
     stopped = tmp_path / "stopped"
-    with terminal(PROGRAM.format(stopped=str(stopped))) as here:
+    with terminal(PROGRAM.format(stopped=str(stopped)), {}) as here:
         here.wait_for(ALTERNATE_SCREEN)
         here.wait_for(b"idle wire")
         here.wait_for(b"Quit")
@@ -107,9 +111,27 @@ def test_the_terminal_is_left_as_it_was(tmp_path: Path, way: bytes | signal.Sign
     assert stopped.exists()
 
 
+COLOUR = re.compile(rb"\x1b\[(?:[0-9:;]*[;:])?(?:[34][0-8]|9[0-7]|10[0-7])[;:m]")
+
+
+@pytest.mark.parametrize("asked", [{}, {"NO_COLOR": "1"}])
+def test_no_colour_is_sent_where_none_is_wanted(tmp_path: Path, asked: dict[str, str]) -> None:
+    program = PROGRAM.format(stopped=str(tmp_path / "stopped"))
+    with terminal(program, asked) as here:
+        here.wait_for(b"Quit")
+        os.write(here.master, b"fmotr")
+        here.wait_for("✗".encode())
+        os.write(here.master, b"\x15\r?")
+        here.wait_for(b"Keys and signs")
+        os.write(here.master, b"qq")
+        here.wait_for(b"the program goes on")
+        assert bool(COLOUR.search(here.seen)) == (not asked)
+        assert re.search(rb"\x1b\[[17][;m]", here.seen)
+
+
 def test_it_ends_where_the_terminal_goes_away(tmp_path: Path) -> None:
     stopped = tmp_path / "stopped"
-    here = Terminal(PROGRAM.format(stopped=str(stopped)))
+    here = Terminal(PROGRAM.format(stopped=str(stopped)), {})
     try:
         here.wait_for(b"Quit")
         os.close(here.master)

@@ -31,17 +31,18 @@ NUMBERS = Numbers(
 
 
 @pytest.mark.parametrize(
-    ("state", "paused", "mode"),
+    ("state", "paused", "following", "mode"),
     [
-        (LIVE, False, Mode.LIVE),
-        (LIVE, True, Mode.PAUSED),
-        (replace(LIVE, running=False), False, Mode.ENDED),
-        (replace(LIVE, live=False), False, Mode.LOADING),
-        (replace(LIVE, live=False, running=False), False, Mode.FILE),
+        (LIVE, False, True, Mode.LIVE),
+        (LIVE, False, False, Mode.SCROLLED),
+        (LIVE, True, False, Mode.PAUSED),
+        (replace(LIVE, running=False), False, False, Mode.ENDED),
+        (replace(LIVE, live=False), False, False, Mode.LOADING),
+        (replace(LIVE, live=False, running=False), False, False, Mode.FILE),
     ],
 )
-def test_the_mode_of_the_view(state: FeedState, paused: bool, mode: Mode) -> None:
-    assert mode_of(state, paused) is mode
+def test_the_mode_of_the_view(state: FeedState, paused: bool, following: bool, mode: Mode) -> None:
+    assert mode_of(state, paused, following) is mode
 
 
 @pytest.mark.parametrize("width", [0, 1, 10, 24, 40, 80, 200])
@@ -61,6 +62,26 @@ def test_the_title_keeps_the_end_of_the_recordings_name() -> None:
 
 def test_the_title_tells_how_many_rows_wait() -> None:
     assert title_text(LIVE, Mode.PAUSED, 1234, 80).endswith(" PAUSED, 1,234 new ")
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_that_the_end_is_not_followed_is_told_at_every_width(width: int) -> None:
+    assert title_text(LIVE, Mode.SCROLLED, 48_160, width).endswith(" SCROLLED +48,160 ")
+
+
+@pytest.mark.parametrize("width", [40, 60, 71, 72, 80])
+@pytest.mark.parametrize(("share", "shown"), [(1e-6, "<0."), (0.0512, "5.1"), (1.0, "100%")])
+def test_the_malformed_are_told_at_every_width(width: int, share: float, shown: str) -> None:
+    assert shown in status_text(replace(NUMBERS, malformed_share=share), width)
+
+
+def test_the_numbers_at_forty_cells() -> None:
+    assert status_text(NUMBERS, 40) == "1,234,567 rows     12 bad <0.1%  1,152/s"
+
+
+def test_where_there_are_no_times_there_is_no_rate() -> None:
+    for width in (40, 80):
+        assert "/s" not in status_text(replace(NUMBERS, frames_per_s=None), width)
 
 
 def test_the_numbers_at_eighty_cells() -> None:
@@ -106,6 +127,24 @@ def test_the_details_keep_to_their_room(odd_rows: list[Row], width: int) -> None
     for row in odd_rows:
         for line in detail_text(row, DARK, Room(width, bits=True)).plain.split("\n"):
             assert cell_len(line) <= max(width, 15)
+
+
+@pytest.mark.parametrize("width", [40, 79])
+def test_the_details_cut_no_word(odd_rows: list[Row], width: int) -> None:
+    for row in odd_rows:
+        narrow, wide = (
+            detail_text(row, DARK, Room(room, bits=True)).plain for room in (width, 400)
+        )
+        assert sorted(narrow.split()) == sorted(wide.split())
+
+
+def test_every_line_of_noise_is_marked(odd_rows: list[Row]) -> None:
+    text = detail_text(odd_rows[5], DARK, Room(79, bits=False)).plain
+    name, *behind = text[text.index("! " + " " * 12 + "noise") :].split("\n")
+    assert "noise" in name
+    digits = [line[2:] for line in behind if line.startswith("! ")]
+    assert bytes.fromhex("".join(digits)) == odd_rows[5].raw
+    assert behind[: len(digits)] == [f"! {line}" for line in digits]
 
 
 def test_the_details_tell_what_is_wrong_and_where(odd_rows: list[Row]) -> None:

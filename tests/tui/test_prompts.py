@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
-from fte_sniff.errors import InputTextError
+from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.errors import FilterError, InputTextError
 from fte_sniff.tui.prompt.complete import completed
 from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToRow, ToTimeOfDay, parse_goal
 from fte_sniff.tui.prompt.history import History
@@ -30,10 +33,16 @@ def test_a_goal_is_understood(text: str, goal: Goal) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "x", "24:00", "12:60", "12:00:61", "+2", "2s", "--1s", "1.5", "٣", "+1m"]
+    "text", ["", "x", "24:00", "12:60", "12:00:61", "2s", "--1s", "1.5", "٣", "+1m"]
 )
 def test_what_is_no_goal_is_told_with_examples(text: str) -> None:
     with pytest.raises(InputTextError, match=r"1200.*12:00:03\.5.*-50ms"):
+        parse_goal(text)
+
+
+@pytest.mark.parametrize("text", ["+5", "-50", "+0.5"])
+def test_a_distance_without_a_unit_is_told_with_units(text: str) -> None:
+    with pytest.raises(InputTextError, match=re.escape(f"{text}s, {text}ms")):
         parse_goal(text)
 
 
@@ -46,11 +55,19 @@ def test_what_is_no_goal_is_told_with_examples(text: str) -> None:
         ("motor = 1 an", "motor = 1 AND"),
         ("motor ", "motor ="),
         ("zz", None),
+        ("vx > ti", None),
+        ("vx > ", None),
         ("", None),
     ],
 )
 def test_the_last_word_is_completed(typed: str, whole: str | None) -> None:
     assert completed(typed) == whole
+
+
+@pytest.mark.parametrize(("short", "name"), [("vx", "vx_cm_s"), ("wz", "wz_mrad_s")])
+def test_the_short_names_of_the_table_lead_to_those_of_a_filter(short: str, name: str) -> None:
+    with pytest.raises(FilterError, match=f"did you mean {name}"):
+        RowFilter.parse(f"{short} > 10")
 
 
 def test_history_goes_back_and_returns_to_what_was_typed() -> None:

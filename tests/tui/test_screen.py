@@ -17,7 +17,9 @@ from textual.pilot import Pilot
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.tui import notices
 from fte_sniff.tui.app import AtEnd, SniffApp
+from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.table.widget import RowTable
 
@@ -95,7 +97,7 @@ def rpms(app: SniffApp) -> list[int]:
     """The RPM of each row in the window, as drawn."""
     here = table(app)
     texts = [here.render_line(y).text for y in range(here.viewport.height)]
-    return [int(text.split()[3]) for text in texts if text.strip()]
+    return [int(re.split("rpm=", text)[1].split()[0]) for text in texts if "rpm=" in text]
 
 
 async def wheel(app: SniffApp, pilot: Pilot[None], notch: type[events.MouseEvent]) -> None:
@@ -134,9 +136,12 @@ def test_leaves_the_end_and_stays_where_one_reads(feed: Any, speed_rows: Rows, k
         view = table(app).viewport
         assert (view.following, view.cursor, view.top) == (False, where, shown)
         assert view.cursor < 100
+        assert f"SCROLLED +{601 - shown - view.height:,}" in page(app)
         await press(app, pilot, "G")
+        await pilot.pause()
         assert table(app).viewport.following
         assert rpms(app)[-1] == 599
+        assert "LIVE" in page(app)
 
     play(feed, scenario)
 
@@ -170,7 +175,7 @@ def test_columns_move_sideways_as_far_as_there_are_any(feed: Any, speed_rows: Ro
         assert "12:00:00.004" in page(app)
         await press(app, pilot, *["left"] * 40)
         await settle(app, pilot)
-        assert lines(app)[1].strip().startswith("time         kind")
+        assert lines(app)[1].strip().startswith("time UTC     kind")
 
     play(feed, scenario)
 
@@ -353,6 +358,80 @@ def test_esc_leaves_the_filter_as_it_was_and_arrows_bring_back_lines(
     play(feed, scenario)
 
 
+async def rush(app: SniffApp, pilot: Pilot[None], *keys: str) -> None:
+    """Keys that all wait before the first is looked at, as over a slow line or out of a paste."""
+    for key in keys:
+        app.post_message(events.Key(key, CHARACTERS.get(key, key if len(key) == 1 else None)))
+    for _ in range(10 * ROUNDS):
+        await pilot.pause(0)
+
+
+def test_keys_typed_ahead_go_to_the_field_that_they_open(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await settle(app, pilot)
+        await rush(app, pilot, *"gf", *"motor", "equals_sign", *"9", "backspace", "2", "enter", "p")
+        await settle(app, pilot)
+        assert "filter motor=2" in re.sub(" +", " ", page(app))
+        assert "PAUSED" in page(app)
+        assert rpms(app)[0] == 1
+        await rush(app, pilot, "f", "ctrl+u", *"mo", "escape", "colon", *"50", "enter", "j", "j")
+        await settle(app, pilot)
+        assert table(app).viewport.cursor == 51
+        assert "filter motor=2" in re.sub(" +", " ", page(app))
+
+    play(feed, scenario)
+
+
+def test_a_rush_of_keys_for_the_pane_the_help_and_a_field(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await settle(app, pilot)
+        await rush(app, pilot, "enter", "f", "q", "enter", "escape")
+        assert app.focused is table(app)
+        assert app.query_one(DetailPane).display
+        await rush(app, pilot, "question_mark", "q", "escape", "p")
+        assert not app._exit
+        assert len(app.screen_stack) == 1
+        assert table(app).viewport.paused
+
+    play(feed, scenario)
+
+
+def test_a_filter_at_rest_takes_no_keys_and_a_click_wakes_it(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "motor = 1")
+        await press(app, pilot, "enter", "tab", "tab", "G")
+        assert app.focused is table(app)
+        await pilot.click(".asked", offset=(20, 0))
+        await press(app, pilot, "end", "1")
+        assert "motor = 11" in page(app)
+
+    play(feed, scenario)
+
+
+def test_the_count_beside_the_filter_is_that_of_the_filter_that_is_on(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "motor = 1")
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert "100 of 400 rows" in page(app)
+        await press(app, pilot, "f", "x")
+        await settle(app, pilot)
+        assert "of 400 rows" not in page(app)
+        await press(app, pilot, "ctrl+u", "enter", "f")
+        await settle(app, pilot)
+        assert "of 400 rows" not in page(app)
+
+    play(feed, scenario)
+
+
 def test_keys_typed_into_the_filter_are_text(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "f", "q", "question_mark", "G", "space", "p", "colon", "e")
@@ -399,6 +478,8 @@ def test_goes_to_rows_times_and_distances(
         await type_line(app, pilot, goal)
         await press(app, pilot, "enter")
         assert table(app).viewport.cursor == cursor
+        await pilot.pause()
+        assert ("there is no row 999,999; this is the last" in page(app)) == (goal == "999999")
 
     play(feed, scenario)
 
@@ -420,8 +501,10 @@ def test_the_pane_explains_the_cursors_row(
         feed.give([*speed_rows(40), odd_rows[3]])
         await settle(app, pilot)
         await press(app, pilot, "enter")
-        await pilot.pause()
+        feed.give(speed_rows(40, start=40))
+        await settle(app, pilot)
         assert "expected EE, found EF" in page(app)
+        assert "SCROLLED" in page(app)
         await press(app, pilot, "up")
         await settle(app, pilot)
         assert "expected EE" not in page(app)
@@ -443,6 +526,71 @@ def test_the_help_is_shown_and_put_away(feed: Any) -> None:
         assert app.focused is table(app)
 
     play(feed, scenario, (80, 40))
+
+
+def test_the_help_moves_to_its_ends_and_says_how_much_more_there_is(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await rush(app, pilot, "question_mark", "end")
+        await pilot.pause()
+        assert "motor = 1 AND" in page(app)
+        assert "more lines" not in page(app)
+        await press(app, pilot, "home")
+        await pilot.pause()
+        assert "one row up; leaves the end" in page(app)
+        before = int(re.findall(r"(\d+) more lines", page(app))[0])
+        await press(app, pilot, "pagedown")
+        await pilot.pause()
+        assert int(re.findall(r"(\d+) more lines", page(app))[0]) < before - 10
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any, width: int) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        assert "?HelpqQuit" in lines(app)[-1].replace(" ", "")
+
+    play(feed, scenario, (width, 12))
+
+
+def test_the_pane_is_as_tall_as_its_words_up_to_half_the_screen(
+    feed: Any, speed_rows: Rows, odd_rows: list[Row]
+) -> None:
+    heights = []
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([odd_rows[4], *speed_rows(40), odd_rows[5]])
+        await settle(app, pilot)
+        await press(app, pilot, "enter")
+        for key in ("end", "up", "home"):
+            await press(app, pilot, key)
+            await settle(app, pilot)
+            heights.append(app.query_one(DetailPane).outer_size.height)
+
+    play(feed, scenario, (200, 60))
+    assert 28 <= heights[0] <= 30
+    assert heights[2] < heights[1] < 12
+
+
+def test_a_notice_goes_away_by_itself_and_a_worry_stays(
+    feed: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(notices, "SHOWN_S", 0.05)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        notice = app.query_one(notices.NoticeLine)
+        feed.tell(PortEvent(0, "p", PortEventKind.OPENED, "115200 baud"))
+        app.tick()
+        assert notice.display
+        async with asyncio.timeout(10):
+            while notice.display:
+                await pilot.pause(0.01)
+        feed.tell(PortEvent(0, "p", PortEventKind.LOST, "pulled out"))
+        await settle(app, pilot)
+        await pilot.pause(0.1)
+        assert notice.display
+
+    play(feed, scenario)
 
 
 def test_keys_typed_ahead_put_the_help_away_once(feed: Any) -> None:

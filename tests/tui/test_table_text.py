@@ -10,9 +10,20 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
 
-from fte_sniff.protocol import COLUMNS, KINDS, Damage, Fault, Frame, Row, Status, encode, record
+from fte_sniff.protocol import (
+    COLUMNS,
+    KIND_BY_NAME,
+    KINDS,
+    Damage,
+    Fault,
+    Frame,
+    Row,
+    Status,
+    encode,
+    record,
+)
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
-from fte_sniff.tui.table.layout import MARKS, ORDER, clock_text, layout_for
+from fte_sniff.tui.table.layout import MARKS, ORDER, VALUES, clock_text, layout_for, values_text
 from fte_sniff.tui.table.painter import Painter
 from fte_sniff.tui.table.palette import DARK, LIGHT, Palette
 
@@ -57,7 +68,8 @@ def test_the_table_has_every_column_of_the_contract_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("width", "ports", "last"), [(79, 1, "wz_mrad_s"), (199, 1, "cmd"), (139, 2, "online")]
+    ("width", "ports", "last"),
+    [(79, 1, "raw"), (99, 1, "faults"), (128, 1, "faults"), (149, 1, "faults"), (199, 1, "cmd")],
 )
 def test_what_fits_without_moving_sideways(width: int, ports: int, last: str) -> None:
     assert layout_for(width, ports).end_of(last) <= width
@@ -70,7 +82,7 @@ def test_the_port_is_shown_only_where_there_are_several() -> None:
 
 @given(ROWS, st.sampled_from((40, 80, 200)), st.sampled_from((1, 2)))
 def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> None:
-    values = record(row)
+    values = {**record(row), VALUES: values_text(row)}
     for column in layout_for(width, ports).columns:
         cell = column.cell(values[column.name])
         assert cell_len(cell) == column.width
@@ -100,7 +112,42 @@ def painted(row: Row, width: int, hidden: int = 0) -> str:
 
 def test_a_line_at_eighty_cells(speed_rows: Callable[..., list[Row]]) -> None:
     [row] = speed_rows(1, start=1234)
-    assert painted(row, 79).rstrip() == "  12:00:01.234 speed                 3   1234"
+    assert painted(row, 79) == (
+        "  12:00:01.234 speed       motor=3 rpm=1234       AA 01 03 04 D2 00 00 00 00 EE"
+    )
+
+
+def test_a_suspect_row_says_why_in_words_at_eighty_cells(odd_rows: list[Row]) -> None:
+    suspect = next(row for row in odd_rows if row.status is Status.SUSPECT)
+    assert painted(suspect, 79) == (
+        "? 12:00:00.000 speed       motor=1 rpm=1          reserved_nonzero  AA 01 01 0…"
+    )
+    assert "AA 01 01 00 01 00 00 07 00 EE reserved_nonzero" in painted(suspect, 128)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"motor": 1, "rpm": -5}, "motor=1 rpm=-5"),
+        ({"motor": 1, "rpm": 5, "error": 4, "online": 3}, "motor=1 rpm=5 error=04 online=03"),
+    ],
+)
+def test_flags_stand_among_the_values_only_where_they_are_out_of_order(
+    values: dict[str, int], text: str
+) -> None:
+    raw = encode(KIND_BY_NAME["speed_feedback"], values)
+    assert values_text(Frame("p", 0, raw, None)) == text
+
+
+@given(KIND_FRAMES)
+def test_the_longest_values_fit_where_there_is_room(row: Frame) -> None:
+    assert values_text(row) in painted(row, 128)
+
+
+def test_ports_are_told_apart_by_their_ends() -> None:
+    [port] = [column for column in layout_for(80, 2).columns if column.name == "port"]
+    cells = {port.cell(f"/home/ana/captures/run-{n}.mcap") for n in (1, 2)}
+    assert cells == {"…/run-1.mcap", "…/run-2.mcap"}
 
 
 def test_damage_takes_the_place_of_values_where_the_table_is_narrow(odd_rows: list[Row]) -> None:
@@ -118,17 +165,17 @@ def test_of_long_damage_the_length_is_told(odd_rows: list[Row]) -> None:
 
 def test_time_stays_when_columns_are_moved_out(speed_rows: Callable[..., list[Row]]) -> None:
     [row] = speed_rows(1, start=1234)
-    assert painted(row, 79, hidden=2).startswith("  12:00:01.234   1234 ")
-    assert "AA 01 03 04 D2 00 00 00 00 EE" in painted(row, 79, hidden=8)
+    assert painted(row, 79, hidden=1).startswith("  12:00:01.234 motor=3 ")
+    assert painted(row, 149, hidden=2).startswith("  12:00:01.234000   1234 ")
 
 
 def test_the_head_says_where_there_is_more() -> None:
     def head(hidden: int) -> str:
         return Painter(layout_for(79, 1), DARK, 79, hidden).head(Style.null()).text
 
-    assert head(0).startswith("  time         kind ")
+    assert head(0).startswith("  time UTC     kind ")
     assert head(0).endswith(">")
-    assert head(2).startswith("  time        <   rpm ")
+    assert head(2).startswith("  time UTC    <raw ")
     last = layout_for(79, 1).most_hidden(79)
     assert head(last).rstrip().endswith("cmd")
     assert head(last - 1).endswith(">")

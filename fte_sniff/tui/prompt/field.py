@@ -9,11 +9,12 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from rich.text import Text
+from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
-from textual.message import Message
 from textual.suggester import Suggester
+from textual.widget import Widget
 from textual.widgets import Input, Static
 
 from fte_sniff.errors import FteSniffError, shown
@@ -22,6 +23,8 @@ from fte_sniff.tui.prompt.history import History
 Check = Callable[[str], object]
 """Reads a line; raises an FteSniffError, with the reason in one line, where it means nothing."""
 
+Take = Callable[[str], None]
+"""Does what a line says that passed the check; called before the next key is looked at."""
 
 LOW = 16
 """Lines of the terminal below which the verdict has one line only."""
@@ -37,47 +40,65 @@ class Line(Input):
         Binding("escape", "leave", "Back", key_display="esc"),
     ]
 
-    class Left(Message):
-        """The field was left without giving a line."""
-
-    def __init__(self, hint: str, suggester: Suggester | None) -> None:
+    def __init__(
+        self,
+        hint: str,
+        suggester: Suggester | None,
+        give: Take,
+        leave: Callable[[], None],
+    ) -> None:
         super().__init__(placeholder=hint, compact=True, suggester=suggester)
         self.history = History()
+        self.can_focus = False
+        self.asking = False
+        """Whether a line is wanted; only then can it have the keys."""
+        self._give, self._leave = give, leave
+
+    async def on_key(self, event: events.Key) -> None:
+        """Let each key act before the next: what is typed ahead comes in one rush.
+
+        Left to itself, a key that is no text acts only after it has gone up to the app, and the
+        text behind it overtakes it. What comes after the line was given goes back to the app.
+        """
+        if not self.asking:
+            event.prevent_default().stop()
+            self.app.post_message(events.Key(event.key, event.character))
+        elif not event.is_printable:
+            for binding in self._bindings.key_to_bindings.get(event.key, ()):
+                if await self.app.run_action(binding.action, self):
+                    event.prevent_default().stop()
+                    break
 
     def action_older(self, by: int) -> None:
         """Put a line from before into the field."""
         self.value = self.history.go(by, self.value)
         self.cursor_position = len(self.value)
 
+    async def action_submit(self) -> None:
+        """Give the line; where it does not pass, it can be mended."""
+        self._give(self.value.strip())
+
     def action_leave(self) -> None:
         """Leave without giving a line."""
-        self.post_message(self.Left())
+        self._leave()
 
 
 class Field(Vertical):
     """A field that checks while one types: green or red, and the reason in words."""
 
-    class Given(Message):
-        """A line that passed the check was given."""
-
-        def __init__(self, field: Field, line: str) -> None:
-            super().__init__()
-            self.field = field
-            self.line = line
-
-    class Closed(Message):
-        """The field no longer asks."""
-
-        def __init__(self, field: Field) -> None:
-            super().__init__()
-            self.field = field
-
     def __init__(
-        self, label: str, check: Check, hint: str, good: str, suggester: Suggester | None = None
+        self,
+        label: str,
+        check: Check,
+        take: Take,
+        hint: str,
+        good: str,
+        suggester: Suggester | None = None,
     ) -> None:
         super().__init__()
-        self._label, self._check, self._good = label, check, good
-        self._line = Line(hint, suggester)
+        self._label, self._check, self._take, self._good = label, check, take, good
+        self._line = Line(hint, suggester, self._give, self.fall_back)
+        self._focused_before: Widget | None = None
         self._verdict = Static(classes="verdict")
         self.standing = ""
         """The line that holds; it stands in the field again when the field is left."""
@@ -93,7 +114,7 @@ class Field(Vertical):
     @property
     def asking(self) -> bool:
         """Whether a line is being typed."""
-        return self._line.has_focus
+        return self._line.asking
 
     def ask(self) -> None:
         """Show the field and let the user type."""
@@ -102,7 +123,10 @@ class Field(Vertical):
         self.set_class(True, "-asking")
         self._line.value = self.standing
         self._judge(self.standing)
-        self._line.focus()
+        self._focused_before = self.screen.focused
+        self._line.asking = self._line.can_focus = True
+        # At once, not after what waits: the next key may be here already.
+        self.screen.set_focus(self._line)
 
     def rest(self) -> None:
         """Show the line that holds; an idle field is hidden."""
@@ -111,27 +135,28 @@ class Field(Vertical):
         self.display = bool(self.standing)
 
     def fall_back(self) -> None:
-        """Stop asking."""
+        """Stop asking; the keys go where they went before."""
+        if self.asking:
+            self._line.asking = self._line.can_focus = False
+            self.screen.set_focus(self._focused_before)
         self.rest()
-        self.post_message(self.Closed(self))
+
+    def on_click(self) -> None:
+        """Ask."""
+        if not self.asking:
+            self.ask()
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Check while one types."""
         event.stop()
         self._judge(event.value)
 
-    def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Give the line, if it passes."""
-        event.stop()
-        line = event.value.strip()
+    def _give(self, line: str) -> None:
+        """Take the line, if it passes."""
         if self._judge(line):
             self._line.history.add(line)
-            self.post_message(self.Given(self, line))
-
-    def on_line_left(self, event: Line.Left) -> None:
-        """Leave everything as it was."""
-        event.stop()
-        self.fall_back()
+            self._take(line)
+            self.fall_back()
 
     def _judge(self, line: str) -> bool:
         try:

@@ -11,22 +11,24 @@ from textual.widgets import Static
 
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.tui.prompt.complete import WordSuggester
-from fte_sniff.tui.prompt.field import Field
+from fte_sniff.tui.prompt.field import Field, Take
 
 
 class FilterField(Field):
     """Asks for a filter, and shows the one that holds with the number of rows it lets through."""
 
-    def __init__(self, row_filter: RowFilter | None) -> None:
-        """The field, with the filter that already holds."""
+    def __init__(self, row_filter: RowFilter | None, take: Take) -> None:
+        """The field, with the filter that already holds, and what is done with another."""
         super().__init__(
             "filter",
             RowFilter.parse,
+            take,
             "motor = 1 AND rpm > 500",
             "enter applies, an empty line shows all; esc goes back; up: earlier ones",
             WordSuggester(),
         )
         self._shown = Static(classes="shown")
+        self._words = ""
         self.standing = row_filter.text if row_filter else ""
 
     def compose(self) -> ComposeResult:
@@ -39,5 +41,8 @@ class FilterField(Field):
         self.rest()
 
     def tell_shown(self, words: str) -> None:
-        """Say how many rows the filter lets through."""
-        self._shown.update(Text(words))
+        """Say how many rows the filter that is on lets through; not while another is typed."""
+        words = "" if self.asking else words
+        if words != self._words:
+            self._words = words
+            self._shown.update(Text(words))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.tui.prompt.field import Field
+from fte_sniff.tui.prompt.field import Field, Take
 
 _NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 _DAY_S = 86_400
@@ -43,6 +43,7 @@ Goal: TypeAlias = ToRow | ToTimeOfDay | ToDistance
 
 _ROW = re.compile(r"[0-9][0-9_,]*")
 _TIME = re.compile(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2})(?:\.([0-9]{1,9}))?)?")
+_NO_UNIT = re.compile(r"[+-][0-9]+(?:\.[0-9]*)?", re.ASCII)
 _DISTANCE = re.compile(r"([+-])([0-9]+)(?:\.([0-9]+))?(ns|us|ms|s)", re.ASCII)
 
 
@@ -50,7 +51,8 @@ def parse_goal(text: str) -> Goal:
     """What a text in the field means.
 
     Raises:
-        InputTextError: it is no row, time or distance; the message shows one of each.
+        InputTextError: it is no row, time or distance; the message shows one of each, or the
+            distance with units where it has none.
     """
     text = text.strip()
     if _ROW.fullmatch(text):
@@ -65,16 +67,19 @@ def parse_goal(text: str) -> Goal:
         scale = _NS[unit]
         ns = int(whole_text) * scale + int(fraction or 0) * scale // 10 ** len(fraction)
         return ToDistance(-ns if sign == "-" else ns)
-    raise InputTextError("a row (1200), a time (12:00:03.5) or a distance (+2s, -50ms)")
+    if _NO_UNIT.fullmatch(text):
+        raise InputTextError(f"{text} of what? say it with a unit: {text}s, {text}ms, {text}us")
+    raise InputTextError("a row (1200), a time, UTC (12:00:03.5) or a distance (+2s, -50ms)")
 
 
 class GotoField(Field):
     """Asks where to go."""
 
-    def __init__(self) -> None:
+    def __init__(self, take: Take) -> None:
         super().__init__(
             "go to",
             parse_goal,
+            take,
             "1200, 12:00:03.5, +2s, -50ms",
             "enter goes there, esc stays here",
         )

@@ -2,12 +2,17 @@
 
 It must not know colours, the window, or where rows come from. Names come from the row contract and
 widths from the ranges in the frame table; only the order, most useful first, is decided here.
+
+Where all columns do not fit side by side, the values of a row stand in one, by their short names:
+
+    time UTC     kind        values                 raw                           > faults, offset
+    12:00:00.000 speed       motor=1 rpm=1000       AA 01 01 03 E8 00 00 00 00 EE
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
 
@@ -17,26 +22,35 @@ from fte_sniff.protocol import (
     FRAME_LENGTH,
     VALUE_FIELDS,
     Field,
+    Frame,
     Row,
     Status,
     Value,
     spaced_hex,
 )
-from fte_sniff.tui.fitting import fit, fit_right
+from fte_sniff.tui.fitting import fit, fit_path, fit_right
 
 MARKS = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
 """The sign of each status, so that colour is never the only one."""
 
-ROOMY = 100
-"""Cells from which on a table has room for full names and microseconds."""
+VALUES = "values"
+"""The column in which all values of a row stand, where there is no room for one each."""
 
-BYTES_IN_TEXT = 16
-"""Bytes of a long run of damage that a cell shows at most."""
+ROOMY = 149
+"""Cells from which on a table has a column for each value, and microseconds."""
+
+SPACIOUS = 128
+"""Cells from which on the kind and the column of values are as wide as their longest."""
 
 _PORT_WIDTH = 12
-_FAULTS_WIDTH = 20
+_FAULTS_WIDTH = 19
 _HEX_WIDTH = 3 * FRAME_LENGTH - 1
 _COUNT_WIDTH = 10
+_MILLISECONDS, _MICROSECONDS = 3, 6
+_VALUE_NAMES = frozenset(field.name for field in VALUE_FIELDS)
+_SHORT_KIND_WIDTH = 11
+_SHORT_VALUES_WIDTH = 22
+_LONG_VALUES_WIDTH = 45
 
 ORDER = (
     "time",
@@ -114,26 +128,63 @@ class Layout:
 
 def layout_for(width: int, ports: int) -> Layout:
     """The layout for a table of `width` cells whose rows come from so many ports."""
-    return _layout(width >= ROOMY, ports > 1)
+    names = tuple(name for name in ORDER if name != "port" or ports > 1)
+    if width >= ROOMY:
+        return _one_each(names)
+    return _compact(names, width >= SPACIOUS)
 
 
 @cache
-def _layout(roomy: bool, several: bool) -> Layout:
-    names = [name for name in ORDER if name != "port" or several]
-    return Layout(tuple(_column(name, roomy) for name in names))
+def _one_each(names: tuple[str, ...]) -> Layout:
+    return Layout(tuple(_column(name) for name in names))
 
 
-def damage_text(row: Row) -> str:
-    """What is wrong and the bytes, for a row that has no values to show."""
+@cache
+def _compact(names: tuple[str, ...], spacious: bool) -> Layout:
+    """The columns with those of values in one, where the first of them would be."""
+    columns = {name: _column(name) for name in names if name not in _VALUE_NAMES}
+    if not spacious:
+        columns["kind"] = replace(columns["kind"], width=_SHORT_KIND_WIDTH)
+    columns["time"] = _time_column(_MILLISECONDS)
+    at = names.index(next(name for name in names if name in _VALUE_NAMES))
+    width = _LONG_VALUES_WIDTH if spacious else _SHORT_VALUES_WIDTH
+    values = TableColumn(VALUES, VALUES, width, False, str)
+    ordered = list(columns.values())
+    return Layout((*ordered[:at], values, *ordered[at:]))
+
+
+def values_text(row: Row) -> str:
+    """The row's values by their short names: `motor=1 rpm=1000`.
+
+    Flag bytes are left out where they have the value of the protocol's examples, that all is in
+    order; they stand among the raw bytes at any rate.
+    """
+    kind = row.kind if isinstance(row, Frame) else None
+    if kind is None:
+        return ""
+    texts = []
+    for field in kind.fields:
+        value = field.read(row.raw)
+        if field.defined_bits is None:
+            texts.append(f"{field.option}={value}")
+        elif value != field.default:
+            texts.append(f"{field.option}={_flags_cell(value)}")
+    return " ".join(texts)
+
+
+def faulty_text(row: Row, width: int) -> str:
+    """What is wrong, then the bytes, for where there is no room for a column of each."""
     faults = ",".join(row.faults)
-    return f"{faults}  {bytes_text(row.raw)}" if faults else bytes_text(row.raw)
+    words = f"{faults}  " if faults else ""
+    return fit(words + bytes_text(row.raw, width - len(words)), width)
 
 
-def bytes_text(raw: bytes) -> str:
-    """The bytes as hex; of a long run only the first ones, and how many there are."""
-    if len(raw) <= BYTES_IN_TEXT:
+def bytes_text(raw: bytes, width: int) -> str:
+    """The bytes as hex; of a run too long for the width, the first ones and how many there are."""
+    if len(raw) <= max(FRAME_LENGTH, (width + 1) // 3):
         return spaced_hex(raw)
-    return f"{spaced_hex(raw[:BYTES_IN_TEXT])} … {len(raw)} bytes"
+    count = f" … {len(raw)} bytes"
+    return spaced_hex(raw[: max(0, (width - len(count) + 1) // 3)]) + count
 
 
 def clock_text(t_ns: int, digits: int) -> str:
@@ -142,13 +193,18 @@ def clock_text(t_ns: int, digits: int) -> str:
     return f"{datetime.fromtimestamp(seconds, UTC):%H:%M:%S}.{nanoseconds:09d}"[: 9 + digits]
 
 
-def _column(name: str, roomy: bool) -> TableColumn:
+def _time_column(digits: int) -> TableColumn:
+    return TableColumn("time", "time UTC", 9 + digits, False, lambda v: _clock_cell(v, digits))
+
+
+def _column(name: str) -> TableColumn:
     field = next((field for field in VALUE_FIELDS if field.name == name), None)
     if field is not None:
-        return _value_column(field, field.name if roomy else field.option)
+        return _value_column(field)
     if name == "time":
-        digits = 6 if roomy else 3
-        return TableColumn(name, name, 9 + digits, False, lambda v: _clock_cell(v, digits))
+        return _time_column(_MICROSECONDS)
+    if name == "port":
+        return TableColumn(name, name, _PORT_WIDTH, False, _port_cell)
     if name == "raw":
         return TableColumn(name, name, _HEX_WIDTH, False, _hex_cell)
     if name == "faults":
@@ -156,11 +212,12 @@ def _column(name: str, roomy: bool) -> TableColumn:
     if name in ("offset", "length", "cmd"):
         width = _COUNT_WIDTH if name == "offset" else len(name)
         return TableColumn(name, name, width, True, str)
-    widest = max((len(word) for word in COLUMN_BY_NAME[name].words), default=_PORT_WIDTH)
+    widest = max(len(word) for word in COLUMN_BY_NAME[name].words)
     return TableColumn(name, name, max(widest, len(name)), False, _text_cell)
 
 
-def _value_column(field: Field, head: str) -> TableColumn:
+def _value_column(field: Field) -> TableColumn:
+    head = field.name
     if field.defined_bits is not None:
         return TableColumn(field.name, head, max(len(head), 2), True, _flags_cell)
     widest = max(len(str(field.low)), len(str(field.high)), len(head))
@@ -176,11 +233,16 @@ def _flags_cell(value: Value) -> str:
 
 
 def _hex_cell(value: Value) -> str:
-    return bytes_text(bytes.fromhex(str(value)))
+    return bytes_text(bytes.fromhex(str(value)), _HEX_WIDTH)
 
 
 def _words_cell(value: Value) -> str:
     return ",".join(value) if isinstance(value, list) else ""
+
+
+def _port_cell(value: Value) -> str:
+    """The end of the name, which is what tells ports and files apart."""
+    return fit_path(shown(str(value)), _PORT_WIDTH)
 
 
 def _text_cell(value: Value) -> str:

@@ -13,11 +13,10 @@ from rich.style import Style
 from textual.strip import Strip
 
 from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, record
-from fte_sniff.tui.fitting import fit
-from fte_sniff.tui.table.layout import MARKS, Layout, TableColumn, damage_text
+from fte_sniff.tui.table.layout import MARKS, VALUES, Layout, TableColumn, faulty_text, values_text
 from fte_sniff.tui.table.palette import Palette
 
-SPANNED = ("kind", *(field.name for field in VALUE_FIELDS), "raw")
+SPANNED = ("kind", VALUES, *(field.name for field in VALUE_FIELDS), "raw")
 """Columns in whose place a row without values says what is wrong with it."""
 
 
@@ -34,17 +33,20 @@ class Painter:
 
     def row(self, row: Row, line: Style) -> Strip:
         """The row over the style of its line."""
-        columns, values = self._columns, record(row)
+        columns, values = self._columns, {**record(row), VALUES: values_text(row)}
         has_values = isinstance(row, Frame) and row.kind is not None
-        spans = not has_values and self._cuts_faults
+        cuts_faults = self._cuts_faults
+        spans = not has_values and cuts_faults
         segments = [Segment(MARKS[row.status], self.palette.marks[row.status])]
         room = sum(column.width + 1 for column in columns if column.name in SPANNED) - 1
         for column in columns:
             if not (spans and column.name in SPANNED):
                 text = column.cell(values[column.name])
+                if column.name == "raw" and row.faults and cuts_faults:
+                    text = faulty_text(row, column.width)
                 segments.append(Segment(" " + text, self._style(column, row)))
             elif room > 0:
-                text = fit(damage_text(row), room)
+                text = faulty_text(row, room)
                 segments.append(Segment(" " + text, self.palette.statuses[row.status]))
                 room = 0
         return self._window(segments, line)

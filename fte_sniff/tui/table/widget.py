@@ -217,6 +217,10 @@ class RowTable(ScrollView, can_focus=True):
         self.viewport.jump(row)
         self._moved()
 
+    def stay(self) -> None:
+        """Leave the end, with the cursor on the row it is on."""
+        self.jump(self.viewport.cursor)
+
     def jump_to_fault(self, by: int) -> bool:
         """Put the cursor on the nearest fault below (`by` 1) or above (-1), if there is one."""
         store, view = self._store, self.viewport
