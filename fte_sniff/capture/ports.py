@@ -27,7 +27,7 @@ from urllib.parse import urlsplit
 import serial
 
 from fte_sniff.capture.refusal import check_name, refusal
-from fte_sniff.errors import PortError
+from fte_sniff.errors import PortError, ValueRangeError
 from fte_sniff.protocol import DEFAULT_BAUD
 
 READ_TIMEOUT_S = 0.01
@@ -50,14 +50,14 @@ class PortSettings:
     """How a port is opened; always 8 data bits, no parity, 1 stop bit, no flow control."""
 
     baud: int = DEFAULT_BAUD
-    """Bits per second; outside BAUD_RANGE raises PortError."""
+    """Bits per second; outside BAUD_RANGE raises ValueRangeError."""
     dtr: ControlLine = ControlLine.OFF
     rts: ControlLine = ControlLine.OFF
 
     def __post_init__(self) -> None:
         low, high = BAUD_RANGE
         if not low <= self.baud <= high:
-            raise PortError(f"baud {self.baud} is out of range: {low}..{high}")
+            raise ValueRangeError(f"baud {self.baud} is out of range: {low}..{high}")
 
     def __str__(self) -> str:
         return f"{self.baud} baud 8N1, DTR {self.dtr}, RTS {self.rts}"

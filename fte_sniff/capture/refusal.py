@@ -54,6 +54,11 @@ def check_name(name: str) -> None:
     if scheme.lower() in _NETWORK_SCHEMES and not _names_host_and_port(name):
         example = f"{scheme.lower()}://192.168.0.7:4001"
         raise PortError(f"{shown(name)} names no host and TCP port: write it like {example}")
+    if scheme.lower() == "spy" and "file=" not in name:
+        raise PortError(
+            f"{shown(name)} would write over what is shown here: give it a file to write to, as "
+            "spy:///dev/ttyUSB0?file=spy.txt"
+        )
 
 
 def refusal(name: str, device: str | None, error: BaseException) -> PortError:
@@ -74,7 +79,7 @@ def refusal(name: str, device: str | None, error: BaseException) -> PortError:
         told = one_line(error).rpartition(f"port {named}: ")[2]
         stumbled = isinstance(error, LookupError)
         what = f" cannot be opened: {'its options cannot be read' if stumbled else told}"
-        if urlsplit(name).scheme.lower() in _NETWORK_SCHEMES:
+        if name.partition("://")[0].lower() in _NETWORK_SCHEMES:
             what += "; does a server listen there?"
     return PortError(f"{named}{what}")
 

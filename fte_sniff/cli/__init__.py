@@ -8,7 +8,8 @@ text, 3 port, 4 file).
     inputs      files and standard input, to batches of rows
     outputs     where rows go: standard output or a new file
     filtering, keeping    `--filter`, `--keep-rows`
-    signals, stdout    how a command that runs on hears of its end
+    signals, telling, stdout    how a command that runs on hears of its end, and says what happens
+    plain       `live` without a screen
     live, view, decode, hex, encode, simulate, ports    the commands
 """
 

@@ -6,8 +6,8 @@ It must not know how a capture runs or how a screen looks; it starts the one and
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,18 +16,30 @@ import click
 from fte_sniff.cli.filtering import filter_option, row_filter, selection
 from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.cli.signals import signals_call
-from fte_sniff.cli.stdout import abandon_stdout
-from fte_sniff.errors import UsageError, shown
-from fte_sniff.protocol import DEFAULT_BAUD, Row
+from fte_sniff.cli.telling import tell
+from fte_sniff.errors import UsageError
+from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from fte_sniff.session.live import LiveSession
     from fte_sniff.session.plan import CapturePlan
 
-LOOK_EVERY_S = 0.1
-"""Seconds that plain output waits for rows before it looks at signals again."""
-
 _LINE_WORDS = click.Choice(["on", "off", "leave"])
+
+
+class _Seconds(click.FloatRange):
+    """A time; infinity is one, but what is not a number is none."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        seconds = float(super().convert(value, param, ctx))
+        if isnan(seconds):
+            self.fail(f"{value!r} is not a number of seconds.", param, ctx)
+        return seconds
+
+
+_DURATION = _Seconds(min=0, min_open=True)
 
 
 @click.command(name="live", short_help="Capture a port, record it and watch it.")
@@ -41,7 +53,7 @@ _LINE_WORDS = click.Choice(["on", "off", "leave"])
 @click.option("--plain", is_flag=True, help="Print one line a row instead of the screen.")
 @filter_option
 @keep_rows_option(1_000_000)
-@click.option("--duration", type=click.FloatRange(min=0), metavar="S", help="End after S seconds.")
+@click.option("--duration", type=_DURATION, metavar="S", help="End after S seconds.")
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows.")
 def command(
     filter_text: str | None,
@@ -64,8 +76,9 @@ def command(
     """
     if no_record and output is not None:
         raise UsageError("-o names a recording and --no-record wants none; leave one of them out")
-    recording = None if no_record else output or _default_path()
-    plan = _plan(recording=recording, **options)
+    if output == Path("-"):
+        raise UsageError("a recording must be a regular file, not a stream; name one with -o")
+    plan = _plan(output=output, no_record=no_record, **options)
     if plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         _print_lines(plan, filter_text)
     else:
@@ -73,13 +86,8 @@ def command(
 
 
 def _default_path() -> Path:
-    """`fte-sniff-<UTC time>.mcap` in the working folder, numbered where one is there already."""
-    stem = f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
-    path, number = Path(f"{stem}.mcap"), 1
-    while path.exists():
-        number += 1
-        path = Path(f"{stem}-{number}.mcap")
-    return path
+    """`fte-sniff-<UTC time>.mcap` in the working folder."""
+    return Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
 
 
 def _plan(
@@ -88,73 +96,65 @@ def _plan(
     baud: int,
     dtr: str,
     rts: str,
-    recording: Path | None,
+    output: Path | None,
+    no_record: bool,
     force: bool,
     duration: float | None,
     count: int | None,
 ) -> CapturePlan:
     from fte_sniff.capture.ports import ControlLine, PortSettings
-    from fte_sniff.recording.writer import Existing
+    from fte_sniff.recording.place import Existing
     from fte_sniff.session.plan import CapturePlan
 
+    existing = Existing.REPLACE if force else Existing.REFUSE
     return CapturePlan(
         port=port,
         settings=PortSettings(baud, ControlLine(dtr), ControlLine(rts)),
-        recording=recording,
-        existing=Existing.REPLACE if force else Existing.REFUSE,
+        recording=None if no_record else output or _default_path(),
+        existing=existing if output else Existing.NUMBER,
         duration_s=duration,
         count=count,
     )
 
 
 def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
-    from fte_sniff.analysis.tally import Tally
-    from fte_sniff.cli.summary import summary
-    from fte_sniff.formats.writers import OutputFormat, row_writer
+    select = selection(filter_text)
+    from fte_sniff.cli.plain import print_lines
     from fte_sniff.session.live import LiveSession
 
-    select = selection(filter_text)
-    writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=False)
-    tally = Tally()
-    with LiveSession(plan) as session, signals_call(session.stop):
-        if plan.recording is not None:
-            click.echo(f"recording to {shown(str(plan.recording))}", err=True)
-        try:
-            for rows in _row_batches(session):
-                tally.add(rows)
-                writer.write(select(rows))
-                sys.stdout.flush()
-        except BrokenPipeError:
-            abandon_stdout()
-    click.echo(summary(tally), err=True)
-    _leave(plan, session)
-
-
-def _row_batches(session: LiveSession) -> Iterator[Sequence[Row]]:
-    """What the session hands over, until it has ended."""
-    running = True
-    while running:
-        update = session.wait(LOOK_EVERY_S)
-        running = update.state.running
-        if update.rows:
-            yield update.rows
+    session = LiveSession(plan)
+    with signals_call(session.stop):
+        session.begin()
+        if session.recording is not None:
+            tell(f"recording to {session.recording}")
+        print_lines(session, select)
+        _leave(session)
 
 
 def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int) -> None:
+    wanted = row_filter(filter_text)
     from fte_sniff.session.live import LiveSession
     from fte_sniff.tui.app import AtEnd, run_screen
 
-    wanted = row_filter(filter_text)
     bounded = plan.duration_s is not None or plan.count is not None
-    with LiveSession(plan) as session:
-        at_end = AtEnd.LEAVE if bounded else AtEnd.STAY
-        code = run_screen(session, at_end, wanted, keep_rows)
-    _leave(plan, session)
+    code = 0
+    session = LiveSession(plan)
+    with signals_call(session.stop):
+        session.begin()
+    try:
+        if not session.stopping:
+            code = run_screen(session, AtEnd.LEAVE if bounded else AtEnd.STAY, wanted, keep_rows)
+    finally:
+        # The screen hears signals in its own way, and forgets ours.
+        with signals_call(session.stop):
+            session.close()
+            _leave(session)
     sys.exit(code)
 
 
-def _leave(plan: CapturePlan, session: LiveSession) -> None:
-    if plan.recording is not None:
-        click.echo(f"recorded to {shown(str(plan.recording))}", err=True)
+def _leave(session: LiveSession) -> None:
+    """Say where the recording lies; raise what went wrong, if something did."""
+    if session.recording is not None:
+        tell(f"recorded to {session.recording}")
     if session.error is not None:
         raise session.error

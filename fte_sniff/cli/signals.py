@@ -6,14 +6,45 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from fte_sniff.cli.telling import abandon_blocked
+
+PATIENCE_S = 3.0
+"""How long an output that nobody takes may hold up the end once that was asked for, seconds."""
+
+_AGAIN_S = 1.0
+_NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 @contextmanager
 def signals_call(stop: Callable[[], None]) -> Iterator[None]:
-    """While in this context, Ctrl-C, SIGTERM and a closed terminal ask for the end."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(number, lambda *_: stop()) for number in numbers]
+    """While in this context, Ctrl-C, SIGTERM and a closed terminal ask for the end.
+
+    Asking more often is asking once, also behind this context: once asked, the program ends, and
+    nothing that hurries it can cut that short. In return nothing holds it up: some seconds later
+    blocked outputs are abandoned, and `stop` is called again, every second.
+    """
+    asked = False
+
+    def ask(*_: object) -> None:
+        nonlocal asked
+        if not asked:
+            asked = True
+            signal.setitimer(signal.ITIMER_REAL, PATIENCE_S, _AGAIN_S)
+        stop()
+
+    def press(*_: object) -> None:
+        abandon_blocked()
+        stop()
+
+    alarm_before = signal.signal(signal.SIGALRM, press)
+    before = [signal.signal(number, ask) for number in _NUMBERS]
     try:
         yield
     finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+        for number, handler in zip(_NUMBERS, before, strict=True):
+            signal.signal(number, signal.SIG_IGN if asked else handler)
+        signal.signal(signal.SIGALRM, _press_on if asked else alarm_before)
+
+
+def _press_on(*_: object) -> None:
+    abandon_blocked()

@@ -8,11 +8,12 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     schema     the protobuf schema of each topic, derived from the frame table
     messages   one row or event to the bytes of its message, and back
     container  an MCAP file that grows by whole chunks and is complete after each
+    place      the file: made, locked, put in its place, missed when it is gone
     writer     RecordingWriter: rows in log order, into a container
     records    the records of any MCAP file, cut, damaged or hostile as it may be
     summary    what a file's summary tells before its rows are read
     reader     RecordingReader: the rows and events of a file
-    refusals   the one line that tells how a recording came to stop
+    refusals   the lines that tell why a recording cannot begin, or came to stop
 
 A recording on disk (https://mcap.dev/spec):
 

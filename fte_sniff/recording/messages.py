@@ -20,6 +20,7 @@ from fte_sniff.protocol import (
     FRAME_LENGTH,
     HEADERS,
     KIND_BY_NAME,
+    TAIL,
     Damage,
     Fault,
     Field,
@@ -27,7 +28,6 @@ from fte_sniff.protocol import (
     PortEvent,
     PortEventKind,
     Row,
-    TAIL,
     Status,
 )
 from fte_sniff.recording.schema import (

@@ -1,4 +1,4 @@
-"""Owns the one line that tells how a recording that was under way came to stop.
+"""Owns the lines that tell why a recording cannot begin, or how one under way came to stop.
 
 It must not know what stands in the file.
 """
@@ -8,9 +8,29 @@ from __future__ import annotations
 from fte_sniff.errors import FileError, reason_of
 
 
+def no_regular_file(path: object) -> FileError:
+    """What to tell the user when something that is no file stands where a recording should."""
+    return FileError(f"{path} is not a regular file, which a recording must be; name another")
+
+
+def recorded_to(path: object) -> FileError:
+    """What to tell the user when two programs would record to one file."""
+    return FileError(f"{path} is being recorded to by another program; name another file")
+
+
 def stopped(path: object, error: OSError, rows: int) -> FileError:
     """What to tell the user when a recording that was under way cannot go on."""
     return FileError(
         f"recording stopped: {reason_of(error)}; {path} is complete up to there ({rows} rows); "
         "make room, or record elsewhere with -o"
+    )
+
+
+def taken_away(path: object, rows: int, *, deleted: bool) -> FileError:
+    """What to tell the user when the file of a recording under way is not where it was."""
+    what = "deleted" if deleted else "moved or replaced"
+    fate = "are lost" if deleted else "went with it"
+    return FileError(
+        f"recording stopped: {path} was {what} while it was being written; the {rows} rows in it "
+        f"{fate}; start again, and leave the file in its place"
     )

@@ -11,10 +11,7 @@ port are never put in another order than they came in.
 
 from __future__ import annotations
 
-import os
-import stat
 from collections.abc import Iterable, Mapping, Sequence
-from enum import Enum
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -27,7 +24,8 @@ from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.container import Entry, McapFile
 from fte_sniff.recording.facts import PROGRAM, PortFacts, library_name, recording_facts
 from fte_sniff.recording.messages import encode_event, encode_row, plain
-from fte_sniff.recording.refusals import stopped
+from fte_sniff.recording.place import Existing, Place
+from fte_sniff.recording.refusals import stopped, taken_away
 from fte_sniff.recording.schema import schema_data, schema_name
 from fte_sniff.recording.topics import EVENTS, TOPICS, Topic, topic_of
 
@@ -37,14 +35,7 @@ METADATA_NAME = PROGRAM
 MOST_PENDING = 16_384
 """Rows that wait for the end of their chunk at most; then the chunk ends by itself."""
 
-_TIMES = range(2**64)
-
-
-class Existing(Enum):
-    """What to do with a file that is in the way of a new recording."""
-
-    REFUSE = "refuse"
-    REPLACE = "replace"
+_TIMES = range(2**63)
 
 
 class RecordingWriter:
@@ -67,15 +58,16 @@ class RecordingWriter:
         """Create the file, with the schemas and channels of all ports in it.
 
         Args:
-            path: the file; nothing but a regular file is ever replaced.
+            path: the file; nothing but a regular file is ever replaced, and that only when the
+                new one has its head.
             ports: the ports whose rows will come; rows of others are taken too.
             facts: what else the file is to say about itself, e.g. `host_facts(now)`.
             existing: what to do if the file is there already.
 
         Raises:
-            FileError: the file exists, its folder does not, or the system refuses it.
+            FileError: the file exists, another program records to it, its folder does not exist,
+                or the system refuses it. Nothing has changed on the disk then.
         """
-        self._path = path
         self._failure: FileError | None = None
         self._pending: list[tuple[int, Topic, Row | PortEvent]] = []
         self._rows = self._flushed_rows = 0
@@ -85,25 +77,25 @@ class RecordingWriter:
         self._channel_ids: dict[tuple[str, str], int] = {}
         self._schema_ids = _schema_ids()
         channels = [channel for port in ports for channel in self._channels_of(port)]
-        self._descriptor: int | None = _create(path, existing)
+        self._place = Place(path, existing)
+        self._closed = False
         try:
             self._file = McapFile(
-                self._descriptor,
+                self._place.descriptor,
                 library_name(),
                 Metadata(METADATA_NAME, _plain_items(recording_facts(tuple(ports), facts or {}))),
                 _schemas(self._schema_ids),
                 channels,
             )
+            self._place.settle()
         except OSError as error:
-            self._release()
-            if existing is Existing.REFUSE:
-                path.unlink(missing_ok=True)
+            self._place.discard()
             raise unwritable(path, error) from error
 
     @property
     def path(self) -> Path:
         """Where the recording lies."""
-        return self._path
+        return self._place.path
 
     @property
     def rows(self) -> int:
@@ -151,17 +143,21 @@ class RecordingWriter:
         """End the chunk and push it to the disk. Call it at least once a second.
 
         Raises:
-            FileError: the disk is full or failed; what was flushed before is in the file.
+            FileError: the disk is full or failed, and what was flushed before is in the file; or
+                the file was deleted or moved away.
         """
         self._check()
-        if not self._pending:
-            return
-        pending, self._pending = sorted(self._pending, key=_time_of), []
-        try:
-            self._file.add_chunk([self._entry(*waiting) for waiting in pending])
-        except OSError as error:
-            raise self._stop(error) from error
-        self._flushed_rows = self._rows
+        if self._pending:
+            pending, self._pending = sorted(self._pending, key=_time_of), []
+            try:
+                self._file.add_chunk([self._entry(*waiting) for waiting in pending])
+            except OSError as error:
+                raise self._stop(error) from error
+            self._flushed_rows = self._rows
+        if self._place.left:
+            deleted = self._place.deleted
+            self._failure = taken_away(self.path, self._flushed_rows, deleted=deleted)
+            raise self._failure
 
     def close(self) -> None:
         """Flush, and close the file. Closing again, or after a failure, does nothing.
@@ -169,7 +165,7 @@ class RecordingWriter:
         Raises:
             FileError: the last flush failed; the file is closed all the same.
         """
-        if self._descriptor is None:
+        if self._closed:
             return
         try:
             if self._failure is None:
@@ -178,7 +174,8 @@ class RecordingWriter:
         except OSError as error:
             raise self._stop(error) from error
         finally:
-            self._release()
+            self._closed = True
+            self._place.close()
 
     def __enter__(self) -> Self:
         return self
@@ -194,22 +191,17 @@ class RecordingWriter:
     def _check(self) -> None:
         if self._failure is not None:
             raise self._failure
-        if self._descriptor is None:
-            raise ValueError(f"{self._path} is closed already")
+        if self._closed:
+            raise ValueError(f"{self.path} is closed already")
 
     def _stop(self, error: OSError) -> FileError:
-        self._failure = stopped(self._path, error, self._flushed_rows)
+        self._failure = stopped(self.path, error, self._flushed_rows)
         return self._failure
-
-    def _release(self) -> None:
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
 
     def _take(self, taken: Row | PortEvent, topic: Topic, where: str) -> None:
         if taken.t_ns is None or taken.t_ns not in _TIMES:
             raise FileError(
-                f"{self._path} cannot hold {plain(taken.port)!r}, {where}: it has no time since "
+                f"{self.path} cannot hold {plain(taken.port)!r}, {where}: it has no time since "
                 "1970, and a recording needs one; write another format"
             )
         time = max(taken.t_ns, self._last_of_port.get(taken.port, 0))
@@ -265,18 +257,3 @@ def _schemas(ids: Mapping[str, int]) -> list[Schema]:
 
 def _plain_items(facts: Mapping[str, str]) -> dict[str, str]:
     return {plain(key): plain(value) for key, value in facts.items()}
-
-
-def _create(path: Path, existing: Existing) -> int:
-    """A descriptor of an empty regular file."""
-    flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
-    try:
-        if path.is_dir():
-            raise IsADirectoryError
-        if existing is Existing.REFUSE:
-            return os.open(path, flags | os.O_EXCL, 0o666)
-        if path.exists() and not stat.S_ISREG(path.stat().st_mode):
-            raise FileError(f"{path} is not a regular file; a recording must be able to seek in it")
-        return os.open(path, flags | os.O_TRUNC, 0o666)
-    except OSError as error:
-        raise unwritable(path, error) from error

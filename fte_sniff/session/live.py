@@ -11,51 +11,83 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.errors import FteSniffError, PortError
+from fte_sniff.errors import FileError, FteSniffError, PortError
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.session.messages import STOP, Batch, Ended, Message, Started
 from fte_sniff.session.plan import CapturePlan
-from fte_sniff.session.process import LAST_WORDS_S, capture
+from fte_sniff.session.process import capture
 
 MOST_ROWS_A_POLL = 16_384
 """Rows that one poll hands over at most, so that a view that was stopped can still breathe."""
 
+END_WITHIN_S = 5.0
+"""How long a capture that was asked to end may say nothing before it is killed, seconds."""
+
+LOOK_EVERY_S = 0.1
+"""How long one wait for the capture process lasts before the end is thought of again, seconds."""
+
 
 class LiveSession:
-    """A capture that runs in a process of its own, as a feed for one view."""
+    """A capture that runs in a process of its own, as a feed for one view.
+
+    `begin`, or entering it as a context, waits for the port; `stop` may be called before that, and
+    from signal handlers. Once asked to end, it ends: a capture process that is stuck is killed.
+    """
 
     error: FteSniffError | None = None
     """What went wrong, once it has: with the port, the recording, or the capture process."""
+    recording: Path | None = None
+    """Where the recording lies; None where there is none, or it has stopped."""
 
     def __init__(self, plan: CapturePlan) -> None:
-        """Start the capture and wait until the port is open.
+        """Start the capture process; what it finds is told by `begin`.
 
         Raises:
-            FteSniffError: the port cannot be opened, or the recording cannot be made.
+            FileError: the working folder is gone, without which no process can be started.
         """
+        _check_folder()
         self._plan = plan
-        self._recording = str(plan.recording) if plan.recording else None
+        self._begun = False
         self._ended: Ended | None = None
         self._total = self._not_shown = 0
-        self._stopped = False
+        self._stopped_at_s: float | None = None
+        self._receiving = False
         context = multiprocessing.get_context("spawn")
         self._capture, theirs = context.Pipe()
         # A daemon gets SIGTERM when this process ends in a way that skips `close`.
         self._process = context.Process(
             target=capture, args=(plan, theirs), name="fte-sniff capture", daemon=True
         )
-        with _interrupts_ignored():
+        with _undisturbed():
             self._process.start()
         theirs.close()
-        first = self._receive()
-        self._take(first)
-        if isinstance(first, Ended):
-            self._process.join()
-            raise first.error or PortError(first.reason or "the capture did not start")
+
+    def begin(self) -> None:
+        """Wait until the port is open, and the recording if there is to be one.
+
+        Where it was asked to stop meanwhile, it may have ended already; `poll` tells.
+
+        Raises:
+            FteSniffError: the port cannot be opened, or the recording cannot be made.
+        """
+        while not self._begun and self._ended is None:
+            if self._capture.poll(LOOK_EVERY_S):
+                self._take(self._receive())
+            else:
+                self._give_up_when_overdue()
+        if self._ended is not None and self.error is not None:
+            self.close()
+            raise self.error
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the capture was asked to end."""
+        return self._stopped_at_s is not None
 
     @property
     def total_rows(self) -> int:
@@ -72,6 +104,7 @@ class LiveSession:
         events: list[PortEvent] = []
         while self._ended is None and len(rows) < MOST_ROWS_A_POLL:
             if not self._capture.poll(timeout_s):
+                self._give_up_when_overdue()
                 break
             timeout_s = 0
             batch = self._take(self._receive())
@@ -82,25 +115,32 @@ class LiveSession:
 
     def stop(self) -> None:
         """Ask the capture to end; returns at once, and may be called again."""
-        if not self._stopped:
-            self._stopped = True
-            # Where it has ended already, `wait` tells how.
-            with suppress(OSError):
-                self._capture.send(STOP)
+        if self._stopped_at_s is not None:
+            if self._receiving and self._overdue:
+                # It stands still within a message, and so does whoever waits for the rest of it.
+                self._process.kill()
+            return
+        self._stopped_at_s = time.monotonic()
+        if not self._begun:
+            # It may be waiting for a port that takes long to open, and hear nothing else.
+            self._process.terminate()
+        # Where it has ended already, `wait` tells how.
+        with suppress(OSError):
+            self._capture.send(STOP)
 
     def close(self) -> None:
         """End the capture, wait until its file is closed, and forget the rows that still come."""
         self.stop()
-        deadline = time.monotonic() + 2 * LAST_WORDS_S
-        while self._ended is None and time.monotonic() < deadline:
-            self.wait(0.1)
-        self._process.join(LAST_WORDS_S)
+        while self._ended is None:
+            self.wait(LOOK_EVERY_S)
+        self._process.join(END_WITHIN_S)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
         self._capture.close()
 
     def __enter__(self) -> Self:
+        self.begin()
         return self
 
     def __exit__(
@@ -111,12 +151,37 @@ class LiveSession:
     ) -> None:
         self.close()
 
+    @property
+    def _overdue(self) -> bool:
+        asked = self._stopped_at_s
+        return asked is not None and time.monotonic() > asked + END_WITHIN_S
+
+    def _give_up_when_overdue(self) -> None:
+        """Kill a capture that was asked to end and has nothing to say to it."""
+        if self._overdue:
+            self._process.kill()
+            reason = (
+                f"the capture did not end within {END_WITHIN_S:g} s of being asked, and was killed;"
+                " what it had flushed to its recording until then is kept"
+            )
+            self._take(self._gone(reason))
+
+    def _gone(self, reason: str) -> Ended:
+        """What the end of a process means that left no word of its own."""
+        if self.stopping and not self._begun:
+            return Ended()
+        return Ended(reason, PortError(reason))
+
     def _receive(self) -> Message:
+        self._receiving = True
         try:
             message = self._capture.recv()
         except (EOFError, OSError):
-            reason = "the capture process ended unexpectedly; what it had recorded is kept"
-            return Ended(reason, PortError(reason))
+            return self._gone(
+                "the capture process ended unexpectedly; what it had recorded is kept"
+            )
+        finally:
+            self._receiving = False
         assert isinstance(message, Started | Batch | Ended)
         return message
 
@@ -126,10 +191,11 @@ class LiveSession:
             self.error = self.error or message.error
             return None
         if isinstance(message, Started):
+            self._begun, self.recording = True, message.recording
             return None
         self._total, self._not_shown = message.total_rows, message.not_shown
         if message.recording_failure is not None:
-            self._recording = None
+            self.recording = None
             self.error = message.recording_failure
         return message
 
@@ -140,7 +206,7 @@ class LiveSession:
             reason = str(self.error)
         return FeedState(
             title=self._plan.port,
-            recording=self._recording,
+            recording=str(self.recording) if self.recording else None,
             running=ended is None,
             ended=reason,
             rows=self._total,
@@ -148,14 +214,27 @@ class LiveSession:
         )
 
 
+def _check_folder() -> None:
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise FileError("the working folder is gone; go to another one with `cd`") from error
+
+
 @contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """While a process is started in this context, it is born deaf to Ctrl-C."""
+def _undisturbed() -> Iterator[None]:
+    """A process that is started in this context gets all it is to be told, and hears no Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    held: list[int] = []
+    before = {signal.SIGINT: signal.signal(signal.SIGINT, signal.SIG_IGN)}
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        before[number] = signal.signal(number, lambda number, _: held.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for late in held:
+        signal.raise_signal(late)

@@ -6,6 +6,7 @@ It must not know how messages travel. All of them can be pickled.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, TypeAlias
 
 from fte_sniff.errors import FteSniffError
@@ -18,6 +19,9 @@ STOP: Final = "stop"
 @dataclass(frozen=True, slots=True)
 class Started:
     """The port is open, and so is the recording if there is one."""
+
+    recording: Path | None
+    """Where the recording lies, which may have become another name than the plan's."""
 
 
 @dataclass(frozen=True, slots=True)

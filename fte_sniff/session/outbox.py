@@ -67,13 +67,13 @@ class Outbox:
             self._failure = failure
             self._changed.notify()
 
-    def close(self, end: Ended, timeout_s: float) -> None:
-        """Send what waits and then `end`, as far as the view takes it within `timeout_s`."""
+    def close(self, end: Ended) -> None:
+        """Send what waits and then `end`; returns when the view has taken it, or is gone."""
         with self._changed:
             self._end = end
             self._changed.notify()
         self._hurry.set()
-        self._thread.join(timeout_s)
+        self._thread.join()
 
     def _run(self) -> None:
         try:

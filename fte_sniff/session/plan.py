@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fte_sniff.capture.ports import PortSettings
-from fte_sniff.recording.writer import Existing
+from fte_sniff.recording.place import Existing
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +24,6 @@ class CapturePlan:
     existing: Existing = Existing.REFUSE
     """What to do when the recording's file is there already."""
     duration_s: float | None = None
-    """End after so many seconds; None to go on."""
+    """End after so many seconds; None, or infinity, to go on."""
     count: int | None = None
     """End after so many rows; None to go on."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from fte_sniff.capture.clock import Clock
@@ -17,15 +18,14 @@ from fte_sniff.errors import FteSniffError, PortError
 from fte_sniff.protocol import Chunk, Framer, PortEvent, PortEventKind, Row
 from fte_sniff.recording.facts import PortFacts, host_facts
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.messages import STOP, Ended, Started
+from fte_sniff.session.messages import STOP, Ended, Message, Started
 from fte_sniff.session.outbox import Outbox
 from fte_sniff.session.plan import CapturePlan
 
 FLUSH_EVERY_NS = 500_000_000
 """How long rows wait for the disk at most, so that a second is kept with some room."""
 
-LAST_WORDS_S = 5.0
-"""How long the view may take for what still waits at the end, seconds."""
+_ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def capture(plan: CapturePlan, view: Connection) -> None:
@@ -39,22 +39,35 @@ def capture(plan: CapturePlan, view: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     clock = Clock.tied()
     try:
-        source = open_source(plan.port, plan.settings, clock)
-        try:
-            recorder = _recorder(plan, clock)
-        except BaseException:
-            source.close()
-            raise
+        with open_source(plan.port, plan.settings, clock) as source:
+            _capture_from(source, plan, clock, view)
     except FteSniffError as error:
-        view.send(Ended(error=error))
-        return
-    for number in (signal.SIGTERM, signal.SIGHUP):
+        _tell(view, Ended(error=error))
+
+
+def _capture_from(source: PortSource, plan: CapturePlan, clock: Clock, view: Connection) -> None:
+    for number in _ENDING_SIGNALS:
         signal.signal(number, lambda *_: source.stop())
-    view.send(Started())
+    if view.poll():
+        # Whatever comes means the end. Nothing was captured yet: no file is made, none replaced.
+        _tell(view, Ended())
+        return
+    # From here on an end leaves an empty recording, which is a true one: the port was open, and
+    # nothing came.
+    recorder = _recorder(plan, clock)
+    _tell(view, Started(recorder.path if recorder else None))
     threading.Thread(target=_obey, args=(view, source), name="obeys", daemon=True).start()
     outbox = Outbox(view, source.stop)
     ended = _Run(plan, source, recorder, outbox).to_the_end()
-    outbox.close(ended, LAST_WORDS_S)
+    # The file is closed: what is left to be told is nothing to hold up a signal for.
+    for number in _ENDING_SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+    outbox.close(ended)
+
+
+def _tell(view: Connection, message: Message) -> None:
+    with suppress(OSError):  # the view is gone; whoever obeys it learns that too
+        view.send(message)
 
 
 def _recorder(plan: CapturePlan, clock: Clock) -> RecordingWriter | None:
@@ -90,7 +103,7 @@ class _Run:
         self._outbox = outbox
         self._framer = Framer(plan.port, plan.settings.baud)
         self._left = plan.count
-        self._end_ns: int | None = None
+        self._end_ns: float | None = None
         self._flush_ns = 0
         self._failure: FteSniffError | None = None
         self._last_event = ""
@@ -119,7 +132,7 @@ class _Run:
         now_ns = chunk.t_ns or 0
         if self._plan.duration_s is not None:
             if self._end_ns is None:
-                self._end_ns = now_ns + round(self._plan.duration_s * 1e9)
+                self._end_ns = now_ns + self._plan.duration_s * 1e9
             if now_ns >= self._end_ns:
                 self._source.stop()
         if now_ns >= self._flush_ns:

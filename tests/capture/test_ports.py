@@ -11,7 +11,7 @@ import serial
 from fte_sniff.capture.ports import ControlLine, PortSettings, device_of, open_port
 from fte_sniff.capture.refusal import known_schemes, refusal
 from fte_sniff.capture.url_handlers import protocol_socket
-from fte_sniff.errors import PortError
+from fte_sniff.errors import PortError, ValueRangeError
 
 
 def message_of(name, settings=PortSettings()):  # noqa: B008
@@ -85,6 +85,12 @@ def test_a_port_without_control_lines_opens_whatever_is_asked_of_them(pty, dtr, 
         ("hwgrep://no-such-thing", ["no ports found"]),
         ("hwgrep://(", ["cannot be opened"]),
         ("loop://?x=1", ["options cannot be read"]),
+        ("sim://[", ["sim://[ cannot be opened"]),
+        ("loop://[", ["loop://[ cannot be opened"]),
+        ("hwgrep://[", ["hwgrep://[ cannot be opened"]),
+        ("socket://[", ["no host and TCP port"]),
+        ("spy://", ["give it a file", "?file="]),
+        ("spy:///dev/ttyUSB0?color", ["give it a file"]),
     ],
 )
 def test_a_port_that_cannot_be_is_one_line_with_the_way_out(name, told):
@@ -110,7 +116,7 @@ def test_control_lines_of_a_port_server_cannot_be_left_alone():
 
 @pytest.mark.parametrize("baud", [-1, 0, 49, 12_000_001, 2**40])
 def test_a_baud_out_of_range_is_refused_with_the_range(baud):
-    with pytest.raises(PortError, match=rf"baud {baud} is out of range: 50\.\.12000000"):
+    with pytest.raises(ValueRangeError, match=rf"baud {baud} is out of range: 50\.\.12000000"):
         PortSettings(baud)
 
 

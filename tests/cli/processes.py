@@ -7,7 +7,7 @@ import select
 import subprocess
 import sys
 import tty
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic
@@ -68,3 +68,37 @@ def ended(process: Process) -> tuple[int, str, str]:
     """Wait for the end; exit code and what was still written to stdout and stderr."""
     output, errors = process.communicate(timeout=BOUND_S)
     return process.returncode, (output or b"").decode(), errors.decode()
+
+
+def until(process: Process, wanted: bytes) -> bytes:
+    """What the program prints, until `wanted` is in it."""
+    assert process.stdout is not None
+    found, deadline = b"", monotonic() + BOUND_S
+    while wanted not in found:
+        left = deadline - monotonic()
+        assert left > 0, found
+        if select.select([process.stdout], [], [], left)[0]:
+            more = os.read(process.stdout.fileno(), 1 << 16)
+            assert more, found
+            found += more
+    return found
+
+
+def holding(file: Path) -> list[int]:
+    """The processes that have the file open."""
+    found = []
+    for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
+        try:
+            if descriptor.readlink() == file:
+                found.append(int(descriptor.parts[2]))
+        except OSError:
+            continue
+    return found
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    """Wait until something holds, but not for ever."""
+    deadline = monotonic() + BOUND_S
+    while not holds():
+        assert monotonic() < deadline, "waited in vain"
+        select.select([], [], [], 0.01)

@@ -6,12 +6,13 @@ import json
 import os
 import select
 import signal
+import subprocess
 from pathlib import Path
 from time import monotonic
 
 import pytest
 
-from tests.cli.processes import BOUND_S, FRAME, Process, ended, hears, started, wire
+from tests.cli.processes import BOUND_S, FRAME, PROGRAM, ended, hears, holding, started, until, wire
 
 SPEED = bytes.fromhex("AA010103E800000000EE")
 
@@ -154,33 +155,55 @@ def test_a_killed_capture_is_told_and_its_file_opens(run, environment, tmp_path:
     assert run("decode", "x.mcap").returncode == 0
 
 
-def until(process: Process, wanted: bytes) -> bytes:
-    """What the program prints, until `wanted` is in it."""
-    assert process.stdout is not None
-    found, deadline = b"", monotonic() + BOUND_S
-    while wanted not in found:
-        left = deadline - monotonic()
-        assert left > 0, found
-        if select.select([process.stdout], [], [], left)[0]:
-            more = os.read(process.stdout.fileno(), 1 << 16)
-            assert more, found
-            found += more
-    return found
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (["--duration", "nan"], 2, "not a number of seconds"),
+        (["--duration", "0"], 2, "x>0"),
+        (["--duration", "-1"], 2, "x>0"),
+        (["--duration", "soon"], 2, "soon"),
+        (["--baud", "0"], 2, "50..12000000"),
+        (["--baud", "-1"], 2, "50..12000000"),
+        (["--baud", "99999999999999999999"], 2, "50..12000000"),
+        (["--baud", "300"], 3, "300 baud carries at most"),
+        (["-o", "-"], 2, "regular file"),
+        (["-o", "/dev/stdout"], 4, "regular file"),
+        (["-o", "/dev/stdout", "--force"], 4, "regular file"),
+    ],
+)
+def test_what_cannot_be_asked_for_is_one_line(run, tmp_path: Path, options, code, words) -> None:
+    done = run("live", "sim://?rate=1000", "--count", "3", *options)
+    assert done.returncode == code
+    assert done.stderr.count("\n") == 1
+    assert words in done.stderr
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("seconds", ["inf", "1e308"])
+def test_a_duration_beyond_all_bounds_is_none(run, seconds: str) -> None:
+    done = run("live", "sim://?rate=1000", "--duration", seconds, "--count", "3", "--no-record")
+    assert done.returncode == 0
+    assert done.stdout.count("\n") == 4
+
+
+def test_a_working_folder_that_is_gone_is_one_line(environment, tmp_path: Path) -> None:
+    (tmp_path / "gone").mkdir()
+    done = subprocess.run(
+        ["sh", "-c", 'rmdir "$PWD" && exec "$@"', "sh", *PROGRAM, "live", "sim://", "--count", "3"],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        cwd=tmp_path / "gone",
+        env=environment,
+        timeout=BOUND_S,
+        check=False,
+    )
+    assert done.returncode == 4
+    assert done.stderr.count(b"\n") == 1
+    assert b"the working folder is gone" in done.stderr
 
 
 def decoded(run, name: str) -> list[dict]:
     done = run("decode", name, "--format", "jsonl")
     assert done.returncode == 0
     return [json.loads(line) for line in done.stdout.splitlines()]
-
-
-def holding(file: Path) -> list[int]:
-    """The processes that have the file open."""
-    found = []
-    for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
-        try:
-            if descriptor.readlink() == file:
-                found.append(int(descriptor.parts[2]))
-        except OSError:
-            continue
-    return found

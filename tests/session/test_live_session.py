@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+import multiprocessing
 import os
 import resource
 import signal
+import socket
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from time import monotonic
 
@@ -15,16 +21,39 @@ import pytest
 from fte_sniff.capture.ports import PortSettings
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
+from fte_sniff.recording.place import Existing
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.live import LiveSession
+from fte_sniff.session import live
+from fte_sniff.session.live import END_WITHIN_S, LiveSession
+from fte_sniff.session.messages import Started
 from fte_sniff.session.plan import CapturePlan
-from tests.cli.processes import BOUND_S
+from fte_sniff.session.process import capture
+from tests.cli.processes import BOUND_S, holding, wait_until
 
 SIM = "sim://?seed=1&rate=1000"
 
 
 def plan(recording: Path | None = None, port: str = SIM, **limits: float) -> CapturePlan:
     return CapturePlan(port, PortSettings(), recording, **limits)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def quickly_overdue(monkeypatch: pytest.MonkeyPatch) -> float:
+    """After so many seconds a capture that was asked to end is overdue."""
+    monkeypatch.setattr(live, "END_WITHIN_S", 0.3)
+    return 0.3
+
+
+@contextmanager
+def alarms(do: Callable[[], None], every_s: float) -> Iterator[None]:
+    """While in this context, something is done every now and then, whatever else waits."""
+    before = signal.signal(signal.SIGALRM, lambda *_: do())
+    signal.setitimer(signal.ITIMER_REAL, every_s, every_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def to_the_end(session: LiveSession) -> list[Row]:
@@ -70,8 +99,8 @@ def test_events_are_seen_and_recorded(tmp_path: Path) -> None:
 
 def test_a_view_that_does_not_look_costs_nothing(tmp_path: Path) -> None:
     with LiveSession(plan(tmp_path / "x.mcap", duration_s=1.0)) as session:
-        # Nothing is taken from the pipe until the capture is over.
-        session._process.join(BOUND_S / 4)  # its last words wait for the view a few seconds
+        # Nothing is taken from the pipe until the file is closed.
+        wait_until(lambda: not holding(tmp_path / "x.mcap"))
         rows = to_the_end(session)
     recorded = list(RecordingReader(tmp_path / "x.mcap"))
     assert rows == recorded
@@ -81,6 +110,7 @@ def test_a_view_that_does_not_look_costs_nothing(tmp_path: Path) -> None:
 def test_stop_ends_it_and_asking_twice_is_asking_once(tmp_path: Path) -> None:
     with LiveSession(plan(tmp_path / "x.mcap")) as session:
         until(session, lambda rows: rows > 20)
+        assert not session.stopping
         session.stop()
         session.stop()
         to_the_end(session)
@@ -136,11 +166,14 @@ def test_a_port_that_is_lost_ends_it_and_says_so(tmp_path: Path) -> None:
 
 
 def test_what_cannot_start_raises_and_leaves_no_process(tmp_path: Path) -> None:
-    with pytest.raises(PortError, match="no such port"):
-        LiveSession(plan(port="/dev/ttyNOPE"))
+    sessions = [LiveSession(plan(port="/dev/ttyNOPE")), LiveSession(plan(tmp_path / "x.mcap"))]
     (tmp_path / "x.mcap").touch()
-    with pytest.raises(FileError, match="exists already"):
-        LiveSession(plan(tmp_path / "x.mcap"))
+    for session, refusal, words in zip(
+        sessions, (PortError, FileError), ("no such port", "exists already"), strict=True
+    ):
+        with pytest.raises(refusal, match=words):
+            session.begin()
+        assert not session._process.is_alive()
     assert (tmp_path / "x.mcap").read_bytes() == b""
 
 
@@ -157,6 +190,127 @@ def test_a_recording_that_fails_is_told_at_once_and_the_capture_goes_on(tmp_path
         assert rows_when_told is not None
         assert session.total_rows > rows_when_told + 200
     assert RecordingReader(tmp_path / "x.mcap").metadata
+
+
+def test_a_recording_that_is_deleted_is_told_at_once_and_the_capture_goes_on(
+    tmp_path: Path,
+) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+        until(session, lambda rows: rows > 20)
+        (tmp_path / "x.mcap").unlink()
+        until(session, lambda _rows: session.error is not None)
+        state = session.poll().state
+        assert (state.running, state.recording) == (True, None)
+        assert "x.mcap was deleted" in str(session.error)
+        told_at = state.rows
+        until(session, lambda rows: rows > told_at + 100)
+    assert isinstance(session.error, FileError)
+    assert not (tmp_path / "x.mcap").exists()
+
+
+def test_a_capture_that_is_stuck_is_killed_and_that_is_told(
+    tmp_path: Path, quickly_overdue: float
+) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+        wait_until(lambda: bool(list(RecordingReader(tmp_path / "x.mcap"))))
+        os.kill(session._process.pid or 0, signal.SIGSTOP)
+        start = monotonic()
+        session.stop()
+    assert quickly_overdue <= monotonic() - start < BOUND_S / 2
+    assert isinstance(session.error, PortError)
+    assert "was killed" in (session.poll().state.ended or "")
+    assert not session._process.is_alive()
+    assert list(RecordingReader(tmp_path / "x.mcap"))
+
+
+def falls_silent(_plan: CapturePlan, view: Connection) -> None:
+    """Stands in for a capture: is stopped for good in the middle of a message."""
+    view.send(Started(None))
+    os.write(view.fileno(), struct.pack("!i", 1000))
+    signal.pause()
+
+
+def test_a_capture_that_is_stuck_within_a_message_is_killed_by_asking_again(
+    monkeypatch: pytest.MonkeyPatch, quickly_overdue: float
+) -> None:
+    monkeypatch.setattr(live, "capture", falls_silent)
+    with LiveSession(plan()) as session, alarms(session.stop, quickly_overdue):
+        to_the_end(session)
+        assert isinstance(session.error, PortError)
+
+
+def test_a_capture_that_is_stuck_before_it_begins_just_ends(
+    tmp_path: Path, quickly_overdue: float
+) -> None:
+    session = LiveSession(plan(tmp_path / "x.mcap"))
+    pid = session._process.pid or 0
+    os.kill(pid, signal.SIGSTOP)
+    os.waitid(os.P_PID, pid, os.WSTOPPED)
+    session.stop()
+    with session:
+        assert not session.poll().state.running
+    assert session.error is None
+    assert not session._process.is_alive()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_stop_while_the_port_is_not_open_yet_ends_it_at_once(tmp_path: Path) -> None:
+    # A server that takes no connection: opening the port would last long.
+    with socket.socket() as server, socket.socket() as first:
+        server.bind(("127.0.0.1", 0))
+        server.listen(0)
+        first.connect(server.getsockname())
+        host, number = server.getsockname()
+        session = LiveSession(plan(tmp_path / "x.mcap", port=f"socket://{host}:{number}"))
+        session.stop()
+        session.stop()
+        start = monotonic()
+        session.begin()
+        assert monotonic() - start < END_WITHIN_S
+        assert not session.poll().state.running
+        session.close()
+    assert session.error is None
+    assert session.recording is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("existing", [Existing.REFUSE, Existing.REPLACE])
+def test_a_capture_whose_view_went_before_it_began_says_and_leaves_nothing(
+    tmp_path: Path, existing: Existing
+) -> None:
+    if existing is Existing.REPLACE:
+        (tmp_path / "x.mcap").write_bytes(b"precious")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    wanted = replace(plan(tmp_path / "x.mcap"), existing=existing)
+    process = context.Process(target=capture, args=(wanted, theirs))
+    process.start()
+    theirs.close()
+    ours.close()
+    process.join(BOUND_S)
+    # A traceback would come with another exit code.
+    assert process.exitcode == 0
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
+    wanted = replace(plan(tmp_path / "x.mcap", count=30), existing=Existing.NUMBER)
+    sessions = [LiveSession(wanted) for _ in range(3)]
+    for session in sessions:
+        with session:
+            assert session.recording is not None
+            rows = to_the_end(session)
+            assert session.poll().state.recording == str(session.recording)
+        assert list(RecordingReader(session.recording)) == rows
+    assert {session.recording for session in sessions} == set(tmp_path.iterdir())
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+@pytest.mark.parametrize("seconds", [1e308, math.inf])
+def test_a_duration_beyond_all_bounds_is_none(seconds: float) -> None:
+    with LiveSession(plan(duration_s=seconds, count=20)) as session:
+        assert len(to_the_end(session)) == 20
 
 
 @contextmanager

@@ -1,0 +1,88 @@
+"""Owns `live` without a screen: rows as lines on standard output, all else on standard error.
+
+It must not know how a capture runs or what a line looks like.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+
+from fte_sniff.analysis.feed import FeedUpdate
+from fte_sniff.analysis.tally import Tally
+from fte_sniff.cli.stdout import abandon_stdout
+from fte_sniff.cli.summary import summary
+from fte_sniff.cli.telling import tell
+from fte_sniff.errors import FteSniffError
+from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.session.live import LOOK_EVERY_S, LiveSession
+
+_AS_EXPECTED = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
+
+
+class PlainLines:
+    """Prints what comes from a capture, and counts it."""
+
+    def __init__(self, select: Callable[[Sequence[Row]], list[Row]]) -> None:
+        """Print to standard output the rows that `select` picks."""
+        self._select = select
+        self._writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=False)
+        self._tally = Tally()
+        self._events: Counter[PortEventKind] = Counter()
+        self._failure: FteSniffError | None = None
+        self._not_shown = 0
+
+    def take(self, update: FeedUpdate, failure: FteSniffError | None) -> None:
+        """Print an update, and what went wrong with the capture, once.
+
+        Raises:
+            OSError: standard output cannot be written.
+        """
+        for event in update.events:
+            self._take_event(event)
+        if failure is not None and self._failure is None and update.state.running:
+            self._failure = failure
+            tell(str(failure))
+        self._not_shown = update.state.not_shown
+        self._tally.add(update.rows)
+        self._writer.write(self._select(update.rows))
+        sys.stdout.flush()
+
+    def end(self) -> None:
+        """Say what came."""
+        if self._events:
+            kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
+            tell(f"port events: {kinds}")
+        if self._not_shown:
+            tell(f"{self._not_shown:,} rows more came too fast to be printed")
+        tell(summary(self._tally))
+
+    def _take_event(self, event: PortEvent) -> None:
+        if event.kind not in _AS_EXPECTED:
+            self._events[event.kind] += 1
+            detail = f": {event.detail}" if event.detail else ""
+            tell(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
+
+
+def print_lines(session: LiveSession, select: Callable[[Sequence[Row]], list[Row]]) -> None:
+    """Print what a session that has begun captures, until it ends or nobody reads."""
+    lines = PlainLines(select)
+    try:
+        for update in _updates(session):
+            lines.take(update, session.error)
+    except BrokenPipeError:
+        abandon_stdout()
+    finally:
+        session.close()
+    lines.end()
+
+
+def _updates(session: LiveSession) -> Iterator[FeedUpdate]:
+    """What the session hands over, until it has ended."""
+    running = True
+    while running:
+        update = session.wait(LOOK_EVERY_S)
+        running = update.state.running
+        yield update

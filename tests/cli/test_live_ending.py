@@ -1,0 +1,257 @@
+"""How `live` ends when something works against it: signals, stuck processes, outputs, files."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import resource
+import select
+import signal
+import subprocess
+import sys
+import termios
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import IO
+
+import pytest
+
+from tests.cli.processes import (
+    BOUND_S,
+    PROGRAM,
+    Process,
+    ended,
+    holding,
+    started,
+    until,
+    wait_until,
+)
+
+SIM = "sim://?seed=1&rate=1000"
+
+
+def test_a_storm_of_signals_is_one(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
+        until(process, b"speed_feedback")
+        deadline = monotonic() + BOUND_S
+        while process.poll() is None:
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                process.send_signal(number)
+            # What it prints must go on; its pipe is not what holds it up here.
+            if process.stdout and select.select([process.stdout], [], [], 0.001)[0]:
+                os.read(process.stdout.fileno(), 1 << 16)
+            assert monotonic() < deadline
+        code, _, errors = ended(process)
+    assert code == 0, errors
+    told = errors.splitlines()
+    assert told[0] == "recording to x.mcap"
+    assert " rows, " in told[1]
+    assert told[2:] == ["recorded to x.mcap"]
+
+
+def test_a_capture_that_is_stuck_does_not_hold_up_the_end(run, environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
+        until(process, b"speed_feedback")
+        (capture,) = holding(tmp_path / "x.mcap")
+        os.kill(capture, signal.SIGSTOP)
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 3
+    assert "was killed" in errors
+    assert "Traceback" not in errors
+    assert run("decode", "x.mcap").returncode == 0
+
+
+def test_an_output_that_nobody_reads_does_not_hold_up_the_end(
+    run, environment, tmp_path: Path
+) -> None:
+    with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
+        assert process.stdout is not None
+        size = fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
+        wait_until(lambda: bytes_waiting(process.stdout) == size)
+        process.terminate()
+        assert process.wait(BOUND_S) == 0
+        _, _, errors = ended(process)
+    assert "nobody takes the output" in errors
+    assert "recorded to x.mcap" in errors
+    done = run("decode", "x.mcap")
+    assert done.returncode == 0
+    assert "cut" not in done.stderr
+
+
+def test_outputs_that_nobody_reads_do_not_hold_up_the_end(environment, tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [*PROGRAM, "live", SIM, "--no-record"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=environment,
+        cwd=tmp_path,
+    ) as process:
+        assert process.stdout is not None
+        size = fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
+        wait_until(lambda: bytes_waiting(process.stdout) == size)
+        process.terminate()
+        assert process.wait(BOUND_S) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_ended_while_it_starts_it_leaves_no_noise_and_no_broken_file(
+    run, environment, tmp_path: Path, number: int
+) -> None:
+    with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
+        wait_until(lambda: any(has_loaded("zstandard", child) for child in captures_of(process)))
+        process.send_signal(number)
+        # The orphan has the pipe too: this waits for both.
+        _, _, errors = ended(process)
+    assert "Traceback" not in errors
+    files = list(tmp_path.iterdir())
+    assert [file.name for file in files] in ([], ["x.mcap"])
+    assert all(run("decode", file).returncode == 0 for file in files)
+
+
+def test_a_deleted_recording_is_told_at_once_and_the_rows_go_on(
+    environment, tmp_path: Path
+) -> None:
+    with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
+        until(process, b"speed_feedback")
+        (tmp_path / "x.mcap").unlink()
+        assert b"x.mcap was deleted" in until_told(process, b"recording stopped")
+        until(process, b"speed_feedback")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 4
+    assert "recorded to" not in errors
+    assert errors.splitlines()[-1].startswith("fte-sniff: recording stopped: x.mcap was deleted")
+
+
+def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(
+    run, environment, tmp_path: Path
+) -> None:
+    with (
+        files_bounded(20_000),
+        started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process,
+    ):
+        until_told(process, b"recording stopped")
+        until(process, b"speed_feedback")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 4
+    assert "recorded to" not in errors
+    assert "x.mcap is complete up to there" in errors.splitlines()[-1]
+    assert run("decode", "x.mcap").returncode == 0
+
+
+def test_two_cannot_record_to_one_file(run, environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
+        until(process, b"speed_feedback")
+        second = run("live", SIM, "-o", "x.mcap", "--force", "--count", "5")
+        assert second.returncode == 4
+        assert second.stdout == ""
+        assert second.stderr.count("\n") == 1
+        assert "x.mcap is being recorded to by another program" in second.stderr
+        process.send_signal(signal.SIGINT)
+        code, output, _ = ended(process)
+    assert code == 0
+    assert run("decode", "x.mcap").stdout.endswith(output.splitlines()[-1] + "\n")
+
+
+def test_several_that_start_at_once_record_to_a_file_each(environment, tmp_path: Path) -> None:
+    processes = [
+        subprocess.Popen(
+            [*PROGRAM, "live", SIM, "--count", "20"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            env=environment,
+            cwd=tmp_path,
+        )
+        for _ in range(4)
+    ]
+    told = []
+    for process in processes:
+        code, _, errors = ended(process)
+        assert code == 0, errors
+        told.append(errors.splitlines()[-1].removeprefix("recorded to "))
+    assert sorted(told) == sorted(path.name for path in tmp_path.iterdir())
+    assert len(told) == len(processes)
+
+
+def test_a_standard_error_that_is_full_shortens_nothing(run, environment, tmp_path: Path) -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [*PROGRAM, "live", SIM, "--count", "50", "-o", "x.mcap"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=full,
+            env=environment,
+            cwd=tmp_path,
+            timeout=BOUND_S,
+            check=False,
+        )
+    assert done.returncode == 0
+    assert done.stdout.count(b"\n") == 51
+    assert run("decode", "x.mcap").stdout == done.stdout.decode()
+
+
+def test_a_standard_output_that_is_full_is_one_line(run, environment, tmp_path: Path) -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [*PROGRAM, "live", SIM, "-o", "x.mcap"],
+            stdin=subprocess.DEVNULL,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            env=environment,
+            cwd=tmp_path,
+            timeout=BOUND_S,
+            check=False,
+        )
+    assert done.returncode == 4
+    recording, refusal = done.stderr.decode().splitlines()
+    assert recording == "recording to x.mcap"
+    assert "disk is full" in refusal
+    assert "cut" not in run("decode", "x.mcap").stderr
+
+
+def until_told(process: Process, wanted: bytes) -> bytes:
+    """What it says on standard error until `wanted` is in a whole line, its output read too."""
+    assert process.stdout is not None
+    assert process.stderr is not None
+    found, deadline = b"", monotonic() + BOUND_S
+    while not (wanted in found and found.endswith(b"\n")):
+        assert monotonic() < deadline, found
+        for stream in select.select([process.stdout, process.stderr], [], [], 1.0)[0]:
+            more = os.read(stream.fileno(), 1 << 16)
+            found += more if stream is process.stderr else b""
+    return found
+
+
+def bytes_waiting(stream: IO[bytes]) -> int:
+    """How many bytes can be read there at once."""
+    told = fcntl.ioctl(stream, termios.FIONREAD, bytes(4))
+    return int.from_bytes(told, sys.byteorder)
+
+
+def captures_of(process: Process) -> list[Path]:
+    """The capture processes that a program has started, in /proc."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    found = [Path("/proc") / child for child in children]
+    return [child for child in found if b"spawn_main" in (child / "cmdline").read_bytes()]
+
+
+def has_loaded(library: str, process: Path) -> bool:
+    """Whether a process has come as far as to load a library."""
+    return library in (process / "maps").read_text()
+
+
+@contextmanager
+def files_bounded(size: int) -> Iterator[None]:
+    """Processes started in this context cannot write files longer than `size` bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
