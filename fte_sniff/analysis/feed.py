@@ -24,6 +24,8 @@ class FeedState:
     """Whether more rows can come."""
     ended: str | None = None
     """Why it ended, one line for people; None while it runs, or where there is nothing to tell."""
+    trouble: str | None = None
+    """What has gone wrong although it runs on, one line for people: the recording has stopped."""
     rows: int = 0
     """All rows that came so far, those included that were not handed over."""
     not_shown: int = 0

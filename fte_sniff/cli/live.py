@@ -63,7 +63,7 @@ def command(
     keep_rows: int,
     **options: Any,
 ) -> None:
-    r"""Capture PORT, record it and watch it.
+    """Capture PORT, record it and watch it.
 
     PORT is a device, or what else pyserial opens: socket://host:port, rfc2217://host:port, loop://,
     hwgrep://, or sim://, a simulated host and controller (sim://?seed=1&rate=200&drop=0.01).

@@ -15,7 +15,8 @@ from typing import NoReturn
 import click
 
 from fte_sniff.cli.stdout import abandon_stdout, settle_streams
-from fte_sniff.errors import FteSniffError, shown, unwritable
+from fte_sniff.cli.telling import tell
+from fte_sniff.errors import FteSniffError, unwritable
 
 PROGRAM = "fte-sniff"
 
@@ -90,7 +91,7 @@ def _end(message: str, code: int) -> NoReturn:
     with suppress(OSError):
         sys.stdout.flush()
     abandon_stdout()
-    click.echo(f"{PROGRAM}: {shown(message)}", err=True)
+    tell(f"{PROGRAM}: {message}")
     sys.exit(code)
 
 

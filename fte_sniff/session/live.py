@@ -201,14 +201,13 @@ class LiveSession:
 
     def _state(self) -> FeedState:
         ended = self._ended
-        reason = (ended.reason or "stopped") if ended else None
-        if self.error is not None and ended is None:
-            reason = str(self.error)
+        running_on = ended is None and self.error is not None
         return FeedState(
             title=self._plan.port,
             recording=str(self.recording) if self.recording else None,
             running=ended is None,
-            ended=reason,
+            ended=(ended.reason or "stopped") if ended else None,
+            trouble=str(self.error) if running_on else None,
             rows=self._total,
             not_shown=self._not_shown,
         )

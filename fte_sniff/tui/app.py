@@ -156,6 +156,8 @@ class SniffApp(App[None]):
             return
         for event in news.events:
             self._notice.tell_event(event)
+        if news.trouble:
+            self._notice.tell(shown(news.trouble), worry=True)
         if news.ended and self._at_end is AtEnd.LEAVE:
             self.exit()
         elif news.ended and self._watched.state.ended:

@@ -29,6 +29,8 @@ class News:
     events: Sequence[PortEvent]
     ended: bool
     """Whether the feed ended since the look before."""
+    trouble: str | None
+    """What has gone wrong since the look before, although the feed runs on."""
 
 
 class Watched:
@@ -52,6 +54,7 @@ class Watched:
         """
         update = self._feed.poll()
         ended = self.state.running and not update.state.running
+        trouble = update.state.trouble if update.state.trouble != self.state.trouble else None
         self.state = update.state
         if update.rows:
             self.store.append(update.rows)
@@ -59,7 +62,7 @@ class Watched:
         changed = bool(update.rows) or bool(self.store.pending)
         self.store.filter_step()
         self._take_rate(now_ns)
-        return News(changed, update.events, ended)
+        return News(changed, update.events, ended, trouble)
 
     def _take_rate(self, now_ns: int) -> None:
         """Frames per second: now, on a wire; over the time covered, in what lies behind."""

@@ -649,6 +649,19 @@ def test_an_ended_feed_says_why_and_can_still_be_looked_at(feed: Any, speed_rows
     play(feed, scenario)
 
 
+def test_a_recording_that_stops_is_told_while_the_rows_go_on(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        feed.state = replace(feed.state, recording=None, trouble="recording stopped: disk full")
+        await settle(app, pilot)
+        assert "recording stopped: disk full" in page(app)
+        assert "LIVE" in page(app)
+        await press(app, pilot, "escape")
+        assert "recording stopped" not in page(app)
+
+    play(feed, scenario)
+
+
 def test_the_screen_closes_with_its_feed_where_it_is_to(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(5))
