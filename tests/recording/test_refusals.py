@@ -1,7 +1,6 @@
 import os
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,18 +9,7 @@ from mcap.writer import Writer
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.reader import RecordingReader
-
-
-@contextmanager
-def _unprivileged() -> Iterator[None]:
-    root = os.geteuid() == 0
-    if root:
-        os.seteuid(65_534)
-    try:
-        yield
-    finally:
-        if root:
-            os.seteuid(0)
+from tests.recording.privilege import unprivileged
 
 
 def _mcap(path: Path, topics: list[str], encoding: str = "json") -> None:
@@ -62,7 +50,7 @@ def test_a_file_that_may_not_be_read(tmp_path: Path) -> None:
     path = tmp_path / "secret.mcap"
     path.touch()
     path.chmod(0)
-    with _unprivileged():
+    with unprivileged():
         assert "no permission to read" in _refusal(path)
 
 

@@ -23,6 +23,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.refusals import stopped
 from fte_sniff.recording.topics import TOPICS
 from fte_sniff.recording.writer import MOST_PENDING, Existing, RecordingWriter
+from tests.recording.privilege import unprivileged
 
 Rows = Callable[..., list[Row]]
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
@@ -39,19 +40,6 @@ def _statistics(path: Path) -> Statistics:
     with path.open("rb") as file:
         assert all(StreamReader(file, validate_crcs=True).records)
     return summary.statistics
-
-
-@contextmanager
-def _unprivileged() -> Iterator[None]:
-    """As a user whom permissions bind, also where the tests run as root."""
-    root = os.geteuid() == 0
-    if root:
-        os.seteuid(65_534)
-    try:
-        yield
-    finally:
-        if root:
-            os.seteuid(0)
 
 
 def test_an_empty_capture_explains_itself_in_every_reader(tmp_path: Path) -> None:
@@ -254,7 +242,7 @@ def test_places_where_no_recording_can_be(tmp_path: Path) -> None:
 
 def test_a_folder_that_forbids_writing(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    with _unprivileged(), pytest.raises(FileError, match="no permission to write there"):
+    with unprivileged(), pytest.raises(FileError, match="no permission to write there"):
         RecordingWriter(tmp_path / "x.mcap", [PORT])
 
 
