@@ -24,9 +24,9 @@ def rows_of(stream: bytes) -> list[Row]:
     return framer.feed(Chunk("bench", None, stream)) + framer.flush()
 
 
-def quality(seed: int, frames: int) -> Counter[tuple[Harm, str]]:
+def quality(seed: int, frames: int) -> Counter[tuple[Harm, str, str]]:
     """Print the table for one seed; returns what single faults were called."""
-    named: Counter[tuple[Harm, str]] = Counter()
+    named: Counter[tuple[Harm, str, str]] = Counter()
     for share, payload in LINES:
         stream, sent = damaged_stream(seed, frames, share, payload)
         began = perf_counter()
@@ -44,12 +44,16 @@ def quality(seed: int, frames: int) -> Counter[tuple[Harm, str]]:
     return named
 
 
-def print_confusion(named: Counter[tuple[Harm, str]]) -> None:
-    for harm in Harm:
-        row = {label: count for (done, label), count in named.most_common() if done is harm}
-        total = sum(row.values())
-        text = ", ".join(f"{label} {count / total:.2%}" for label, count in row.items())
-        print(f"      {harm.value:9} {total:6}: {text}")
+def print_confusion(named: Counter[tuple[Harm, str, str]]) -> None:
+    """Print the confusion table: a line for whatever can be told apart in what was done."""
+    for done in dict.fromkeys(done for _, done, _ in sorted(named)):
+        row: Counter[str] = Counter()
+        for (_, told, label), count in named.items():
+            row[label] += count if told == done else 0
+        total = row.total()
+        shown = [(label, count) for label, count in row.most_common() if count]
+        text = ", ".join(f"{label} {count / total:.2%}" for label, count in shown)
+        print(f"      {done:23} {total:6}: {text}")
 
 
 def joins(seed: int, count: int) -> None:
@@ -75,7 +79,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--joins", type=int, default=100_000)
     chosen = parser.parse_args()
-    named: Counter[tuple[Harm, str]] = Counter()
+    named: Counter[tuple[Harm, str, str]] = Counter()
     for seed in chosen.seeds:
         named += quality(seed, chosen.frames)
     print("what single faults between intact neighbours are called:")

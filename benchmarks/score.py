@@ -76,14 +76,29 @@ def score(sent: Sequence[Sent], rows: Iterable[Row]) -> Score:
     return total
 
 
-def labels(sent: Sequence[Sent], rows: Iterable[Row]) -> Counter[tuple[Harm, str]]:
+def told_apart(frame: Sent) -> str:
+    """What was done to a frame, as finely as its own bytes can tell a label."""
+    if frame.harm is Harm.LOST:
+        return "lost, header left" if frame.arrived[:1] == frame.raw[:1] else "lost, header too"
+    if len(frame.arrived) == len(frame.raw) and frame.harm is not Harm.JUNK:
+        changed = [a != b for a, b in zip(frame.arrived, frame.raw, strict=True)]
+        if changed == [True] + [False] * 9:
+            return "only the header changed"
+        if changed == [False] * 9 + [True]:
+            return "only the tail changed"
+    return str(frame.harm)
+
+
+def labels(sent: Sequence[Sent], rows: Iterable[Row]) -> Counter[tuple[Harm, str, str]]:
     """What single faults between intact neighbours were called, by what was done.
+
+    Keys are the kind of harm, what was done as finely as can be told, and the label.
 
     The label is the row's first fault where one row covers exactly the damaged bytes, `ok` where
     it shows none, and `split` where no single row covers them.
     """
     by_place = {(row.offset, len(row.raw)): row for row in rows}
-    seen: Counter[tuple[Harm, str]] = Counter()
+    seen: Counter[tuple[Harm, str, str]] = Counter()
     for before, frame, after in zip(sent, sent[1:], sent[2:], strict=False):
         if frame.harm is None or before.harm is not None or after.harm is not None:
             continue
@@ -94,5 +109,5 @@ def labels(sent: Sequence[Sent], rows: Iterable[Row]) -> Counter[tuple[Harm, str
         )
         row = by_place.get(place)
         name = "split" if row is None else row.faults[0].value if row.faults else "ok"
-        seen[frame.harm, name] += 1
+        seen[frame.harm, told_apart(frame), name] += 1
     return seen
