@@ -42,8 +42,12 @@ def settle_streams() -> None:
 
 def abandon_stdout() -> None:
     """Let what is still buffered for standard output go nowhere, so that the end stays quiet."""
-    if isinstance(sys.stdout, ClosedOutput):
-        return
+    if not isinstance(sys.stdout, ClosedOutput):
+        abandon(sys.stdout.fileno())
+
+
+def abandon(descriptor: int) -> None:
+    """Let all that is and will be written there go nowhere; writes that wait do not wait on."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
+    os.dup2(nowhere, descriptor)
     os.close(nowhere)

@@ -12,6 +12,7 @@ from contextlib import suppress
 
 import click
 
+from fte_sniff.cli.stdout import abandon
 from fte_sniff.errors import shown
 
 
@@ -21,13 +22,6 @@ def tell(line: str) -> None:
         click.echo(shown(line), err=True)
     except OSError:
         abandon(sys.stderr.fileno())
-
-
-def abandon(descriptor: int) -> None:
-    """Let all that is and will be written there go nowhere; writes that wait do not wait on."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, descriptor)
-    os.close(nowhere)
 
 
 def abandon_blocked() -> None:

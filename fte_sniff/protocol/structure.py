@@ -31,9 +31,6 @@ from fte_sniff.protocol.table import (
 HEADER_BYTES = bytes(HEADERS.values())
 """Every byte that can begin a frame."""
 
-SHORTEST_CUT = 1
-"""Bytes that a truncated frame has at least."""
-
 LONGEST_OVERLONG = 14
 """Bytes that an overlong frame has at most: four too many."""
 

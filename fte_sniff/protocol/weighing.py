@@ -37,9 +37,6 @@ from fte_sniff.protocol.rows import Fault
 from fte_sniff.protocol.structure import HEADER_BYTES
 from fte_sniff.protocol.table import FRAME_LENGTH, TAIL
 
-REACH = LONGEST_JUNK + 1
-"""A place weighs on the next `REACH - 1` places, by the longest piece that begins there."""
-
 
 class Ending(Enum):
     """What is known of the line behind a stretch."""

@@ -136,14 +136,14 @@ class SniffApp(App[None]):
         loop = asyncio.get_running_loop()
         for number in ENDING_SIGNALS:
             # Off the main thread there are no signal handlers; whoever runs it there ends it.
-            with contextlib.suppress(RuntimeError, ValueError, NotImplementedError):
+            with contextlib.suppress(RuntimeError, ValueError):
                 loop.add_signal_handler(number, self.exit)
 
     def on_unmount(self) -> None:
         """Give the signals back."""
         loop = asyncio.get_running_loop()
         for number in ENDING_SIGNALS:
-            with contextlib.suppress(RuntimeError, ValueError, NotImplementedError):
+            with contextlib.suppress(RuntimeError, ValueError):
                 loop.remove_signal_handler(number)
 
     def tick(self) -> None:

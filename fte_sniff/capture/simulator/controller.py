@@ -56,7 +56,6 @@ class Controller:
         self.motors = {number: Motor() for number in MOTORS}
         self._modes = dict.fromkeys(MOTORS, KIND_BY_NAME["speed"])
         self._rng = rng
-        self._t_s = 0.0
         self._steps = 0
         self._offline = 0
         self._change_at_s = self._between(*OFFLINE_EVERY_S)
@@ -88,7 +87,6 @@ class Controller:
             self._steps += 1
             for motor in self.motors.values():
                 motor.step(STEP_S)
-        self._t_s = t_s
         while t_s >= self._change_at_s:
             self._change_who_is_online()
 
