@@ -7,7 +7,7 @@ nothing: `unpack(pack(row))` is the row, whatever it holds.
     length                    bytes of the row; where it is more than ten, the bytes stand aside
     port  faults              numbers in a `Codebook`
     raw                       the first ten bytes, zeros behind them
-    form                      which of the two row types, and which of the times there are
+    form                      which row type, which times there are, whether its order is certain
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ TIMED: Final = 2
 """Bit of `form`: `t_ns` holds a time; without it the row has none."""
 DELAYED: Final = 4
 """Bit of `form`: `delay_ns` holds the read delay; without it the row has none."""
+UNORDERED: Final = 8
+"""Bit of `form`: the row's place among other ports' rows is not certain."""
 
 Packed = npt.NDArray[Any]
 """An array of `ROW_TYPE`."""
@@ -90,7 +92,10 @@ def pack(rows: Sequence[Row], codebook: Codebook) -> tuple[Packed, dict[int, byt
     inline = b"".join([raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0") for raw in raws])
     packed["raw"] = np.frombuffer(inline, np.uint8).reshape(-1, FRAME_LENGTH)
     packed["form"] = [
-        isinstance(row, Frame) * FRAMED + (time is not None) * TIMED + (delay is not None) * DELAYED
+        isinstance(row, Frame) * FRAMED
+        + (time is not None) * TIMED
+        + (delay is not None) * DELAYED
+        + row.order_uncertain * UNORDERED
         for row, time, delay in zip(rows, times, delays, strict=True)
     ]
     long = {at: raws[at] for at, length in enumerate(lengths) if length > FRAME_LENGTH}
@@ -118,6 +123,7 @@ def unpack(
                 t_ns if form & TIMED else None,
                 codebook.faults[faults],
                 delay_ns if form & DELAYED else None,
+                bool(form & UNORDERED),
             )
         )
     return rows

@@ -5,7 +5,10 @@ It must not know of frames, files or screens: it hands on chunks and port events
 simulated ones.
 
     ports          opening a port, and what can go wrong with it
+    items          what a source is, whatever it reads; how a line is got at
     source         an open port as an iterable of chunks and port events
+    merged         several sources as one, on one time line
+    tap            listening: one port, or one for each of two wires
     clock          the time that chunks are stamped with
     simulator/     a host, a controller and a wire as a pure model
     url_handlers/  sim:// and socket://, as pyserial finds them

@@ -9,33 +9,23 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterator
-from enum import StrEnum
-from typing import TypeAlias
+from collections.abc import Iterator, Mapping
 
 import serial
 
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.holders import holders_of
+from fte_sniff.capture.items import Item, SourceEnd
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
 from fte_sniff.capture.reading import reader_of
 from fte_sniff.capture.refusal import one_line
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
-
-Item: TypeAlias = Chunk | PortEvent
 
 CAPACITY = 32 * 2**20
 """Bytes that may wait for the consumer, its bookkeeping included, before reads are dropped."""
 
 _ITEM_COST = 256
 """What one waiting item takes besides its bytes, roughly."""
-
-
-class SourceEnd(StrEnum):
-    """How a source ended."""
-
-    STOPPED = "stopped"
-    LOST = "lost"
 
 
 class PortSource:
@@ -83,6 +73,11 @@ class PortSource:
         self._tell(PortEventKind.OPENED, detail)
         self._thread = threading.Thread(target=self._run, name=f"reads {name}", daemon=True)
         self._thread.start()
+
+    @property
+    def uncertainty_ns(self) -> Mapping[str, int]:
+        """How much earlier than the times say bytes may have been on the wire."""
+        return {self.name: 0}
 
     def __iter__(self) -> Iterator[Item]:
         try:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from fte_sniff.session.live import LiveSession
     from fte_sniff.session.plan import CapturePlan
 
+_MOST_PORTS = 2
 _LINE_WORDS = click.Choice(["on", "off", "leave"])
 
 
@@ -43,7 +44,7 @@ _DURATION = _Seconds(min=0, min_open=True)
 
 
 @click.command(name="live", short_help="Capture a port, record it and watch it.")
-@click.argument("port")
+@click.argument("ports", nargs=-1, required=True, metavar="PORT [PORT]")
 @click.option("--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s.")
 @click.option("--dtr", type=_LINE_WORDS, default="off", show_default=True, help="Set DTR.")
 @click.option("--rts", type=_LINE_WORDS, default="off", show_default=True, help="Set RTS.")
@@ -63,7 +64,7 @@ def command(
     keep_rows: int,
     **options: Any,
 ) -> None:
-    """Capture PORT, record it and watch it.
+    """Capture PORT, record it and watch it; a second PORT is the other wire.
 
     PORT is a device, or what else pyserial opens: socket://host:port, rfc2217://host:port, loop://,
     hwgrep://, or sim://, a simulated host and controller (sim://?seed=1&rate=200&drop=0.01).
@@ -72,6 +73,7 @@ def command(
 
     \b
     fte-sniff live /dev/ttyUSB0
+    fte-sniff live /dev/ttyUSB0 /dev/ttyUSB1
     fte-sniff live sim:// --plain --count 20 --no-record
     """
     if no_record and output is not None:
@@ -92,7 +94,7 @@ def _default_path() -> Path:
 
 def _plan(
     *,
-    port: str,
+    ports: tuple[str, ...],
     baud: int,
     dtr: str,
     rts: str,
@@ -103,13 +105,15 @@ def _plan(
     count: int | None,
 ) -> CapturePlan:
     from fte_sniff.capture.ports import ControlLine, PortSettings
+    from fte_sniff.capture.tap import Tap
     from fte_sniff.recording.place import Existing
     from fte_sniff.session.plan import CapturePlan
 
     existing = Existing.REPLACE if force else Existing.REFUSE
+    if len(ports) > _MOST_PORTS:
+        raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
     return CapturePlan(
-        port=port,
-        settings=PortSettings(baud, ControlLine(dtr), ControlLine(rts)),
+        wiring=Tap(ports, PortSettings(baud, ControlLine(dtr), ControlLine(rts))),
         recording=None if no_record else output or _default_path(),
         existing=existing if output else Existing.NUMBER,
         duration_s=duration,
@@ -127,7 +131,7 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
         session.begin()
         if session.recording is not None:
             tell(f"recording to {session.recording}")
-        print_lines(session, select)
+        print_lines(session, select, ports=len(plan.wiring.names) > 1)
         _leave(session)
 
 

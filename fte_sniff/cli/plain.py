@@ -25,10 +25,12 @@ _AS_EXPECTED = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 class PlainLines:
     """Prints what comes from a capture, and counts it."""
 
-    def __init__(self, select: Callable[[Sequence[Row]], list[Row]]) -> None:
-        """Print to standard output the rows that `select` picks."""
+    def __init__(
+        self, select: Callable[[Sequence[Row]], list[Row]], *, ports: bool = False
+    ) -> None:
+        """Print to standard output the rows that `select` picks; with `ports`, whence they came."""
         self._select = select
-        self._writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=False)
+        self._writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=ports)
         self._tally = Tally()
         self._events: Counter[PortEventKind] = Counter()
         self._failure: FteSniffError | None = None
@@ -66,9 +68,11 @@ class PlainLines:
             tell(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
 
 
-def print_lines(session: LiveSession, select: Callable[[Sequence[Row]], list[Row]]) -> None:
+def print_lines(
+    session: LiveSession, select: Callable[[Sequence[Row]], list[Row]], *, ports: bool
+) -> None:
     """Print what a session that has begun captures, until it ends or nobody reads."""
-    lines = PlainLines(select)
+    lines = PlainLines(select, ports=ports)
     try:
         for update in _updates(session):
             lines.take(update, session.error)

@@ -102,6 +102,8 @@ class Framer:
         self._data = b""
         self._base = 0
         """Offset in the stream of the first byte of `_data`."""
+        self._begin = 0
+        """Offset of the first byte that joins what follows: the stream's, or that behind a cut."""
         self._at = 0
         """Place in `_data` up to which all is decided."""
         self._carry: Carry | None = joined()
@@ -125,6 +127,26 @@ class Framer:
     def flush(self) -> list[Row]:
         """The rows of whatever is still held; the stream ends here."""
         return rows_of(self.flush_spans())
+
+    def cut(self) -> list[Row]:
+        """As `flush`, but the stream goes on: what comes next joins nothing that came before.
+
+        Offsets go on rising, and times do not fall.
+        """
+        rows = self.flush()
+        self._carry, self._streak = joined(), CALM_STREAK
+        self._begin = self._base
+        return rows
+
+    @property
+    def waits_since_ns(self) -> int | None:
+        """When the first byte that stands in no row yet began; None where there is none."""
+        offset = self._tiler.noise_offset
+        if offset is None:
+            offset = self._base + self._at
+            if self._at == len(self._data):
+                return None
+        return self._timeline.mark(offset).time_of(offset)
 
     def feed_spans(self, chunk: Chunk) -> list[Row | Run]:
         """As `feed`, but frames in step come as runs: for whoever wants many rows at once."""
@@ -308,7 +330,7 @@ class Framer:
     def _decide(self, reading: list[Stretch]) -> None:
         start = self._at
         # A stream may begin within a frame: that is no damage of the line.
-        first = FRAME_LENGTH - self._base
+        first = self._begin + FRAME_LENGTH - self._base
         for part in reading:
             stop = start + part.stop
             if part.faults == NOISE:

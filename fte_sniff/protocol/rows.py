@@ -103,6 +103,9 @@ class Frame:
     faults: tuple[Fault, ...] = ()
     read_delay_ns: int | None = field(default=None, compare=False)
     """From `t_ns` to the return of the read that brought the first byte, nanoseconds."""
+    order_uncertain: bool = field(default=False, compare=False)
+    """Whether a row of another port, although it stands before or behind, may be the later or the
+    earlier one: their times are closer than the two ports can tell apart."""
 
     @property
     def status(self) -> Status:
@@ -144,6 +147,9 @@ class Damage:
     faults: tuple[Fault, ...]
     read_delay_ns: int | None = field(default=None, compare=False)
     """From `t_ns` to the return of the read that brought the first byte, nanoseconds."""
+    order_uncertain: bool = field(default=False, compare=False)
+    """Whether a row of another port, although it stands before or behind, may be the later or the
+    earlier one: their times are closer than the two ports can tell apart."""
 
     @property
     def status(self) -> Status:
@@ -163,6 +169,8 @@ class PortEventKind(StrEnum):
     LINE_ERROR = "line_error"
     OVERRUN = "overrun"
     CLOSED = "closed"
+    WIRING = "wiring"
+    CLOCK_SET = "clock_set"
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,3 +183,5 @@ class PortEvent:
     kind: PortEventKind
     detail: str
     """One line for people; may hold text from outside, so show it, never obey it."""
+    count: int = 0
+    """What there is to count: bytes of an overrun, errors on the line; else 0."""

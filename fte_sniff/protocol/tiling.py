@@ -51,6 +51,11 @@ class Tiler:
         self._noise_offset = 0
         self._out: list[Row | Run] = []
 
+    @property
+    def noise_offset(self) -> int | None:
+        """Where the noise begins that is in no row yet; None where there is none."""
+        return self._noise_offset if self._noise else None
+
     def noise(self, offset: int, raw: bytes) -> None:
         """Noise, which goes on what noise stood before; it may go on behind."""
         if not self._noise:

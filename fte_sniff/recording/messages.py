@@ -91,6 +91,8 @@ def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
         values["read_delay_ns"] = row.read_delay_ns
     if row.t_ns != log_time:
         values["time_ns"] = row.t_ns
+    if row.order_uncertain:
+        values["order_uncertain"] = True
     if row.faults:
         values["faults"] = [_FAULT_NUMBER[fault] for fault in row.faults]
     values["status"] = _STATUS_NUMBER[row.status]
@@ -117,7 +119,11 @@ def _encode_malformed(row: Row, values: dict[str, Any]) -> bytes:
 
 def encode_event(event: PortEvent, log_time: int) -> bytes:
     """The message of a port event; its own time is told where `log_time` differs from it."""
-    values: dict[str, Any] = {"kind": _EVENT_NUMBER[event.kind], "detail": plain(event.detail)}
+    values: dict[str, Any] = {
+        "kind": _EVENT_NUMBER[event.kind],
+        "detail": plain(event.detail),
+        "count": event.count,
+    }
     if event.t_ns != log_time:
         values["time_ns"] = event.t_ns
     return bytes(_CLASS_OF_EVENT(**values).SerializeToString())
@@ -151,6 +157,8 @@ class MessageReader:
         fields = self._message.DESCRIPTOR.fields_by_name
         self._tells_framed = "framed" in fields
         self._tells_time = "time_ns" in fields
+        self._tells_order = "order_uncertain" in fields
+        self._tells_count = "count" in fields
         needed = {"kind", "detail"} if topic == EVENTS.name else {"offset", "raw", "faults"}
         lacking = sorted(needed - set(fields))
         if lacking:
@@ -185,6 +193,7 @@ class MessageReader:
             self._time(message, log_time),
             tuple(Fault(self._word(number)) for number in faults) if faults else (),
             delay,
+            self._tells_order and message.order_uncertain,
         )
 
     def event(self, data: bytes, log_time: int) -> PortEvent:
@@ -195,7 +204,8 @@ class MessageReader:
         """
         message = self._parse(data)
         kind = PortEventKind(self._word(message.kind))
-        return PortEvent(self._time(message, log_time), self._port, kind, message.detail)
+        count = message.count if self._tells_count else 0
+        return PortEvent(self._time(message, log_time), self._port, kind, message.detail, count)
 
     def _parse(self, data: bytes) -> Any:
         try:

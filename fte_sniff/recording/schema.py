@@ -5,8 +5,8 @@ and its enums inside, so that any tool can load any number of them side by side.
 
 All messages of sound frames of one schema are equally long on the wire, whatever their values:
 numbers are fixed32, fixed64, float or double, enum numbers take one byte, and every field has
-presence, so that zeros are written too. Only a row with faults, without read delay, or with a time
-of its own is longer or shorter.
+presence, so that zeros are written too. Only a row with faults, without read delay, with a time of
+its own or of uncertain order is longer or shorter.
 
 A value that is in every message of its schema is an integer; one that may not apply is a float
 (double beyond two bytes), and NaN where it does not apply: plotters skip NaN, but draw an absent
@@ -50,11 +50,13 @@ _ROW_FIELDS: tuple[tuple[str, int | str], ...] = (
     ("faults", "Fault"),
     ("time_ns", _TYPE.TYPE_FIXED64),
     ("kind", "Kind"),
+    ("order_uncertain", _TYPE.TYPE_BOOL),
 )
 _EVENT_FIELDS: tuple[tuple[str, int | str], ...] = (
     ("kind", "PortEventKind"),
     ("detail", _TYPE.TYPE_STRING),
     ("time_ns", _TYPE.TYPE_FIXED64),
+    ("count", _TYPE.TYPE_FIXED64),
 )
 _DAMAGE_FIELDS: tuple[tuple[str, int | str], ...] = (
     ("framed", _TYPE.TYPE_BOOL),

@@ -203,7 +203,7 @@ class LiveSession:
         ended = self._ended
         running_on = ended is None and self.error is not None
         return FeedState(
-            title=self._plan.port,
+            title=" + ".join(self._plan.wiring.names),
             recording=str(self.recording) if self.recording else None,
             running=ended is None,
             ended=(ended.reason or "stopped") if ended else None,

@@ -8,17 +8,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from fte_sniff.capture.ports import PortSettings
+from fte_sniff.capture.items import Wiring
 from fte_sniff.recording.place import Existing
 
 
 @dataclass(frozen=True, slots=True)
 class CapturePlan:
-    """One capture of one port."""
+    """One capture."""
 
-    port: str
-    """A device, or a URL that pyserial opens."""
-    settings: PortSettings
+    wiring: Wiring
+    """Which ports to open, and how."""
     recording: Path | None
     """Where to record to; None to record nothing."""
     existing: Existing = Existing.REFUSE

@@ -9,14 +9,14 @@ from fte_sniff.recording.messages import encode_row
 from fte_sniff.recording.schema import message_class, schema_data, schema_name
 from fte_sniff.recording.topics import TOPICS, Topic, topic_of
 
-ROW = ("offset", "read_delay_ns", "raw", "status", "faults", "time_ns", "kind")
+ROW = ("offset", "read_delay_ns", "raw", "status", "faults", "time_ns", "kind", "order_uncertain")
 FIELDS = {
     "fte.Reset": (*ROW, "cmd"),
     "fte.MotorControl": (*ROW, "cmd", "motor", "rpm", "pulses"),
     "fte.Chassis": (*ROW, "cmd", "vx_cm_s", "vy_cm_s", "wz_mrad_s"),
     "fte.MotorFeedback": (*ROW, "cmd", "motor", "rpm", "pulses", "error", "online"),
     "fte.Malformed": (*ROW, "framed", "length"),
-    "fte.PortEvent": ("kind", "detail", "time_ns"),
+    "fte.PortEvent": ("kind", "detail", "time_ns", "count"),
 }
 
 
@@ -77,7 +77,7 @@ def test_a_message_tells_the_values_and_nan_for_what_does_not_apply(row: Frame) 
     assert {name: told[name] for name in own} == own
     others = set(FIELDS[schema_name(topic)]) - set(ROW) - set(own)
     assert all(math.isnan(told[name]) for name in others)  # type: ignore[arg-type]
-    assert set(told) == set(FIELDS[schema_name(topic)]) - {"faults", "time_ns"}
+    assert set(told) == set(FIELDS[schema_name(topic)]) - {"faults", "time_ns", "order_uncertain"}
 
 
 def test_a_speed_frame_plots_no_pulses() -> None:

@@ -18,7 +18,7 @@ from time import monotonic
 
 import pytest
 
-from fte_sniff.capture.ports import PortSettings
+from fte_sniff.capture.tap import Tap
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
 from fte_sniff.recording.place import Existing
@@ -34,7 +34,7 @@ SIM = "sim://?seed=1&rate=1000"
 
 
 def plan(recording: Path | None = None, port: str = SIM, **limits: float) -> CapturePlan:
-    return CapturePlan(port, PortSettings(), recording, **limits)  # type: ignore[arg-type]
+    return CapturePlan(Tap((port,)), recording, **limits)  # type: ignore[arg-type]
 
 
 @pytest.fixture

@@ -1,0 +1,47 @@
+"""Owns listening to a line: on one port, or on two with a wire each.
+
+It must not know how a port is read, nor what comes from it.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.items import Source
+from fte_sniff.capture.merged import MergedSource
+from fte_sniff.capture.ports import DEFAULT_SETTINGS, PortSettings
+from fte_sniff.capture.source import open_source
+from fte_sniff.errors import UsageError, shown
+
+
+@dataclass(frozen=True, slots=True)
+class Tap:
+    """Ports that are only listened to; nothing is ever written to them."""
+
+    names: tuple[str, ...]
+    """Devices, or URLs that pyserial opens; all different, or UsageError is raised."""
+    settings: PortSettings = DEFAULT_SETTINGS
+    """How each of them is opened."""
+
+    def __post_init__(self) -> None:
+        if len(set(self.names)) < len(self.names):
+            twice = shown(max(self.names, key=self.names.count))
+            raise UsageError(
+                f"{twice} is named twice: name the port of the other wire "
+                "(for simulated ones: 'sim://?wire=control' 'sim://?wire=feedback')"
+            )
+
+    def open(self, clock: Clock) -> Source:
+        """Open the ports and begin to read them.
+
+        Raises:
+            PortError: one of them cannot be opened; none is left open then.
+        """
+        with ExitStack() as opened:
+            sources = [
+                opened.enter_context(open_source(name, self.settings, clock)) for name in self.names
+            ]
+            opened.pop_all()
+        return sources[0] if len(sources) == 1 else MergedSource(sources)

@@ -1,0 +1,132 @@
+"""Owns the order of what comes from several ports: one time line, and where it is not certain.
+
+It must not know what the rows are, nor a clock: the times come with them.
+
+Each port's rows come in order, but late: a frame is known only when its last byte is, or when the
+bytes behind it are. So a row waits until every other port is known to be past it:
+
+    port A   ───a1──────────a2─────────●          heard up to ●, nothing undecided
+    port B   ────────b1──────┊ ?? pending         its next row begins at ┊, or later
+             given: a1, b1        waits: a2
+
+A port with undecided bytes goes on where the first of them began. A port without goes on at most
+`REACH_NS` before the time up to which it was heard, since an adapter hands on bytes late. What has
+waited for `MOST_HELD_NS` is given all the same, so that no port can hold up another.
+
+A row's bytes may have been on the wire as much earlier as its port's uncertainty says. Where that
+reaches back to a row of another port, which of the two came first is not certain: both are marked.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+from fte_sniff.protocol import PortEvent, Row
+
+Entry: TypeAlias = Row | PortEvent
+
+REACH_NS = 20_000_000
+"""How far before the time of a read its bytes may have begun, where reads before found none."""
+
+MOST_HELD_NS = 1_000_000_000
+"""How long a row waits for another port at most, nanoseconds of the ports' own times."""
+
+_NEVER = -(2**63)
+_ALWAYS = 2**63
+
+
+class Ordering:
+    """Puts the rows and events of several ports on one time line."""
+
+    def __init__(self, uncertainty_ns: Mapping[str, int]) -> None:
+        """An order for these ports.
+
+        Args:
+            uncertainty_ns: by port, how much earlier than they say its rows may have begun.
+        """
+        self._lanes = [_Lane(port, ns) for port, ns in uncertainty_ns.items()]
+        self._lane_of = {lane.port: lane for lane in self._lanes}
+        self._now_ns = _NEVER
+
+    def put(self, port: str, entries: Sequence[Entry]) -> None:
+        """Take what comes next from one port."""
+        self._lane_of[port].waiting.extend(entries)
+
+    def heard(self, port: str, t_ns: int, waits_since_ns: int | None, *, data: bool) -> None:
+        """Take note that a port was read.
+
+        Args:
+            port: which.
+            t_ns: when the read returned.
+            waits_since_ns: when its first undecided byte began; None where there is none.
+            data: whether the read brought bytes; no byte behind them began earlier.
+        """
+        self._now_ns = max(self._now_ns, t_ns)
+        self._lane_of[port].hear(t_ns, waits_since_ns, data=data)
+
+    def take(self) -> list[Entry]:
+        """What is certain to be next, in order of time."""
+        return self._take(self._now_ns - MOST_HELD_NS)
+
+    def drain(self) -> list[Entry]:
+        """All that waits, in order of time; nothing comes behind it."""
+        return self._take(_ALWAYS)
+
+    def _take(self, overdue_ns: int) -> list[Entry]:
+        taken: list[Entry] = []
+        while True:
+            filled = [lane for lane in self._lanes if lane.waiting]
+            if not filled:
+                return taken
+            lane = min(filled, key=_next_time)
+            t_ns = _next_time(lane)
+            others = [other for other in self._lanes if other is not lane]
+            if t_ns > overdue_ns and not all(other.is_past(t_ns) for other in others):
+                return taken
+            entry = lane.waiting.popleft()
+            if not isinstance(entry, PortEvent):
+                if any(lane.may_swap(t_ns, other) for other in others):
+                    entry = replace(entry, order_uncertain=True)
+                lane.last_ns = t_ns
+            taken.append(entry)
+
+
+class _Lane:
+    """One port: what waits, and from when on more can come."""
+
+    def __init__(self, port: str, uncertainty_ns: int) -> None:
+        self.port = port
+        self.waiting: deque[Entry] = deque()
+        self.last_ns = _NEVER
+        """The time of the last row that was given."""
+        self._uncertainty_ns = uncertainty_ns
+        self._read_ns = self._next_ns = _NEVER
+
+    def hear(self, t_ns: int, waits_since_ns: int | None, *, data: bool) -> None:
+        if data:
+            self._read_ns = max(self._read_ns, t_ns)
+        silent_to_ns = max(self._read_ns, t_ns - REACH_NS)
+        self._next_ns = silent_to_ns if waits_since_ns is None else waits_since_ns
+
+    def is_past(self, t_ns: int) -> bool:
+        """Whether whatever comes from here is certain to be behind that time."""
+        return bool(self.waiting) or self._next_ns > t_ns + self._uncertainty_ns
+
+    def may_swap(self, t_ns: int, other: _Lane) -> bool:
+        """Whether a row of this port at `t_ns` may be before the other's last, or behind its next.
+
+        The other's next row is the first that waits there, and not before `t_ns`.
+        """
+        if t_ns - other.last_ns <= self._uncertainty_ns:
+            return True
+        following = next((e for e in other.waiting if not isinstance(e, PortEvent)), None)
+        if following is None:
+            return False
+        return (following.t_ns or 0) - t_ns <= other._uncertainty_ns
+
+
+def _next_time(lane: _Lane) -> int:
+    return lane.waiting[0].t_ns or 0

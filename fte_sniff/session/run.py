@@ -1,0 +1,141 @@
+"""Owns one run of a plan: items of a source in, rows in order to the recording and to the view.
+
+It must not know processes or signals, nor what shows the rows.
+
+    chunk -> the framer of its port -> one order of all ports -+-> recorder
+                                                               +-> outbox
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import groupby
+
+from fte_sniff.capture.items import Source, SourceEnd
+from fte_sniff.errors import FteSniffError, PortError
+from fte_sniff.protocol import Chunk, Framer, PortEvent, PortEventKind, Row
+from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.session.messages import Ended
+from fte_sniff.session.ordering import Entry, Ordering
+from fte_sniff.session.outbox import Outbox
+from fte_sniff.session.plan import CapturePlan
+from fte_sniff.session.wiring import WiringWatch
+
+FLUSH_EVERY_NS = 500_000_000
+"""How long rows wait for the disk at most, so that a second is kept with some room."""
+
+_BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
+"""Events across which bytes do not join."""
+
+
+class Run:
+    """One run of a plan, from the first chunk to the closed file."""
+
+    def __init__(
+        self,
+        plan: CapturePlan,
+        source: Source,
+        recorder: RecordingWriter | None,
+        outbox: Outbox,
+    ) -> None:
+        """Make ready; nothing is taken from the source yet."""
+        self._plan = plan
+        self._source = source
+        self._recorder = recorder
+        self._outbox = outbox
+        names, baud = plan.wiring.names, plan.wiring.settings.baud
+        self._framers = {name: Framer(name, baud) for name in names}
+        self._order = Ordering({name: source.uncertainty_ns[name] for name in names})
+        self._wiring = WiringWatch(names)
+        self._left = plan.count
+        self._end_ns: float | None = None
+        self._flush_ns = 0
+        self._failure: FteSniffError | None = None
+        self._lost: PortEvent | None = None
+
+    def to_the_end(self) -> Ended:
+        """Take all that the source has, close the recording, and say how it ended."""
+        for item in self._source:
+            if isinstance(item, PortEvent):
+                self._take_event(item)
+            else:
+                self._take_chunk(item)
+            self._hand_on(self._order.take())
+            if self._left == 0:
+                break
+        for port, framer in self._framers.items():
+            self._put_rows(port, framer.flush())
+        self._hand_on(self._order.drain())
+        self._record(RecordingWriter.close)
+        return self._ended()
+
+    def _ended(self) -> Ended:
+        lost = self._lost
+        if lost is not None and self._source.end is SourceEnd.LOST and self._left != 0:
+            reason = f"{lost.port} was lost: {lost.detail}"
+            return Ended(reason, self._failure or PortError(f"{reason}; check cable and power"))
+        return Ended(None, self._failure)
+
+    def _take_chunk(self, chunk: Chunk) -> None:
+        framer = self._framers[chunk.port]
+        self._put_rows(chunk.port, framer.feed(chunk))
+        now_ns = chunk.t_ns or 0
+        waits_since_ns = framer.waits_since_ns
+        self._order.heard(chunk.port, now_ns, waits_since_ns, data=bool(chunk.data))
+        self._end_when_due(now_ns)
+        if now_ns >= self._flush_ns:
+            self._record(RecordingWriter.flush)
+            self._flush_ns = now_ns + FLUSH_EVERY_NS
+
+    def _end_when_due(self, now_ns: int) -> None:
+        if self._plan.duration_s is None:
+            return
+        if self._end_ns is None:
+            self._end_ns = now_ns + self._plan.duration_s * 1e9
+        if now_ns >= self._end_ns:
+            self._source.stop()
+
+    def _take_event(self, event: PortEvent) -> None:
+        if event.kind in _BREAKS:
+            self._put_rows(event.port, self._framers[event.port].cut())
+        if event.kind is PortEventKind.LOST:
+            self._lost = event
+        self._order.put(event.port, [event])
+
+    def _put_rows(self, port: str, rows: Sequence[Row]) -> None:
+        if rows:
+            self._order.put(port, rows)
+            self._order.put(port, self._wiring.look(port, rows))
+
+    def _hand_on(self, entries: Sequence[Entry]) -> None:
+        for is_event, group in groupby(entries, lambda entry: isinstance(entry, PortEvent)):
+            if is_event:
+                for event in group:
+                    assert isinstance(event, PortEvent)
+                    self._hand_on_event(event)
+            else:
+                self._hand_on_rows([row for row in group if not isinstance(row, PortEvent)])
+
+    def _hand_on_rows(self, rows: list[Row]) -> None:
+        if self._left is not None:
+            rows = rows[: self._left]
+            self._left -= len(rows)
+        if rows:
+            self._record(lambda recorder: recorder.write(rows))
+            self._outbox.put_rows(rows)
+
+    def _hand_on_event(self, event: PortEvent) -> None:
+        self._record(lambda recorder: recorder.write_event(event))
+        self._outbox.put_event(event)
+
+    def _record(self, do: Callable[[RecordingWriter], None]) -> None:
+        """Do something to the recording; when it fails it stops, and the capture goes on."""
+        if self._recorder is None:
+            return
+        try:
+            do(self._recorder)
+        except FteSniffError as failure:
+            self._failure = failure
+            self._outbox.put_failure(failure)
+            self._recorder.close()
+            self._recorder = None
