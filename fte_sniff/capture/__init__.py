@@ -9,6 +9,7 @@ simulated ones.
     source         an open port as an iterable of chunks and port events
     merged         several sources as one, on one time line
     tap            listening: one port, or one for each of two wires
+    identity, returning   what a lost port is known by, and how it is waited for
     clock          the time that chunks are stamped with
     simulator/     a host, a controller and a wire as a pure model
     url_handlers/  sim:// and socket://, as pyserial finds them

@@ -1,6 +1,7 @@
 """Owns a port as an iterable: a thread reads, stamps and hands on; nothing is lost in silence.
 
-It must not know of frames: it yields chunks as they came, and port events where they happened.
+It must not know of frames: it yields chunks as they came, and port events where they happened. A
+port that was lost and can return is waited for, in the same thread and the same stream.
 
     reader thread:  read -> stamp -> bounded queue ->  consumer: for item in source
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 
 import serial
 
@@ -19,10 +21,14 @@ from fte_sniff.capture.items import Item, SourceEnd
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
 from fte_sniff.capture.reading import reader_of
 from fte_sniff.capture.refusal import one_line
+from fte_sniff.capture.returning import Opened, Reopen, Return, way_back
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 CAPACITY = 32 * 2**20
 """Bytes that may wait for the consumer, its bookkeeping included, before reads are dropped."""
+
+_BEAT_S = 0.05
+"""Seconds between two signs of life while a port is waited for."""
 
 _ITEM_COST = 256
 """What one waiting item takes besides its bytes, roughly."""
@@ -32,7 +38,8 @@ class PortSource:
     """The chunks and events of one open port, in order; iterate once.
 
     The first item is the event `opened`. In silence an empty chunk tells every 10 ms or so that
-    time has passed. The last item is the event `lost` or `closed`; then the port is closed.
+    time has passed, every 50 ms while the port is lost and waited for. The last item is the event
+    `lost` or `closed`; then the port is closed.
     """
 
     bytes_read = 0
@@ -48,6 +55,7 @@ class PortSource:
         *,
         detail: str = "",
         capacity: int = CAPACITY,
+        reopen: Reopen | None = None,
     ) -> None:
         """Take over an open port.
 
@@ -57,12 +65,14 @@ class PortSource:
             clock: what they are stamped with.
             detail: how the port was opened, for the event.
             capacity: how many bytes may wait for the consumer.
+            reopen: how to open the port again when it is lost; None to end then.
         """
         self.name = name
         self._port = port
         self._clock = clock
         self._read = reader_of(port)
         self._capacity = capacity
+        self._reopen = reopen
         self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         # Each is written by one thread alone: what was put less what was taken is what waits.
         self._put_cost = 0
@@ -110,22 +120,51 @@ class PortSource:
 
     def _run(self) -> None:
         try:
-            self._read_until_stopped()
+            while (error := self._read_on()) is not None:
+                self._tell_of_overrun()
+                if self._reopen is None:
+                    self._finish(SourceEnd.LOST, PortEventKind.LOST, one_line(error))
+                    return
+                self._tell(PortEventKind.LOST, f"{one_line(error)}; waiting for it to come back")
+                self._come_back(self._reopen)
+            self._tell_of_overrun()
             self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, "as asked")
-        except OSError as error:
-            self._finish(SourceEnd.LOST, PortEventKind.LOST, one_line(error))
         finally:
             self._queue.put(None)
 
-    def _read_until_stopped(self) -> None:
+    def _read_on(self) -> OSError | None:
+        """Read until asked to stop, or until the port is lost by the error that is returned."""
         while True:
             # Looked at before the read: what has arrived when `stop` is called is read yet.
             last = self._stopping
-            data = self._read()
+            try:
+                data = self._read()
+            except OSError as error:
+                return error
             self._hand_on(Chunk(self.name, self._clock.now_ns(), data))
             self.bytes_read += len(data)
             if last:
+                return None
+
+    def _come_back(self, reopen: Reopen) -> None:
+        """Wait until the port is open again, or the end is asked for."""
+        lost_ns = self._clock.now_ns()
+        with suppress(OSError):  # a driver may complain of what is gone
+            self._port.close()
+        self._read = _nothing
+        returning = Return(reopen)
+        while not self._stopping:
+            opened = returning.wait(_BEAT_S)
+            if opened is not None:
+                self._take_over(opened, (self._clock.now_ns() - lost_ns) / 1e9)
                 return
+            self._hand_on(Chunk(self.name, self._clock.now_ns(), b""))
+        returning.give_up()
+
+    def _take_over(self, opened: Opened, away_s: float) -> None:
+        self._port, self._read = opened.port, reader_of(opened.port)
+        named = "" if opened.name == self.name else f" as {opened.name}"
+        self._tell(PortEventKind.FOUND_AGAIN, f"after {away_s:.1f} s{named}")
 
     def _hand_on(self, chunk: Chunk) -> None:
         waiting = self._put_cost - self._taken_cost
@@ -140,16 +179,14 @@ class PortSource:
         self._put(chunk)
 
     def _finish(self, end: SourceEnd, kind: PortEventKind, detail: str) -> None:
-        self._tell_of_overrun()
         self.end = end
         self._tell(kind, detail)
 
     def _tell_of_overrun(self) -> None:
         if self._dropped:
             detail = f"{self._dropped} bytes were not kept: they came faster than they were taken"
-            self._put(
-                PortEvent(self._dropped_at_ns, self.name, PortEventKind.OVERRUN, detail),
-            )
+            kind = PortEventKind.OVERRUN
+            self._put(PortEvent(self._dropped_at_ns, self.name, kind, detail, self._dropped))
             self._dropped = 0
 
     def _tell(self, kind: PortEventKind, detail: str) -> None:
@@ -164,10 +201,30 @@ def _cost(item: Item) -> int:
     return _ITEM_COST + (len(item.data) if isinstance(item, Chunk) else 0)
 
 
-def open_source(name: str, settings: PortSettings, clock: Clock) -> PortSource:
-    """Open a port and start to read it; raises PortError as `open_port` does."""
+def _nothing() -> bytes:
+    """What a port that is away has to read."""
+    return b""
+
+
+def open_source(
+    name: str, settings: PortSettings, clock: Clock, *, reconnect: bool = False
+) -> PortSource:
+    """Open a port and start to read it; raises PortError as `open_port` does.
+
+    Args:
+        name: as `open_port` takes it.
+        settings: how to open it.
+        clock: what its chunks are stamped with.
+        reconnect: wait for the port when it is lost, if it is one that can return.
+    """
     port = open_port(name, settings)
     device = device_of(port)
     holders = holders_of(device) if device else []
     shared = "".join(f"; {holder} has it open too, and may take bytes away" for holder in holders)
-    return PortSource(port, name, clock, detail=f"{settings}{shared}")
+    return PortSource(
+        port,
+        name,
+        clock,
+        detail=f"{settings}{shared}",
+        reopen=way_back(name, settings, port) if reconnect else None,
+    )

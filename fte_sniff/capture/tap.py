@@ -24,6 +24,8 @@ class Tap:
     """Devices, or URLs that pyserial opens; all different, or UsageError is raised."""
     settings: PortSettings = DEFAULT_SETTINGS
     """How each of them is opened."""
+    reconnect: bool = True
+    """Whether a port that is lost is waited for, if it is one that can return."""
 
     def __post_init__(self) -> None:
         if len(set(self.names)) < len(self.names):
@@ -41,7 +43,10 @@ class Tap:
         """
         with ExitStack() as opened:
             sources = [
-                opened.enter_context(open_source(name, self.settings, clock)) for name in self.names
+                opened.enter_context(
+                    open_source(name, self.settings, clock, reconnect=self.reconnect)
+                )
+                for name in self.names
             ]
             opened.pop_all()
         return sources[0] if len(sources) == 1 else MergedSource(sources)

@@ -54,6 +54,7 @@ _DURATION = _Seconds(min=0, min_open=True)
 @click.option("--plain", is_flag=True, help="Print one line a row instead of the screen.")
 @filter_option
 @keep_rows_option(1_000_000)
+@click.option("--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it.")
 @click.option("--duration", type=_DURATION, metavar="S", help="End after S seconds.")
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows.")
 def command(
@@ -101,6 +102,7 @@ def _plan(
     output: Path | None,
     no_record: bool,
     force: bool,
+    no_reconnect: bool,
     duration: float | None,
     count: int | None,
 ) -> CapturePlan:
@@ -112,8 +114,9 @@ def _plan(
     existing = Existing.REPLACE if force else Existing.REFUSE
     if len(ports) > _MOST_PORTS:
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
+    settings = PortSettings(baud, ControlLine(dtr), ControlLine(rts))
     return CapturePlan(
-        wiring=Tap(ports, PortSettings(baud, ControlLine(dtr), ControlLine(rts))),
+        wiring=Tap(ports, settings, reconnect=not no_reconnect),
         recording=None if no_record else output or _default_path(),
         existing=existing if output else Existing.NUMBER,
         duration_s=duration,

@@ -53,12 +53,24 @@ class Pty:
 
 
 @pytest.fixture
-def pty():
-    far, near = os.openpty()
-    tty.setraw(near)
-    made = Pty(far, near, os.ttyname(near))
-    yield made
-    made.unplug()
+def new_pty():
+    """Make pseudo-terminals; all are unplugged in the end."""
+    made = []
+
+    def make():
+        far, near = os.openpty()
+        tty.setraw(near)
+        made.append(Pty(far, near, os.ttyname(near)))
+        return made[-1]
+
+    yield make
+    for pty in made:
+        pty.unplug()
+
+
+@pytest.fixture
+def pty(new_pty):
+    return new_pty()
 
 
 @pytest.fixture

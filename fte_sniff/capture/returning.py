@@ -1,0 +1,108 @@
+"""Owns waiting for a port that was lost: looking for it calmly, and opening it again.
+
+It must not read it, nor say anything about it. Looking and opening happen in a thread of their own,
+since opening can take seconds; whoever waits is never held up.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from typing import NamedTuple
+
+import serial
+from serial.tools.list_ports import comports
+
+from fte_sniff.capture.holders import holders_of
+from fte_sniff.capture.identity import identity_of
+from fte_sniff.capture.ports import PortSettings, device_of, open_port
+from fte_sniff.errors import PortError
+
+FIRST_WAIT_S = 0.25
+"""Seconds before it is looked for at first: as long as a system takes to know an adapter."""
+
+LONGEST_WAIT_S = 1.0
+"""Seconds between two looks at most; each wait is twice the one before."""
+
+_PTY_FOLDER = "/dev/pts/"
+
+
+class Opened(NamedTuple):
+    """A port that is open."""
+
+    port: serial.Serial
+    name: str
+    """What it is called now."""
+
+
+Reopen = Callable[[], Opened]
+"""Opens a port again; raises PortError where it is not there or cannot be had yet."""
+
+
+def way_back(name: str, settings: PortSettings, port: serial.Serial) -> Reopen | None:
+    """How a port that is open now can be opened again after a loss; None where it never returns.
+
+    A simulated line and a bare pseudo-terminal do not: what is called so later is another one.
+    """
+    identity = identity_of(name, device_of(port), comports())
+    if identity is None:
+        return None
+
+    def reopen() -> Opened:
+        found = identity.find(comports())
+        if found is None:
+            raise PortError(f"{name} is not plugged in")
+        target = found if "://" in found else os.path.realpath(found)
+        if target.startswith(_PTY_FOLDER) and holders_of(target):
+            # The link was left behind, and its number has become somebody's terminal.
+            raise PortError(f"{target} is a terminal that others use")
+        return Opened(open_port(found, settings), target)
+
+    return reopen
+
+
+class Return:
+    """Tries to open a port again until that works, or until nobody waits for it any more."""
+
+    def __init__(self, reopen: Reopen) -> None:
+        """Begin to look for the port."""
+        self._reopen = reopen
+        self._found: Opened | None = None
+        self._given_up = False
+        self._changed = threading.Condition()
+        threading.Thread(target=self._run, name="waits for a port", daemon=True).start()
+
+    def wait(self, timeout_s: float) -> Opened | None:
+        """The open port once it is there; None if it is not within `timeout_s` seconds."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._found, timeout_s)
+            found, self._found = self._found, None
+            return found
+
+    def give_up(self) -> None:
+        """Look no further; returns at once. A port that is being opened is closed again."""
+        with self._changed:
+            self._given_up = True
+            self._changed.notify_all()
+            if self._found is not None:
+                self._found.port.close()
+
+    def _run(self) -> None:
+        wait_s = FIRST_WAIT_S
+        while not self._gives_up_within(wait_s):
+            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+            try:
+                opened = self._reopen()
+            except PortError:
+                continue
+            with self._changed:
+                if self._given_up:
+                    opened.port.close()
+                self._found = opened
+                self._changed.notify_all()
+            return
+
+    def _gives_up_within(self, seconds: float) -> bool:
+        with self._changed:
+            return self._changed.wait_for(lambda: self._given_up, seconds)

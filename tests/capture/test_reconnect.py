@@ -1,0 +1,202 @@
+"""Ports that are lost and come back: real pseudo-terminals behind a link, and real servers."""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+from time import monotonic
+
+import pytest
+
+from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.ports import PortSettings
+from fte_sniff.capture.source import SourceEnd, open_source
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+
+CLOCK = Clock.tied()
+BOUND_S = 30.0
+
+
+@pytest.fixture
+def adapter(tmp_path):
+    """A link such as udev keeps, and a way to point it at a terminal."""
+
+    class Adapter:
+        name = str(tmp_path / "usb-FTDI-if00-port0")
+
+        def plug(self, pty):
+            fresh = tmp_path / "new"
+            fresh.symlink_to(pty.device)
+            fresh.rename(self.name)
+
+        def pull(self, pty):
+            os.unlink(self.name)  # noqa: PTH108
+            pty.unplug()
+
+    return Adapter()
+
+
+@pytest.fixture
+def opened():
+    sources = []
+
+    def opens(name):
+        sources.append(open_source(name, PortSettings(), CLOCK, reconnect=True))
+        return sources[-1]
+
+    yield opens
+    for source in sources:
+        source.close()
+
+
+class Heard:
+    """What came from a source so far."""
+
+    def __init__(self, source):
+        self._items = iter(source)
+        self.data = b""
+        self.events = []
+        self.times = []
+
+    def until(self, holds):
+        deadline = monotonic() + BOUND_S
+        while not holds(self):
+            assert monotonic() < deadline, (self.data[-50:], self.events)
+            item = next(self._items)
+            self.times.append(item.t_ns)
+            if isinstance(item, Chunk):
+                self.data += item.data
+            else:
+                self.events.append(item)
+
+    def until_event(self, kind):
+        self.until(lambda heard: heard.events and heard.events[-1].kind is kind)
+        return self.events[-1]
+
+    def rest(self):
+        return [item for item in self._items if isinstance(item, PortEvent)]
+
+
+def test_an_adapter_that_comes_back_under_another_name_goes_on(new_pty, adapter, opened):
+    first, second = new_pty(), new_pty()
+    adapter.plug(first)
+    source = opened(adapter.name)
+    heard = Heard(source)
+    first.send(b"before")
+    heard.until(lambda h: h.data == b"before")
+    adapter.pull(first)
+    lost = heard.until_event(PortEventKind.LOST)
+    assert lost.detail.endswith("waiting for it to come back")
+    assert source.end is None
+    second.send(b"not yet")
+    adapter.plug(second)
+    found = heard.until_event(PortEventKind.FOUND_AGAIN)
+    assert found.detail.endswith(f" s as {second.device}")
+    assert float(found.detail.split()[1]) == pytest.approx((found.t_ns - lost.t_ns) / 1e9, abs=0.1)
+    second.send(b" and after")
+    # What came before it was opened again is not the wire's any more.
+    heard.until(lambda h: h.data.endswith(b"after"))
+    assert heard.data == b"before and after"
+    assert heard.times == sorted(heard.times)
+    source.stop()
+    assert [event.kind for event in heard.rest()] == [PortEventKind.CLOSED]
+    assert source.end is SourceEnd.STOPPED
+
+
+def test_it_comes_back_as_often_as_it_goes(new_pty, adapter, opened):
+    pty = new_pty()
+    adapter.plug(pty)
+    source = opened(adapter.name)
+    heard = Heard(source)
+    for number in range(3):
+        sent = b"%d" % number
+        pty.send(sent)
+        heard.until(lambda h, sent=sent: h.data.endswith(sent))
+        adapter.pull(pty)
+        heard.until_event(PortEventKind.LOST)
+        pty = new_pty()
+        adapter.plug(pty)
+        heard.until_event(PortEventKind.FOUND_AGAIN)
+    assert heard.data == b"012"
+    assert source.bytes_read == 3
+
+
+def test_time_goes_on_while_it_is_waited_for_and_stop_ends_it_at_once(new_pty, adapter, opened):
+    pty = new_pty()
+    adapter.plug(pty)
+    source = opened(adapter.name)
+    heard = Heard(source)
+    adapter.pull(pty)
+    lost = heard.until_event(PortEventKind.LOST)
+    heard.until(lambda h: h.times[-1] > lost.t_ns + 200_000_000)
+    beats = [t_ns for t_ns in heard.times if t_ns > lost.t_ns]
+    assert len(beats) < 20
+    start = monotonic()
+    source.stop()
+    assert [event.kind for event in heard.rest()] == [PortEventKind.CLOSED]
+    assert monotonic() - start < 5
+    assert source.end is SourceEnd.STOPPED
+
+
+def test_a_server_that_comes_back_is_found_again(opened):
+    with socket.create_server(("127.0.0.1", 0), reuse_port=True) as server:
+        host, number = server.getsockname()
+        source = opened(f"socket://{host}:{number}")
+        heard = Heard(source)
+        connection, _ = server.accept()
+        connection.sendall(b"one")
+        connection.close()
+        assert "hung up" in heard.until_event(PortEventKind.LOST).detail
+        # It connects again by itself.
+        connection, _ = server.accept()
+        found = heard.until_event(PortEventKind.FOUND_AGAIN)
+        assert " as " not in found.detail
+        connection.sendall(b"two")
+        heard.until(lambda h: h.data == b"onetwo")
+        connection.close()
+
+
+def test_a_server_that_takes_no_connection_does_not_hold_up_the_end(opened):
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen(0)
+        host, number = server.getsockname()
+        source = opened(f"socket://{host}:{number}")
+        heard = Heard(source)
+        connection, _ = server.accept()
+        with socket.create_connection((host, number)):
+            # The queue is full now: to connect again would last long.
+            connection.close()
+            lost = heard.until_event(PortEventKind.LOST)
+            heard.until(lambda h: h.times[-1] > lost.t_ns + 400_000_000)
+            start = monotonic()
+            source.close()
+            assert monotonic() - start < 2
+
+
+def test_a_link_left_behind_does_not_open_somebodys_terminal(new_pty, adapter, opened):
+    pty = new_pty()
+    adapter.plug(pty)
+    heard = Heard(opened(adapter.name))
+    adapter.pull(pty)
+    lost = heard.until_event(PortEventKind.LOST)
+    theirs = new_pty()
+    with subprocess.Popen(
+        [sys.executable, "-c", "import sys; sys.stdin.read()"], stdin=theirs.near
+    ) as user:
+        before = theirs.attributes()
+        adapter.plug(theirs)
+        heard.until(lambda h: h.times[-1] > lost.t_ns + 2_000_000_000)
+        assert heard.events[-1] is lost
+        assert theirs.attributes() == before
+        user.terminate()
+    heard.until_event(PortEventKind.FOUND_AGAIN)
+
+
+def test_a_port_that_cannot_return_ends(pty):
+    source = open_source(pty.device, PortSettings(), CLOCK, reconnect=True)
+    threading.Thread(target=pty.unplug).start()
+    kinds = [item.kind for item in source if isinstance(item, PortEvent)]
+    assert kinds == [PortEventKind.OPENED, PortEventKind.LOST]
+    assert source.end is SourceEnd.LOST
