@@ -11,6 +11,7 @@ simulated ones.
     tap            listening: one port, or one for each of two wires
     identity, returning   what a lost port is known by, and how it is waited for
     clock          the time that chunks are stamped with
+    lateness       how much earlier than they are stamped bytes may have come
     simulator/     a host, a controller and a wire as a pure model
     url_handlers/  sim:// and socket://, as pyserial finds them
     reading        taking what has arrived from any kind of port

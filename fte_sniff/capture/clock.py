@@ -1,6 +1,7 @@
 """Owns the time of a capture: one clock that never falls, tied to UTC once.
 
-It must not know what is stamped with it.
+It must not know what is stamped with it. When the system's clock is set meanwhile, this one goes
+on evenly; a watch tells of it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ _CLOCK_NAME = "CLOCK_BOOTTIME" if hasattr(time, "CLOCK_BOOTTIME") else "CLOCK_MO
 _CLOCK: int = getattr(time, _CLOCK_NAME)
 
 _TRIES = 16
+
+LEAST_STEP_NS = 1_000_000_000
+"""The least jump of the system's clock that is told of; what is drawn evenly is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +54,22 @@ class Clock:
             "clock_steady_at_tie_ns": str(self.steady_at_tie_ns),
             "clock_tie_uncertainty_ns": str(self.uncertainty_ns),
         }
+
+
+class ClockWatch:
+    """Notices when the system's clock is set."""
+
+    def __init__(self, ahead_ns: int) -> None:
+        """Begin with how far the system's clock is ahead, as `Clock.system_ahead_ns` tells it."""
+        self._ahead_ns = ahead_ns
+
+    def step(self, ahead_ns: int) -> int:
+        """How far the system's clock was set forth since the last look, nanoseconds.
+
+        Below 0 where it was set back; 0 where it goes as it did. Look every second or so.
+        """
+        step_ns, self._ahead_ns = ahead_ns - self._ahead_ns, ahead_ns
+        return step_ns if abs(step_ns) >= LEAST_STEP_NS else 0
 
 
 def _tie() -> Clock:

@@ -18,6 +18,7 @@ import serial
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.holders import holders_of
 from fte_sniff.capture.items import Item, SourceEnd
+from fte_sniff.capture.lateness import lateness_ns
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
 from fte_sniff.capture.reading import reader_of
 from fte_sniff.capture.refusal import one_line
@@ -55,6 +56,7 @@ class PortSource:
         *,
         detail: str = "",
         capacity: int = CAPACITY,
+        uncertainty_ns: int = 0,
         reopen: Reopen | None = None,
     ) -> None:
         """Take over an open port.
@@ -65,6 +67,7 @@ class PortSource:
             clock: what they are stamped with.
             detail: how the port was opened, for the event.
             capacity: how many bytes may wait for the consumer.
+            uncertainty_ns: how much earlier than they are stamped bytes may have come.
             reopen: how to open the port again when it is lost; None to end then.
         """
         self.name = name
@@ -72,6 +75,7 @@ class PortSource:
         self._clock = clock
         self._read = reader_of(port)
         self._capacity = capacity
+        self._uncertainty_ns = uncertainty_ns
         self._reopen = reopen
         self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         # Each is written by one thread alone: what was put less what was taken is what waits.
@@ -87,7 +91,7 @@ class PortSource:
     @property
     def uncertainty_ns(self) -> Mapping[str, int]:
         """How much earlier than the times say bytes may have been on the wire."""
-        return {self.name: 0}
+        return {self.name: self._uncertainty_ns}
 
     def __iter__(self) -> Iterator[Item]:
         try:
@@ -226,5 +230,6 @@ def open_source(
         name,
         clock,
         detail=f"{settings}{shared}",
+        uncertainty_ns=lateness_ns(port),
         reopen=way_back(name, settings, port) if reconnect else None,
     )

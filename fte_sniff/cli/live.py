@@ -5,7 +5,9 @@ It must not know how a capture runs or how a screen looks; it starts the one and
 
 from __future__ import annotations
 
+import signal
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import isnan
 from pathlib import Path
@@ -15,7 +17,7 @@ import click
 
 from fte_sniff.cli.filtering import filter_option, row_filter, selection
 from fte_sniff.cli.keeping import keep_rows_option
-from fte_sniff.cli.signals import signals_call
+from fte_sniff.cli.signals import ENDING, signals_call
 from fte_sniff.cli.telling import tell
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
@@ -51,6 +53,9 @@ _DURATION = _Seconds(min=0, min_open=True)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Record to this file.")
 @click.option("--force", is_flag=True, help="Overwrite the recording if it exists.")
 @click.option("--no-record", is_flag=True, help="Record nothing.")
+@click.option(
+    "--keep-recording", is_flag=True, help="Go on when the view is killed or its terminal gone."
+)
 @click.option("--plain", is_flag=True, help="Print one line a row instead of the screen.")
 @filter_option
 @keep_rows_option(1_000_000)
@@ -62,6 +67,7 @@ def command(
     plain: bool,
     output: Path | None,
     no_record: bool,
+    keep_recording: bool,
     keep_rows: int,
     **options: Any,
 ) -> None:
@@ -71,6 +77,8 @@ def command(
     hwgrep://, or sim://, a simulated host and controller (sim://?seed=1&rate=200&drop=0.01).
     Nothing is ever written to it. The recording goes to fte-sniff-<UTC time>.mcap in this folder,
     unless -o names it or --no-record does without. The filter is for the eyes: all is recorded.
+    A device or a server that is lost is waited for, and found again by its link, USB serial or
+    place.
 
     \b
     fte-sniff live /dev/ttyUSB0
@@ -81,7 +89,11 @@ def command(
         raise UsageError("-o names a recording and --no-record wants none; leave one of them out")
     if output == Path("-"):
         raise UsageError("a recording must be a regular file, not a stream; name one with -o")
-    plan = _plan(output=output, no_record=no_record, **options)
+    if no_record and keep_recording:
+        raise UsageError(
+            "--keep-recording and --no-record: there is nothing to keep; leave one out"
+        )
+    plan = _plan(output=output, no_record=no_record, keep_recording=keep_recording, **options)
     if plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         _print_lines(plan, filter_text)
     else:
@@ -101,6 +113,7 @@ def _plan(
     rts: str,
     output: Path | None,
     no_record: bool,
+    keep_recording: bool,
     force: bool,
     no_reconnect: bool,
     duration: float | None,
@@ -119,6 +132,7 @@ def _plan(
         wiring=Tap(ports, settings, reconnect=not no_reconnect),
         recording=None if no_record else output or _default_path(),
         existing=existing if output else Existing.NUMBER,
+        outlives_view=keep_recording,
         duration_s=duration,
         count=count,
     )
@@ -130,10 +144,11 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
     from fte_sniff.session.live import LiveSession
 
     session = LiveSession(plan)
-    with signals_call(session.stop):
+    with signals_call(session.stop, _ending(plan)):
         session.begin()
         if session.recording is not None:
             tell(f"recording to {session.recording}")
+        _tell_who_goes_on(plan, session)
         print_lines(session, select, ports=len(plan.wiring.names) > 1)
         _leave(session)
 
@@ -144,19 +159,34 @@ def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int) -> 
     from fte_sniff.tui.app import AtEnd, run_screen
 
     bounded = plan.duration_s is not None or plan.count is not None
+    at_end = AtEnd.LEAVE if bounded else AtEnd.STAY
     code = 0
     session = LiveSession(plan)
-    with signals_call(session.stop):
+    with signals_call(session.stop, _ending(plan)):
         session.begin()
+        _tell_who_goes_on(plan, session)
     try:
         if not session.stopping:
-            code = run_screen(session, AtEnd.LEAVE if bounded else AtEnd.STAY, wanted, keep_rows)
+            code = run_screen(session, at_end, wanted, keep_rows, _ending(plan))
     finally:
         # The screen hears signals in its own way, and forgets ours.
-        with signals_call(session.stop):
+        with signals_call(session.stop, _ending(plan)):
             session.close()
             _leave(session)
     sys.exit(code)
+
+
+def _ending(plan: CapturePlan) -> Sequence[signal.Signals]:
+    """The signals that ask the capture to end; another one ends the view alone."""
+    if plan.outlives_view:
+        return [number for number in ENDING if number is not signal.SIGHUP]
+    return ENDING
+
+
+def _tell_who_goes_on(plan: CapturePlan, session: LiveSession) -> None:
+    if plan.outlives_view:
+        pid = session.capture_pid
+        tell(f"the capture outlives this view if that is killed; `kill {pid}` ends it then")
 
 
 def _leave(session: LiveSession) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from fte_sniff.cli.telling import abandon_blocked
@@ -12,11 +12,14 @@ PATIENCE_S = 3.0
 """How long an output that nobody takes may hold up the end once that was asked for, seconds."""
 
 _AGAIN_S = 1.0
-_NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""The signals that ask for the end, where nobody says otherwise."""
 
 
 @contextmanager
-def signals_call(stop: Callable[[], None]) -> Iterator[None]:
+def signals_call(
+    stop: Callable[[], None], numbers: Sequence[signal.Signals] = ENDING
+) -> Iterator[None]:
     """While in this context, Ctrl-C, SIGTERM and a closed terminal ask for the end.
 
     Asking more often is asking once, also behind this context: once asked, the program ends, and
@@ -37,11 +40,11 @@ def signals_call(stop: Callable[[], None]) -> Iterator[None]:
         stop()
 
     alarm_before = signal.signal(signal.SIGALRM, press)
-    before = [signal.signal(number, ask) for number in _NUMBERS]
+    before = [signal.signal(number, ask) for number in numbers]
     try:
         yield
     finally:
-        for number, handler in zip(_NUMBERS, before, strict=True):
+        for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, signal.SIG_IGN if asked else handler)
         signal.signal(signal.SIGALRM, _press_on if asked else alarm_before)
 

@@ -90,6 +90,12 @@ class LiveSession:
         return self._stopped_at_s is not None
 
     @property
+    def capture_pid(self) -> int:
+        """The capture process, for whoever has to end it without this view."""
+        assert self._process.pid is not None
+        return self._process.pid
+
+    @property
     def total_rows(self) -> int:
         """All rows captured so far."""
         return self._total

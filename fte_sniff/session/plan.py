@@ -22,6 +22,8 @@ class CapturePlan:
     """Where to record to; None to record nothing."""
     existing: Existing = Existing.REFUSE
     """What to do when the recording's file is there already."""
+    outlives_view: bool = False
+    """Whether to go on when the view is killed or its terminal gone; not when it asks to end."""
     duration_s: float | None = None
     """End after so many seconds; None, or infinity, to go on."""
     count: int | None = None

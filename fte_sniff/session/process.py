@@ -8,7 +8,9 @@ more; in each case the file is closed.
 from __future__ import annotations
 
 import signal
+import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
@@ -22,6 +24,9 @@ from fte_sniff.session.outbox import Outbox
 from fte_sniff.session.plan import CapturePlan
 from fte_sniff.session.run import Run
 
+_SWITCH_EVERY_S = 0.0005
+"""How long the thread that frames and records may keep the one that reads from its bytes."""
+
 _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -34,6 +39,7 @@ def capture(plan: CapturePlan, view: Connection) -> None:
     """
     # Ctrl-C reaches every process of the terminal; here only the view decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.setswitchinterval(_SWITCH_EVERY_S)
     clock = Clock.tied()
     try:
         with plan.wiring.open(clock) as source:
@@ -45,17 +51,21 @@ def capture(plan: CapturePlan, view: Connection) -> None:
 def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connection) -> None:
     for number in _ENDING_SIGNALS:
         signal.signal(number, lambda *_: source.stop())
+    if plan.outlives_view:
+        # The terminal is gone, and with it the view; that is no reason to end.
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if view.poll():
         # Whatever comes means the end. Nothing was captured yet: no file is made, none replaced.
         _tell(view, Ended())
         return
     # From here on an end leaves an empty recording, which is a true one: the port was open, and
     # nothing came.
-    recorder = _recorder(plan, clock)
+    recorder = _recorder(plan, _facts(plan, clock, source))
     _tell(view, Started(recorder.path if recorder else None))
-    threading.Thread(target=_obey, args=(view, source), name="obeys", daemon=True).start()
-    outbox = Outbox(view, source.stop)
-    ended = Run(plan, source, recorder, outbox).to_the_end()
+    when_gone = _go_on if plan.outlives_view else source.stop
+    threading.Thread(target=_obey, args=(view, source, when_gone), daemon=True).start()
+    outbox = Outbox(view, when_gone)
+    ended = Run(plan, clock, source, recorder, outbox).to_the_end()
     # The file is closed: what is left to be told is nothing to hold up a signal for.
     for number in _ENDING_SIGNALS:
         signal.signal(number, signal.SIG_DFL)
@@ -67,19 +77,32 @@ def _tell(view: Connection, message: Message) -> None:
         view.send(message)
 
 
-def _recorder(plan: CapturePlan, clock: Clock) -> RecordingWriter | None:
+def _facts(plan: CapturePlan, clock: Clock, source: Source) -> dict[str, str]:
+    """What the recording says of its capture."""
+    facts = host_facts(clock.utc_at_tie_ns) | clock.facts()
+    facts["settings"] = str(plan.wiring.settings)
+    for number, name in enumerate(plan.wiring.names, 1):
+        facts[f"port.{number}.time_uncertainty_ns"] = str(source.uncertainty_ns[name])
+    return facts
+
+
+def _recorder(plan: CapturePlan, facts: dict[str, str]) -> RecordingWriter | None:
     if plan.recording is None:
         return None
-    settings = plan.wiring.settings
-    facts = host_facts(clock.utc_at_tie_ns) | clock.facts() | {"settings": str(settings)}
-    ports = tuple(PortFacts(name, settings.baud) for name in plan.wiring.names)
+    baud = plan.wiring.settings.baud
+    ports = tuple(PortFacts(name, baud) for name in plan.wiring.names)
     return RecordingWriter(plan.recording, ports, facts, existing=plan.existing)
 
 
-def _obey(view: Connection, source: Source) -> None:
+def _obey(view: Connection, source: Source, when_gone: Callable[[], None]) -> None:
     try:
         while view.recv() != STOP:
             pass
     except (EOFError, OSError):
-        pass  # nobody is there to tell us any more
-    source.stop()
+        when_gone()
+    else:
+        source.stop()
+
+
+def _go_on() -> None:
+    """What a capture does about a view that is gone, where it was asked to outlive it."""

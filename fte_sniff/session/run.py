@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import groupby
 
+from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.items import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError
 from fte_sniff.protocol import Chunk, Framer, PortEvent, PortEventKind, Row
@@ -34,12 +35,15 @@ class Run:
     def __init__(
         self,
         plan: CapturePlan,
+        clock: Clock,
         source: Source,
         recorder: RecordingWriter | None,
         outbox: Outbox,
     ) -> None:
         """Make ready; nothing is taken from the source yet."""
         self._plan = plan
+        self._clock = clock
+        self._clock_watch = ClockWatch(clock.system_ahead_ns())
         self._source = source
         self._recorder = recorder
         self._outbox = outbox
@@ -84,8 +88,19 @@ class Run:
         self._order.heard(chunk.port, now_ns, waits_since_ns, data=bool(chunk.data))
         self._end_when_due(now_ns)
         if now_ns >= self._flush_ns:
+            self._watch_clock(chunk.port, now_ns)
             self._record(RecordingWriter.flush)
             self._flush_ns = now_ns + FLUSH_EVERY_NS
+
+    def _watch_clock(self, port: str, now_ns: int) -> None:
+        step_ns = self._clock_watch.step(self._clock.system_ahead_ns())
+        if step_ns:
+            way = "back" if step_ns < 0 else "forth"
+            detail = (
+                f"this machine's clock was set {way} by {abs(step_ns) / 1e9:.3f} s; "
+                "the times here go on evenly from the start of the capture"
+            )
+            self._order.put(port, [PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail)])
 
     def _end_when_due(self, now_ns: int) -> None:
         if self._plan.duration_s is None:

@@ -80,6 +80,7 @@ class SniffApp(App[None]):
         at_end: AtEnd = AtEnd.STAY,
         row_filter: RowFilter | None = None,
         keep_rows: int = DEFAULT_BOUND,
+        signals: Sequence[signal.Signals] = ENDING_SIGNALS,
     ) -> None:
         """A screen that has not begun.
 
@@ -88,13 +89,14 @@ class SniffApp(App[None]):
             at_end: what to do when no more rows can come.
             row_filter: shows only the rows that it wants, until the user says otherwise.
             keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
+            signals: upon which the screen closes; others do what they did before.
         """
         super().__init__()
         self.animation_level = "none"
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
         self._watched = Watched(feed, row_filter, keep_rows)
-        self._at_end = at_end
+        self._at_end, self._signals = at_end, signals
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(self._watched.store, self._header)
         self._detail, self._notice = DetailPane(), NoticeLine()
@@ -134,7 +136,7 @@ class SniffApp(App[None]):
             self._table.action_first()
         self.set_interval(TICK_S, self.tick)
         loop = asyncio.get_running_loop()
-        for number in ENDING_SIGNALS:
+        for number in self._signals:
             # Off the main thread there are no signal handlers; whoever runs it there ends it.
             with contextlib.suppress(RuntimeError, ValueError):
                 loop.add_signal_handler(number, self.exit)
@@ -142,7 +144,7 @@ class SniffApp(App[None]):
     def on_unmount(self) -> None:
         """Give the signals back."""
         loop = asyncio.get_running_loop()
-        for number in ENDING_SIGNALS:
+        for number in self._signals:
             with contextlib.suppress(RuntimeError, ValueError):
                 loop.remove_signal_handler(number)
 
@@ -266,6 +268,7 @@ def run_screen(
     at_end: AtEnd = AtEnd.STAY,
     row_filter: RowFilter | None = None,
     keep_rows: int = DEFAULT_BOUND,
+    signals: Sequence[signal.Signals] = ENDING_SIGNALS,
 ) -> int:
     """Show the feed until the user ends it, or a signal does; the feed is then asked to stop.
 
@@ -274,6 +277,7 @@ def run_screen(
         at_end: what to do when no more rows can come.
         row_filter: shows only the rows that it wants, until the user says otherwise.
         keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
+        signals: upon which the screen closes; others do what they did before.
 
     Returns:
         0, or another number where the screen itself broke, which then has been said.
@@ -281,7 +285,7 @@ def run_screen(
     Raises:
         FteSniffError: the feed failed; the terminal is as it was before.
     """
-    app = SniffApp(feed, at_end, row_filter, keep_rows)
+    app = SniffApp(feed, at_end, row_filter, keep_rows, signals)
     try:
         app.run()
     finally:
