@@ -23,28 +23,32 @@ damage is labelled with its cause. A recording is complete in itself at every mo
 user can do wrong ends in one line that says what, where, and the way out.
 """
 
-from fte_sniff.errors import (
-    FileError,
-    FilterError,
-    FteSniffError,
-    InputTextError,
-    PortError,
-    UsageError,
-    ValueRangeError,
-)
-from fte_sniff.protocol import (
-    KINDS,
-    Chunk,
-    Damage,
-    Fault,
-    Frame,
-    Framer,
-    PortEvent,
-    Row,
-    Status,
-    encode,
-    record,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fte_sniff.errors import (
+        FileError,
+        FilterError,
+        FteSniffError,
+        InputTextError,
+        PortError,
+        UsageError,
+        ValueRangeError,
+    )
+    from fte_sniff.protocol import (
+        KINDS,
+        Chunk,
+        Damage,
+        Fault,
+        Frame,
+        Framer,
+        PortEvent,
+        Row,
+        Status,
+        encode,
+        record,
+    )
 
 __all__ = [
     "KINDS",
@@ -66,3 +70,13 @@ __all__ = [
     "encode",
     "record",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load the public names when they are asked for, so that the program can begin at once."""
+    if name in __all__:
+        for room in ("errors", "protocol"):
+            module = import_module(f"{__name__}.{room}")
+            if hasattr(module, name):
+                return getattr(module, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

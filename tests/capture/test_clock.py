@@ -1,6 +1,8 @@
 import time
 
-from fte_sniff.capture.clock import Clock
+import pytest
+
+from fte_sniff.capture.clock import Clock, ClockWatch
 
 
 def test_the_clock_never_falls_and_tells_utc():
@@ -32,3 +34,20 @@ def test_the_facts_tell_the_whole_tie():
     assert facts["clock"] in ("CLOCK_BOOTTIME", "CLOCK_MONOTONIC")
     told = ("clock_utc_at_tie_ns", "clock_steady_at_tie_ns", "clock_tie_uncertainty_ns")
     assert [facts[name] for name in told] == ["7", "8", "9"]
+
+
+@pytest.mark.parametrize(
+    ("ahead_ms", "steps_ms"),
+    [
+        # Drawn evenly by NTP, however far it gets in a week.
+        ([0, 1, 2, 500, 900, 1400, 2300], [0, 0, 0, 0, 0, 0]),
+        ([0, -3_600_000, -3_600_000, -3_600_001], [-3_600_000, 0, 0]),
+        ([5, 1005, 1006], [1000, 0]),
+        ([5, 1004, 5], [0, 0]),
+        ([0, 60_000, 0], [60_000, -60_000]),
+    ],
+)
+def test_a_clock_that_is_set_is_noticed_once_and_one_that_is_drawn_is_not(ahead_ms, steps_ms):
+    first, *later = (ms * 1_000_000 for ms in ahead_ms)
+    watch = ClockWatch(first)
+    assert [watch.step(ahead_ns) for ahead_ns in later] == [ms * 1_000_000 for ms in steps_ms]

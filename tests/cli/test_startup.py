@@ -1,7 +1,9 @@
 """`hex` and `encode` start at once: they import nothing heavy."""
 
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -47,3 +49,22 @@ def test_no_command_prints_the_help(run, arguments: list[str]) -> None:
     done = run(*arguments)
     assert done.returncode == 2
     assert "Commands:\n" in done.stderr
+
+
+def test_ctrl_c_while_it_loads_is_no_traceback(environment, tmp_path: Path) -> None:
+    # A library that takes for ever to load, in the place of the first that is loaded.
+    (tmp_path / "click.py").write_text("print('loading', flush=True)\ninput()\n")
+    with subprocess.Popen(
+        [sys.executable, "-m", "fte_sniff", "live", "sim://"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**environment, "PYTHONPATH": str(tmp_path)},
+        cwd=tmp_path,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"loading\n"
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert process.returncode == -signal.SIGINT
+    assert errors == b""
