@@ -26,6 +26,8 @@ class FeedState:
     """Why it ended, one line for people; None while it runs, or where there is nothing to tell."""
     trouble: str | None = None
     """What has gone wrong although it runs on, one line for people: the recording has stopped."""
+    waiting: bool = False
+    """Whether a port is lost at present, and waited for."""
     rows: int = 0
     """All rows that came so far, those included that were not handed over."""
     not_shown: int = 0

@@ -22,6 +22,9 @@ from fte_sniff.protocol import (
 STATUS_MARK = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
 """One character that says the status without colour."""
 
+ORDER_MARK = "~"
+"""The character of a row in order whose place among another port's rows is not certain."""
+
 _KIND_WIDTH = max(len(kind.name) for kind in KINDS)
 _TIME_WIDTH = len(iso_time(0))
 _VALUES_WIDTH = max(
@@ -55,7 +58,7 @@ class Layout:
             "-" if row.t_ns is None else iso_time(row.t_ns),
             shown(row.port),
             str(row.offset).rjust(_OFFSET_WIDTH),
-            STATUS_MARK[row.status],
+            mark_of(row),
             kind_text(row),
             values_text(row),
             spaced_hex(row.raw),
@@ -79,7 +82,7 @@ class Layout:
         told = "  ".join(filter(None, (values_text(row), faults, spaced_hex(row.raw))))
         if not isinstance(row, Frame):
             kind, told = faults, spaced_hex(row.raw)
-        return self._narrow(clock, shown(row.port), STATUS_MARK[row.status], kind, told)
+        return self._narrow(clock, shown(row.port), mark_of(row), kind, told)
 
     def _narrow(self, clock: str, port: str, mark: str, kind: str, told: str) -> tuple[str, ...]:
         times = (clock.ljust(_CLOCK_WIDTH),) if self.times else ()
@@ -110,6 +113,13 @@ class Layout:
             raw.ljust(_RAW_WIDTH),
             faults,
         )
+
+
+def mark_of(row: Row) -> str:
+    """One character that says what there is to mind about a row; a space where there is nothing."""
+    if row.order_uncertain and row.status is Status.OK:
+        return ORDER_MARK
+    return STATUS_MARK[row.status]
 
 
 def kind_text(row: Row) -> str:

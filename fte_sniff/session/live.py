@@ -17,7 +17,7 @@ from typing import Self
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.errors import FileError, FteSniffError, PortError
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.session.messages import STOP, Batch, Ended, Message, Started
 from fte_sniff.session.plan import CapturePlan
 from fte_sniff.session.process import capture
@@ -55,6 +55,7 @@ class LiveSession:
         self._begun = False
         self._ended: Ended | None = None
         self._total = self._not_shown = 0
+        self._away: set[str] = set()
         self._stopped_at_s: float | None = None
         self._receiving = False
         context = multiprocessing.get_context("spawn")
@@ -199,6 +200,11 @@ class LiveSession:
         if isinstance(message, Started):
             self._begun, self.recording = True, message.recording
             return None
+        for event in message.events:
+            if event.kind is PortEventKind.LOST:
+                self._away.add(event.port)
+            elif event.kind is PortEventKind.FOUND_AGAIN:
+                self._away.discard(event.port)
         self._total, self._not_shown = message.total_rows, message.not_shown
         if message.recording_failure is not None:
             self.recording = None
@@ -212,6 +218,7 @@ class LiveSession:
             title=" + ".join(self._plan.wiring.names),
             recording=str(self.recording) if self.recording else None,
             running=ended is None,
+            waiting=ended is None and bool(self._away),
             ended=(ended.reason or "stopped") if ended else None,
             trouble=str(self.error) if running_on else None,
             rows=self._total,

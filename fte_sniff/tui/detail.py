@@ -16,6 +16,7 @@ from textual.containers import VerticalScroll
 from textual.widgets import Static
 
 from fte_sniff.errors import shown
+from fte_sniff.formats.layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
 from fte_sniff.protocol.dissect import Part, dissect, explain
 from fte_sniff.tui.table.layout import MARKS
@@ -32,6 +33,9 @@ BESIDE_CELLS = 30
 
 ROOMY_LINES = 40
 """Lines of the terminal from which on flag bytes are explained bit by bit."""
+
+UNCERTAIN_ORDER = "a row of the other port may have come first: their times are too close to tell"
+"""What the sign of an uncertain order means."""
 
 _HEX_WIDTH = 3 * BYTES_BESIDE
 _NAME_WIDTH = 10
@@ -57,6 +61,10 @@ def detail_text(row: Row, palette: Palette, room: Room) -> Text:
         first, *more = _wrap(said, room.width - 2)
         lines.append(Text(f"{MARKS[row.status]} {first}", style=wrong))
         lines += [Text(f"  {line}", style=wrong) for line in more]
+    if row.order_uncertain:
+        words = _wrap(UNCERTAIN_ORDER, room.width - 2)
+        marks = (ORDER_MARK, *(" " * (len(words) - 1)))
+        lines += [Text(f"{mark} {line}") for mark, line in zip(marks, words, strict=True)]
     for part in dissect(row):
         lines += _part_lines(part, palette, room)
     for line in lines:

@@ -18,7 +18,9 @@ from textual.screen import ModalScreen
 from textual.widgets import Static
 
 from fte_sniff.analysis.filter import EXAMPLES
+from fte_sniff.formats.layout import ORDER_MARK
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, Status, status_of
+from fte_sniff.tui.detail import UNCERTAIN_ORDER
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.table.layout import MARKS
 
@@ -30,7 +32,8 @@ def help_pairs() -> Iterator[tuple[str, list[Pair]]]:
     """The page's sections: a heading, and what stands under it."""
     for heading, keys in SECTIONS:
         yield heading, [(key.key_display or key.key, key.tooltip) for key in keys]
-    yield "Signs before a row", [(MARKS[status], status.value) for status in Status]
+    signs = [(MARKS[status], status.value) for status in Status]
+    yield "Signs before a row", [*signs, (ORDER_MARK, UNCERTAIN_ORDER)]
     yield (
         "Faults",
         [(f"{MARKS[status_of((fault,))]} {fault}", said) for fault, said in FAULT_MEANINGS.items()],

@@ -23,6 +23,7 @@ class Mode(StrEnum):
 
     LOADING = "LOADING"
     LIVE = "LIVE"
+    WAITING = "WAITING"
     SCROLLED = "SCROLLED"
     PAUSED = "PAUSED"
     ENDED = "ENDED"
@@ -30,11 +31,15 @@ class Mode(StrEnum):
 
 
 def mode_of(state: FeedState, paused: bool, following: bool) -> Mode:
-    """The mode of a view on such a feed; LIVE is said only while the newest rows are in view."""
+    """The mode of a view on such a feed; LIVE is said only while the newest rows are in view.
+
+    WAITING is said instead while a port is lost.
+    """
     if paused:
         return Mode.PAUSED
     if state.live and state.running:
-        return Mode.LIVE if following else Mode.SCROLLED
+        newest = Mode.WAITING if state.waiting else Mode.LIVE
+        return newest if following else Mode.SCROLLED
     if state.live:
         return Mode.ENDED
     return Mode.LOADING if state.running else Mode.FILE
@@ -79,7 +84,7 @@ class TitleLine(Widget):
         if self._shown != (state, mode, unseen):
             self._shown = (state, mode, unseen)
             self.set_class(mode is Mode.PAUSED, "-paused")
-            self.set_class(mode is Mode.ENDED, "-ended")
+            self.set_class(mode in (Mode.ENDED, Mode.WAITING), "-ended")
             self.refresh()
 
     def render(self) -> Text:

@@ -16,6 +16,7 @@ def test_packing_loses_nothing(rows: list[Row], data: st.DataObject) -> None:
     assert again == rows[start:]
     assert [type(row) for row in again] == [type(row) for row in rows[start:]]
     assert [row.read_delay_ns for row in again] == [row.read_delay_ns for row in rows[start:]]
+    assert [row.order_uncertain for row in again] == [row.order_uncertain for row in rows[start:]]
 
 
 def test_a_row_and_its_place_under_a_filter_take_no_more_than_64_bytes() -> None:

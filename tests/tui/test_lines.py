@@ -36,6 +36,8 @@ NUMBERS = Numbers(
         (LIVE, False, True, Mode.LIVE),
         (LIVE, False, False, Mode.SCROLLED),
         (LIVE, True, False, Mode.PAUSED),
+        (replace(LIVE, waiting=True), False, True, Mode.WAITING),
+        (replace(LIVE, waiting=True), False, False, Mode.SCROLLED),
         (replace(LIVE, running=False), False, False, Mode.ENDED),
         (replace(LIVE, live=False), False, False, Mode.LOADING),
         (replace(LIVE, live=False, running=False), False, False, Mode.FILE),

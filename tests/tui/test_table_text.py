@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
 
+from fte_sniff.formats.layout import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMNS,
     KIND_BY_NAME,
@@ -22,6 +24,7 @@ from fte_sniff.protocol import (
     encode,
     record,
 )
+from fte_sniff.tui.detail import Room, detail_text
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
 from fte_sniff.tui.table.layout import MARKS, ORDER, VALUES, clock_text, layout_for, values_text
 from fte_sniff.tui.table.painter import Painter
@@ -197,3 +200,13 @@ def test_every_kind_and_status_has_a_style(palette: Palette) -> None:
 
 def test_the_clock_is_utc() -> None:
     assert clock_text(1_769_860_800_123_456_789, 9) == "12:00:00.123456789"
+
+
+def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_means() -> None:
+    row = Frame("p", 0, bytes.fromhex("AA0000000000000000EE"), 1, order_uncertain=True)
+    assert painted(row, 80)[0] == ORDER_MARK
+    assert painted(replace(row, faults=(Fault.AMBIGUOUS,)), 80)[0] == MARKS[Status.SUSPECT]
+    assert (
+        f"{ORDER_MARK} a row of the other port"
+        in detail_text(row, DARK, Room(80, bits=False)).plain
+    )

@@ -12,6 +12,7 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
+from fte_sniff.formats.layout import mark_of
 from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, record
 from fte_sniff.tui.table.layout import MARKS, VALUES, Layout, TableColumn, faulty_text, values_text
 from fte_sniff.tui.table.palette import Palette
@@ -37,7 +38,7 @@ class Painter:
         has_values = isinstance(row, Frame) and row.kind is not None
         cuts_faults = self._cuts_faults
         spans = not has_values and cuts_faults
-        segments = [Segment(MARKS[row.status], self.palette.marks[row.status])]
+        segments = [Segment(mark_of(row), self.palette.marks[row.status])]
         room = sum(column.width + 1 for column in columns if column.name in SPANNED) - 1
         for column in columns:
             if not (spans and column.name in SPANNED):
