@@ -43,6 +43,12 @@ def holders_of(device: str) -> list[Holder]:
     ]
 
 
+def sharing_note(device: str | None) -> str:
+    """What to add where a port is told to be open: who else has it; empty where nobody has."""
+    holders = holders_of(device) if device else []
+    return "".join(f"; {holder} has it open too, and may take bytes away" for holder in holders)
+
+
 def _others() -> list[int]:
     if not _PROC.is_dir():
         return []

@@ -16,7 +16,7 @@ from contextlib import suppress
 import serial
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.holders import holders_of
+from fte_sniff.capture.holders import sharing_note
 from fte_sniff.capture.items import Item, SourceEnd
 from fte_sniff.capture.lateness import lateness_ns
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
@@ -168,7 +168,8 @@ class PortSource:
     def _take_over(self, opened: Opened, away_s: float) -> None:
         self._port, self._read = opened.port, reader_of(opened.port)
         named = "" if opened.name == self.name else f" as {opened.name}"
-        self._tell(PortEventKind.FOUND_AGAIN, f"after {away_s:.1f} s{named}")
+        shared = sharing_note(device_of(opened.port))
+        self._tell(PortEventKind.FOUND_AGAIN, f"after {away_s:.1f} s{named}{shared}")
 
     def _hand_on(self, chunk: Chunk) -> None:
         waiting = self._put_cost - self._taken_cost
@@ -222,14 +223,11 @@ def open_source(
         reconnect: wait for the port when it is lost, if it is one that can return.
     """
     port = open_port(name, settings)
-    device = device_of(port)
-    holders = holders_of(device) if device else []
-    shared = "".join(f"; {holder} has it open too, and may take bytes away" for holder in holders)
     return PortSource(
         port,
         name,
         clock,
-        detail=f"{settings}{shared}",
+        detail=f"{settings}{sharing_note(device_of(port))}",
         uncertainty_ns=lateness_ns(port),
         reopen=way_back(name, settings, port) if reconnect else None,
     )
