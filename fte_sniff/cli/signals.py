@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -47,6 +48,9 @@ def signals_call(
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, signal.SIG_IGN if asked else handler)
         signal.signal(signal.SIGALRM, _press_on if asked else alarm_before)
+        if asked:
+            # While Python takes itself apart nobody hears an alarm, and it would kill.
+            atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
 
 
 def _press_on(*_: object) -> None:
