@@ -65,9 +65,10 @@ def way_back(name: str, settings: PortSettings, port: serial.Serial) -> Reopen |
 class Return:
     """Tries to open a port again until that works, or until nobody waits for it any more."""
 
-    def __init__(self, reopen: Reopen) -> None:
-        """Begin to look for the port."""
+    def __init__(self, reopen: Reopen, first_wait_s: float = FIRST_WAIT_S) -> None:
+        """Begin to look for the port, the first time after so many seconds."""
         self._reopen = reopen
+        self._first_wait_s = first_wait_s
         self._found: Opened | None = None
         self._given_up = False
         self._changed = threading.Condition()
@@ -89,7 +90,7 @@ class Return:
                 self._found.port.close()
 
     def _run(self) -> None:
-        wait_s = FIRST_WAIT_S
+        wait_s = self._first_wait_s
         while not self._gives_up_within(wait_s):
             wait_s = min(2 * wait_s, LONGEST_WAIT_S)
             try:

@@ -22,7 +22,14 @@ from fte_sniff.capture.lateness import lateness_ns
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
 from fte_sniff.capture.reading import reader_of
 from fte_sniff.capture.refusal import one_line
-from fte_sniff.capture.returning import Opened, Reopen, Return, way_back
+from fte_sniff.capture.returning import (
+    FIRST_WAIT_S,
+    LONGEST_WAIT_S,
+    Opened,
+    Reopen,
+    Return,
+    way_back,
+)
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 CAPACITY = 32 * 2**20
@@ -77,6 +84,7 @@ class PortSource:
         self._capacity = capacity
         self._uncertainty_ns = uncertainty_ns
         self._reopen = reopen
+        self._lost_at_bytes = -1
         self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         # Each is written by one thread alone: what was put less what was taken is what waits.
         self._put_cost = 0
@@ -156,7 +164,10 @@ class PortSource:
         with suppress(OSError):  # a driver may complain of what is gone
             self._port.close()
         self._read = _nothing
-        returning = Return(reopen)
+        # A port that came back and brought nothing is likely to go again: then slowly.
+        fruitless = self.bytes_read == self._lost_at_bytes
+        self._lost_at_bytes = self.bytes_read
+        returning = Return(reopen, LONGEST_WAIT_S if fruitless else FIRST_WAIT_S)
         while not self._stopping:
             opened = returning.wait(_BEAT_S)
             if opened is not None:

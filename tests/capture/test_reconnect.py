@@ -11,6 +11,7 @@ import pytest
 
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.ports import PortSettings
+from fte_sniff.capture.returning import FIRST_WAIT_S, LONGEST_WAIT_S
 from fte_sniff.capture.source import SourceEnd, open_source
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
@@ -155,6 +156,26 @@ def test_a_server_that_comes_back_is_found_again(opened):
         connection.sendall(b"two")
         heard.until(lambda h: h.data == b"onetwo")
         connection.close()
+
+
+def test_a_server_that_hangs_up_at_once_is_asked_slowly(opened):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            for _ in range(4):
+                server.accept()[0].close()
+
+        serving = threading.Thread(target=serve)
+        serving.start()
+        heard = Heard(opened(f"socket://127.0.0.1:{server.getsockname()[1]}"))
+        kinds = [PortEventKind.LOST, PortEventKind.FOUND_AGAIN]
+        heard.until(lambda h: [e.kind for e in h.events[1:]] == kinds * 3)
+        serving.join()
+    lost = [event.t_ns for event in heard.events if event.kind is PortEventKind.LOST]
+    found = [event.t_ns for event in heard.events if event.kind is PortEventKind.FOUND_AGAIN]
+    waits_s = [(after - before) / 1e9 for before, after in zip(lost, found, strict=True)]
+    assert waits_s[0] > FIRST_WAIT_S - 0.01
+    assert min(waits_s[1:]) > LONGEST_WAIT_S - 0.01
 
 
 def test_a_server_that_takes_no_connection_does_not_hold_up_the_end(opened):
