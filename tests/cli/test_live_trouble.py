@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from fte_sniff.protocol import PortEventKind
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.outbox import MOST_WAITING
 from tests.cli.processes import (
@@ -20,6 +21,7 @@ from tests.cli.processes import (
     hears,
     holding,
     started,
+    until,
     wait_until,
     wire,
 )
@@ -103,6 +105,56 @@ def test_a_port_that_vanishes_while_it_is_opened_is_one_line(run, tmp_path: Path
     assert done.stderr.count("\n") == 1
     assert "no such port" in done.stderr or "unplugged" in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+SET_BACK = r"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <time.h>
+#include <unistd.h>
+
+/* The system's clock as it is; an hour behind once the file in CLOCK_SET_BACK is there. */
+int clock_gettime(clockid_t clock, struct timespec *time)
+{
+    static int (*real)(clockid_t, struct timespec *);
+    if (!real)
+        real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+    int failed = real(clock, time);
+    if (clock == CLOCK_REALTIME && access(getenv("CLOCK_SET_BACK"), F_OK) == 0)
+        time->tv_sec -= 3600;
+    return failed;
+}
+"""
+
+
+def test_a_clock_that_is_set_back_is_noted_and_times_go_on_evenly(
+    environment, tmp_path: Path
+) -> None:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no compiler, to make a clock that can be set")
+    library, mark = tmp_path / "clock.so", tmp_path / "mark"
+    built = [compiler, "-shared", "-fPIC", "-o", str(library), "-x", "c", "-", "-ldl"]
+    subprocess.run(built, input=SET_BACK.encode(), check=True)
+    world = {**environment, "LD_PRELOAD": str(library), "CLOCK_SET_BACK": str(mark)}
+    with started(world, tmp_path, "live", SIM, "-o", "x.mcap") as process:
+        told(process, "recording to")
+        until(process, b"speed_feedback")
+        mark.touch()
+        said = told(process, " clock set: ")
+        assert "this machine's clock was set back by 3600." in said
+        until(process, b"speed_feedback")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "port events: clock_set 1" in errors
+    reader = RecordingReader(tmp_path / "x.mcap")
+    times = [row.t_ns or 0 for row in reader]
+    assert times == sorted(times)
+    assert times[-1] - times[0] < 600 * 10**9
+    (event,) = [e for e in reader.events() if e.kind is PortEventKind.CLOCK_SET]
+    assert times[0] < event.t_ns < times[-1]
 
 
 def test_a_stopped_view_costs_no_byte_and_bounded_memory(run, environment, tmp_path: Path) -> None:

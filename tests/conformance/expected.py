@@ -27,6 +27,8 @@ def _row_line(row: Row) -> str:
     fields = {"offset": str(row.offset), "raw": row.raw.hex()}
     if row.read_delay_ns is not None:
         fields["read_delay_ns"] = str(row.read_delay_ns)
+    if row.order_uncertain:
+        fields["order_uncertain"] = "true"
     if row.faults:
         fields["faults"] = ",".join(f"FAULT_{fault}".upper() for fault in row.faults)
     kind = row.kind if isinstance(row, Frame) else None
@@ -45,7 +47,10 @@ def _row_line(row: Row) -> str:
 
 def _event_line(event: PortEvent) -> str:
     kind = f"PORT_EVENT_KIND_{event.kind}".upper()
-    return _line(EVENTS.name, event.t_ns, {"kind": kind, "detail": event.detail.encode().hex()})
+    detail = event.detail.encode().hex()
+    return _line(
+        EVENTS.name, event.t_ns, {"kind": kind, "detail": detail, "count": str(event.count)}
+    )
 
 
 def _line(topic: str, t_ns: int | None, fields: dict[str, str]) -> str:
