@@ -15,6 +15,9 @@ simulated ones.
     simulator/     a host, a controller and a wire as a pure model
     url_handlers/  sim:// and socket://, as pyserial finds them
     reading        taking what has arrived from any kind of port
+    line_errors    what a UART reports of bytes in error, counted and marked
+    latency        how soon a driver hands on what it has
+    granted        what an open port is asked for before it is read
     refusal, permission, holders   why a port cannot be had, and the way out
     listing        the ports that are plugged in
     controller_pty a simulated controller as a device for other programs

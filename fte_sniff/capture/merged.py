@@ -34,6 +34,11 @@ class MergedSource:
         """By port: how much earlier than the times say bytes may have been on the wire."""
         return ChainMap(*(dict(source.uncertainty_ns) for source in self._sources))
 
+    @property
+    def granted(self) -> Mapping[str, str]:
+        """By port: what its driver granted when it was opened, for people."""
+        return ChainMap(*(dict(source.granted) for source in self._sources))
+
     def __iter__(self) -> Iterator[Item]:
         try:
             for item in heapq.merge(*self._sources, key=_time_of):

@@ -16,6 +16,7 @@ from contextlib import suppress
 import serial
 
 from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.granted import Granted, ask
 from fte_sniff.capture.holders import sharing_note
 from fte_sniff.capture.items import Item, SourceEnd
 from fte_sniff.capture.lateness import lateness_ns
@@ -30,7 +31,7 @@ from fte_sniff.capture.returning import (
     Return,
     way_back,
 )
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
 
 CAPACITY = 32 * 2**20
 """Bytes that may wait for the consumer, its bookkeeping included, before reads are dropped."""
@@ -62,6 +63,7 @@ class PortSource:
         clock: Clock,
         *,
         detail: str = "",
+        granted: Granted | None = None,
         capacity: int = CAPACITY,
         uncertainty_ns: int = 0,
         reopen: Reopen | None = None,
@@ -73,6 +75,7 @@ class PortSource:
             name: what chunks and events call the port.
             clock: what they are stamped with.
             detail: how the port was opened, for the event.
+            granted: what the port was asked for and granted; None to ask it here.
             capacity: how many bytes may wait for the consumer.
             uncertainty_ns: how much earlier than they are stamped bytes may have come.
             reopen: how to open the port again when it is lost; None to end then.
@@ -80,6 +83,7 @@ class PortSource:
         self.name = name
         self._port = port
         self._clock = clock
+        self._granted = granted or ask(port)
         self._read = reader_of(port)
         self._capacity = capacity
         self._uncertainty_ns = uncertainty_ns
@@ -100,6 +104,11 @@ class PortSource:
     def uncertainty_ns(self) -> Mapping[str, int]:
         """How much earlier than the times say bytes may have been on the wire."""
         return {self.name: self._uncertainty_ns}
+
+    @property
+    def granted(self) -> Mapping[str, str]:
+        """What the port's driver granted when it was opened, for people."""
+        return {self.name: str(self._granted)}
 
     def __iter__(self) -> Iterator[Item]:
         try:
@@ -133,13 +142,13 @@ class PortSource:
     def _run(self) -> None:
         try:
             while (error := self._read_on()) is not None:
-                self._tell_of_overrun()
+                self._tell_what_is_left()
                 if self._reopen is None:
                     self._finish(SourceEnd.LOST, PortEventKind.LOST, one_line(error))
                     return
                 self._tell(PortEventKind.LOST, f"{one_line(error)}; waiting for it to come back")
                 self._come_back(self._reopen)
-            self._tell_of_overrun()
+            self._tell_what_is_left()
             self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, "as asked")
         finally:
             self._queue.put(None)
@@ -153,7 +162,10 @@ class PortSource:
                 data = self._read()
             except OSError as error:
                 return error
-            self._hand_on(Chunk(self.name, self._clock.now_ns(), data))
+            now_ns = self._clock.now_ns()
+            data, line_errors = self._granted.line.take(data)
+            self._tell_of_line_errors(now_ns, self._granted.line.news(now_ns))
+            self._hand_on(Chunk(self.name, now_ns, data, line_errors))
             self.bytes_read += len(data)
             if last:
                 return None
@@ -177,14 +189,15 @@ class PortSource:
         returning.give_up()
 
     def _take_over(self, opened: Opened, away_s: float) -> None:
-        self._port, self._read = opened.port, reader_of(opened.port)
+        self._port, self._granted = opened.port, ask(opened.port)
+        self._read = reader_of(opened.port)
         named = "" if opened.name == self.name else f" as {opened.name}"
         shared = sharing_note(device_of(opened.port))
         self._tell(PortEventKind.FOUND_AGAIN, f"after {away_s:.1f} s{named}{shared}")
 
     def _hand_on(self, chunk: Chunk) -> None:
         waiting = self._put_cost - self._taken_cost
-        if waiting and not chunk.data:
+        if waiting and not (chunk.data or chunk.line_errors):
             return
         if waiting + _cost(chunk) > self._capacity:
             if not self._dropped:
@@ -204,6 +217,15 @@ class PortSource:
             kind = PortEventKind.OVERRUN
             self._put(PortEvent(self._dropped_at_ns, self.name, kind, detail, self._dropped))
             self._dropped = 0
+
+    def _tell_what_is_left(self) -> None:
+        self._tell_of_overrun()
+        self._tell_of_line_errors(self._clock.now_ns(), self._granted.line.rest())
+
+    def _tell_of_line_errors(self, now_ns: int, counts: LineErrorCounts | None) -> None:
+        if counts:
+            kind = PortEventKind.LINE_ERROR
+            self._put(PortEvent(now_ns, self.name, kind, str(counts), counts.total))
 
     def _tell(self, kind: PortEventKind, detail: str) -> None:
         self._put(PortEvent(self._clock.now_ns(), self.name, kind, detail))
@@ -234,11 +256,13 @@ def open_source(
         reconnect: wait for the port when it is lost, if it is one that can return.
     """
     port = open_port(name, settings)
+    granted = ask(port)
     return PortSource(
         port,
         name,
         clock,
-        detail=f"{settings}{sharing_note(device_of(port))}",
+        detail=f"{settings}; {granted}{sharing_note(device_of(port))}",
+        granted=granted,
         uncertainty_ns=lateness_ns(port),
         reopen=way_back(name, settings, port) if reconnect else None,
     )

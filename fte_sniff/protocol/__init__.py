@@ -18,6 +18,7 @@ order:
         weighing     which reading of the stretch is chosen, and what doubt remains
         reading      a decided stretch, in parts
         tiling       decided bytes to rows
+    line_errors  rows marked where the UART reported errors
 """
 
 from fte_sniff.protocol.codec import encode, frame_faults
@@ -33,6 +34,7 @@ from fte_sniff.protocol.columns import (
     spaced_hex,
 )
 from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.line_errors import LineErrorMarker
 from fte_sniff.protocol.rows import (
     FAULT_MEANINGS,
     SUSPECT_FAULTS,
@@ -40,6 +42,7 @@ from fte_sniff.protocol.rows import (
     Damage,
     Fault,
     Frame,
+    LineErrorCounts,
     PortEvent,
     PortEventKind,
     Row,
@@ -84,6 +87,8 @@ __all__ = [
     "Frame",
     "FrameKind",
     "Framer",
+    "LineErrorCounts",
+    "LineErrorMarker",
     "PortEvent",
     "PortEventKind",
     "Row",

@@ -7,6 +7,7 @@ by the framer, and never changed.
     Frame      ten bytes between a header and a tail (a row)
     Damage     bytes that no frame claims (a row)
     PortEvent  something that happened to the port rather than on the wire
+    LineErrorCounts  how often the UART reported what kind of error
 """
 
 from __future__ import annotations
@@ -88,6 +89,10 @@ class Chunk:
     t_ns: int | None
     """When the read returned, nanoseconds since 1970 UTC; None where the input has no time."""
     data: bytes
+    line_errors: tuple[tuple[int, int], ...] = ()
+    """Where in `data` the UART reported errors: stretches, each from its first place to the one
+    behind its last. The last may reach one place past the data: errors are counted before their
+    bytes are read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +176,42 @@ class PortEventKind(StrEnum):
     CLOSED = "closed"
     WIRING = "wiring"
     CLOCK_SET = "clock_set"
+
+
+@dataclass(frozen=True, slots=True)
+class LineErrorCounts:
+    """How many errors a UART reported, by kind; false where there are none."""
+
+    framing: int = 0
+    """Stop bits that were none: another baud, another polarity, or a disturbed line."""
+    parity: int = 0
+    breaks: int = 0
+    """Times that the line was held low for longer than a byte."""
+    overruns: int = 0
+    """Bytes lost in the UART, because the system was too slow to fetch them."""
+    buffer_overruns: int = 0
+    """Bytes lost in the driver, because nobody read them in time."""
+
+    @property
+    def by_kind(self) -> tuple[int, int, int, int, int]:
+        """The counts in the order of their definition."""
+        return self.framing, self.parity, self.breaks, self.overruns, self.buffer_overruns
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return sum(self.by_kind)
+
+    def __bool__(self) -> bool:
+        return any(self.by_kind)
+
+    def __add__(self, other: LineErrorCounts) -> LineErrorCounts:
+        return LineErrorCounts(*map(int.__add__, self.by_kind, other.by_kind))
+
+    def __str__(self) -> str:
+        """Those that there are: `2 framing, 1 break`."""
+        words = ("framing", "parity", "break", "overrun", "buffer overrun")
+        return ", ".join(f"{n:,} {word}" for n, word in zip(self.by_kind, words, strict=True) if n)
 
 
 @dataclass(frozen=True, slots=True)

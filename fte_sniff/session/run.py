@@ -14,7 +14,7 @@ from itertools import groupby
 from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.items import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError
-from fte_sniff.protocol import Chunk, Framer, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.messages import Ended
 from fte_sniff.session.ordering import Entry, Ordering
@@ -49,6 +49,7 @@ class Run:
         self._outbox = outbox
         names, baud = plan.wiring.names, plan.wiring.settings.baud
         self._framers = {name: Framer(name, baud) for name in names}
+        self._markers = {name: LineErrorMarker() for name in names}
         self._order = Ordering({name: source.uncertainty_ns[name] for name in names})
         self._wiring = WiringWatch(names)
         self._left = plan.count
@@ -82,6 +83,7 @@ class Run:
 
     def _take_chunk(self, chunk: Chunk) -> None:
         framer = self._framers[chunk.port]
+        self._markers[chunk.port].heed(chunk)
         self._put_rows(chunk.port, framer.feed(chunk))
         now_ns = chunk.t_ns or 0
         waits_since_ns = framer.waits_since_ns
@@ -119,6 +121,7 @@ class Run:
 
     def _put_rows(self, port: str, rows: Sequence[Row]) -> None:
         if rows:
+            rows = self._markers[port].mark(rows)
             self._order.put(port, rows)
             self._order.put(port, self._wiring.look(port, rows))
 

@@ -36,11 +36,15 @@ class Numbers:
     following: bool
     below: int
     """Rows behind the end of the window."""
+    line_errors: int = 0
+    """Errors that UARTs reported."""
 
 
 def status_text(numbers: Numbers, width: int) -> str:
     """The line in exactly `width` cells; where it is narrow, the last parts are left out first."""
     parts = _parts(numbers) if width >= ROOMY else _short_parts(numbers)
+    if numbers.line_errors:
+        parts.append(f"{numbers.line_errors:,} line errors")
     if numbers.not_shown:
         parts.append(f"{numbers.not_shown:,} too fast to show")
     parts.append(f"row {numbers.place:,}" if numbers.place else "no row shown")

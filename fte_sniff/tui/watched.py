@@ -12,7 +12,7 @@ from fte_sniff.analysis.feed import Feed, FeedState
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.analysis.tally import Rate, Tally
-from fte_sniff.protocol import PortEvent
+from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToRow
 from fte_sniff.tui.status import Numbers
 from fte_sniff.tui.table.viewport import Viewport
@@ -44,6 +44,7 @@ class Watched:
         self._tally = Tally()
         self._rate = Rate()
         self._frames = 0
+        self._line_errors = 0
         self._per_second: float | None = None
 
     def look(self, now_ns: int) -> News:
@@ -59,6 +60,9 @@ class Watched:
         if update.rows:
             self.store.append(update.rows)
             self._tally.add(update.rows)
+        self._line_errors += sum(
+            event.count for event in update.events if event.kind is PortEventKind.LINE_ERROR
+        )
         changed = bool(update.rows) or bool(self.store.pending)
         self.store.filter_step()
         self._take_rate(now_ns)
@@ -90,6 +94,7 @@ class Watched:
             place=view.cursor + 1 if view.count else 0,
             following=view.following,
             below=view.below,
+            line_errors=self._line_errors,
         )
 
     @property

@@ -106,6 +106,7 @@ def test_the_numbers_stand_still_while_they_grow() -> None:
 
 
 def test_rows_that_came_too_fast_are_told() -> None:
+    assert "7 line errors" in status_text(replace(NUMBERS, line_errors=7), 120)
     assert "7 too fast to show" in status_text(replace(NUMBERS, not_shown=7), 120)
 
 

@@ -1,0 +1,49 @@
+"""Owns what an open port is asked for before it is read, and what became of it.
+
+It must not read or write a byte of the line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import serial
+
+from fte_sniff.capture.latency import LowLatency, ask_low_latency, is_usb, latency_timer_ms
+from fte_sniff.capture.line_errors import LineWatch, line_watch_of
+from fte_sniff.capture.ports import device_of
+
+_USB_FRAME_NS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Granted:
+    """What a port's driver granted."""
+
+    line: LineWatch
+    """What knows of the line's errors."""
+    low_latency: LowLatency
+    timer_ms: int | None
+    """The adapter's latency timer, milliseconds; None where it has none."""
+    usb: bool
+
+    def __str__(self) -> str:
+        timer = "" if self.timer_ms is None else f", latency timer {self.timer_ms} ms"
+        return f"{self.low_latency}{timer}; {self.line.words}"
+
+    @property
+    def held_back_ns(self) -> int:
+        """How long the adapter may keep bytes to itself, as far as is known."""
+        return (self.timer_ms or 0) * 1_000_000 + _USB_FRAME_NS * self.usb
+
+
+def ask(port: serial.Serial) -> Granted:
+    """Ask for low latency, and for line errors; before anything is read of an open port."""
+    low_latency = ask_low_latency(port)
+    device = device_of(port)
+    return Granted(
+        line_watch_of(port),
+        low_latency,
+        latency_timer_ms(device) if device else None,
+        is_usb(device) if device else False,
+    )
