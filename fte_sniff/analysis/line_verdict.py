@@ -54,7 +54,7 @@ _TEXT = frozenset(range(0x20, 0x7F)) | frozenset(b"\t\r\n")
 _TEXT_SHARE = 0.95
 _MOST_BYTES = 600
 _FRAMES_EACH = 400
-_MOST_HEARD = 1500
+_MOST_HEARD = 1000
 _IDLE_BITS = (0, 0, 3, 0, 57, 0, 211, 17)
 _SMOOTHING = 0.5
 _POLARITY_SHOWS = 2.0
@@ -104,16 +104,32 @@ class Verdict:
 
 def judge(data: bytes, baud: int) -> Verdict:
     """What the bytes that came at `baud` say of the line."""
-    frames = readable_frames(data)
-    size, share = len(data), sum(len(frame.raw) for frame in frames) / max(1, len(data))
-    directions = frozenset(frame.direction for frame in frames)
+    plain = judge_frames(data)
+    if plain is not None:
+        return plain
+    guesses = tuple(_guesses(data[:_MOST_BYTES], baud)) if len(data) >= FEW_BYTES else ()
+    condition = _condition_without_frames(data, baud, guesses)
+    return Verdict(condition, len(data), _share(data, readable_frames(data)), guesses=guesses)
+
+
+def judge_frames(data: bytes) -> Verdict | None:
+    """The verdict where there are frames enough for one, or nothing at all; quick. None elsewhere.
+
+    Whatever the baud is at which the bytes came, frames in them prove it right.
+    """
     if not data:
         return Verdict(Condition.SILENT, 0, 0.0)
-    if share >= SOUND_SHARE or (len(frames) > 1 and share >= DAMAGED_SHARE):
-        condition = Condition.SOUND if share >= SOUND_SHARE else Condition.DAMAGED
-        return Verdict(condition, size, share, directions)
-    guesses = tuple(_guesses(data[:_MOST_BYTES], baud)) if size >= FEW_BYTES else ()
-    return Verdict(_condition_without_frames(data, baud, guesses), size, share, directions, guesses)
+    frames = readable_frames(data)
+    share = _share(data, frames)
+    if share < DAMAGED_SHARE or (share < SOUND_SHARE and len(frames) < 2):
+        return None
+    directions = frozenset(frame.direction for frame in frames)
+    condition = Condition.SOUND if share >= SOUND_SHARE else Condition.DAMAGED
+    return Verdict(condition, len(data), share, directions)
+
+
+def _share(data: bytes, frames: list[Frame]) -> float:
+    return sum(len(frame.raw) for frame in frames) / len(data)
 
 
 def readable_frames(data: bytes) -> list[Frame]:

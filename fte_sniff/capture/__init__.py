@@ -19,6 +19,9 @@ simulated ones.
     latency        how soon a driver hands on what it has
     granted        what an open port is asked for before it is read
     refusal, permission, holders   why a port cannot be had, and the way out
+    checks/        what can be wrong with the machine and a port that is not open
+    listening      listening to a port for a while, to judge its line by
+    adapters       USB adapters that have become no port
     listing        the ports that are plugged in
     controller_pty a simulated controller as a device for other programs
 """

@@ -45,6 +45,13 @@ class PortListing:
     """Who has it open, as far as can be seen."""
 
     @property
+    def state(self) -> str:
+        """Whether it can be opened: `free`, `busy`, or `forbidden`."""
+        if not self.permitted:
+            return "forbidden"
+        return "busy" if self.holders else "free"
+
+    @property
     def usb_ids(self) -> str | None:
         """Vendor and product id as people write them, `0403:6001`; None where it is no USB port."""
         return None if self.vid is None else f"{self.vid:04x}:{self.pid or 0:04x}"

@@ -5,7 +5,9 @@ It must not know how they are found, and opens none.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -13,30 +15,73 @@ import click
 if TYPE_CHECKING:
     from fte_sniff.capture.listing import PortListing
 
+list_format_option = click.option(
+    "--format",
+    "form",
+    type=click.Choice(["table", "jsonl"]),
+    default="table",
+    show_default=True,
+    help="A table for people, or a JSON object a line.",
+)
+"""The `--format` option of commands that list something else than rows."""
+
 
 @click.command(name="ports", short_help="List the serial ports.")
-def command() -> None:
-    """List the serial ports that are plugged in, who holds them, and whether you may open them."""
+@list_format_option
+def command(form: str) -> None:
+    """List the serial ports that are plugged in, who holds them, and whether you may open them.
+
+    No port is opened. Which programs have one open is known of your own programs; root is told of
+    all.
+    """
     from fte_sniff.capture.listing import list_ports
 
     found = list_ports()
-    for port in found:
-        click.echo("\n".join(_lines(port)))
-    if not found:
-        click.echo("no serial port is plugged in; sim:// simulates one", err=True)
+    lines = map(_json, found) if form == "jsonl" else _table(found)
+    for line in lines:
+        click.echo(line)
+    for hint in _hints(found):
+        click.echo(hint, err=True)
 
 
-def _lines(port: PortListing) -> Iterator[str]:
+def _json(port: PortListing) -> str:
+    return json.dumps({**asdict(port), "state": port.state}, ensure_ascii=False)
+
+
+def _table(ports: Sequence[PortListing]) -> Iterator[str]:
+    """The columns that say anything, as wide as they need to be."""
+    columns = [(name, [cell(port) for port in ports]) for name, cell in _CELLS.items()]
+    told = [(name, cells) for name, cells in columns if any(cells)]
+    widths = [max(len(name), *map(len, cells)) for name, cells in told]
+    for line in [[name for name, _ in told], *zip(*(cells for _, cells in told), strict=True)]:
+        yield "  ".join(f"{c:<{w}}" for c, w in zip(line, widths, strict=True)).rstrip()
+
+
+_CELLS: Mapping[str, Callable[[PortListing], str]] = {
+    "device": lambda port: port.device,
+    "state": lambda port: port.state,
+    "held by": lambda port: ", ".join(map(str, port.holders)),
+    "USB": lambda port: port.usb_ids or "",
+    "at": lambda port: port.location or "",
+    "serial": lambda port: port.serial_number or "",
+    "driver": lambda port: port.driver or "",
+    "description": lambda port: "" if port.description == "n/a" else port.description,
+    "by id": lambda port: port.by_id or "",
+}
+
+
+def _hints(ports: Sequence[PortListing]) -> Iterator[str]:
+    from fte_sniff.capture.adapters import stray_adapters
+    from fte_sniff.capture.checks.machine import host_of, missing_adapter_hint, stray_finding
     from fte_sniff.capture.permission import way_in
 
-    yield f"{port.device}  {port.description}".removesuffix("  n/a")
-    facts = {
-        "by id": port.by_id,
-        "USB": " ".join(filter(None, (port.usb_ids, port.location))) or None,
-        "serial": port.serial_number,
-        "driver": port.driver,
-        "held by": ", ".join(map(str, port.holders)) or None,
-    }
-    yield from (f"    {name:<8} {value}" for name, value in facts.items() if value)
-    if not port.permitted:
-        yield f"    no permission: {way_in(port.device)}"
+    for port in ports:
+        if not port.permitted:
+            yield f"{port.device}: no permission: {way_in(port.device)}"
+    strays = stray_adapters()
+    for stray in strays:
+        finding = stray_finding(stray)
+        yield f"{finding.about}: {finding.what}: {finding.way_out}"
+    if not strays and all(port.vid is None for port in ports):
+        what = "no USB adapter is" if ports else "no serial port is"
+        yield f"{what} plugged in ({missing_adapter_hint(host_of())}); sim:// simulates one"

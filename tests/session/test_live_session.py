@@ -189,7 +189,7 @@ def test_a_recording_that_fails_is_told_at_once_and_the_capture_goes_on(tmp_path
         assert "recording stopped" in str(session.error)
         assert rows_when_told is not None
         assert session.total_rows > rows_when_told + 200
-    told = RecordingReader(tmp_path / "x.mcap").metadata
+    told = RecordingReader(tmp_path / "x.mcap").metadata["fte-sniff"]
     assert told["port.1.granted"] == "no low latency setting; line errors unavailable"
 
 

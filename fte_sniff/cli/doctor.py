@@ -1,0 +1,82 @@
+"""Owns `fte-sniff doctor`: what is wrong with this set-up, and the command that mends it.
+
+It must not know how anything is found out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import click
+
+from fte_sniff.cli.ports import list_format_option
+from fte_sniff.errors import UsageError, shown
+from fte_sniff.protocol import DEFAULT_BAUD
+
+if TYPE_CHECKING:
+    from fte_sniff.capture.checks.finding import Finding
+
+EXIT_WRONG = 1
+"""Something is wrong."""
+
+
+@click.command(name="doctor", short_help="What is wrong with this set-up, and what mends it.")
+@click.argument("port", required=False)
+@click.option("--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=0.1, max=3600),
+    default=3.0,
+    show_default=True,
+    help="Listen for so long, at most.",
+)
+@click.option("--probe", is_flag=True, help="Try the common bauds on what comes in.")
+@list_format_option
+@click.pass_context
+def command(
+    context: click.Context, port: str | None, baud: int, seconds: float, probe: bool, form: str
+) -> None:
+    """Look at this machine and its ports, and say what mends what is wrong.
+
+    With PORT, that port is opened as `live` opens it, and listened to: wrong baud, swapped
+    polarity and dead wires are guessed from what comes. Nothing is ever written. With --probe the
+    port is set to other bauds too. One finding a line: ok, warn (it could be better) or bad, and
+    behind the arrow the way out. Exit code 0: nothing is bad; 1: something is; 3: the port cannot
+    be opened.
+
+    \b
+    fte-sniff doctor
+    fte-sniff doctor /dev/ttyUSB0 --probe
+    """
+    if probe and port is None:
+        raise UsageError("--probe needs a PORT to probe; 'fte-sniff ports' lists them")
+    from fte_sniff.capture.checks.finding import Level
+
+    wrong = False
+    for finding in _findings(port, baud, seconds, probe):
+        click.echo(_json(finding) if form == "jsonl" else _line(finding))
+        wrong = wrong or finding.level is Level.BAD
+    context.exit(EXIT_WRONG if wrong else 0)
+
+
+def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Finding]:
+    from fte_sniff.capture.ports import PortSettings
+    from fte_sniff.session.doctor import Examination, examine, look_around, look_at_ports
+
+    if port is None:
+        return chain(look_around(), look_at_ports())
+    asked = Examination(port, PortSettings(baud), seconds, probe)
+    return chain(look_around(), examine(asked))
+
+
+def _line(finding: Finding) -> str:
+    way_out = "" if finding.way_out is None else f"  ->  {finding.way_out}"
+    return shown(f"{finding.level:<4}  {finding.about}: {finding.what}{way_out}")
+
+
+def _json(finding: Finding) -> str:
+    return json.dumps(asdict(finding), ensure_ascii=False)

@@ -1,0 +1,56 @@
+"""Owns what can be wrong around a capture: the folder it records to, the terminal it shows on.
+
+It must not know ports.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from fte_sniff.capture.checks.finding import Finding, bad, ok, warn
+from fte_sniff.errors import reason_of
+
+LOW_BYTES = 2**30
+"""Less room than this may not last for a long capture."""
+
+LEAST_BYTES = 50 * 2**20
+"""Less room than this does not last."""
+
+_ELSEWHERE = "cd ~, or name a recording with -o"
+
+
+def folder_finding(folder: Path) -> Finding:
+    """Whether a recording can be made in a folder, and has room to grow."""
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        return bad("folder", f"{folder}: {reason_of(error)}", _ELSEWHERE)
+    own = os.access in os.supports_effective_ids
+    if not os.access(folder, os.W_OK | os.X_OK, effective_ids=own):
+        return bad("folder", f"{folder} cannot be written to", _ELSEWHERE)
+    room = f"{free / 2**30:,.1f} GiB free in {folder}"
+    way_out = "make room, or record elsewhere: fte-sniff live PORT -o /other/disk/x.mcap"
+    if free < LEAST_BYTES:
+        return bad("folder", room, way_out)
+    return warn("folder", room, way_out) if free < LOW_BYTES else ok("folder", room)
+
+
+def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator[Finding]:
+    """Whether the screen of `live` can be drawn.
+
+    Args:
+        environment: the variables of this process.
+        encoding: of standard output.
+    """
+    term = environment.get("TERM", "")
+    if term in ("", "dumb", "unknown"):
+        what = f"TERM is {term!r}: the screen cannot be drawn"
+        yield warn("terminal", what, "export TERM=xterm-256color, or use live --plain")
+    else:
+        yield ok("terminal", f"TERM is {term}")
+    if encoding.lower().replace("-", "") != "utf8":
+        what = f"its encoding is {encoding}: some signs cannot be shown"
+        yield warn("terminal", what, "export LC_ALL=C.UTF-8")

@@ -1,0 +1,220 @@
+"""`doctor` and `ports` as their users run them, with lines whose baud the test knows."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import termios
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from random import Random
+
+import pytest
+
+from benchmarks.faults import draw_frame, ordinary
+from benchmarks.uart import heard
+from fte_sniff.protocol import KINDS, Direction
+from tests.cli.conftest import Run
+
+BAUD_OF = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[1:].isdecimal()}
+FEEDBACK = tuple(kind for kind in KINDS if kind.direction is Direction.FEEDBACK)
+OUTPUT_SPEED = 5
+CHUNK = 16
+
+
+class Line:
+    """A talker with a baud of its own, and a UART between it and the terminal.
+
+    The terminal's other end tells what baud the program has set; what it gets is what a UART that
+    is set to this hears of the talker's line.
+    """
+
+    def __init__(self, far: int, baud: int, *, inverted: bool = False) -> None:
+        random = Random("line")
+        self._frames = [draw_frame(random, ordinary, FEEDBACK) for _ in range(40)]
+        self._far, self._baud, self._inverted = far, baud, inverted
+        self._heard: dict[int, bytes] = {}
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self.bauds_set: list[int] = []
+
+    @contextmanager
+    def talking(self) -> Iterator[Line]:
+        self._thread.start()
+        try:
+            yield self
+        finally:
+            self._ended.set()
+            self._thread.join()
+
+    def _run(self) -> None:
+        os.set_blocking(self._far, False)
+        at = 0
+        while not self._ended.wait(0.002):
+            baud = BAUD_OF[termios.tcgetattr(self._far)[OUTPUT_SPEED]]
+            if self.bauds_set[-1:] != [baud]:
+                self.bauds_set.append(baud)
+                at = 0
+            data = self._heard_at(baud)
+            try:
+                at += os.write(self._far, data[at : at + CHUNK])
+            except BlockingIOError:
+                continue
+            at %= len(data)
+
+    def _heard_at(self, baud: int) -> bytes:
+        if baud not in self._heard:
+            self._heard[baud] = heard(1, self._frames, self._baud, baud, inverted=self._inverted)
+        return self._heard[baud]
+
+
+@contextmanager
+def wire() -> Iterator[tuple[int, str]]:
+    """A pseudo-terminal that nobody has open but at its far end: `doctor` would find who has."""
+    far, near = os.openpty()
+    port = os.ttyname(near)
+    os.close(near)
+    try:
+        yield far, port
+    finally:
+        os.close(far)
+
+
+def doctor(run: Run, *arguments: str) -> tuple[int, dict[str, list[str]]]:
+    """The exit code, and what is said of the port by level."""
+    done = run("doctor", *arguments, "--format", "jsonl")
+    assert not done.stderr, done.stderr
+    said: dict[str, list[str]] = {"ok": [], "warn": [], "bad": []}
+    for line in done.stdout.splitlines():
+        finding = json.loads(line)
+        if finding["about"] == arguments[0]:
+            said[finding["level"]].append(f"{finding['what']} -> {finding['way_out']}")
+    return done.returncode, said
+
+
+def test_a_sound_line_is_well(run: Run) -> None:
+    with wire() as (far, port), Line(far, 115_200).talking():
+        code, said = doctor(run, port, "--seconds", "2")
+    assert code == 0
+    assert not said["bad"]
+    assert "stand in frames: feedback (the controller's TX wire)" in said["ok"][-1]
+    assert "line errors unavailable -> None" in said["ok"]
+
+
+def test_a_wrong_baud_is_named_with_the_command_for_it(run: Run) -> None:
+    with wire() as (far, port), Line(far, 57_600).talking() as line:
+        code, said = doctor(run, port, "--seconds", "2")
+    assert code == 1
+    (bad,) = said["bad"]
+    assert "it looks like 57600 baud" in bad
+    assert bad.endswith(f"-> fte-sniff live {port} --baud 57600")
+    assert [baud for baud in line.bauds_set if baud != 38_400] == [115_200]
+
+
+@pytest.mark.parametrize("baud", [19_200, 230_400, 1_000_000])
+def test_a_probe_finds_the_baud(run: Run, baud: int) -> None:
+    with wire() as (far, port), Line(far, baud).talking() as line:
+        code, said = doctor(run, port, "--seconds", "1", "--probe")
+    assert code == 1
+    assert f"bytes stand in frames at {baud} baud" in said["bad"][-1]
+    assert said["bad"][-1].endswith(f"-> fte-sniff live {port} --baud {baud}")
+    assert line.bauds_set[-1] == baud
+
+
+def test_a_probe_finds_swapped_polarity_at_another_baud(run: Run) -> None:
+    with wire() as (far, port), Line(far, 38_400, inverted=True).talking():
+        code, said = doctor(run, port, "--seconds", "1", "--probe")
+    assert code == 1
+    assert "swapped polarity" in said["bad"][0]
+    assert "probe: swapped polarity at 38400 baud" in said["bad"][1]
+    assert "MAX3232" in said["bad"][1]
+
+
+def test_a_probe_of_a_sound_line_touches_nothing(run: Run) -> None:
+    with wire() as (far, port), Line(far, 115_200).talking() as line:
+        code, said = doctor(run, port, "--seconds", "1", "--probe")
+    assert code == 0
+    assert "probe: not needed, the baud is right -> None" in said["ok"]
+    assert [baud for baud in line.bauds_set if baud != 38_400] == [115_200]
+
+
+def test_a_dead_wire_is_told_and_nothing_is_written_to_it(run: Run) -> None:
+    with wire() as (far, port):
+        code, said = doctor(run, port, "--seconds", "0.3", "--probe")
+        poll = select.poll()
+        poll.register(far, select.POLLIN)
+        written = [events for _, events in poll.poll(0) if events & select.POLLIN]
+    assert not written
+    assert code == 1
+    assert "nothing came: a dead wire" in said["bad"][0]
+
+
+def test_another_reader_is_named_with_the_command_that_ends_it(run: Run) -> None:
+    with wire() as (far, port):
+        near = os.open(port, os.O_RDWR | os.O_NOCTTY)
+        with subprocess.Popen(["sleep", "60"], stdin=near) as other:
+            os.close(near)
+            with Line(far, 115_200).talking():
+                code, said = doctor(run, port, "--seconds", "0.5")
+            other.terminate()
+    assert code == 1
+    assert said["bad"] == [
+        f"sleep (pid {other.pid}) has it open, and takes bytes away -> "
+        f"end it there, or: kill {other.pid}"
+    ]
+
+
+def test_a_busy_port_says_who_has_it_and_exits_with_3(run: Run) -> None:
+    code = "import serial, sys; port = serial.Serial(sys.argv[1], exclusive=True); print(); input()"
+    with wire() as (_, port):
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        with subprocess.Popen([sys.executable, "-c", code, port], **pipes) as holder:  # type: ignore[call-overload]
+            holder.stdout.readline()
+            done = run("doctor", port)
+            holder.stdin.write(b"\n")
+    assert done.returncode == 3
+    assert f"(pid {holder.pid}) has it open, and takes bytes away" in done.stdout
+    assert done.stderr.startswith(f"fte-sniff: {port} is busy:")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_port_that_is_not_there_exits_with_3_after_what_else_was_found(run: Run) -> None:
+    done = run("doctor", "/dev/no-such-port")
+    assert done.returncode == 3
+    assert "folder: " in done.stdout
+    assert done.stderr.startswith("fte-sniff: /dev/no-such-port: no such port;")
+
+
+def test_each_finding_is_a_line_with_its_level(run: Run) -> None:
+    done = run("doctor", "sim://", "--seconds", "0.5")
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
+    assert {line[:4].rstrip() for line in lines} <= {"ok", "warn", "bad"}
+    assert all((line[:4] == "ok  ") != ("  ->  " in line) for line in lines)
+
+
+def test_without_a_port_no_port_is_opened(run: Run) -> None:
+    done = run("doctor")
+    assert done.returncode in (0, 1)
+    assert "clock: " in done.stdout
+    assert not done.stderr
+
+
+def test_a_probe_wants_a_port(run: Run) -> None:
+    done = run("doctor", "--probe")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "fte-sniff ports" in done.stderr
+
+
+def test_ports_as_json_lines_hold_all_that_is_known(run: Run) -> None:
+    done = run("ports", "--format", "jsonl")
+    assert done.returncode == 0
+    for line in done.stdout.splitlines():
+        port = json.loads(line)
+        assert {"device", "by_id", "vid", "pid", "driver", "state", "holders"} <= set(port)
+    table = run("ports").stdout.splitlines()
+    assert len(table) == (len(done.stdout.splitlines()) + 1 if done.stdout else 0)
