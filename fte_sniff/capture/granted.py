@@ -13,8 +13,6 @@ from fte_sniff.capture.latency import LowLatency, ask_low_latency, is_usb, laten
 from fte_sniff.capture.line_errors import LineWatch, line_watch_of
 from fte_sniff.capture.ports import device_of
 
-_USB_FRAME_NS = 1_000_000
-
 
 @dataclass(frozen=True, slots=True)
 class Granted:
@@ -30,11 +28,6 @@ class Granted:
     def __str__(self) -> str:
         timer = "" if self.timer_ms is None else f", latency timer {self.timer_ms} ms"
         return f"{self.low_latency}{timer}; {self.line.words}"
-
-    @property
-    def held_back_ns(self) -> int:
-        """How long the adapter may keep bytes to itself, as far as is known."""
-        return (self.timer_ms or 0) * 1_000_000 + _USB_FRAME_NS * self.usb
 
 
 def ask(port: serial.Serial) -> Granted:

@@ -226,5 +226,9 @@ def line_watch_of(port: serial.Serial) -> LineWatch:
     counters = counters_of(port)
     if counters is None:
         return BlindWatch()
-    ask_for_marks(port.fileno())
-    return UartWatch(counters)
+    try:
+        ask_for_marks(port.fileno())
+        return UartWatch(counters)
+    except (OSError, termios.error):
+        # It has just been unplugged; the first read tells.
+        return BlindWatch()

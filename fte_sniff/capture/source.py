@@ -20,6 +20,7 @@ from fte_sniff.capture.granted import Granted, ask
 from fte_sniff.capture.holders import sharing_note
 from fte_sniff.capture.items import Item, SourceEnd
 from fte_sniff.capture.lateness import lateness_ns
+from fte_sniff.capture.line_errors import BlindWatch, LineWatch
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
 from fte_sniff.capture.reading import reader_of
 from fte_sniff.capture.refusal import one_line
@@ -84,6 +85,7 @@ class PortSource:
         self._port = port
         self._clock = clock
         self._granted = granted or ask(port)
+        self._line: LineWatch = self._granted.line
         self._read = reader_of(port)
         self._capacity = capacity
         self._uncertainty_ns = uncertainty_ns
@@ -163,8 +165,8 @@ class PortSource:
             except OSError as error:
                 return error
             now_ns = self._clock.now_ns()
-            data, line_errors = self._granted.line.take(data)
-            self._tell_of_line_errors(now_ns, self._granted.line.news(now_ns))
+            data, line_errors = self._line.take(data)
+            self._tell_of_line_errors(now_ns, self._line.news(now_ns))
             self._hand_on(Chunk(self.name, now_ns, data, line_errors))
             self.bytes_read += len(data)
             if last:
@@ -175,7 +177,7 @@ class PortSource:
         lost_ns = self._clock.now_ns()
         with suppress(OSError):  # a driver may complain of what is gone
             self._port.close()
-        self._read = _nothing
+        self._read, self._line = _nothing, BlindWatch()
         # A port that came back and brought nothing is likely to go again: then slowly.
         fruitless = self.bytes_read == self._lost_at_bytes
         self._lost_at_bytes = self.bytes_read
@@ -189,7 +191,7 @@ class PortSource:
         returning.give_up()
 
     def _take_over(self, opened: Opened, away_s: float) -> None:
-        self._port, self._granted = opened.port, ask(opened.port)
+        self._port, self._line = opened.port, ask(opened.port).line
         self._read = reader_of(opened.port)
         named = "" if opened.name == self.name else f" as {opened.name}"
         shared = sharing_note(device_of(opened.port))
@@ -220,7 +222,7 @@ class PortSource:
 
     def _tell_what_is_left(self) -> None:
         self._tell_of_overrun()
-        self._tell_of_line_errors(self._clock.now_ns(), self._granted.line.rest())
+        self._tell_of_line_errors(self._clock.now_ns(), self._line.rest())
 
     def _tell_of_line_errors(self, now_ns: int, counts: LineErrorCounts | None) -> None:
         if counts:

@@ -13,11 +13,12 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.items import Source
 from fte_sniff.errors import FteSniffError
-from fte_sniff.recording.facts import PortFacts, host_facts
+from fte_sniff.recording.facts import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.messages import STOP, Ended, Message, Started
 from fte_sniff.session.outbox import Outbox
@@ -37,6 +38,9 @@ def capture(plan: CapturePlan, view: Connection) -> None:
         plan: what to do.
         view: where `Message`s go, and where STOP comes from; its end means STOP too.
     """
+    # Whoever asks who has the port open shall read a name that says something.
+    with suppress(OSError):
+        Path("/proc/self/comm").write_text(PROGRAM)
     # Ctrl-C reaches every process of the terminal; here only the view decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.setswitchinterval(_SWITCH_EVERY_S)

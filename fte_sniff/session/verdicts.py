@@ -5,6 +5,8 @@ It must not know how a verdict is reached.
 
 from __future__ import annotations
 
+from shlex import quote
+
 from fte_sniff.analysis.line_verdict import SURE, Condition, Setting, Verdict
 from fte_sniff.capture.checks.finding import Finding, bad, ok, warn
 from fte_sniff.protocol import Direction
@@ -23,7 +25,8 @@ _POLARITY = (
 def verdict_finding(port: str, baud: int, verdict: Verdict) -> Finding:
     """What a verdict reached at `baud` means for the one at the wire."""
     size = f"{verdict.size:,} bytes"
-    probe = f"fte-sniff doctor {port} --probe"
+    typed = quote(port)
+    probe = f"fte-sniff doctor {typed} --probe"
     match verdict.condition:
         case Condition.SOUND:
             wire = _WIRE.get(verdict.directions, "frames")
@@ -33,7 +36,7 @@ def verdict_finding(port: str, baud: int, verdict: Verdict) -> Finding:
                 port,
                 f"only {verdict.share:.1%} of {size} at {baud} baud stand in frames: a loose plug, "
                 "no common ground, two talkers on the wire, or bytes lost",
-                f"check plug and ground; fte-sniff live {port} --filter malformed",
+                f"check plug and ground; fte-sniff live {typed} --filter malformed",
             )
         case Condition.SILENT:
             return bad(
@@ -50,7 +53,7 @@ def verdict_finding(port: str, baud: int, verdict: Verdict) -> Finding:
             )
         case Condition.TOO_LITTLE:
             what = f"{size} came and no frame: too little to tell by"
-            return warn(port, what, f"fte-sniff doctor {port} --seconds 30")
+            return warn(port, what, f"fte-sniff doctor {typed} --seconds 30")
         case Condition.TEXT:
             what = f"{size} of text and no frame: some other device sends here"
             return bad(port, what, "fte-sniff ports")
@@ -67,7 +70,7 @@ def _frameless(port: str, baud: int, verdict: Verdict, what: str, probe: str) ->
         return bad(port, f"{what}: it looks like swapped polarity{at}", _POLARITY)
     if probability >= SURE and setting.baud < baud:
         what += f": it looks like {setting.baud} baud"
-        return bad(port, what, f"fte-sniff live {port} --baud {setting.baud}")
+        return bad(port, what, f"fte-sniff live {quote(port)} --baud {setting.baud}")
     likely = " or ".join(dict.fromkeys(str(setting.baud) for setting, _ in verdict.guesses[:3]))
     return bad(port, f"{what}: the baud is wrong, perhaps {likely}", probe)
 
@@ -82,4 +85,4 @@ def probe_finding(port: str, found: Setting | None, verdict: Verdict | None) -> 
     what = (
         f"probe: {verdict.share:.1%} of {verdict.size:,} bytes stand in frames at {found.baud} baud"
     )
-    return bad(port, what, f"fte-sniff live {port} --baud {found.baud}")
+    return bad(port, what, f"fte-sniff live {quote(port)} --baud {found.baud}")

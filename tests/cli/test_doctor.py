@@ -11,6 +11,7 @@ import termios
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from random import Random
 
 import pytest
@@ -19,6 +20,7 @@ from benchmarks.faults import draw_frame, ordinary
 from benchmarks.uart import heard
 from fte_sniff.protocol import KINDS, Direction
 from tests.cli.conftest import Run
+from tests.cli.processes import ended, hears, started
 
 BAUD_OF = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[1:].isdecimal()}
 FEEDBACK = tuple(kind for kind in KINDS if kind.direction is Direction.FEEDBACK)
@@ -180,6 +182,18 @@ def test_a_busy_port_says_who_has_it_and_exits_with_3(run: Run) -> None:
     assert f"(pid {holder.pid}) has it open, and takes bytes away" in done.stdout
     assert done.stderr.startswith(f"fte-sniff: {port} is busy:")
     assert done.stderr.count("\n") == 1
+
+
+def test_another_capture_is_named(run: Run, environment: dict[str, str], tmp_path: Path) -> None:
+    with wire() as (far, port):
+        arguments = ("live", port, "--plain", "--no-record")
+        with started(environment, tmp_path, *arguments) as capture:
+            hears(capture, far)
+            done = run("doctor", port)
+            capture.terminate()
+            ended(capture)
+    assert done.returncode == 3
+    assert f"bad   {port}: fte-sniff (pid " in done.stdout
 
 
 def test_a_port_that_is_not_there_exits_with_3_after_what_else_was_found(run: Run) -> None:

@@ -6,6 +6,7 @@ It must not open it.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from fte_sniff.capture.checks.finding import Finding, bad, ok, warn
 from fte_sniff.capture.checks.machine import MEDDLERS, usb_buffering
@@ -47,7 +48,7 @@ def granted_findings(device: str, granted: Granted) -> Iterator[Finding]:
         yield warn(
             device,
             f"the adapter holds bytes back for up to {timer} ms",
-            f"echo 1 | sudo tee {USB_SERIAL}/{device.rpartition('/')[2]}/latency_timer",
+            f"echo 1 | sudo tee {USB_SERIAL / Path(device).resolve().name}/latency_timer",
         )
     elif granted.low_latency is LowLatency.REFUSED:
         yield warn(device, str(granted.low_latency), f"sudo setserial {device} low_latency")
