@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rich.cells import cell_len
 
-from fte_sniff.analysis.feed import FeedState
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind, Row, spaced_hex
 from fte_sniff.tui.detail import Room, detail_text
 from fte_sniff.tui.help import help_text
@@ -15,7 +15,9 @@ from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.notices import event_text
 from fte_sniff.tui.status import Numbers, status_text
 from fte_sniff.tui.table.palette import DARK
+from fte_sniff.tui.table.viewport import Viewport
 from fte_sniff.tui.title import Mode, mode_of, title_text
+from fte_sniff.tui.watched import Watched
 
 LIVE = FeedState("/dev/ttyUSB0", "/home/ana/captures/fte-sniff-20260131T120000Z.mcap")
 NUMBERS = Numbers(
@@ -178,3 +180,26 @@ def test_the_help_has_every_key_and_every_fault(width: int) -> None:
             assert f"{key.key_display} {' '.join(key.tooltip.split())}" in flat
     for fault in FAULT_MEANINGS:
         assert fault in flat
+
+
+class Telling:
+    """A feed of port events alone."""
+
+    def __init__(self, *polls: list[PortEvent]) -> None:
+        self._polls = list(polls)
+
+    def poll(self) -> FeedUpdate:
+        return FeedUpdate(LIVE, events=self._polls.pop(0))
+
+    def stop(self) -> None:
+        """Nothing goes on."""
+
+
+def test_line_errors_are_summed_from_what_the_ports_told() -> None:
+    first = PortEvent(1, "a", PortEventKind.LINE_ERROR, "2 framing", 2)
+    second = PortEvent(2, "b", PortEventKind.LINE_ERROR, "3 break", 3)
+    lost = PortEvent(3, "b", PortEventKind.OVERRUN, "900 bytes", 900)
+    watched = Watched(Telling([first], [second, lost]), None, 100)
+    watched.look(0)
+    watched.look(1)
+    assert watched.numbers(Viewport()).line_errors == 5
