@@ -6,6 +6,7 @@ It must not open one: looking never disturbs a line.
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,9 @@ from fte_sniff.errors import shown
 
 _BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
+_SYS_CHAR = Path("/sys/dev/char")
+_PTY_MAJORS = range(136, 144)
+"""Device numbers of pseudo-terminals, which the system tells nothing else of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +64,27 @@ class PortListing:
 def list_ports() -> list[PortListing]:
     """The ports that are plugged in, in the order of their names."""
     return listings(sorted(comports()))
+
+
+def listing_of(name: str) -> PortListing | None:
+    """What there is to say of one port by any of its names; None where it is no terminal device."""
+    if not _is_terminal(name):
+        return None
+    device = os.path.realpath(name)
+    found = [port for port in comports() if os.path.realpath(port.device) == device]
+    return listings(found or [ListPortInfo(device)])[0]
+
+
+def _is_terminal(name: str) -> bool:
+    try:
+        facts = Path(name).stat()
+    except (OSError, ValueError):
+        return False
+    if not stat.S_ISCHR(facts.st_mode):
+        return False
+    major, minor = os.major(facts.st_rdev), os.minor(facts.st_rdev)
+    subsystem = _SYS_CHAR / f"{major}:{minor}" / "subsystem"
+    return major in _PTY_MAJORS or subsystem.resolve().name == "tty"
 
 
 def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortListing]:

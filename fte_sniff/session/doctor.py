@@ -8,10 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-
-from serial.tools.list_ports_common import ListPortInfo
+from dataclasses import dataclass, replace
 
 from fte_sniff.analysis.line_verdict import (
     COMMON_BAUDS,
@@ -22,8 +19,8 @@ from fte_sniff.analysis.line_verdict import (
     judge,
     judge_frames,
 )
-from fte_sniff.capture.checks.device import device_findings, granted_findings
-from fte_sniff.capture.checks.finding import Finding, bad, ok, warn
+from fte_sniff.capture.checks.device import device_findings, granted_findings, holder_findings
+from fte_sniff.capture.checks.finding import Finding, Level, bad, ok, warn
 from fte_sniff.capture.checks.machine import (
     clock_finding,
     clock_state,
@@ -32,9 +29,9 @@ from fte_sniff.capture.checks.machine import (
     missing_adapter_hint,
 )
 from fte_sniff.capture.listening import Listener
-from fte_sniff.capture.listing import list_ports, listings
+from fte_sniff.capture.listing import list_ports, listing_of
 from fte_sniff.capture.ports import PortSettings
-from fte_sniff.session.surroundings import folder_finding, terminal_findings
+from fte_sniff.session.surroundings import terminal_findings, working_folder_finding
 from fte_sniff.session.verdicts import probe_finding, verdict_finding
 
 ENOUGH = 4000
@@ -62,7 +59,7 @@ class Examination:
 
 def look_around() -> Iterator[Finding]:
     """What can be told of the machine, the folder and the terminal."""
-    yield folder_finding(Path.cwd())
+    yield working_folder_finding()
     yield from terminal_findings(os.environ, sys.stdout.encoding)
     yield clock_finding(clock_state())
     yield from machine_findings()
@@ -73,6 +70,9 @@ def look_at_ports() -> Iterator[Finding]:
     found = list_ports()
     for port in found:
         yield from device_findings(port)
+        # That a port is in use is wrong only where one wants to have it.
+        for finding in holder_findings(port):
+            yield replace(finding, level=Level.WARN)
     if not found:
         yield bad("ports", "no serial port is plugged in", missing_adapter_hint(host_of()))
     elif all(port.vid is None for port in found):
@@ -86,10 +86,10 @@ def examine(asked: Examination) -> Iterator[Finding]:
         PortError: it cannot be opened, or was lost.
     """
     name = asked.port
-    if Path(name).is_char_device():
-        known = [port for port in list_ports() if Path(port.device).samefile(name)]
-        for port in known or listings([ListPortInfo(name)]):
-            yield from device_findings(port)
+    port = listing_of(name)
+    if port is not None:
+        yield from device_findings(port)
+        yield from holder_findings(port)
     with Listener(name, asked.settings) as listener:
         yield from granted_findings(name, listener.granted)
         heard = listener.listen(asked.seconds, ENOUGH)

@@ -22,6 +22,14 @@ LEAST_BYTES = 50 * 2**20
 _ELSEWHERE = "cd ~, or name a recording with -o"
 
 
+def working_folder_finding() -> Finding:
+    """As `folder_finding`, of the folder in which recordings are made unless another is named."""
+    try:
+        return folder_finding(Path.cwd())
+    except OSError:
+        return bad("folder", "the working folder is gone", "cd ~")
+
+
 def folder_finding(folder: Path) -> Finding:
     """Whether a recording can be made in a folder, and has room to grow."""
     try:

@@ -68,9 +68,11 @@ def _frameless(port: str, baud: int, verdict: Verdict, what: str, probe: str) ->
     if verdict.condition is Condition.INVERTED:
         at = "" if setting.baud == baud else f", and {setting.baud} baud"
         return bad(port, f"{what}: it looks like swapped polarity{at}", _POLARITY)
-    if probability >= SURE and setting.baud < baud:
+    if probability >= SURE and setting.baud <= baud:
         what += f": it looks like {setting.baud} baud"
         return bad(port, what, f"fte-sniff live {quote(port)} --baud {setting.baud}")
+    if setting.baud > baud:
+        return bad(port, f"{what}: it looks like a faster line", probe)
     likely = " or ".join(dict.fromkeys(str(setting.baud) for setting, _ in verdict.guesses[:3]))
     return bad(port, f"{what}: the baud is wrong, perhaps {likely}", probe)
 

@@ -20,7 +20,7 @@ from benchmarks.faults import draw_frame, ordinary
 from benchmarks.uart import heard
 from fte_sniff.protocol import KINDS, Direction
 from tests.cli.conftest import Run
-from tests.cli.processes import ended, hears, started
+from tests.cli.processes import PROGRAM, ended, hears, started
 
 BAUD_OF = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[1:].isdecimal()}
 FEEDBACK = tuple(kind for kind in KINDS if kind.direction is Direction.FEEDBACK)
@@ -201,6 +201,27 @@ def test_a_port_that_is_not_there_exits_with_3_after_what_else_was_found(run: Ru
     assert done.returncode == 3
     assert "folder: " in done.stdout
     assert done.stderr.startswith("fte-sniff: /dev/no-such-port: no such port;")
+
+
+@pytest.mark.parametrize("name", ["/dev/null", "/tmp"])
+def test_nobody_is_told_to_kill_what_has_something_else_open(run: Run, name: str) -> None:
+    done = run("doctor", name)
+    assert done.returncode == 3
+    assert "or: kill" not in done.stdout
+
+
+def test_a_working_folder_that_is_gone_is_a_finding(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    inside = "import os, sys; os.rmdir(os.getcwd()); os.execv(sys.executable, sys.argv[1:])"
+    done = subprocess.run(
+        [sys.executable, "-c", inside, *PROGRAM, "doctor"],
+        cwd=gone, env=environment, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (1, "")
+    assert done.stdout.startswith("bad   folder: the working folder is gone  ->  cd ~\n")
 
 
 def test_each_finding_is_a_line_with_its_level(run: Run) -> None:

@@ -30,7 +30,11 @@ def test_every_verdict_has_words_and_a_way_out(
         (AT_57600, "looks like 57600 baud", "fte-sniff live /dev/p --baud 57600"),
         ((Setting(57_600, False), 0.5), "perhaps 57600", "fte-sniff doctor /dev/p --probe"),
         # What is faster than the receiver only probing can tell for sure.
-        ((Setting(460_800, False), 0.99), "perhaps 460800", "fte-sniff doctor /dev/p --probe"),
+        (
+            (Setting(460_800, False), 0.99),
+            "looks like a faster line",
+            "fte-sniff doctor /dev/p --probe",
+        ),
     ],
 )
 def test_a_baud_is_named_as_surely_as_it_is_known(

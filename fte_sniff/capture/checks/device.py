@@ -24,8 +24,6 @@ def device_findings(port: PortListing) -> Iterator[Finding]:
         yield ok(port.device, "you may open it")
     else:
         yield bad(port.device, "no permission", way_in(port.device))
-    for holder in port.holders:
-        yield holder_finding(port.device, holder)
     timer = latency_timer_ms(port.device)
     if timer is not None and timer > SHORT_TIMER_MS:
         yield ok(port.device, f"latency timer {timer} ms, until live asks for low latency")
@@ -35,10 +33,17 @@ def device_findings(port: PortListing) -> Iterator[Finding]:
             yield buffering
 
 
-def holder_finding(device: str, holder: Holder) -> Finding:
-    """That another program has a port open."""
-    way_out = MEDDLERS.get(holder.name, f"end it there, or: kill {holder.pid}")
-    return bad(device, f"{holder} has it open, and takes bytes away", way_out)
+def holder_findings(port: PortListing) -> Iterator[Finding]:
+    """That other programs have a port open."""
+    for holder in port.holders:
+        what = f"{holder} has it open, and takes bytes away"
+        yield bad(port.device, what, _letting_go(port.device, holder))
+
+
+def _letting_go(device: str, holder: Holder) -> str:
+    if holder.name.endswith("getty"):
+        return f"sudo systemctl stop serial-getty@{Path(device).name}.service"
+    return MEDDLERS.get(holder.name, f"end it there, or: kill {holder.pid}")
 
 
 def granted_findings(device: str, granted: Granted) -> Iterator[Finding]:

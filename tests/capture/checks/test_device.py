@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from fte_sniff.capture.checks.device import device_findings, granted_findings, holder_finding
+from fte_sniff.capture.checks.device import device_findings, granted_findings, holder_findings
 from fte_sniff.capture.granted import Granted
 from fte_sniff.capture.holders import Holder
 from fte_sniff.capture.latency import LowLatency
@@ -36,11 +36,12 @@ def test_a_forbidden_port_comes_with_the_way_in(tmp_path):
     [
         ("picocom", "end it there, or: kill 7"),
         ("fte-sniff", "end it there, or: kill 7"),
+        ("agetty", "sudo systemctl stop serial-getty@x.service"),
         ("ModemManager", "sudo systemctl disable --now ModemManager"),
     ],
 )
 def test_who_holds_a_port_is_named_with_what_makes_it_let_go(name, way_out):
-    finding = holder_finding("/dev/x", Holder(7, name))
+    finding = next(holder_findings(replace(FREE, holders=(Holder(7, name),))))
     assert finding.level == "bad"
     assert (f"{name} (pid 7) has it open" in finding.what, finding.way_out) == (True, way_out)
 
