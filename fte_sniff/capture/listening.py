@@ -5,11 +5,10 @@ It must not know what the bytes mean. Nothing is written, at any baud.
 
 from __future__ import annotations
 
+import termios
 import time
 from dataclasses import dataclass
 from typing import Self
-
-import serial
 
 from fte_sniff.capture.granted import Granted, ask
 from fte_sniff.capture.ports import PortSettings, open_port
@@ -65,18 +64,19 @@ class Listener:
             data += line.take(self._take())[0]
         return Heard(bytes(data), line.rest() or LineErrorCounts())
 
-    def sample(self, baud: int, seconds: float, enough: int) -> bytes:
-        """As `listen`, at another baud; the port stays at that. Line errors are not looked at.
+    def sample(self, baud: int, seconds: float, enough: int) -> bytes | None:
+        """As `listen`, at another baud, without line errors; None where it cannot be set.
+
+        The port stays at that baud.
 
         Raises:
-            PortError: the port was lost, or cannot have this baud.
+            PortError: the port was lost.
         """
         try:
             # pyserial also takes back that errors are to be marked.
             self._port.baudrate = baud
-        except (OSError, ValueError, serial.SerialException) as error:
-            told = one_line(error)
-            raise PortError(f"{shown(self._name)} cannot be set to {baud} baud: {told}") from error
+        except (OSError, ValueError, termios.error):
+            return None
         self._collect(_SETTLE_S, _NEVER_ENOUGH)
         return self._collect(seconds, enough)
 

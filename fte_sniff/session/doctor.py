@@ -111,8 +111,11 @@ def _probe(asked: Examination, listener: Listener, verdict: Verdict) -> Finding:
     samples: dict[int, bytes] = {}
     best: tuple[Setting, Verdict] | None = None
     for baud in _by_promise(verdict, asked.settings.baud):
-        samples[baud] = listener.sample(baud, PROBE_S, PROBE_ENOUGH)
-        seen = judge_frames(samples[baud])
+        data = listener.sample(baud, PROBE_S, PROBE_ENOUGH)
+        if data is None:
+            continue
+        samples[baud] = data
+        seen = judge_frames(data)
         if seen is not None and seen.share > (best[1].share if best else 0):
             best = Setting(baud, inverted=False), seen
             if seen.condition is Condition.SOUND:
