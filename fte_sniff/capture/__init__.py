@@ -23,6 +23,9 @@ simulated ones.
     listening      listening to a port for a while, to judge its line by
     adapters       USB adapters that have become no port
     listing        the ports that are plugged in
+    bridge/        a pseudo-terminal in front of a port; every byte passed on both ways
+    backlog        the bounded way from reading threads to the consumer
+    pseudo_terminal   a device that other programs open, and the link to it
     controller_pty a simulated controller as a device for other programs
 """
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 import contextlib
 import os
 import select
-import tty
 from pathlib import Path
 from urllib.parse import urlencode
 
 import serial
 
 from fte_sniff.capture.ports import PortSettings, open_port
+from fte_sniff.capture.pseudo_terminal import PseudoTerminal
 from fte_sniff.capture.simulator import PARAMETERS, SimulationParameters
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import DEFAULT_BAUD
@@ -43,23 +43,17 @@ class ControllerPty:
         """
         told = {parameter.name: getattr(parameters, parameter.name) for parameter in PARAMETERS}
         self._simulated = open_port(f"sim://?{urlencode(told)}", PortSettings(baud))
-        self._ours, theirs = os.openpty()
-        os.set_blocking(self._ours, False)
-        # Raw, so that nothing is echoed; then let go, so that it shows whether anyone listens.
-        tty.setraw(theirs)
-        self.device = os.ttyname(theirs)
+        try:
+            self._terminal = PseudoTerminal(link)
+        except FileError:
+            self._simulated.close()
+            raise
+        self.device = self._terminal.device
         """The device file that programs open, as `/dev/pts/3`."""
-        os.close(theirs)
-        self._link = link
+        self._ours = self._terminal.descriptor
         self._stopping = False
         self._poll = select.poll()
         self._poll.register(self._ours, select.POLLIN)
-        try:
-            self._make_link()
-        except FileError:
-            self._link = None
-            self.close()
-            raise
 
     def __enter__(self) -> ControllerPty:
         return self
@@ -84,11 +78,7 @@ class ControllerPty:
     def close(self) -> None:
         """Take away the device and the link. Not while `run` runs."""
         self._simulated.close()
-        os.close(self._ours)
-        if self._link is not None:
-            with contextlib.suppress(OSError):
-                if str(self._link.readlink()) == self.device:
-                    self._link.unlink()
+        self._terminal.close()
 
     def _carry(self, feedback: bytes) -> None:
         events = dict(self._poll.poll(0)).get(self._ours, 0)
@@ -98,16 +88,3 @@ class ControllerPty:
         with contextlib.suppress(BlockingIOError):
             if feedback and not events & select.POLLHUP:
                 os.write(self._ours, feedback)
-
-    def _make_link(self) -> None:
-        if self._link is None:
-            return
-        try:
-            if self._link.is_symlink() and not self._link.exists():
-                # Left over from a run that was killed: it leads nowhere.
-                self._link.unlink()
-            self._link.symlink_to(self.device)
-        except FileExistsError:
-            raise FileError(f"{self._link} is in the way: remove it, or name another") from None
-        except OSError as error:
-            raise FileError(f"{self._link} cannot be made: {error.strerror}") from error

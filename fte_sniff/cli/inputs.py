@@ -39,7 +39,12 @@ STDIN_NAME = "stdin"
 BATCH = 4096
 """Rows handed on at once, at most, where they come one by one."""
 
-TROUBLES = (PortEventKind.OVERRUN, PortEventKind.LINE_ERROR, PortEventKind.LOST)
+TROUBLES = (
+    PortEventKind.OVERRUN,
+    PortEventKind.LINE_ERROR,
+    PortEventKind.LOST,
+    PortEventKind.NOT_PASSED_ON,
+)
 """Events of a recording that tell of bytes that are not in it, or not as they were sent."""
 
 Note = Callable[[str], None]

@@ -98,7 +98,7 @@ class Framer:
         self._skip = skip
         self._timeline = Timeline(byte_time_ns(baud))
         self._tiler = Tiler(port, self._timeline)
-        self._pause_ns = min(SETTLING_NS, round(PAUSE_BYTES * byte_time_ns(baud)))
+        self._pause_ns = _pause_ns(baud)
         self._data = b""
         self._base = 0
         """Offset in the stream of the first byte of `_data`."""
@@ -119,6 +119,11 @@ class Framer:
         self._pauses: list[int] = []
         """Offsets of bytes before which the line paused."""
         self._settled = False
+
+    def pace(self, baud: int) -> None:
+        """The line has `baud` bits per second from the next chunk on."""
+        self._timeline.pace(byte_time_ns(baud))
+        self._pause_ns = _pause_ns(baud)
 
     def feed(self, chunk: Chunk) -> list[Row]:
         """The rows that this chunk completes; never raises on wire data."""
@@ -360,6 +365,11 @@ class Framer:
             self._lost_from -= done
         while self._pauses and self._pauses[0] <= self._base:
             del self._pauses[0]
+
+
+def _pause_ns(baud: int) -> int:
+    """Silence that counts as a pause, nanoseconds."""
+    return min(SETTLING_NS, round(PAUSE_BYTES * byte_time_ns(baud)))
 
 
 def _settled_part(reading: list[Stretch], size: int) -> list[Stretch]:

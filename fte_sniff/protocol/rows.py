@@ -176,6 +176,8 @@ class PortEventKind(StrEnum):
     CLOSED = "closed"
     WIRING = "wiring"
     CLOCK_SET = "clock_set"
+    BAUD_CHANGED = "baud_changed"
+    NOT_PASSED_ON = "not_passed_on"
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,4 +227,5 @@ class PortEvent:
     detail: str
     """One line for people; may hold text from outside, so show it, never obey it."""
     count: int = 0
-    """What there is to count: bytes of an overrun, errors on the line; else 0."""
+    """What there is to count: bytes of an overrun or not passed on, errors on the line, bits per
+    second from here on where the baud changed; else 0."""

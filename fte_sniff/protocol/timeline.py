@@ -54,6 +54,10 @@ class Timeline:
         self._floor: int | None = None
         self._silent_since: int | None = None
 
+    def pace(self, byte_ns: int) -> None:
+        """Bytes of the chunks from now on take so long, nanoseconds."""
+        self._byte_ns = byte_ns
+
     def add(self, chunk: Chunk) -> int:
         """Take a chunk with bytes; returns the silence before it, nanoseconds, 0 if unknown."""
         stop = self._size + len(chunk.data)

@@ -117,6 +117,8 @@ class Run:
             self._put_rows(event.port, self._framers[event.port].cut())
         if event.kind is PortEventKind.LOST:
             self._lost = event
+        if event.kind is PortEventKind.BAUD_CHANGED and event.count:
+            self._framers[event.port].pace(event.count)
         self._order.put(event.port, [event])
 
     def _put_rows(self, port: str, rows: Sequence[Row]) -> None:

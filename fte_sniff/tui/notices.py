@@ -13,7 +13,14 @@ from fte_sniff.errors import shown
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.table.layout import clock_text
 
-GOOD = frozenset({PortEventKind.OPENED, PortEventKind.FOUND_AGAIN, PortEventKind.CLOSED})
+GOOD = frozenset(
+    {
+        PortEventKind.OPENED,
+        PortEventKind.FOUND_AGAIN,
+        PortEventKind.CLOSED,
+        PortEventKind.BAUD_CHANGED,
+    }
+)
 """Events that are no cause for worry."""
 
 SHOWN_S = 8.0

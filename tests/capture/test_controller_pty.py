@@ -84,6 +84,11 @@ def test_a_link_that_leads_nowhere_is_replaced_and_nothing_else_is(tmp_path):
     assert link.read_text() == "mine"
     with pytest.raises(FileError, match="cannot be made"):
         ControllerPty(ALONE, link=tmp_path / "no" / "such")
+    link.unlink()
+    link.symlink_to("/not/ours")
+    with pytest.raises(FileError, match="in the way"):
+        ControllerPty(ALONE, link=link)
+    assert str(link.readlink()) == "/not/ours"
 
 
 def test_a_link_that_was_taken_over_is_left_alone(tmp_path):

@@ -134,3 +134,16 @@ def test_memory_stays_bounded() -> None:
             rows = framer.feed(Chunk("p", None, unit * (1000 // len(unit))))
             held += 1000 // len(unit) * len(unit) - sum(len(row.raw) for row in rows)
             assert held <= 1200
+
+
+def test_a_new_pace_dates_the_bytes_behind_it_and_no_others() -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", START, SPEED))
+    framer.pace(9600)
+    rows += framer.feed(Chunk("p", START + 100 * MS, SPEED))
+    rows += framer.flush()
+    slow = byte_time_ns(9600)
+    assert [row.t_ns for row in rows] == [
+        START - FRAME_LENGTH * BYTE_NS,
+        START + 100 * MS - FRAME_LENGTH * slow,
+    ]

@@ -1,0 +1,359 @@
+"""The bridge between two real terminals: the test is the host program, and the controller."""
+
+import fcntl
+import os
+import random
+import select
+import struct
+import termios
+import threading
+import time
+from dataclasses import dataclass, field
+
+import pytest
+import serial
+
+from fte_sniff.capture.bridge.host_end import ROOM, HostEnd
+from fte_sniff.capture.bridge.line_speed import speed_of
+from fte_sniff.capture.bridge.source import HOST, MOST_AHEAD, BridgeSource, Departures, open_bridge
+from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.items import SourceEnd
+from fte_sniff.capture.ports import PortSettings, open_port
+from fte_sniff.errors import FileError, PortError
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
+
+CLOCK = Clock.tied()
+BOUND_S = 30.0
+_TIOCGEXCL = 0x80045440
+
+
+@dataclass
+class Kept:
+    """All that a bridge yields, taken by a thread of its own."""
+
+    bridge: object
+    items: list = field(default_factory=list)
+
+    def __post_init__(self):
+        self._thread = threading.Thread(target=self._take)
+        self._thread.start()
+
+    def _take(self):
+        for item in self.bridge:
+            self.items.append(item)
+
+    def data(self, wire):
+        return b"".join(i.data for i in list(self.items) if isinstance(i, Chunk) and i.port == wire)
+
+    def events(self, wire):
+        return [i for i in list(self.items) if isinstance(i, PortEvent) and i.port == wire]
+
+    def kinds(self, wire):
+        return [event.kind.value for event in self.events(wire)]
+
+    def end(self):
+        self.bridge.stop()
+        self._thread.join(BOUND_S)
+        assert not self._thread.is_alive()
+
+
+@pytest.fixture
+def bridges(pty, tmp_path):
+    """Bridges in front of the pty, whose items are taken; all are closed in the end."""
+    made = []
+
+    def make(link=tmp_path / "link", **settings):
+        kept = Kept(open_bridge(pty.device, PortSettings(**settings), CLOCK, link))
+        made.append(kept)
+        return kept
+
+    yield make
+    for kept in made:
+        kept.end()
+
+
+def opened(kept, baud=115200):
+    return serial.Serial(kept.bridge.device, baud, timeout=BOUND_S)
+
+
+def from_far(pty, count):
+    """What has come to the controller's side, `count` bytes of it."""
+    found = b""
+    deadline = time.monotonic() + BOUND_S
+    while len(found) < count:
+        assert time.monotonic() < deadline, found
+        found += pty.arrived(0.1)
+    return found
+
+
+def test_every_byte_is_passed_on_both_ways_and_kept_as_two_wires(bridges, pty, until):
+    kept = bridges()
+    there, back = random.Random(1).randbytes(50_000), random.Random(2).randbytes(50_000)
+    with opened(kept) as host:
+        until(lambda: kept.kinds(HOST) == ["opened"])
+        writers = [
+            threading.Thread(target=host.write, args=(there,)),
+            threading.Thread(target=pty.send, args=(back,)),
+        ]
+        for writer in writers:
+            writer.start()
+        heard = []
+        reader = threading.Thread(target=lambda: heard.append(host.read(len(back))))
+        reader.start()
+        assert from_far(pty, len(there)) == there
+        for thread in (*writers, reader):
+            thread.join(BOUND_S)
+        assert heard == [back]
+    kept.end()
+    assert kept.data(HOST) == there
+    assert kept.data(pty.device) == back
+    assert kept.kinds(pty.device) == ["opened", "closed"]
+    assert kept.bridge.end is SourceEnd.STOPPED
+
+
+def test_the_far_end_gets_nothing_but_what_the_host_program_writes(bridges, pty, until):
+    kept = bridges()
+    pty.send(b"echo me not\r\n" * 10)
+    with opened(kept) as host:
+        until(lambda: kept.kinds(HOST) == ["opened"])
+        pty.send(b"nor me\r\n" * 10)
+        until(lambda: kept.data(pty.device).endswith(b"nor me\r\n"))
+        host.write(b"only this")
+        assert from_far(pty, 9) == b"only this"
+    kept.end()
+    assert pty.arrived() == b""
+
+
+def test_a_host_program_may_come_and_go_and_finds_nothing_old(bridges, pty, until):
+    kept = bridges()
+    for turn in range(3):
+        pty.send(b"nobody hears this")
+        until(lambda upto=turn: kept.data(pty.device).count(b"nobody") == upto + 1)
+        with opened(kept) as host:
+            until(lambda upto=turn: kept.kinds(HOST) == ["opened", "closed"] * upto + ["opened"])
+            pty.send(b"%d" % turn)
+            assert host.read(1) == b"%d" % turn
+            host.write(b"!")
+            assert from_far(pty, 1) == b"!"
+            pty.send(b"unread")
+            until(lambda upto=turn: kept.data(pty.device).count(b"unread") == upto + 1)
+        until(lambda upto=turn: kept.kinds(HOST) == ["opened", "closed"] * (upto + 1))
+    assert kept.data(HOST) == b"!!!"
+
+
+def test_what_a_host_program_writes_before_it_leaves_is_passed_on(bridges, pty):
+    kept = bridges()
+    descriptor = os.open(kept.bridge.device, os.O_WRONLY | os.O_NOCTTY)
+    os.write(descriptor, b"last words")
+    os.close(descriptor)
+    assert from_far(pty, 10) == b"last words"
+
+
+def test_a_terminal_that_echoed_is_raw_again_for_the_next(bridges, pty, until):
+    kept = bridges()
+    with opened(kept) as host:
+        attributes = termios.tcgetattr(host.fileno())
+        attributes[3] |= termios.ECHO
+        termios.tcsetattr(host.fileno(), termios.TCSANOW, attributes)
+        until(lambda: kept.kinds(HOST) == ["opened"])
+    until(lambda: kept.kinds(HOST) == ["opened", "closed"])
+    descriptor = os.open(kept.bridge.device, os.O_RDWR | os.O_NOCTTY)
+    try:
+        assert not termios.tcgetattr(descriptor)[3] & termios.ECHO
+    finally:
+        os.close(descriptor)
+
+
+@pytest.mark.parametrize("baud", [9600, 250_000, 3_000_000])
+def test_the_baud_of_the_host_program_is_followed_and_told(bridges, pty, until, baud):
+    kept = bridges()
+    assert speed_of(pty.near) == 115200
+    with opened(kept, baud) as host:
+        until(lambda: kept.kinds(HOST) == ["opened", "baud_changed"])
+        assert speed_of(pty.near) == baud
+        host.baudrate = 57600
+        until(lambda: speed_of(pty.near) == 57600)
+    kept.end()
+    for wire in (HOST, pty.device):
+        changes = [event for event in kept.events(wire) if event.kind is PortEventKind.BAUD_CHANGED]
+        assert [change.count for change in changes] == [baud, 57600]
+        assert f"{baud} baud" in changes[0].detail
+
+
+def test_a_change_of_baud_comes_before_the_bytes_behind_it(bridges, pty, until):
+    kept = bridges()
+    with opened(kept) as host:
+        host.write(b"slow")
+        assert from_far(pty, 4) == b"slow"
+        host.baudrate = 921_600
+        host.write(b"quick")
+        assert from_far(pty, 5) == b"quick"
+    kept.end()
+    told = [
+        item.data if isinstance(item, Chunk) else item.count
+        for item in kept.items
+        if item.port == HOST and (is_change(item) or (isinstance(item, Chunk) and item.data))
+    ]
+    assert told == [b"slow", 921_600, b"quick"]
+
+
+def is_change(item):
+    return isinstance(item, PortEvent) and item.kind is PortEventKind.BAUD_CHANGED
+
+
+def test_a_baud_that_the_port_refuses_is_told_and_the_old_one_stays(tmp_path, until):
+    bridge = open_bridge("sim://?host=off&rate=1000", PortSettings(), CLOCK, tmp_path / "link")
+    kept = Kept(bridge)
+    with opened(kept, 300):
+        until(lambda: kept.kinds(HOST) == ["opened", "not_passed_on"])
+    kept.end()
+    change = kept.events(HOST)[1]
+    assert change.count == 0
+    assert "300 baud is refused by the port" in change.detail
+
+
+def test_a_hang_up_of_the_host_program_is_told(bridges, pty, until):
+    kept = bridges(dtr="on")
+    with opened(kept) as host:
+        attributes = termios.tcgetattr(host.fileno())
+        attributes[4] = attributes[5] = termios.B0
+        termios.tcsetattr(host.fileno(), termios.TCSANOW, attributes)
+        until(lambda: kept.kinds(HOST) == ["opened", "baud_changed"])
+        assert speed_of(pty.near) == 115200
+
+
+def test_a_host_program_that_does_not_read_holds_up_nothing_and_is_told(bridges, pty, until):
+    kept = bridges()
+    with opened(kept) as host:
+        until(lambda: kept.kinds(HOST) == ["opened"])
+        sent = random.Random(3).randbytes(2 * ROOM)
+        pty.send(sent)
+        until(lambda: len(kept.data(pty.device)) == len(sent), BOUND_S)
+        assert kept.data(pty.device) == sent
+        until(lambda: kept.kinds(HOST) == ["opened", "not_passed_on"])
+        assert "does not read" in kept.events(HOST)[1].detail
+        # What it reads at last is the beginning, whole; and then the present again.
+        host.timeout = 1.0
+        old = host.read(len(sent))
+        assert sent.startswith(old)
+        assert len(old) >= ROOM
+        until(lambda: kept.kinds(HOST) == ["opened", "not_passed_on", "not_passed_on"])
+        assert kept.events(HOST)[2].count == len(sent) - len(old)
+        pty.send(b"now")
+        assert host.read(3) == b"now"
+
+
+def test_a_port_that_takes_nothing_holds_up_the_host_program_and_no_end(bridges, pty, until):
+    kept = bridges()
+    with opened(kept) as host:
+        host.write_timeout = 0.5
+        with pytest.raises(serial.SerialTimeoutException):
+            host.write(b"x" * 10**6)
+        pty.send(b"still heard")
+        assert host.read(11) == b"still heard"
+        kept.end()
+    assert kept.bridge.end is SourceEnd.STOPPED
+    (event,) = [event for event in kept.events(HOST) if event.kind is PortEventKind.NOT_PASSED_ON]
+    assert event.count > 0
+    # What is kept is what was put onto the line, not what was meant to be.
+    line = b""
+    while found := pty.arrived():
+        line += found
+    assert kept.data(HOST).startswith(line)
+
+
+def test_a_lost_port_is_told_and_hangs_up_the_host_program(bridges, pty, until, tmp_path):
+    kept = bridges()
+    with opened(kept) as host:
+        until(lambda: kept.kinds(HOST) == ["opened"])
+        pty.send(b"last words")
+        assert host.read(10) == b"last words"
+        pty.unplug()
+        with pytest.raises(serial.SerialException):
+            host.read(1)
+    kept.end()
+    assert kept.kinds(pty.device) == ["opened", "lost"]
+    assert kept.data(pty.device) == b"last words"
+    assert kept.bridge.end is SourceEnd.LOST
+    assert not (tmp_path / "link").is_symlink()
+
+
+def test_the_port_is_the_bridges_alone_while_it_runs(bridges, pty):
+    kept = bridges()
+    assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (1,)
+    with pytest.raises(PortError, match="busy"):
+        open_bridge(pty.device, PortSettings(), CLOCK)
+    kept.end()
+    assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (0,)
+
+
+def test_a_link_in_the_way_leaves_the_port_free(bridges, pty, tmp_path):
+    (tmp_path / "link").write_text("mine")
+    with pytest.raises(FileError, match="in the way"):
+        bridges()
+    bridges(link=tmp_path / "other")
+    assert (tmp_path / "link").read_text() == "mine"
+
+
+def test_what_is_written_at_stop_is_still_passed_on(bridges, pty, until):
+    kept = bridges()
+    with opened(kept) as host:
+        until(lambda: kept.kinds(HOST) == ["opened"])
+        host.write(b"just in time")
+        kept.end()
+    assert pty.arrived(1.0) == b"just in time"
+    assert kept.data(HOST) == b"just in time"
+
+
+def test_bytes_leave_one_after_the_other_at_the_lines_pace():
+    departures, byte_ns = Departures(115200), byte_time_ns(115200)
+    assert departures.last_of(10, 0) == 10 * byte_ns
+    assert departures.last_of(10, 0) == 20 * byte_ns
+    assert departures.last_of(1, 10**9) == 10**9 + byte_ns
+    departures.pace(9600)
+    assert departures.last_of(1, 2 * 10**9) == 2 * 10**9 + byte_time_ns(9600)
+
+
+def test_no_byte_is_timed_further_ahead_than_a_driver_holds():
+    departures = Departures(115200)
+    for _ in range(100):
+        latest = departures.last_of(1000, 0)
+    assert latest == MOST_AHEAD * byte_time_ns(115200)
+
+
+def test_control_is_timed_no_earlier_than_it_was_written(bridges, pty):
+    kept = bridges()
+    with opened(kept) as host:
+        before_ns = CLOCK.now_ns()
+        host.write(b"0123456789")
+        from_far(pty, 10)
+    kept.end()
+    (chunk,) = [i for i in kept.items if isinstance(i, Chunk) and i.port == HOST and i.data]
+    assert chunk.t_ns - 10 * byte_time_ns(115200) >= before_ns
+
+
+def test_silence_is_told_on_both_wires(bridges, pty, until):
+    kept = bridges()
+    until(lambda: {i.port for i in list(kept.items) if isinstance(i, Chunk)} == {HOST, pty.device})
+
+
+def test_what_the_consumer_cannot_take_is_passed_on_all_the_same(pty, tmp_path, until):
+    port = open_port(pty.device)
+    bridge = BridgeSource(port, "port", HostEnd(115200), CLOCK, capacity=3000)
+    with serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
+        host.write(b"x")
+        from_far(pty, 1)
+        for number in range(100):
+            pty.send(bytes([number]) * 100)
+            assert host.read(100) == bytes([number]) * 100
+        bridge.close()
+    items = list(bridge)
+    kept = sum(len(i.data) for i in items if isinstance(i, Chunk) and i.port == "port")
+    overruns = [
+        i.count
+        for i in items
+        if isinstance(i, PortEvent) and i.kind is PortEventKind.OVERRUN and i.port == "port"
+    ]
+    assert kept + sum(overruns) == 10_000
+    assert overruns
+    assert not select.select([pty.far], [], [], 0)[0]
