@@ -43,6 +43,8 @@ class LiveSession:
     """What went wrong, once it has: with the port, the recording, or the capture process."""
     recording: Path | None = None
     """Where the recording lies; None where there is none, or it has stopped."""
+    device: str | None = None
+    """What a host program is to open, where this is a bridge."""
 
     def __init__(self, plan: CapturePlan) -> None:
         """Start the capture process; what it finds is told by `begin`.
@@ -198,7 +200,7 @@ class LiveSession:
             self.error = self.error or message.error
             return None
         if isinstance(message, Started):
-            self._begun, self.recording = True, message.recording
+            self._begun, self.recording, self.device = True, message.recording, message.device
             return None
         for event in message.events:
             if event.kind is PortEventKind.LOST:
@@ -211,11 +213,18 @@ class LiveSession:
             self.error = message.recording_failure
         return message
 
+    def _title(self) -> str:
+        names = self._plan.wiring.names
+        if self.device is not None:
+            # Whoever looks wants to know what the host program is to open.
+            names = (names[0], self.device)
+        return " + ".join(names)
+
     def _state(self) -> FeedState:
         ended = self._ended
         running_on = ended is None and self.error is not None
         return FeedState(
-            title=" + ".join(self._plan.wiring.names),
+            title=self._title(),
             recording=str(self.recording) if self.recording else None,
             running=ended is None,
             waiting=ended is None and bool(self._away),

@@ -22,6 +22,8 @@ class Started:
 
     recording: Path | None
     """Where the recording lies, which may have become another name than the plan's."""
+    device: str | None = None
+    """What a host program is to open, where this is a bridge."""
 
 
 @dataclass(frozen=True, slots=True)

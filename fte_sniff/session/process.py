@@ -15,6 +15,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from fte_sniff.capture.bridge.source import BridgeSource
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.items import Source
 from fte_sniff.errors import FteSniffError
@@ -65,7 +66,8 @@ def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connect
     # From here on an end leaves an empty recording, which is a true one: the port was open, and
     # nothing came.
     recorder = _recorder(plan, _facts(plan, clock, source))
-    _tell(view, Started(recorder.path if recorder else None))
+    device = source.device if isinstance(source, BridgeSource) else None
+    _tell(view, Started(recorder.path if recorder else None, device))
     when_gone = _go_on if plan.outlives_view else source.stop
     threading.Thread(target=_obey, args=(view, source, when_gone), daemon=True).start()
     outbox = Outbox(view, when_gone)

@@ -36,7 +36,7 @@ def test_nothing_heavy_is_imported(environment, arguments: list[str]) -> None:
 
 def test_help_of_every_command(run) -> None:
     listed = run("--help").stdout
-    for name in ("live", "view", "decode", "hex", "encode", "simulate", "ports"):
+    for name in ("live", "view", "decode", "hex", "encode", "bridge", "simulate", "ports"):
         assert name in listed
         done = run(name, "--help")
         assert done.returncode == 0

@@ -1,0 +1,42 @@
+"""Owns `fte-sniff bridge`: sit between a host program and the controller, record and watch both.
+
+It must not know how bytes are passed on, or how a capture runs or is shown.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fte_sniff.cli.capturing import capture_options, run_capture
+
+if TYPE_CHECKING:
+    from fte_sniff.capture.bridge.wiring import Bridge
+    from fte_sniff.capture.ports import PortSettings
+
+
+@click.command(name="bridge", short_help="Sit between a host program and the controller.")
+@click.argument("port")
+@click.option("--link", type=click.Path(path_type=Path), help="Make this link for host programs.")
+@capture_options
+def command(port: str, link: Path | None, no_reconnect: bool, **options: Any) -> None:
+    """Sit between a host program and the controller at PORT; record and watch both directions.
+
+    A pseudo-terminal is made, and its name told, for the host program to open instead of PORT;
+    --link gives it a name that stays the same. Every byte is passed on both ways at once. The baud
+    that the host program sets is passed on too; a pseudo-terminal has no DTR and RTS, so these stay
+    as --dtr and --rts say. The host program's wire is called `host`, the controller's PORT.
+
+    \b
+    fte-sniff bridge /dev/ttyUSB0 --link /tmp/motors
+    fte-sniff bridge "sim://?host=off" --plain
+    """
+
+    def bridge(settings: PortSettings) -> Bridge:
+        from fte_sniff.capture.bridge.wiring import Bridge
+
+        return Bridge(port, settings, link, reconnect=not no_reconnect)
+
+    run_capture(bridge, **options)

@@ -1,0 +1,192 @@
+"""Owns what the commands that capture have in common: their options, and the run of a capture.
+
+It must not know how a capture runs or how a screen looks; it starts the one and shows it the other.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from functools import reduce
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fte_sniff.cli.filtering import filter_option, row_filter, selection
+from fte_sniff.cli.keeping import keep_rows_option
+from fte_sniff.cli.signals import ENDING, signals_call
+from fte_sniff.cli.telling import tell
+from fte_sniff.errors import UsageError, shown
+from fte_sniff.protocol import DEFAULT_BAUD
+
+if TYPE_CHECKING:
+    from fte_sniff.capture.items import Wiring
+    from fte_sniff.capture.ports import PortSettings
+    from fte_sniff.session.live import LiveSession
+    from fte_sniff.session.plan import CapturePlan
+
+_LINE_WORDS = click.Choice(["on", "off", "leave"])
+
+
+class _Seconds(click.FloatRange):
+    """A time; infinity is one, but what is not a number is none."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        seconds = float(super().convert(value, param, ctx))
+        if isnan(seconds):
+            self.fail(f"{value!r} is not a number of seconds.", param, ctx)
+        return seconds
+
+
+_DURATION = _Seconds(min=0, min_open=True)
+
+_OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
+    click.option("--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s."),
+    click.option("--dtr", type=_LINE_WORDS, default="off", show_default=True, help="Set DTR."),
+    click.option("--rts", type=_LINE_WORDS, default="off", show_default=True, help="Set RTS."),
+    click.option("-o", "--output", type=click.Path(path_type=Path), help="Record to this file."),
+    click.option("--force", is_flag=True, help="Overwrite the recording if it exists."),
+    click.option("--no-record", is_flag=True, help="Record nothing."),
+    click.option(
+        "--keep-recording", is_flag=True, help="Go on when the view is killed or its terminal gone."
+    ),
+    click.option("--plain", is_flag=True, help="Print one line a row instead of the screen."),
+    filter_option,
+    keep_rows_option(1_000_000),
+    click.option(
+        "--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it."
+    ),
+    click.option("--duration", type=_DURATION, metavar="S", help="End after S seconds."),
+    click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows."),
+)
+
+
+def capture_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of a command that captures.
+
+    All but `no_reconnect`, which the wiring is to know, go on to `run_capture`.
+    """
+    return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
+
+
+def run_capture(
+    wiring_with: Callable[[PortSettings], Wiring],
+    *,
+    baud: int,
+    dtr: str,
+    rts: str,
+    output: Path | None,
+    force: bool,
+    no_record: bool,
+    keep_recording: bool,
+    plain: bool,
+    filter_text: str | None,
+    keep_rows: int,
+    duration: float | None,
+    count: int | None,
+) -> None:
+    """Capture, record and show or print, until the end.
+
+    Args:
+        wiring_with: the wiring, given how its ports are to be opened; the others are the options.
+
+    Raises:
+        FteSniffError: what went wrong, once all is closed.
+    """
+    from fte_sniff.capture.ports import ControlLine, PortSettings
+    from fte_sniff.recording.place import Existing
+    from fte_sniff.session.plan import CapturePlan
+
+    if no_record and output is not None:
+        raise UsageError("-o names a recording and --no-record wants none; leave one of them out")
+    if output == Path("-"):
+        raise UsageError("a recording must be a regular file, not a stream; name one with -o")
+    if no_record and keep_recording:
+        raise UsageError(
+            "--keep-recording and --no-record: there is nothing to keep; leave one out"
+        )
+    existing = Existing.REPLACE if force else Existing.REFUSE
+    plan = CapturePlan(
+        wiring=wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts))),
+        recording=None if no_record else output or _default_path(),
+        existing=existing if output else Existing.NUMBER,
+        outlives_view=keep_recording,
+        duration_s=duration,
+        count=count,
+    )
+    if plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
+        _print_lines(plan, filter_text)
+    else:
+        _show_screen(plan, filter_text, keep_rows)
+
+
+def _default_path() -> Path:
+    """`fte-sniff-<UTC time>.mcap` in the working folder."""
+    return Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
+
+
+def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
+    select = selection(filter_text)
+    from fte_sniff.cli.plain import print_lines
+    from fte_sniff.session.live import LiveSession
+
+    session = LiveSession(plan)
+    with signals_call(session.stop, _ending(plan)):
+        session.begin()
+        if session.device is not None:
+            tell(f"a host program can open {shown(session.device)}")
+        if session.recording is not None:
+            tell(f"recording to {session.recording}")
+        _tell_who_goes_on(plan, session)
+        print_lines(session, select, ports=len(plan.wiring.names) > 1)
+        _leave(session)
+
+
+def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int) -> None:
+    wanted = row_filter(filter_text)
+    from fte_sniff.session.live import LiveSession
+    from fte_sniff.tui.app import AtEnd, run_screen
+
+    bounded = plan.duration_s is not None or plan.count is not None
+    at_end = AtEnd.LEAVE if bounded else AtEnd.STAY
+    code = 0
+    session = LiveSession(plan)
+    with signals_call(session.stop, _ending(plan)):
+        session.begin()
+        _tell_who_goes_on(plan, session)
+    try:
+        if not session.stopping:
+            code = run_screen(session, at_end, wanted, keep_rows, _ending(plan))
+    finally:
+        # The screen hears signals in its own way, and forgets ours.
+        with signals_call(session.stop, _ending(plan)):
+            session.close()
+            _leave(session)
+    sys.exit(code)
+
+
+def _ending(plan: CapturePlan) -> Sequence[signal.Signals]:
+    """The signals that ask the capture to end; another one ends the view alone."""
+    if plan.outlives_view:
+        return [number for number in ENDING if number is not signal.SIGHUP]
+    return ENDING
+
+
+def _tell_who_goes_on(plan: CapturePlan, session: LiveSession) -> None:
+    if plan.outlives_view:
+        pid = session.capture_pid
+        tell(f"the capture outlives this view if that is killed; `kill {pid}` ends it then")
+
+
+def _leave(session: LiveSession) -> None:
+    """Say where the recording lies; raise what went wrong, if something did."""
+    if session.recording is not None:
+        tell(f"recorded to {session.recording}")
+    if session.error is not None:
+        raise session.error

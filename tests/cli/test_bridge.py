@@ -1,0 +1,182 @@
+"""`bridge` as a program: the test is the host program at one end, the controller at the other."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import serial
+
+from fte_sniff.protocol import byte_time_ns
+from fte_sniff.recording.reader import RecordingReader
+from tests.cli.processes import (
+    BOUND_S,
+    Process,
+    ended,
+    started,
+    until,
+    wait_until,
+    wire,
+)
+
+SPEED = bytes.fromhex("AA010103E800000000EE")
+ANSWER = bytes.fromhex("5501010000000000 0FEE")
+
+
+@contextmanager
+def bridged(environment, folder: Path, *options: str) -> Iterator[tuple[Process, int, str]]:
+    """A bridge with its link `motors`: the process, the controller's end, and the port's name."""
+    with (
+        wire() as (far, name),
+        started(
+            environment, folder, "bridge", name, "--link", "motors", "--plain", *options
+        ) as process,
+    ):
+        wait_until(lambda: (folder / "motors").exists() or process.poll() is not None)
+        yield process, far, name
+
+
+def opened(folder: Path, baud: int = 115200) -> serial.Serial:
+    return serial.Serial(str(folder / "motors"), baud, timeout=BOUND_S)
+
+
+def talk(host: serial.Serial, far: int) -> None:
+    """One command there and one answer back."""
+    host.write(SPEED)
+    heard = b""
+    while len(heard) < len(SPEED):
+        assert select.select([far], [], [], BOUND_S)[0]
+        heard += os.read(far, 100)
+    assert heard == SPEED
+    os.write(far, ANSWER)
+    assert host.read(len(ANSWER)) == ANSWER
+
+
+def decoded(run, name: str) -> list[dict]:
+    done = run("decode", name, "--format", "jsonl")
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_both_directions_are_passed_on_shown_and_recorded(run, environment, tmp_path: Path):
+    with bridged(environment, tmp_path, "-o", "x.mcap") as (process, far, name):
+        with opened(tmp_path) as host:
+            talk(host, far)
+            shown = until(process, b"speed_feedback").decode()
+        process.send_signal(signal.SIGINT)
+        code, rest, errors = ended(process)
+    assert code == 0
+    assert "motor=1 rpm=1000" in shown + rest
+    assert "a host program can open motors" in errors
+    rows = decoded(run, "x.mcap")
+    directions = {row["port"]: row["direction"] for row in rows}
+    assert directions == {"host": "control", name: "feedback"}
+    assert not (tmp_path / "motors").is_symlink()
+
+
+def test_a_change_of_baud_is_told_and_dates_the_rows_behind_it(environment, tmp_path: Path):
+    with (
+        bridged(environment, tmp_path, "--count", "2", "-o", "x.mcap") as (process, far, name),
+        opened(tmp_path, baud=1200) as host,
+    ):
+        talk(host, far)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert f"{name} baud changed: it has 1200 baud now" in errors
+    assert "host baud changed: the host program asks for 1200 baud" in errors
+    rows = list(RecordingReader(tmp_path / "x.mcap"))
+    assert {row.port for row in rows} == {"host", name}
+    assert {row.read_delay_ns for row in rows} == {10 * byte_time_ns(1200)}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_well(run, environment, tmp_path: Path, number: int):
+    with (
+        bridged(environment, tmp_path, "-o", "x.mcap") as (process, far, _),
+        opened(tmp_path) as host,
+    ):
+        talk(host, far)
+        process.send_signal(number)
+        code, _, errors = ended(process)
+        with pytest.raises(serial.SerialException):
+            host.read(1)
+    assert code == 0
+    assert "Traceback" not in errors
+    assert len(decoded(run, "x.mcap")) == 2
+    assert not (tmp_path / "motors").is_symlink()
+
+
+def test_a_lost_port_ends_both(run, environment, tmp_path: Path):
+    with bridged(environment, tmp_path, "-o", "x.mcap") as (process, far, name):
+        with opened(tmp_path) as host:
+            talk(host, far)
+            os.close(far)
+            with pytest.raises(serial.SerialException):
+                host.read(1)
+        code, _, errors = ended(process)
+    assert code == 3
+    assert f"{name} was lost" in errors
+    assert len(decoded(run, "x.mcap")) == 2
+
+
+def test_after_a_kill_the_link_can_be_had_again(environment, tmp_path: Path):
+    with bridged(environment, tmp_path, "--no-record") as (process, far, _):
+        with opened(tmp_path) as host:
+            talk(host, far)
+        process.kill()
+        ended(process)
+        # The capture process meets the end of the view, and takes the link with it.
+        wait_until(lambda: not (tmp_path / "motors").is_symlink())
+    with bridged(environment, tmp_path, "--no-record") as (_, far, _), opened(tmp_path) as host:
+        talk(host, far)
+
+
+def test_what_is_in_the_way_of_the_link_stays(run, tmp_path: Path):
+    (tmp_path / "motors").write_text("mine")
+    done = run("bridge", "sim://?host=off", "--link", "motors", "--no-record")
+    assert done.returncode == 4
+    assert done.stderr == "fte-sniff: motors is in the way: remove it, or name another\n"
+    assert (tmp_path / "motors").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [((), 2), (("no-such-port",), 3), (("sim://", "sim://"), 2), (("sim://", "--baud", "1"), 2)],
+)
+def test_wrong_usage_is_one_line(run, arguments: tuple[str, ...], code: int):
+    done = run("bridge", *arguments, "--no-record")
+    assert done.returncode == code
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("fte-sniff: ")
+
+
+def test_a_host_program_in_front_of_a_simulated_controller(environment, tmp_path: Path):
+    with started(
+        environment, tmp_path, "bridge", "sim://?host=off", "--link", "motors", "--no-record"
+    ) as process:
+        wait_until(lambda: (tmp_path / "motors").exists())
+        with opened(tmp_path) as host:
+            host.write(SPEED)
+            until(process, b"motor=1 rpm=1000 error=0x00")
+        process.terminate()
+        assert ended(process)[0] == 0
+
+
+def test_two_bridges_in_a_row(environment, tmp_path: Path):
+    with (
+        bridged(environment, tmp_path, "--no-record") as (_, far, _),
+        started(
+            environment, tmp_path, "bridge", "motors", "--link", "second", "--no-record"
+        ) as process,
+    ):
+        wait_until(lambda: (tmp_path / "second").exists())
+        with serial.Serial(str(tmp_path / "second"), 115200, timeout=BOUND_S) as host:
+            talk(host, far)
+        process.terminate()
+        assert ended(process)[0] == 0
