@@ -1,0 +1,159 @@
+"""Ports behind a network: a real RFC 2217 server on a real terminal, and a plain socket."""
+
+import os
+import random
+import socket
+import threading
+
+import pytest
+import serial
+
+from fte_sniff.capture.bridge.line_speed import speed_of
+from fte_sniff.capture.bridge.source import open_bridge
+from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.items import SourceEnd
+from fte_sniff.capture.ports import ControlLine, PortSettings, open_port
+from fte_sniff.capture.source import open_source
+from fte_sniff.errors import PortError
+from fte_sniff.protocol import Chunk, PortEvent
+from tests.rfc2217_server import DTR_OFF, DTR_ON, RTS_OFF, RTS_ON, serving
+
+CLOCK = Clock.tied()
+
+
+@pytest.fixture
+def server(pty):
+    with serving(pty.device) as made:
+        yield made
+
+
+def taken(source, count):
+    """The bytes of a source until so many have come; then it is stopped."""
+    found = b""
+    for item in source:
+        found += item.data if isinstance(item, Chunk) else b""
+        if len(found) >= count:
+            source.stop()
+    return found
+
+
+def test_every_byte_of_the_far_line_arrives(server, pty):
+    sent = random.Random(1).randbytes(100_000) + bytes(range(256)) + b"\xff" * 1000
+    with open_source(server.url, PortSettings(), CLOCK) as source:
+        threading.Thread(target=pty.send, args=(sent,)).start()
+        assert taken(source, len(sent)) == sent
+    assert source.end is SourceEnd.STOPPED
+    assert server.data == b""
+
+
+@pytest.mark.parametrize("baud", [9600, 115200, 250_000, 3_000_000])
+def test_the_servers_port_has_the_baud_that_was_asked_for(server, pty, baud):
+    open_port(server.url, PortSettings(baud)).close()
+    assert speed_of(pty.near) == baud
+
+
+@pytest.mark.parametrize("dtr", [ControlLine.ON, ControlLine.OFF])
+@pytest.mark.parametrize("rts", [ControlLine.ON, ControlLine.OFF])
+def test_dtr_and_rts_are_as_asked_for_and_never_anything_else(server, dtr, rts):
+    with open_source(server.url, PortSettings(dtr=dtr, rts=rts), CLOCK) as source:
+        source.stop()
+        list(source)
+    asked = {DTR_ON if dtr is ControlLine.ON else DTR_OFF, RTS_ON if rts == "on" else RTS_OFF}
+    assert {c for c in server.controls if c in (DTR_ON, DTR_OFF, RTS_ON, RTS_OFF)} == asked
+    assert server.data == b""
+
+
+def test_leaving_the_lines_is_refused_as_it_cannot_be_done(server):
+    with pytest.raises(PortError, match="cannot leave"):
+        open_port(server.url, PortSettings(dtr=ControlLine.LEAVE))
+
+
+def test_a_server_that_dies_is_a_lost_port_after_all_that_came(server, pty, until):
+    source = open_source(server.url, PortSettings(), CLOCK)
+    sent = random.Random(2).randbytes(5000)
+    pty.send(sent)
+    until(lambda: source.bytes_read == len(sent))
+    server.hang_up()
+    items = list(source)
+    assert b"".join(item.data for item in items if isinstance(item, Chunk)) == sent
+    assert [item.kind.value for item in items if isinstance(item, PortEvent)] == ["opened", "lost"]
+    assert "hung up" in items[-1].detail
+    assert source.end is SourceEnd.LOST
+
+
+def test_what_came_in_before_the_connection_died_can_still_be_read(server, pty, until):
+    port = open_port(server.url)
+    try:
+        pty.send(b"last words")
+        until(lambda: port.in_waiting == 10)
+        server.hang_up()
+        until(lambda: not port._thread.is_alive())
+        assert port.read(4) == b"last"
+        assert port.read(100) == b" words"
+        with pytest.raises(OSError, match="hung up"):
+            port.read(1)
+    finally:
+        port.close()
+
+
+def test_a_server_that_does_not_speak_rfc2217_is_refused():
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        url = f"rfc2217://127.0.0.1:{listening.getsockname()[1]}"
+
+        def speak():
+            client, _ = listening.accept()
+            with client:
+                client.sendall(b"\xff\xfa" + b"x" * 10_000)
+                client.recv(1)
+
+        speaker = threading.Thread(target=speak)
+        speaker.start()
+        with pytest.raises(PortError, match="does a server listen there"):
+            open_port(url)
+        speaker.join()
+
+
+@pytest.mark.parametrize("scheme", ["rfc2217", "socket"])
+def test_nobody_listening_is_one_line(scheme):
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        number = listening.getsockname()[1]
+    with pytest.raises(PortError, match="does a server listen there") as refused:
+        open_port(f"{scheme}://127.0.0.1:{number}")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_socket_that_is_closed_is_a_lost_port_after_all_that_came():
+    sent = os.urandom(200_000)
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
+        source = open_source(url, PortSettings(), CLOCK)
+        client, _ = listening.accept()
+        with client:
+            client.sendall(sent)
+    items = list(source)
+    assert b"".join(item.data for item in items if isinstance(item, Chunk)) == sent
+    assert source.end is SourceEnd.LOST
+
+
+def test_a_socket_is_bridged_both_ways():
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
+        bridge = open_bridge(url, PortSettings(), CLOCK)
+        client, _ = listening.accept()
+        with client, bridge, serial.Serial(bridge.device, 115200, timeout=30) as host:
+            host.write(b"there")
+            assert client.recv(5, socket.MSG_WAITALL) == b"there"
+            client.sendall(b"back")
+            assert host.read(4) == b"back"
+
+
+def test_an_rfc2217_port_is_bridged_both_ways_and_its_baud_follows(server, pty, until):
+    with (
+        open_bridge(server.url, PortSettings(), CLOCK) as bridge,
+        serial.Serial(bridge.device, 19200, timeout=30) as host,
+    ):
+        host.write(b"\xfe\xff\xff\x00")
+        until(lambda: server.data == b"\xfe\xff\xff\x00", 30)
+        until(lambda: speed_of(pty.near) == 19200, 30)
+        pty.send(b"\xffback")
+        assert host.read(5) == b"\xffback"
