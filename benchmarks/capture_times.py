@@ -1,0 +1,72 @@
+"""Owns the figure for times: a row's time against the true one, the screen idle and busy.
+
+A process writes frames to a pseudo-terminal as a line of 115200 baud would bring them, and notes
+when; the real program captures, records and shows them. Idle means that nobody touches the screen,
+busy that fifty keys a second are pressed.
+
+    python -m benchmarks.capture_times [--seconds S]
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.live_program import LiveProgram
+from benchmarks.paced_line import PacedLine, Sent
+from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
+from fte_sniff.recording.reader import RecordingReader
+
+WANTED_MS = 2.0
+"""The 99th percentile that is wanted, milliseconds."""
+
+
+def errors_ns(recording: Path, sent: Sent) -> np.ndarray:
+    """Each row's time less the true one, nanoseconds; rows are known by their place."""
+    reader = RecordingReader(recording)
+    rows = list(reader)
+    (facts,) = reader.metadata.values()
+    tie = int(facts["clock_utc_at_tie_ns"]) - int(facts["clock_steady_at_tie_ns"])
+    if len(rows) != sent.frames or any(len(row.raw) != FRAME_LENGTH for row in rows):
+        raise RuntimeError(f"{sent.frames} frames were sent, but {len(rows)} rows came")
+    shown = np.array([row.t_ns for row in rows])
+    true = np.array(sent.times) + tie - FRAME_LENGTH * byte_time_ns(DEFAULT_BAUD)
+    return shown - true
+
+
+def measure(seconds: float, *, busy: bool) -> tuple[np.ndarray, Sent]:
+    """One capture of one line."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        line = PacedLine("position_feedback")
+        program = LiveProgram(["live", line.device, "-o", "x.mcap"], folder)
+        if busy:
+            program.keep_busy()
+        line.begin(DEFAULT_BAUD, seconds, folder / "times")
+        sent = line.sent()
+        program.end()
+        line.close()
+        return errors_ns(folder / "x.mcap", sent), sent
+
+
+def main() -> None:
+    """Measure idle and busy in turn, and print the percentiles."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    seconds = parser.parse_args().seconds
+    print(f"error of row times at {DEFAULT_BAUD} baud, ms (wanted: p99 under {WANTED_MS:g})")
+    print(f"{'screen':<7} {'rows':>7} {'refused':>7} {'p1':>7} {'p50':>7} {'p99':>7} {'max':>7}")
+    for name, busy in (("idle", False), ("busy", True)):
+        errors, sent = measure(seconds, busy=busy)
+        low, middle, high, most = np.percentile(errors / 1e6, (1, 50, 99, 100))
+        print(
+            f"{name:<7} {sent.frames:>7,} {sent.refused:>7,} "
+            f"{low:7.3f} {middle:7.3f} {high:7.3f} {most:7.3f}"
+        )
+
+
+if __name__ == "__main__":
+    main()

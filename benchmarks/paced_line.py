@@ -1,0 +1,126 @@
+"""Owns a line that carries frames at a baud's pace: a pseudo-terminal and a process that writes.
+
+It must not know who listens. The process never writes quicker than the line would carry the frames;
+what the terminal does not take at once is lost, as on a line whose receiver is full, and counted.
+
+    python -m benchmarks.paced_line DESCRIPTOR BAUD SECONDS KIND TIMES    (started by `PacedLine`)
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+import tty
+from array import array
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, byte_time_ns, encode
+
+CLOCK = time.CLOCK_BOOTTIME
+"""What the times of frames are read from: the clock of a capture."""
+
+TICK_NS = 1_000_000
+"""How long frames that take less than this are gathered, nanoseconds: one write each tick."""
+
+_CYCLE = 4096
+"""Frames after which the line repeats itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """What was written to a line."""
+
+    frames: int
+    refused: int
+    """Bytes that the terminal had no room for."""
+    times: array[int]
+    """When each write was begun, by CLOCK; empty where they were not asked for."""
+
+
+class PacedLine:
+    """A pseudo-terminal that a program opens by `device`; frames of one kind come from it."""
+
+    def __init__(self, kind: str) -> None:
+        """Make the line; nothing is sent yet."""
+        self._kind = kind
+        self.far, self._near = os.openpty()
+        tty.setraw(self._near)
+        os.set_blocking(self.far, False)
+        self.device = os.ttyname(self._near)
+
+    def begin(self, baud: int, seconds: float, times: Path | None = None) -> None:
+        """Start to send at the pace of `baud`, for so long; write times go to a file if named."""
+        self._times = times
+        arguments = map(str, (self.far, baud, seconds, self._kind, times or ""))
+        self._sender = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.paced_line", *arguments],
+            pass_fds=[self.far],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    @property
+    def pid(self) -> int:
+        """The sending process."""
+        return self._sender.pid
+
+    def sent(self) -> Sent:
+        """Wait until all is sent; what was."""
+        told, _ = self._sender.communicate()
+        frames, refused = map(int, told.split())
+        times = array("q")
+        if self._times is not None:
+            times.frombytes(self._times.read_bytes())
+        return Sent(frames, refused, times)
+
+    def close(self) -> None:
+        """Unplug the line."""
+        for descriptor in (self.far, self._near):
+            with suppress(OSError):
+                os.close(descriptor)
+
+
+def frames_of(kind: str) -> list[bytes]:
+    """Frames of a kind, all different, their payload like a position that changes."""
+    values = {"motor": 1, "rpm": 300, "error": 0, "online": 15}
+    entry = KIND_BY_NAME[kind]
+    names = {field.name for field in entry.fields}
+    own = {name: value for name, value in values.items() if name in names}
+    return [encode(entry, {**own, "pulses": at * 37}) for at in range(_CYCLE)]
+
+
+def _send(descriptor: int, baud: int, seconds: float, kind: str, times: str) -> None:
+    frame_ns = FRAME_LENGTH * byte_time_ns(baud)
+    a_write = max(1, TICK_NS // frame_ns)
+    cycle = frames_of(kind)
+    writes = [b"".join((cycle + cycle)[at : at + a_write]) for at in range(_CYCLE)]
+    begun: array[int] = array("q")
+    frames = refused = 0
+    start_ns = due_ns = time.clock_gettime_ns(CLOCK)
+    while due_ns < start_ns + seconds * 1e9:
+        now_ns = time.clock_gettime_ns(CLOCK)
+        if now_ns < due_ns:
+            time.sleep((due_ns - now_ns) / 1e9)
+            now_ns = time.clock_gettime_ns(CLOCK)
+        data = writes[frames % _CYCLE]
+        try:
+            refused += len(data) - os.write(descriptor, data)
+        except BlockingIOError:
+            refused += len(data)
+        frames += a_write
+        if times:
+            begun.append(now_ns)
+            # A line that is late does not hurry.
+            due_ns = max(due_ns, now_ns)
+        due_ns += a_write * frame_ns
+    if times:
+        Path(times).write_bytes(begun.tobytes())
+    print(frames, refused)
+
+
+if __name__ == "__main__":
+    _send(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), sys.argv[4], sys.argv[5])
