@@ -27,7 +27,8 @@ def command(port: str, link: Path | None, no_reconnect: bool, **options: Any) ->
     A pseudo-terminal is made, and its name told, for the host program to open instead of PORT;
     --link gives it a name that stays the same. Every byte is passed on both ways at once. The baud
     that the host program sets is passed on too; a pseudo-terminal has no DTR and RTS, so these stay
-    as --dtr and --rts say. The host program's wire is called `host`, the controller's PORT.
+    as --dtr and --rts say. The host program's wire is called `host`, the controller's PORT. A PORT
+    that is lost hangs up the host program; with --link it is waited for, and can be opened again.
 
     \b
     fte-sniff bridge /dev/ttyUSB0 --link /tmp/motors

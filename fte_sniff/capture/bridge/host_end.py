@@ -41,6 +41,7 @@ class HostEnd:
         Raises:
             FileError: something is in the way of `link`, or it cannot be made.
         """
+        self._link = link
         self._terminal = PseudoTerminal(link)
         self.name = self._terminal.name
         """What a host program is to open."""
@@ -100,6 +101,10 @@ class HostEnd:
         """Hang up, as a port does that is unplugged: a host program meets the end of the file."""
         self.present = False
         self._terminal.close()
+
+    def again(self, baud: int) -> HostEnd:
+        """Another one after this was closed, by the same link if there was one."""
+        return HostEnd(baud, self._link)
 
     def _written(self, data: bytes | bytearray) -> int:
         if not data:

@@ -1,18 +1,14 @@
-"""Owns the bridge as a source: two threads pass every byte on at once, and hand it to the capture.
+"""Owns the bridge as a source: an exchange, and another one when a lost port has come back.
 
-It must not know of frames: it yields chunks of two wires, and port events where they happened.
+It must not know of frames, nor how bytes are passed on.
 
-    feedback thread:  port read -> stamp -> host program  -> backlog ->  consumer
-    control thread:   host read -> port write -> stamp    -> backlog ->  consumer
-
-The chunks of the host's wire hold what was put onto the line. Their time is when their last byte
-will have left at the line's pace, so that they are dated back like any others.
+    opened -> exchange -> stopped: closed
+                       -> lost:    the pseudo-terminal is hung up; wait, and begin again
 """
 
 from __future__ import annotations
 
 import fcntl
-import heapq
 import termios
 import threading
 from collections.abc import Iterator, Mapping
@@ -21,45 +17,23 @@ from pathlib import Path
 
 import serial
 
-from fte_sniff.capture.backlog import CAPACITY, Backlog
+from fte_sniff.capture.bridge.exchange import Exchange
 from fte_sniff.capture.bridge.host_end import HostEnd
-from fte_sniff.capture.bridge.outlet import outlet_of
+from fte_sniff.capture.bridge.wires import HOST, Wires
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.items import Item, SourceEnd
-from fte_sniff.capture.ports import BAUD_RANGE, PortSettings, open_port
-from fte_sniff.capture.reading import reader_of
+from fte_sniff.capture.ports import PortSettings, open_port
 from fte_sniff.capture.refusal import one_line
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
+from fte_sniff.capture.returning import Opened, Reopen, Return, way_back
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import PortEventKind
 
-HOST = "host"
-"""What the wire from the host program is called; the other is called as the port is."""
-
-MOST_AHEAD = 4096
-"""Bytes that a driver holds before it lets a writer wait, about: none is timed later than these."""
-
-
-class Departures:
-    """When bytes that are passed on leave at the line's pace, one after the other."""
-
-    def __init__(self, baud: int) -> None:
-        self.pace(baud)
-        self.free_ns = 0
-        """When the latest of them leaves."""
-
-    def pace(self, baud: int) -> None:
-        """From now on the line has this speed, bits per second."""
-        self._byte_ns = byte_time_ns(baud)
-
-    def last_of(self, count: int, now_ns: int) -> int:
-        """When the last of `count` bytes that are put onto the line now has left it."""
-        taken_ns = count * self._byte_ns
-        latest_ns = now_ns + max(taken_ns, MOST_AHEAD * self._byte_ns)
-        self.free_ns = min(max(self.free_ns, now_ns) + taken_ns, latest_ns)
-        return self.free_ns
+_BEAT_S = 0.05
+"""Seconds between two signs of life while a port is waited for."""
 
 
 class BridgeSource:
-    """The chunks and events of both directions, in order; iterate once.
+    """The chunks and events of both directions, in order of their times; iterate once.
 
     `opened` comes for the port at once, and for the host's wire whenever a host program comes. The
     last item is the port's `lost` or `closed`; then the port is closed, and the pseudo-terminal is
@@ -72,58 +46,42 @@ class BridgeSource:
     def __init__(
         self,
         port: serial.Serial,
-        name: str,
         host: HostEnd,
-        clock: Clock,
+        wires: Wires,
         *,
         detail: str = "",
-        capacity: int = CAPACITY,
+        reopen: Reopen | None = None,
     ) -> None:
         """Take over an open port and a host's end; both are closed when the source ends.
 
         Args:
-            port: as `open_port` gives it.
-            name: what chunks and events call the port; the host's wire is called HOST.
+            port: as `open_port` gives it; no other program can open it from now on.
             host: where host programs come.
-            clock: what chunks and events are stamped with.
+            wires: what is told of both.
             detail: how the port was opened, for the event.
-            capacity: how many bytes of each wire may wait for the consumer.
+            reopen: how to open the port again when it is lost; None to end then.
         """
-        self.names = (name, HOST)
+        self.device = host.name
+        """What a host program is to open."""
         self._port = port
         self._host = host
-        self._clock = clock
-        self._read = reader_of(port)
-        self._put = outlet_of(port)
-        self._baud = port.baudrate
-        self._lines = port.dtr, port.rts
-        self._departures = Departures(self._baud)
-        self._backlogs = {wire: Backlog(wire, capacity) for wire in self.names}
+        self._wires = wires
+        self._reopen = reopen
         self._stopping = False
-        self._lost: OSError | None = None
-        self._not_given = 0
-        self._not_taken = 0
-        self._tell(name, PortEventKind.OPENED, detail)
-        self._control = threading.Thread(
-            target=self._pass_on_control, name="host to port", daemon=True
-        )
-        self._feedback = threading.Thread(target=self._run, name="port to host", daemon=True)
-        self._control.start()
-        self._feedback.start()
+        _refuse_others(port, termios.TIOCEXCL)
+        self._exchange = Exchange(port, host, wires)
+        self._tell(PortEventKind.OPENED, detail)
+        self._thread = threading.Thread(target=self._run, name="port to host", daemon=True)
+        self._thread.start()
 
     @property
     def uncertainty_ns(self) -> Mapping[str, int]:
         """By wire: how much earlier than the times say bytes may have been on it."""
-        return dict.fromkeys(self.names, 0)
-
-    @property
-    def device(self) -> str:
-        """What a host program is to open."""
-        return self._host.name
+        return {self._wires.port: 0, HOST: 0}
 
     def __iter__(self) -> Iterator[Item]:
         try:
-            yield from heapq.merge(*self._backlogs.values(), key=_time_of)
+            yield from self._wires
         finally:
             self.close()
 
@@ -139,144 +97,81 @@ class BridgeSource:
         Returns at once; may be called from any thread and from signal handlers, and repeatedly.
         """
         self._stopping = True
+        self._exchange.end()
 
     def close(self) -> None:
         """Stop, wait for the threads (some 10 ms), and close both ends."""
         self.stop()
-        self._feedback.join()
-        _refuse_others(self._port, termios.TIOCNXCL)
-        self._port.close()
+        self._thread.join()
+        self._close_port()
 
     def _run(self) -> None:
         try:
-            self._pass_on_feedback()
-        except OSError as error:
-            self._lost = self._lost or error
-        self._stopping = True
-        self._control.join()
-        self._tell_of_drops()
-        if self._not_taken:
-            detail = f"{self._not_taken} bytes of the host program: the port did not take them"
-            self._tell(HOST, PortEventKind.NOT_PASSED_ON, detail, self._not_taken)
-        self._host.close()
-        port = self.names[0]
-        if self._lost is None:
-            self.end = SourceEnd.STOPPED
-            self._tell(port, PortEventKind.CLOSED, "as asked")
-        else:
-            self.end = SourceEnd.LOST
-            self._tell(port, PortEventKind.LOST, one_line(self._lost))
-        for backlog in self._backlogs.values():
-            backlog.end()
+            self._exchange_until_the_end()
+        finally:
+            self._wires.end()
 
-    def _pass_on_feedback(self) -> None:
-        while True:
-            # Looked at before the read: what has arrived when `stop` is called is read yet.
-            last = self._stopping
-            data = self._read()
-            now_ns = self._clock.now_ns()
-            dropped = self._host.write(data)
-            self._hand_on(self.names[0], now_ns, data)
-            if dropped:
-                self._drop(dropped)
-            elif not self._host.behind:
-                self._tell_of_drops()
-            if last:
+    def _exchange_until_the_end(self) -> None:
+        while (error := self._exchange.run()) is not None:
+            self._host.close()
+            lost = one_line(error)
+            if self._reopen is None:
+                self._finish(SourceEnd.LOST, lost)
                 return
-
-    def _pass_on_control(self) -> None:
-        while True:
-            last = self._stopping
-            present = self._host.present
-            data = self._host.read()
+            self._tell(PortEventKind.LOST, f"{lost}; waiting for it to come back")
+            opened, away_s = self._wait_for_return(self._reopen)
+            if opened is None:
+                break
             try:
-                if self._host.present != present:
-                    self._tell_of_presence(not present)
-                if self._host.present:
-                    self._follow_baud()
-                self._pass_on(data)
-            except (OSError, termios.error) as error:
-                self._lost = self._lost or OSError(*error.args)
-                self._stopping = True
+                self._take_over(opened, away_s)
+            except FileError as refused:
+                self._finish(SourceEnd.LOST, str(refused))
                 return
-            if last:
-                return
+        else:
+            self._host.close()
+        self._finish(SourceEnd.STOPPED, "as asked")
 
-    def _pass_on(self, data: bytes) -> None:
-        """Put the host's bytes onto the line, all of them; an empty chunk tells of silence."""
-        if not data:
-            self._hand_on(HOST, self._now_ns(HOST), b"")
-        while data:
-            count = self._put(data)
-            t_ns = self._departures.last_of(count, self._clock.now_ns())
-            self._hand_on(HOST, t_ns, data[:count])
-            data = data[count:]
-            if self._stopping and not count:
-                self._not_taken += len(data)
-                return
+    def _wait_for_return(self, reopen: Reopen) -> tuple[Opened | None, float]:
+        """The port once it is open again, None if the end is asked for; and how long, seconds.
 
-    def _tell_of_presence(self, present: bool) -> None:
-        kind = PortEventKind.OPENED if present else PortEventKind.CLOSED
-        self._tell(HOST, kind, f"a host program {'has' if present else 'left'} {self._host.name}")
+        Both lines are told to be silent meanwhile, so that nothing waits for them.
+        """
+        lost_ns = self._wires.now_ns()
+        self._close_port()
+        returning = Return(reopen)
+        while not self._stopping:
+            opened = returning.wait(_BEAT_S)
+            away_s = (self._wires.now_ns() - lost_ns) / 1e9
+            if opened is not None:
+                return opened, away_s
+            self._wires.read(self._wires.now_ns(), b"")
+            self._wires.written(b"")
+        returning.give_up()
+        return None, 0
 
-    def _follow_baud(self) -> None:
-        baud = self._host.baud()
-        if baud == self._baud:
-            return
-        before, self._baud = self._baud, baud
-        if not baud:
-            self._set_lines(False, False)
-            detail = "the host program hung up (0 baud): DTR and RTS are off"
-            self._tell(HOST, PortEventKind.BAUD_CHANGED, detail)
-            return
-        if not before:
-            self._set_lines(*self._lines)
-        try:
-            if not BAUD_RANGE[0] <= baud <= BAUD_RANGE[1]:
-                raise ValueError(f"{baud} baud is out of range")
-            self._port.baudrate = baud
-        except (ValueError, OSError, termios.error) as error:
-            detail = f"{baud} baud is refused by the port: {one_line(error)}"
-            self._tell(HOST, PortEventKind.NOT_PASSED_ON, detail)
-            return
-        self._departures.pace(baud)
-        kind = PortEventKind.BAUD_CHANGED
-        self._tell(HOST, kind, f"the host program asks for {baud} baud", baud)
-        self._tell(self.names[0], kind, f"it has {baud} baud now", baud)
+    def _take_over(self, opened: Opened, away_s: float) -> None:
+        self._port = opened.port
+        _refuse_others(self._port, termios.TIOCEXCL)
+        self._host = self._host.again(self._port.baudrate)
+        named = "" if opened.name == self._wires.port else f" as {opened.name}"
+        self._tell(PortEventKind.FOUND_AGAIN, f"after {away_s:.1f} s{named}")
+        self._wires.start_again(self._port.baudrate)
+        self._exchange = Exchange(self._port, self._host, self._wires)
+        if self._stopping:
+            self._exchange.end()
 
-    def _set_lines(self, dtr: bool, rts: bool) -> None:
-        # A port without such lines refuses; one that is lost is met by the next read.
-        with suppress(OSError):
-            self._port.dtr = dtr
-        with suppress(OSError):
-            self._port.rts = rts
+    def _finish(self, end: SourceEnd, detail: str) -> None:
+        self.end = end
+        kind = PortEventKind.LOST if end is SourceEnd.LOST else PortEventKind.CLOSED
+        self._tell(kind, detail)
 
-    def _drop(self, count: int) -> None:
-        if not self._not_given:
-            detail = "the host program does not read: what comes for it is dropped, but kept here"
-            self._tell(HOST, PortEventKind.NOT_PASSED_ON, detail)
-        self._not_given += count
+    def _tell(self, kind: PortEventKind, detail: str) -> None:
+        self._wires.tell(self._wires.port, kind, detail)
 
-    def _tell_of_drops(self) -> None:
-        if self._not_given:
-            detail = f"{self._not_given} bytes were kept here, but not given to the host program"
-            self._tell(HOST, PortEventKind.NOT_PASSED_ON, detail, self._not_given)
-            self._not_given = 0
-
-    def _hand_on(self, wire: str, t_ns: int, data: bytes) -> None:
-        self._backlogs[wire].put(Chunk(wire, t_ns, data))
-
-    def _tell(self, wire: str, kind: PortEventKind, detail: str, count: int = 0) -> None:
-        self._backlogs[wire].tell(PortEvent(self._now_ns(wire), wire, kind, detail, count))
-
-    def _now_ns(self, wire: str) -> int:
-        """The time now, but behind all that was put onto the host's wire."""
-        now_ns = self._clock.now_ns()
-        return max(now_ns, self._departures.free_ns) if wire == HOST else now_ns
-
-
-def _time_of(item: Item) -> int:
-    return item.t_ns or 0
+    def _close_port(self) -> None:
+        _refuse_others(self._port, termios.TIOCNXCL)
+        with suppress(OSError):  # a driver may complain of what is gone
+            self._port.close()
 
 
 def _refuse_others(port: serial.Serial, request: int) -> None:
@@ -286,9 +181,22 @@ def _refuse_others(port: serial.Serial, request: int) -> None:
 
 
 def open_bridge(
-    name: str, settings: PortSettings, clock: Clock, link: Path | None = None
+    name: str,
+    settings: PortSettings,
+    clock: Clock,
+    link: Path | None = None,
+    *,
+    reconnect: bool = False,
 ) -> BridgeSource:
     """Open a port for the bridge alone, and a pseudo-terminal in front of it.
+
+    Args:
+        name: as `open_port` takes it.
+        settings: how to open it.
+        clock: what chunks and events are stamped with.
+        link: a link to make to the pseudo-terminal.
+        reconnect: wait for the port when it is lost, if it is one that can return and there is a
+            link: a pseudo-terminal's own name would be another one then.
 
     Raises:
         PortError: as `open_port` does.
@@ -300,6 +208,10 @@ def open_bridge(
     except BaseException:
         port.close()
         raise
-    _refuse_others(port, termios.TIOCEXCL)
-    detail = f"{settings}; a host program can open {host.name}"
-    return BridgeSource(port, name, host, clock, detail=detail)
+    return BridgeSource(
+        port,
+        host,
+        Wires(name, settings.baud, clock),
+        detail=f"{settings}; a host program can open {host.name}",
+        reopen=way_back(name, settings, port) if reconnect and link is not None else None,
+    )

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from fte_sniff.capture.bridge.source import HOST, BridgeSource, open_bridge
+from fte_sniff.capture.bridge.source import BridgeSource, open_bridge
+from fte_sniff.capture.bridge.wires import HOST
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.ports import DEFAULT_SETTINGS, PortSettings
 
@@ -23,6 +24,8 @@ class Bridge:
     """How it is opened; the baud is the host program's to change."""
     link: Path | None = None
     """A link to make to the pseudo-terminal; None for none."""
+    reconnect: bool = True
+    """Whether a port that is lost is waited for, if it can return and there is a link."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -36,4 +39,4 @@ class Bridge:
             PortError: it cannot be opened.
             FileError: something is in the way of the link, or it cannot be made.
         """
-        return open_bridge(self.port, self.settings, clock, self.link)
+        return open_bridge(self.port, self.settings, clock, self.link, reconnect=self.reconnect)

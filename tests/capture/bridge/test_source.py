@@ -15,7 +15,8 @@ import serial
 
 from fte_sniff.capture.bridge.host_end import ROOM, HostEnd
 from fte_sniff.capture.bridge.line_speed import speed_of
-from fte_sniff.capture.bridge.source import HOST, MOST_AHEAD, BridgeSource, Departures, open_bridge
+from fte_sniff.capture.bridge.source import BridgeSource, open_bridge
+from fte_sniff.capture.bridge.wires import HOST, MOST_AHEAD, Departures, Wires
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.items import SourceEnd
 from fte_sniff.capture.ports import PortSettings, open_port
@@ -339,7 +340,7 @@ def test_silence_is_told_on_both_wires(bridges, pty, until):
 
 def test_what_the_consumer_cannot_take_is_passed_on_all_the_same(pty, tmp_path, until):
     port = open_port(pty.device)
-    bridge = BridgeSource(port, "port", HostEnd(115200), CLOCK, capacity=3000)
+    bridge = BridgeSource(port, HostEnd(115200), Wires("port", 115200, CLOCK, 3000))
     with serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
         host.write(b"x")
         from_far(pty, 1)
