@@ -22,6 +22,7 @@ from fte_sniff.capture.bridge.host_end import HostEnd
 from fte_sniff.capture.bridge.wires import HOST, Wires
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.items import Item, SourceEnd
+from fte_sniff.capture.lateness import lateness_ns
 from fte_sniff.capture.ports import PortSettings, open_port
 from fte_sniff.capture.refusal import one_line
 from fte_sniff.capture.returning import Opened, Reopen, Return, way_back
@@ -68,6 +69,7 @@ class BridgeSource:
         self._wires = wires
         self._reopen = reopen
         self._stopping = False
+        self._lateness_ns = lateness_ns(port)
         _refuse_others(port, termios.TIOCEXCL)
         self._exchange = Exchange(port, host, wires)
         self._tell(PortEventKind.OPENED, detail)
@@ -77,7 +79,7 @@ class BridgeSource:
     @property
     def uncertainty_ns(self) -> Mapping[str, int]:
         """By wire: how much earlier than the times say bytes may have been on it."""
-        return {self._wires.port: 0, HOST: 0}
+        return {self._wires.port: self._lateness_ns, HOST: 0}
 
     def __iter__(self) -> Iterator[Item]:
         try:
