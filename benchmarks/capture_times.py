@@ -2,7 +2,8 @@
 
 A process writes frames to a pseudo-terminal as a line of 115200 baud would bring them, and notes
 when; the real program captures, records and shows them. Idle means that nobody touches the screen,
-busy that fifty keys a second are pressed.
+busy that fifty keys a second are pressed. The bare reader is a process that does nothing but read
+and stamp: what the machine itself costs in the same run.
 
     python -m benchmarks.capture_times [--seconds S]
 """
@@ -10,15 +11,20 @@ busy that fifty keys a second are pressed.
 from __future__ import annotations
 
 import argparse
+import os
+import select
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.live_program import LiveProgram
-from benchmarks.paced_line import PacedLine, Sent
+from benchmarks.paced_line import CLOCK, PacedLine, Sent
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
 from fte_sniff.recording.reader import RecordingReader
+
+BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 
 WANTED_MS = 2.0
 """The 99th percentile that is wanted, milliseconds."""
@@ -33,8 +39,28 @@ def errors_ns(recording: Path, sent: Sent) -> np.ndarray:
     if len(rows) != sent.frames or any(len(row.raw) != FRAME_LENGTH for row in rows):
         raise RuntimeError(f"{sent.frames} frames were sent, but {len(rows)} rows came")
     shown = np.array([row.t_ns for row in rows])
-    true = np.array(sent.times) + tie - FRAME_LENGTH * byte_time_ns(DEFAULT_BAUD)
+    true = np.array(sent.times) + tie - FRAME_LENGTH * BYTE_NS
     return shown - true
+
+
+def bare(seconds: float) -> tuple[np.ndarray, Sent]:
+    """The same errors of a loop that reads and stamps, and does nothing else."""
+    with tempfile.TemporaryDirectory() as name:
+        line = PacedLine("position_feedback")
+        poll = select.poll()
+        poll.register(line.near, select.POLLIN)
+        line.begin(DEFAULT_BAUD, seconds, Path(name) / "times")
+        shown: list[int] = []
+        size = 0
+        while poll.poll(1000):
+            size += len(os.read(line.near, 65_536))
+            now_ns = time.clock_gettime_ns(CLOCK)
+            while len(shown) < size // FRAME_LENGTH:
+                behind = size - len(shown) * FRAME_LENGTH
+                shown.append(now_ns - behind * BYTE_NS)
+        sent = line.sent()
+        line.close()
+    return np.array(shown) - np.array(sent.times) + FRAME_LENGTH * BYTE_NS, sent
 
 
 def measure(seconds: float, *, busy: bool) -> tuple[np.ndarray, Sent]:
@@ -53,14 +79,19 @@ def measure(seconds: float, *, busy: bool) -> tuple[np.ndarray, Sent]:
 
 
 def main() -> None:
-    """Measure idle and busy in turn, and print the percentiles."""
+    """Measure all in turn, and print the percentiles."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
     seconds = parser.parse_args().seconds
     print(f"error of row times at {DEFAULT_BAUD} baud, ms (wanted: p99 under {WANTED_MS:g})")
     print(f"{'screen':<7} {'rows':>7} {'refused':>7} {'p1':>7} {'p50':>7} {'p99':>7} {'max':>7}")
-    for name, busy in (("idle", False), ("busy", True)):
-        errors, sent = measure(seconds, busy=busy)
+    runs = {
+        "(bare)": lambda: bare(seconds),
+        "idle": lambda: measure(seconds, busy=False),
+        "busy": lambda: measure(seconds, busy=True),
+    }
+    for name, run in runs.items():
+        errors, sent = run()
         low, middle, high, most = np.percentile(errors / 1e6, (1, 50, 99, 100))
         print(
             f"{name:<7} {sent.frames:>7,} {sent.refused:>7,} "

@@ -47,10 +47,10 @@ class PacedLine:
     def __init__(self, kind: str) -> None:
         """Make the line; nothing is sent yet."""
         self._kind = kind
-        self.far, self._near = os.openpty()
-        tty.setraw(self._near)
+        self.far, self.near = os.openpty()
+        tty.setraw(self.near)
         os.set_blocking(self.far, False)
-        self.device = os.ttyname(self._near)
+        self.device = os.ttyname(self.near)
 
     def begin(self, baud: int, seconds: float, times: Path | None = None) -> None:
         """Start to send at the pace of `baud`, for so long; write times go to a file if named."""
@@ -79,7 +79,7 @@ class PacedLine:
 
     def close(self) -> None:
         """Unplug the line."""
-        for descriptor in (self.far, self._near):
+        for descriptor in (self.far, self.near):
             with suppress(OSError):
                 os.close(descriptor)
 
