@@ -214,6 +214,6 @@ def open_bridge(
         port,
         host,
         Wires(name, settings.baud, clock),
-        detail=f"{settings}; a host program can open {host.name}",
+        detail=f"a host program can open {host.name}; {settings}",
         reopen=way_back(name, settings, port) if reconnect and link is not None else None,
     )
