@@ -59,6 +59,7 @@ class LiveSession:
         self._total = self._not_shown = 0
         self._away: set[str] = set()
         self._stopped_at_s: float | None = None
+        self._heard_at_s = 0.0
         self._receiving = False
         context = multiprocessing.get_context("spawn")
         self._capture, theirs = context.Pipe()
@@ -163,7 +164,10 @@ class LiveSession:
     @property
     def _overdue(self) -> bool:
         asked = self._stopped_at_s
-        return asked is not None and time.monotonic() > asked + END_WITHIN_S
+        if asked is None:
+            return False
+        # One that is behind has much to record yet, and tells of it all the while.
+        return time.monotonic() > max(asked, self._heard_at_s) + END_WITHIN_S
 
     def _give_up_when_overdue(self) -> None:
         """Kill a capture that was asked to end and has nothing to say to it."""
@@ -191,6 +195,7 @@ class LiveSession:
             )
         finally:
             self._receiving = False
+        self._heard_at_s = time.monotonic()
         assert isinstance(message, Started | Batch | Ended)
         return message
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TypeAlias
 
 from fte_sniff.protocol import PortEvent, Row
@@ -78,20 +77,30 @@ class Ordering:
     def _take(self, overdue_ns: int) -> list[Entry]:
         taken: list[Entry] = []
         while True:
-            filled = [lane for lane in self._lanes if lane.waiting]
-            if not filled:
+            lane = self._earliest()
+            if lane is None:
                 return taken
-            lane = min(filled, key=_next_time)
-            t_ns = _next_time(lane)
-            others = [other for other in self._lanes if other is not lane]
-            if t_ns > overdue_ns and not all(other.is_past(t_ns) for other in others):
-                return taken
+            t_ns = lane.next_time()
+            certain = True
+            for other in self._lanes:
+                if other is not lane:
+                    if t_ns > overdue_ns and not other.is_past(t_ns):
+                        return taken
+                    certain = certain and not lane.may_swap(t_ns, other)
             entry = lane.waiting.popleft()
             if not isinstance(entry, PortEvent):
-                if any(lane.may_swap(t_ns, other) for other in others):
-                    entry = replace(entry, order_uncertain=True)
                 lane.last_ns = t_ns
+                if not certain:
+                    entry = _uncertain(entry)
             taken.append(entry)
+
+    def _earliest(self) -> _Lane | None:
+        """The port whose next row or event is the earliest; None where nothing waits."""
+        found: _Lane | None = None
+        for lane in self._lanes:
+            if lane.waiting and (found is None or lane.next_time() < found.next_time()):
+                found = lane
+        return found
 
 
 class _Lane:
@@ -104,6 +113,10 @@ class _Lane:
         """The time of the last row that was given."""
         self._uncertainty_ns = uncertainty_ns
         self._read_ns = self._next_ns = _NEVER
+
+    def next_time(self) -> int:
+        """When the first began that waits here."""
+        return self.waiting[0].t_ns or 0
 
     def hear(self, t_ns: int, waits_since_ns: int | None, *, data: bool) -> None:
         if data:
@@ -122,11 +135,13 @@ class _Lane:
         """
         if t_ns - other.last_ns <= self._uncertainty_ns:
             return True
-        following = next((e for e in other.waiting if not isinstance(e, PortEvent)), None)
-        if following is None:
-            return False
-        return (following.t_ns or 0) - t_ns <= other._uncertainty_ns
+        for following in other.waiting:
+            if not isinstance(following, PortEvent):
+                return (following.t_ns or 0) - t_ns <= other._uncertainty_ns
+        return False
 
 
-def _next_time(lane: _Lane) -> int:
-    return lane.waiting[0].t_ns or 0
+def _uncertain(row: Row) -> Row:
+    """The row, marked. `dataclasses.replace` would take five times as long."""
+    make = type(row)
+    return make(row.port, row.offset, row.raw, row.t_ns, row.faults, row.read_delay_ns, True)

@@ -25,7 +25,7 @@ from fte_sniff.recording.place import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session import live
 from fte_sniff.session.live import END_WITHIN_S, LiveSession
-from fte_sniff.session.messages import Started
+from fte_sniff.session.messages import Batch, Ended, Started
 from fte_sniff.session.plan import CapturePlan
 from fte_sniff.session.process import capture
 from tests.cli.processes import BOUND_S, holding, wait_until
@@ -238,6 +238,29 @@ def test_a_capture_that_is_stuck_within_a_message_is_killed_by_asking_again(
     with LiveSession(plan()) as session, alarms(session.stop, quickly_overdue):
         to_the_end(session)
         assert isinstance(session.error, PortError)
+
+
+def is_behind(_plan: CapturePlan, view: Connection) -> None:
+    """Stands in for a capture: has much to hand on yet when it is asked to end."""
+    view.send(Started(None))
+    view.recv()
+    for total in range(15):
+        view.poll(0.2)
+        view.send(Batch([], [], total, 0))
+    view.send(Ended())
+
+
+def test_a_capture_that_is_behind_may_take_its_time_to_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(live, "capture", is_behind)
+    monkeypatch.setattr(live, "END_WITHIN_S", 2.0)
+    with LiveSession(plan()) as session:
+        session.stop()
+        while session.poll().state.running:
+            pass
+    assert session.error is None
+    assert session.total_rows == 14
 
 
 def test_a_capture_that_is_stuck_before_it_begins_just_ends(
