@@ -30,6 +30,7 @@ from fte_sniff.protocol import (
     Row,
     Status,
 )
+from fte_sniff.recording.plain_messages import PlainForm, plain_form
 from fte_sniff.recording.schema import (
     enum_number,
     enum_value_name,
@@ -86,6 +87,24 @@ def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
         row: the row; its time must not be None.
         log_time: the message's log time; the row's own time is told where it differs.
     """
+    if not row.faults and row.t_ns == log_time and row.read_delay_ns is not None:
+        kind = row.kind if isinstance(row, Frame) else None
+        if kind is not None and topic is not MALFORMED:
+            assert isinstance(row, Frame)
+            return _plain_form_of(topic.name, kind.name, row.order_uncertain).encode(row)
+    return _encode_by_protobuf(topic, row, log_time)
+
+
+@cache
+def _plain_form_of(topic_name: str, kind_name: str, order_uncertain: bool) -> PlainForm:
+    topic, kind = TOPIC_BY_NAME[topic_name], KIND_BY_NAME[kind_name]
+    fixed = {"status": _STATUS_NUMBER[Status.OK], "kind": enum_number("Kind", kind.name)}
+    if order_uncertain:
+        fixed["order_uncertain"] = True
+    return plain_form(_class_of(topic), kind, fixed)
+
+
+def _encode_by_protobuf(topic: Topic, row: Row, log_time: int) -> bytes:
     values: dict[str, Any] = {"offset": row.offset, "raw": row.raw}
     if row.read_delay_ns is not None:
         values["read_delay_ns"] = row.read_delay_ns
