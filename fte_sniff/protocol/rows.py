@@ -112,6 +112,18 @@ class Frame:
     """Whether a row of another port, although it stands before or behind, may be the later or the
     earlier one: their times are closer than the two ports can tell apart."""
 
+    def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
+        """For pickling: a row on its way to a view. What dataclasses do by themselves is slow."""
+        return Frame, (
+            self.port,
+            self.offset,
+            self.raw,
+            self.t_ns,
+            self.faults,
+            self.read_delay_ns,
+            self.order_uncertain,
+        )
+
     @property
     def status(self) -> Status:
         """How far the row can be believed."""
@@ -155,6 +167,18 @@ class Damage:
     order_uncertain: bool = field(default=False, compare=False)
     """Whether a row of another port, although it stands before or behind, may be the later or the
     earlier one: their times are closer than the two ports can tell apart."""
+
+    def __reduce__(self) -> tuple[type[Damage], tuple[object, ...]]:
+        """For pickling: a row on its way to a view. What dataclasses do by themselves is slow."""
+        return Damage, (
+            self.port,
+            self.offset,
+            self.raw,
+            self.t_ns,
+            self.faults,
+            self.read_delay_ns,
+            self.order_uncertain,
+        )
 
     @property
     def status(self) -> Status:
