@@ -21,9 +21,10 @@ from fte_sniff.capture.bridge.exchange import Exchange
 from fte_sniff.capture.bridge.host_end import HostEnd
 from fte_sniff.capture.bridge.wires import HOST, Wires
 from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.holders import sharing_note
 from fte_sniff.capture.items import Item, SourceEnd
 from fte_sniff.capture.lateness import lateness_ns
-from fte_sniff.capture.ports import PortSettings, open_port
+from fte_sniff.capture.ports import PortSettings, device_of, open_port
 from fte_sniff.capture.refusal import one_line
 from fte_sniff.capture.returning import Opened, Reopen, Return, way_back
 from fte_sniff.errors import FileError
@@ -214,6 +215,6 @@ def open_bridge(
         port,
         host,
         Wires(name, settings.baud, clock),
-        detail=f"a host program can open {host.name}; {settings}",
+        detail=f"a host program can open {host.name}; {settings}{sharing_note(device_of(port))}",
         reopen=way_back(name, settings, port) if reconnect and link is not None else None,
     )

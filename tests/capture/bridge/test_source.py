@@ -5,6 +5,7 @@ import os
 import random
 import select
 import struct
+import subprocess
 import termios
 import threading
 import time
@@ -286,6 +287,16 @@ def test_the_port_is_the_bridges_alone_while_it_runs(bridges, pty):
         open_bridge(pty.device, PortSettings(), CLOCK)
     kept.end()
     assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (0,)
+
+
+def test_another_program_at_the_port_is_pointed_out(bridges, pty, until):
+    with subprocess.Popen(["sleep", "60"], stdin=pty.near) as other:
+        kept = bridges()
+        until(lambda: kept.kinds(pty.device) == ["opened"])
+        other.terminate()
+    detail = kept.events(pty.device)[0].detail
+    assert f"a host program can open {kept.bridge.device}; 115200 baud" in detail
+    assert f"sleep (pid {other.pid}) has it open too" in detail
 
 
 def test_a_link_in_the_way_leaves_the_port_free(bridges, pty, tmp_path):
