@@ -6,7 +6,6 @@ refused is what the terminal had no room for, since it was not read in time. CPU
 core, from the first frame to the last; memory is the greatest seen.
 
     python -m benchmarks.capture_load [--seconds S] [--bauds B ...] [--busy]
-    python -m benchmarks.capture_load --rows N        memory while N rows come at 3,000,000 baud
     python -m benchmarks.capture_load --highest       the highest pace that loses nothing
 """
 
@@ -16,13 +15,12 @@ import argparse
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.live_program import LiveProgram, Taken, taken
 from benchmarks.paced_line import PacedLine
-from fte_sniff.protocol import FRAME_LENGTH, PortEvent, byte_time_ns
+from fte_sniff.protocol import FRAME_LENGTH, PortEvent
 from fte_sniff.recording.reader import RecordingReader
 
 BAUDS = (115_200, 921_600, 3_000_000)
@@ -66,13 +64,7 @@ HEADER = (
 )
 
 
-def run(
-    baud: int,
-    seconds: float,
-    *,
-    busy: bool = False,
-    look: Callable[[float, Taken, Taken], None] = lambda *_: None,
-) -> Load:
+def run(baud: int, seconds: float, *, busy: bool = False) -> Load:
     """Load the program at the pace of `baud` from both sides."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -84,7 +76,7 @@ def run(
         before = taken(program.capture_pid), taken(program.pid)
         for line in lines:
             line.begin(baud, seconds)
-        most = _watch(program, seconds, look)
+        most = _watch(program, seconds)
         sent = [line.sent() for line in lines]
         capture, view = (
             Taken(now.cpu_s - then.cpu_s, max(now.rss_mb, peak))
@@ -110,17 +102,14 @@ def run(
         )
 
 
-def _watch(
-    program: LiveProgram, seconds: float, look: Callable[[float, Taken, Taken], None]
-) -> tuple[float, float]:
+def _watch(program: LiveProgram, seconds: float) -> tuple[float, float]:
     """Look at the program's memory while it is loaded; the most that was seen of each process."""
-    start, capture_mb, view_mb = time.monotonic(), 0.0, 0.0
-    while (passed := time.monotonic() - start) < seconds:
+    start, most = time.monotonic(), (0.0, 0.0)
+    while time.monotonic() < start + seconds:
         capture, view = taken(program.capture_pid), taken(program.pid)
-        capture_mb, view_mb = max(capture_mb, capture.rss_mb), max(view_mb, view.rss_mb)
-        look(passed, capture, view)
+        most = max(most[0], capture.rss_mb), max(most[1], view.rss_mb)
         time.sleep(_LOOK_S)
-    return capture_mb, view_mb
+    return most
 
 
 def _recorded(path: Path) -> tuple[int, Counter[str]]:
@@ -132,22 +121,6 @@ def _recorded(path: Path) -> tuple[int, Counter[str]]:
         else:
             count += len(entry.raw)
     return count, events
-
-
-def _memory(rows: int) -> None:
-    baud = BAUDS[-1]
-    pace = 2 * 1e9 / (FRAME_LENGTH * byte_time_ns(baud))
-    seconds = rows / pace
-    print(f"memory over {rows:,} rows, {pace:,.0f} rows/s: MB of the capture and of the view")
-    shown = 0
-
-    def look(passed: float, capture: Taken, view: Taken) -> None:
-        nonlocal shown
-        if passed >= shown * seconds / 20:
-            print(f"{passed * pace:>12,.0f} {capture.rss_mb:8.1f} {view.rss_mb:8.1f}", flush=True)
-            shown += 1
-
-    print(HEADER, run(baud, seconds, look=look).line(), sep="\n")
 
 
 def _highest(seconds: float) -> None:
@@ -165,12 +138,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--bauds", type=int, nargs="+", default=BAUDS)
     parser.add_argument("--busy", action="store_true", help="press keys all the while")
-    parser.add_argument("--rows", type=int)
     parser.add_argument("--highest", action="store_true")
     asked = parser.parse_args()
-    if asked.rows:
-        _memory(asked.rows)
-    elif asked.highest:
+    if asked.highest:
         _highest(asked.seconds)
     else:
         print(HEADER)

@@ -1,0 +1,117 @@
+"""Owns the figure for memory: what a capture process holds while very many rows go through it.
+
+The real capture process frames, orders and records two wires that bring frames as fast as they are
+taken, so that neither a pace nor a busy machine has a say; a view takes the rows, as quickly as it
+can, and forgets them. Flat means: no more at the end than after the first tenth.
+
+    python -m benchmarks.capture_memory [--rows N]
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.live_program import taken
+from benchmarks.paced_line import frames_of
+from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.items import Item, SourceEnd
+from fte_sniff.capture.ports import PortSettings
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from fte_sniff.session.live import LiveSession
+from fte_sniff.session.plan import CapturePlan
+
+WIRES = {"control": "position", "feedback": "position_feedback"}
+A_CHUNK = 30
+"""Frames of one read: what 3,000,000 baud bring in a millisecond."""
+
+_CHUNK_NS = 1_000_000
+
+
+class FlatOut:
+    """Both wires, with as many frames as are asked for, given whenever one is taken."""
+
+    end: SourceEnd | None = None
+    uncertainty_ns: Mapping[str, int] = dict.fromkeys(WIRES, 1_000_000)
+
+    def __init__(self, rows: int, start_ns: int) -> None:
+        self._rows = rows
+        self._start_ns = start_ns
+        self._stopping = False
+
+    def __iter__(self) -> Iterator[Item]:
+        t_ns = self._start_ns
+        for wire in WIRES:
+            yield PortEvent(t_ns, wire, PortEventKind.OPENED, "")
+        cycles = {wire: frames_of(kind) for wire, kind in WIRES.items()}
+        for at in range(0, self._rows // len(WIRES), A_CHUNK):
+            t_ns += _CHUNK_NS
+            for wire, cycle in cycles.items():
+                place = at % (len(cycle) - A_CHUNK)
+                yield Chunk(wire, t_ns, b"".join(cycle[place : place + A_CHUNK]))
+            if self._stopping:
+                break
+        self.end = SourceEnd.STOPPED
+        for wire in WIRES:
+            yield PortEvent(t_ns, wire, PortEventKind.CLOSED, "")
+
+    def __enter__(self) -> FlatOut:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Ask for the end."""
+        self._stopping = True
+
+    def close(self) -> None:
+        """Ask for the end: there is nothing to close."""
+        self.stop()
+
+
+@dataclass(frozen=True)
+class FlatOutWiring:
+    """The wiring that opens `FlatOut`."""
+
+    rows: int
+    settings: PortSettings
+    names: tuple[str, ...] = tuple(WIRES)
+
+    def open(self, clock: Clock) -> FlatOut:
+        """Begin at once."""
+        return FlatOut(self.rows, clock.now_ns())
+
+
+def main() -> None:
+    """Let the rows through, and print the memory after each twentieth of them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rows", type=int, default=10_000_000)
+    rows = parser.parse_args().rows
+    print(f"{'rows':>12} {'MB':>7} {'CPU us/row':>10} {'not shown':>12}")
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "x.mcap"
+        start = time.monotonic()
+        wiring = FlatOutWiring(rows, PortSettings(3_000_000))
+        with LiveSession(CapturePlan(wiring, path)) as session:
+            shown, running = 1, True
+            while running:
+                state = session.wait(0.1).state
+                running = state.running
+                if running and state.rows >= shown * rows / 20:
+                    now = taken(session.capture_pid)
+                    each = now.cpu_s / state.rows * 1e6
+                    print(
+                        f"{state.rows:>12,} {now.rss_mb:7.1f} {each:10.2f} {state.not_shown:>12,}"
+                    )
+                    shown += 1
+        passed = time.monotonic() - start
+        print(f"{session.total_rows:,} rows, {path.stat().st_size / 1e6:,.0f} MB, {passed:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
