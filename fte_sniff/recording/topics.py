@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 
 from fte_sniff.protocol import KINDS, MOTORS, Frame, FrameKind, Row, Status
-from fte_sniff.protocol.table import NUM_PLACE
+from fte_sniff.protocol.table import CMD_PLACE, KIND_BY_HEADER_AND_CMD, NUM_PLACE
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +72,16 @@ _TOPIC_BY_KIND_AND_MOTOR = MappingProxyType(dict(_topics_of_kinds()))
 
 def topic_of(row: Row) -> Topic:
     """Where a row goes: to its kind's topic if it can be believed, else to `MALFORMED`."""
-    if not isinstance(row, Frame) or row.status is Status.MALFORMED:
+    if not isinstance(row, Frame) or (row.faults and row.status is Status.MALFORMED):
         return MALFORMED
-    kind = row.kind
+    return _topic_of_head(row.raw[: NUM_PLACE + 1])
+
+
+@lru_cache(maxsize=1024)
+def _topic_of_head(head: bytes) -> Topic:
+    """Where frames go whose kind is not in doubt, by their bytes up to NUM."""
+    kind = KIND_BY_HEADER_AND_CMD.get((head[0], head[CMD_PLACE]))
     if kind is None:
         return MALFORMED
-    motor = row.raw[NUM_PLACE] if kind.names_motor else None
+    motor = head[NUM_PLACE] if kind.names_motor else None
     return _TOPIC_BY_KIND_AND_MOTOR.get((kind.name, motor), MALFORMED)
