@@ -23,6 +23,7 @@ from fte_sniff.capture.bridge.wires import HOST, Wires
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.holders import sharing_note
 from fte_sniff.capture.items import Item, SourceEnd
+from fte_sniff.capture.latency import ask_low_latency
 from fte_sniff.capture.lateness import lateness_ns
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
 from fte_sniff.capture.refusal import one_line
@@ -70,6 +71,7 @@ class BridgeSource:
         self._wires = wires
         self._reopen = reopen
         self._stopping = False
+        self._low_latency = ask_low_latency(port)
         self._lateness_ns = lateness_ns(port)
         _refuse_others(port, termios.TIOCEXCL)
         self._exchange = Exchange(port, host, wires)
@@ -81,6 +83,14 @@ class BridgeSource:
     def uncertainty_ns(self) -> Mapping[str, int]:
         """By wire: how much earlier than the times say bytes may have been on it."""
         return {self._wires.port: self._lateness_ns, HOST: 0}
+
+    @property
+    def granted(self) -> Mapping[str, str]:
+        """By port: what its driver granted when it was opened. Line errors are not asked for.
+
+        The marks that they need would be taken away whenever a host program sets its baud.
+        """
+        return {self._wires.port: str(self._low_latency), HOST: "a pseudo-terminal"}
 
     def __iter__(self) -> Iterator[Item]:
         try:
@@ -154,6 +164,7 @@ class BridgeSource:
 
     def _take_over(self, opened: Opened, away_s: float) -> None:
         self._port = opened.port
+        ask_low_latency(self._port)
         _refuse_others(self._port, termios.TIOCEXCL)
         self._host = self._host.again(self._port.baudrate)
         named = "" if opened.name == self._wires.port else f" as {opened.name}"
