@@ -31,3 +31,7 @@ class Bench:
         if self.resolution is None:
             return None
         return pulses / self.resolution / self.gear_ratio
+
+
+NO_BENCH = Bench()
+"""Nobody said anything about the set-up."""

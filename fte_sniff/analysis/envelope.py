@@ -116,6 +116,24 @@ class _Level:
         found = found[np.argsort(numbers[found])]
         return _Groups(numbers, self._low, self._high, self._last)[found]
 
+    def before(self, t_ns: int) -> Told | None:
+        """The last value in a bucket that ends by a time; None where none is kept."""
+        numbers = self._numbers
+        early = (numbers < t_ns // self.length_ns) & (numbers >= self._kept_from)
+        if not early.any():
+            return None
+        slot = int(np.where(early, numbers, _NEVER).argmax())
+        return Told(int(numbers[slot]) * self.length_ns, int(self._last[slot]))
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A value, and about when it was told."""
+
+    t_ns: int
+    """Begin of the bucket that holds it, nanoseconds since 1970 UTC."""
+    value: int
+
 
 class Envelope:
     """One value over time."""
@@ -157,6 +175,14 @@ class Envelope:
         places = (middles - start_ns) / max(1, end_ns - start_ns) * columns
         groups = groups.merged(np.clip(places.astype(np.int64), 0, columns - 1))
         return Spans(*(_placed(part, groups.numbers, columns) for part in _parts(groups)))
+
+    def before(self, t_ns: int) -> Told | None:
+        """The last value from before the bucket of a time, as finely as it is still known."""
+        for level in self._levels:
+            told = level.before(t_ns)
+            if told is not None:
+                return told
+        return None
 
 
 def _parts(groups: _Groups) -> tuple[npt.NDArray[Any], ...]:

@@ -19,13 +19,13 @@ from textual.binding import BindingType
 from textual.filter import LineFilter
 from textual.widgets import Footer, Input
 
+from fte_sniff.analysis.bench import NO_BENCH, Bench
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.store import DEFAULT_BOUND
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.protocol import spaced_hex
 from fte_sniff.tui.colourless import Colourless
-from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.help import HelpPage
 from fte_sniff.tui.keys import (
     FINDING,
@@ -33,21 +33,25 @@ from fte_sniff.tui.keys import (
     INTERRUPT,
     LEAVING,
     TABLE_ACTIONS,
+    UNDERSTANDING,
     bindings,
 )
 from fte_sniff.tui.notices import NoticeLine
+from fte_sniff.tui.panes import Panes
 from fte_sniff.tui.prompt.field import Line
 from fte_sniff.tui.prompt.filter import FilterField
 from fte_sniff.tui.prompt.goto import GotoField, parse_goal
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
-from fte_sniff.tui.table.palette import DARK, LIGHT
 from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.title import TitleLine, mode_of
 from fte_sniff.tui.watched import Watched
 
 TICK_S = 1 / 12
 """Between two looks at the feed: soon enough for the eye, seldom enough to stay calm."""
+
+TALL = 40
+"""Lines from which on a pane leaves the table more than the few rows it must."""
 
 ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 """Signals upon which the screen closes and leaves the terminal as it was."""
@@ -71,7 +75,7 @@ class SniffApp(App[None]):
     """Textual's palette fails on very small terminals and on keys that are typed ahead."""
     BINDINGS: ClassVar[list[BindingType]] = [
         INTERRUPT,
-        *bindings(LEAVING, FINDING, HANDLING),
+        *bindings(LEAVING, FINDING, HANDLING, UNDERSTANDING),
     ]
 
     def __init__(
@@ -81,6 +85,7 @@ class SniffApp(App[None]):
         row_filter: RowFilter | None = None,
         keep_rows: int = DEFAULT_BOUND,
         signals: Sequence[signal.Signals] = ENDING_SIGNALS,
+        bench: Bench = NO_BENCH,
     ) -> None:
         """A screen that has not begun.
 
@@ -90,16 +95,19 @@ class SniffApp(App[None]):
             row_filter: shows only the rows that it wants, until the user says otherwise.
             keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
             signals: upon which the screen closes; others do what they did before.
+            bench: what the user said about the set-up.
         """
         super().__init__()
         self.animation_level = "none"
+        self.VERTICAL_BREAKPOINTS = [(0, "-low"), (TALL, "-tall")]
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
         self._watched = Watched(feed, row_filter, keep_rows)
         self._at_end, self._signals = at_end, signals
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(self._watched.store, self._header)
-        self._detail, self._notice = DetailPane(), NoticeLine()
+        self._panes = Panes(self._watched.store, self._table, bench)
+        self._notice = NoticeLine()
         self._filter_field, self._goto_field = (
             FilterField(row_filter, self._set_filter),
             GotoField(self._go),
@@ -111,7 +119,7 @@ class SniffApp(App[None]):
         yield self._title_line
         yield self._header
         yield self._table
-        yield self._detail
+        yield from self._panes
         yield self._notice
         yield self._filter_field
         yield self._goto_field
@@ -156,6 +164,7 @@ class SniffApp(App[None]):
             self.failure = failure
             self.exit()
             return
+        self._panes.tell_events(news.events)
         for event in news.events:
             self._notice.tell_event(event)
         if news.trouble:
@@ -168,6 +177,8 @@ class SniffApp(App[None]):
             self._table.ports = self._watched.ports
             self._table.sync()
         self._show_state()
+        state = self._watched.state
+        self._panes.tick(monotonic_ns(), state.live and state.running)
 
     def _show_state(self) -> None:
         """Draw the lines above and below the table, where they changed."""
@@ -177,13 +188,11 @@ class SniffApp(App[None]):
         self._status_line.show(watched.numbers(view))
         self._filter_field.tell_shown(watched.shown_words)
         self._table.tell_empty(watched.empty_words)
-        if self._detail.display:
-            palette = DARK if self.current_theme.dark else LIGHT
-            self._detail.show(self._table.cursor_row, palette)
 
     @on(RowTable.Moved)
     def _follow_cursor(self) -> None:
         self._show_state()
+        self._panes.follow_cursor()
 
     def _set_filter(self, line: str) -> None:
         self._filter_field.standing = line
@@ -225,12 +234,20 @@ class SniffApp(App[None]):
         """Freeze the view, or let it go on."""
         self._table.pause()
 
-    def action_detail(self) -> None:
-        """Show or hide the explanation of the row under the cursor."""
-        self._detail.display = not self._detail.display
-        if self._detail.display:
+    def action_pane(self, name: str) -> None:
+        """Show the pane of that name, or close it; to explain one row is to stay on it."""
+        self._panes.toggle(name)
+        if self._panes.holds_row:
             self._table.stay()
         self._show_state()
+
+    def action_zoom(self, by: int) -> None:
+        """Look at more time, or less."""
+        self._panes.zoom(by)
+
+    def action_scroll_pane(self, by: int) -> None:
+        """Move the page of the pane."""
+        self._panes.scroll(by)
 
     def action_copy(self) -> None:
         """Hand the row's bytes to the terminal as hex."""
@@ -244,7 +261,7 @@ class SniffApp(App[None]):
         if self._notice.display:
             self._notice.put_away()
         else:
-            self._detail.display = False
+            self._panes.close()
 
     def action_leave(self) -> None:
         """End."""
@@ -269,6 +286,7 @@ def run_screen(
     row_filter: RowFilter | None = None,
     keep_rows: int = DEFAULT_BOUND,
     signals: Sequence[signal.Signals] = ENDING_SIGNALS,
+    bench: Bench = NO_BENCH,
 ) -> int:
     """Show the feed until the user ends it, or a signal does; the feed is then asked to stop.
 
@@ -278,6 +296,7 @@ def run_screen(
         row_filter: shows only the rows that it wants, until the user says otherwise.
         keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
         signals: upon which the screen closes; others do what they did before.
+        bench: what the user said about the set-up.
 
     Returns:
         0, or another number where the screen itself broke, which then has been said.
@@ -285,7 +304,7 @@ def run_screen(
     Raises:
         FteSniffError: the feed failed; the terminal is as it was before.
     """
-    app = SniffApp(feed, at_end, row_filter, keep_rows, signals)
+    app = SniffApp(feed, at_end, row_filter, keep_rows, signals, bench)
     try:
         app.run()
     finally:
