@@ -30,15 +30,12 @@ LINES_AROUND: Final = 6
 MOST_ROWS_AWAY: Final = 20_000
 """Rows of other ports that neighbours are looked for behind."""
 
-ABREAST: Final = ((141, 32), (77, 16), (0, 8))
-"""From how many cells on so many bytes stand in a line."""
-
-TEXT_FROM: Final = 45
-"""Cells from which on the bytes stand as text too."""
+ABREAST: Final = (32, 16, 8)
+"""How many bytes may stand in a line: as many as there is room for, the last in any case."""
 
 UNKNOWN: Final = "··"
 
-_OFFSET_WIDTH: Final = 14
+_OFFSET_WIDTH: Final = 12
 _AT_ONCE: Final = 256
 _OWN: Final = Style(bold=True, reverse=True)
 
@@ -84,15 +81,20 @@ def _forwards(store: RowStore, index: int) -> Iterator[Row]:
 
 def dump(row: Row, rows: Sequence[Row], width: int, palette: Palette) -> Text:
     """The row among its neighbours, for so many cells."""
-    abreast = next(count for least, count in ABREAST if width >= least)
+    abreast = next((n for n in ABREAST if _cells(n) + n < width), ABREAST[-1])
     stream = _Stream(row, rows, palette)
     first = max(0, row.offset // abreast - LINES_AROUND)
     last = (row.offset + max(1, len(row.raw)) - 1) // abreast + LINES_AROUND
     lines = [
-        stream.line(number * abreast, abreast, width >= TEXT_FROM)
+        stream.line(number * abreast, abreast, _cells(abreast) + abreast < width)
         for number in range(first, last + 1)
     ]
     return Text("\n").join(line for line in lines if line is not None)
+
+
+def _cells(abreast: int) -> int:
+    """What the offset and so many bytes take, with the signs between them."""
+    return _OFFSET_WIDTH + 1 + 3 * abreast + 1
 
 
 class _Stream:
@@ -116,7 +118,7 @@ class _Stream:
         places = range(start, start + abreast)
         if not any(place in self._bytes for place in places):
             return None
-        line = Text(f"{start:>{_OFFSET_WIDTH - 2},} ", style=self._muted)
+        line = Text(f"{start:>{_OFFSET_WIDTH},} ", style=self._muted)
         for place in places:
             line.append(self._sign(place), self._style_between(place))
             byte = self._bytes.get(place)
@@ -164,7 +166,7 @@ class BytesPane(Pane):
             self.draw(Text(NO_ROW))
             return
         width = self.room.width
-        reach = LINES_AROUND * ABREAST[0][1]
+        reach = LINES_AROUND * ABREAST[0]
         rows = neighbours(sight.store, sight.index, reach)
         now = (sight.row, rows[0].offset, len(rows), width, sight.palette)
         if now == self._shown:
