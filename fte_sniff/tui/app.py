@@ -50,6 +50,9 @@ from fte_sniff.tui.watched import Watched
 TICK_S = 1 / 12
 """Between two looks at the feed: soon enough for the eye, seldom enough to stay calm."""
 
+LOW = 16
+"""Lines below which a pane has to be content with very few."""
+
 TALL = 40
 """Lines from which on a pane leaves the table more than the few rows it must."""
 
@@ -99,7 +102,7 @@ class SniffApp(App[None]):
         """
         super().__init__()
         self.animation_level = "none"
-        self.VERTICAL_BREAKPOINTS = [(0, "-low"), (TALL, "-tall")]
+        self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low"), (TALL, "-tall")]
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
         self._watched = Watched(feed, row_filter, keep_rows)

@@ -21,7 +21,7 @@ from fte_sniff.tui.pane import Pane, Sight
 from fte_sniff.tui.table.palette import Palette
 
 TITLE: Final = "bytes around offset {offset:,}"
-HINT: Final = "[ ] the row   | a row begins   J K: scroll   esc: close"
+HINT: Final = "[ ] row   | next row   J K: scroll   esc: close"
 NO_ROW: Final = "no row"
 
 LINES_AROUND: Final = 6

@@ -19,7 +19,7 @@ from fte_sniff.tui.pane import Pane, Sight
 from fte_sniff.tui.quantities import span_text
 from fte_sniff.tui.table.palette import Palette
 
-TITLE: Final = "motors, last {span}: line is told, dots are asked"
+TITLE: Final = "motors, {span}: line told, dots asked"
 HINT: Final = "z Z: time   J K: scroll   esc: close"
 BEHIND: Final = "reading: {rows:,} rows to go"
 
