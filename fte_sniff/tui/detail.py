@@ -74,8 +74,10 @@ def detail_text(row: Row, palette: Palette, room: Room, bench: Bench = NO_BENCH)
         words = _wrap(UNCERTAIN_ORDER, room.width - 2)
         marks = (ORDER_MARK, *(" " * (len(words) - 1)))
         lines += [Text(f"{mark} {line}") for mark, line in zip(marks, words, strict=True)]
-    for part in dissect(row):
-        lines += _part_lines(_with_turns(part, bench), palette, room)
+    parts = [_with_turns(part, bench) for part in dissect(row)]
+    values = _VALUE_WIDTH if any(part.value for part in parts) else 0
+    for part in parts:
+        lines += _part_lines(part, palette, room, values)
     for line in lines:
         line.truncate(room.width, overflow="ellipsis")
     return Text("\n").join(lines)
@@ -106,8 +108,8 @@ def _with_turns(part: Part, bench: Bench) -> Part:
     return replace(part, value=TURNS.format(pulses=part.value, turns=turns)) if turns else part
 
 
-def _part_lines(part: Part, palette: Palette, room: Room) -> Iterator[Text]:
-    """The bytes, the name, the value and what it is; then what is wrong, and the bits.
+def _part_lines(part: Part, palette: Palette, room: Room, values: int) -> Iterator[Text]:
+    """The bytes, the name, the value in its cells and what it is; then what is wrong, and the bits.
 
     More bytes than stand before a name follow in lines of their own, each with the part's mark.
     """
@@ -121,7 +123,7 @@ def _part_lines(part: Part, palette: Palette, room: Room) -> Iterator[Text]:
         (mark, wrong),
         f" {spaced_hex(part.raw) if beside else '':<{_HEX_WIDTH}}",
         (f"{part.name:<{_NAME_WIDTH}} ", wrong + Style(bold=True)),
-        f"{value:<{_VALUE_WIDTH}} ",
+        f"{value:<{values}} " if values else "",
     )
     here, *more = _wrapped_beside(part.meaning, len(line), room)
     line.append(here, palette.muted)

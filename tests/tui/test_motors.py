@@ -110,37 +110,49 @@ def _curves(
     otherwise: Sequence[int] = (),
     standing: float | None = None,
 ) -> Curves:
-    columns = dots_across(27)
+    columns = dots_across(28)
     other = np.zeros(columns, np.bool_)
     other[list(otherwise)] = True
     return Curves(_spans(columns, asked), _spans(columns, told), other, standing, 0.1 * SECOND_NS)
 
 
 def _drawn(curves: Curves) -> list[str]:
-    return [line.plain for line in plot(curves, STROKES, 27, 4)]
+    return [line.plain for line in plot(curves, STROKES, 28, 4)]
 
 
 def test_a_spike_of_one_column_is_seen_from_top_to_bottom() -> None:
     lines = _drawn(_curves(dict.fromkeys(range(40), (0, 0)) | {20: (0, 1000)}, {}))
-    assert all(line[7 + 10] != " " for line in lines)
-    assert all(line[7 + 15] == " " for line in lines[:-1])
-    assert lines[0].startswith("  1000 ")
-    assert lines[-1].startswith("     0 ")
+    assert all(line[8 + 10] != " " for line in lines)
+    assert all(line[8 + 15] == " " for line in lines[:-1])
+    assert lines[0].startswith("   1000 ")
+    assert lines[-1].startswith("      0 ")
+
+
+def test_a_spike_that_would_press_all_else_flat_goes_over_the_end_and_is_told() -> None:
+    wave = {n: (n % 20, n % 20 + 3) for n in range(40)}
+    lines = _drawn(_curves(wave | {20: (0, 2**30)}, {}))
+    assert lines[1].startswith(" ▲1.07G ")
+    assert lines[0][8 + 10] != " "
+    calm = _drawn(_curves(wave, {}))
+    assert float(lines[0][:7]) <= 2 * float(calm[0][:7])
+    assert sum(line[8:] != other[8:] for line, other in zip(lines, calm, strict=True)) <= 4
+    low = _drawn(_curves(wave | {20: (-(2**30), 0)}, {}))
+    assert low[2].startswith("▼-1.07G ")
 
 
 def test_what_is_told_is_held_for_a_second_and_what_is_asked_until_something_else_is() -> None:
-    told = _drawn(_curves({0: (5, 5)}, {}))[2][7:]
+    told = _drawn(_curves({0: (5, 5)}, {}))[2][8:]
     assert told[:5].strip()
     assert not told[6:].strip()
-    asked = _drawn(_curves({}, {0: (5, 5)}))[2][7:]
+    asked = _drawn(_curves({}, {0: (5, 5)}))[2][8:]
     assert asked[-2:].strip()
-    ended = _drawn(_curves({}, {0: (5, 5)}, otherwise=[20]))[2][7:]
+    ended = _drawn(_curves({}, {0: (5, 5)}, otherwise=[20]))[2][8:]
     assert ended[8:10].strip()
     assert not ended[10:].strip()
 
 
 def test_what_was_asked_before_stands_from_the_left() -> None:
-    assert _drawn(_curves({}, {}, standing=7.0))[2][7:].strip()
+    assert _drawn(_curves({}, {}, standing=7.0))[2][8:].strip()
     assert not "".join(_drawn(_curves({}, {}))).strip()
 
 

@@ -5,7 +5,7 @@ what there is room for below them is for the plots, and where there is much room
 
     motor 1 online error 04 b2 12:00:03
     target speed 1000 RPM
-    now    998 RPM   2500 pulses 3.2 s ago
+    now    998 RPM  2500 pulses 3.2 s ago
     12.5/s commands, 3 of 1,240 unanswered
     50.0/s feedback, 2.1 ms after, p99 4 ms
       1000 ⣀⡠⠤⠒⠒⠉⠉ ...
@@ -117,7 +117,8 @@ def plots(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette)
     if size.height < 1 or dots_across(size.width) < 1 or look.now_ns is None:
         return []
     if size.height < len(QUANTITIES) * (PLOT_LINES + 2):
-        return _plot(look, state, _asked_for(state), size, palette)
+        name = _asked_for(state)
+        return _plot(look, state, name, size, palette, _FIELD[name].unit)
     lines: list[Text] = []
     for place, name in enumerate(QUANTITIES):
         height = (size.height - len(lines)) // (len(QUANTITIES) - place)
@@ -130,7 +131,9 @@ def plots(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette)
 def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> Iterator[Text]:
     yield _title(state, size.width, palette)
     yield Text.assemble(_label(TARGET, palette), *_target(look, state, palette))
-    readings = [_reading(look, state, name, palette) for name in QUANTITIES]
+    first = _asked_for(state)
+    names = [first, *(name for name in QUANTITIES if name != first)]
+    readings = [_reading(look, state, name, palette) for name in names]
     if size.roomy:
         yield from (_label(NOW, palette) + reading for reading in readings)
     else:
@@ -142,7 +145,7 @@ def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette
 
 
 def _label(word: str, palette: Palette) -> Text:
-    return Text(f"{word:<{_LABEL}}", style=palette.muted)
+    return Text.assemble((f"{word:<{_LABEL}}", palette.muted))
 
 
 def _head(form: str, state: MotorState, palette: Palette) -> Text:
@@ -275,9 +278,14 @@ def _asked_for(state: MotorState) -> str:
 
 
 def _plot(
-    look: MotorsLook, state: MotorState, name: str, size: CardSize, palette: Palette
+    look: MotorsLook,
+    state: MotorState,
+    name: str,
+    size: CardSize,
+    palette: Palette,
+    unit: str = "",
 ) -> list[Text]:
     curves = look.curves(state, name, dots_across(size.width))
     told = Style(color=palette.kinds[_KIND[name].name].color)
     strokes = Strokes(told=told, asked=palette.asked, scale=palette.muted)
-    return plot(curves, strokes, size.width, size.height)
+    return plot(curves, strokes, size.width, size.height, unit)

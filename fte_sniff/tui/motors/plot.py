@@ -23,7 +23,7 @@ from fte_sniff.tui.braille import ACROSS, DOWN, Canvas
 from fte_sniff.tui.fitting import fit_right
 from fte_sniff.tui.quantities import short_number
 
-SCALE_CELLS: Final = 7
+SCALE_CELLS: Final = 8
 """Cells that the ends of the scale take at the left."""
 
 HELD_NS: Final = 1_000_000_000
@@ -31,6 +31,30 @@ HELD_NS: Final = 1_000_000_000
 
 DOTTED_EVERY: Final = 3
 """Columns of dots from one dot of what was asked to the next."""
+
+
+MOST_PRESSED: Final = 4
+"""How many times longer the scale may become for the sake of a few values."""
+
+CALM_OVER: Final = 5
+"""Columns of which most must agree."""
+
+ROOMY_SCALE: Final = 4
+"""Lines from which on the scale's ends are told beside what goes over them."""
+
+OVER: Final = "▲{value}"
+UNDER: Final = "▼{value}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Scale:
+    """What the lowest and the highest dot stand for."""
+
+    low: float
+    high: float
+    least: float
+    most: float
+    """The extreme values; dots over an end of the scale stand at that end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,17 +80,21 @@ class Curves:
     """The time that a column takes."""
 
 
-def plot(curves: Curves, strokes: Strokes, width: int, height: int) -> list[Text]:
-    """The plot in so many cells; empty but for its place where there is nothing to plot."""
+def plot(curves: Curves, strokes: Strokes, width: int, height: int, unit: str = "") -> list[Text]:
+    """The plot in so many cells; empty but for its place where there is nothing to plot.
+
+    `unit` stands between the ends of the scale, where there is room.
+    """
     told = _joined(_told(curves))
     asked = _joined(_asked(curves))
-    low, high = _ends(told, asked)
+    scale = _scale(told, asked)
     across = max(0, width - SCALE_CELLS)
     line, dots = Canvas(across, height), Canvas(across, height)
-    _draw(line, told, low, high)
-    _draw(dots, asked, low, high)
-    dots.dots[:, np.arange(dots.dots.shape[1]) % DOTTED_EVERY != 0] = False
-    return _lines(line, dots, _scale(low, high, height), strokes)
+    if scale is not None:
+        _draw(line, told, scale)
+        _draw(dots, asked, scale)
+        dots.dots[:, np.arange(dots.dots.shape[1]) % DOTTED_EVERY != 0] = False
+    return _lines(line, dots, _marks(scale, height, unit), strokes)
 
 
 def dots_across(width: int) -> int:
@@ -114,33 +142,60 @@ def _joined(spans: Spans) -> Spans:
     return Spans(np.fmin(spans.low, before), np.fmax(spans.high, before), spans.last)
 
 
-def _ends(*curves: Spans) -> tuple[float, float] | tuple[None, None]:
-    """The least and the greatest value of all; None where there are none."""
+def _scale(*curves: Spans) -> _Scale | None:
+    """The scale that shows all values; None where there are none.
+
+    Where a few values would press all others flat, as a flipped bit does, they go over its ends.
+    """
     every = np.concatenate([part for spans in curves for part in (spans.low, spans.high)])
     every = every[~np.isnan(every)]
-    return (float(every.min()), float(every.max())) if len(every) else (None, None)
+    if not len(every):
+        return None
+    least, most = float(every.min()), float(every.max())
+    calm = np.concatenate([_calm(spans.last) for spans in curves])
+    low, high = (float(calm.min()), float(calm.max())) if len(calm) else (least, most)
+    if not 0 < (high - low) * MOST_PRESSED < most - least:
+        return _Scale(least, most, least, most)
+    room = (high - low) / 4
+    return _Scale(max(least, low - room), min(most, high + room), least, most)
 
 
-def _draw(canvas: Canvas, spans: Spans, low: float | None, high: float | None) -> None:
-    if low is None or high is None or not len(canvas.dots):
+def _calm(values: Floats) -> Floats:
+    """The middle one of each five values: what stands alone is in none of them."""
+    told = values[~np.isnan(values)]
+    if len(told) < CALM_OVER:
+        return told
+    calm: Floats = np.median(np.lib.stride_tricks.sliding_window_view(told, CALM_OVER), axis=1)
+    return calm
+
+
+def _draw(canvas: Canvas, spans: Spans, scale: _Scale) -> None:
+    if not len(canvas.dots):
         return
-    top = len(canvas.dots) - 1
-    if high > low:
-        canvas.bars((spans.low - low) / (high - low) * top, (spans.high - low) / (high - low) * top)
+    top, length = len(canvas.dots) - 1, scale.high - scale.low
+    if length > 0:
+        canvas.bars(*((end - scale.low) / length * top for end in (spans.low, spans.high)))
     else:
         level = np.where(np.isnan(spans.low), np.nan, top // 2)
         canvas.bars(level, level)
 
 
-def _scale(low: float | None, high: float | None, height: int) -> list[str]:
-    """What stands at the left of each line."""
+def _marks(scale: _Scale | None, height: int, unit: str) -> list[str]:
+    """What stands at the left of each line: the scale's ends, what goes over them, the unit."""
     marks = [""] * height
-    if low is None or high is None or not height:
+    if scale is None or not height:
         return marks
-    if low == high or height == 1:
-        marks[(height * DOWN - 1 - (height * DOWN - 1) // 2) // DOWN] = short_number(high)
-    else:
-        marks[0], marks[-1] = short_number(high), short_number(low)
+    if scale.low == scale.high or height == 1:
+        marks[(height * DOWN - 1 - (height * DOWN - 1) // 2) // DOWN] = short_number(scale.high)
+        return marks
+    marks[0], marks[-1] = short_number(scale.high), short_number(scale.low)
+    inward = 1 if height >= ROOMY_SCALE else 0
+    if scale.most > scale.high:
+        marks[inward] = OVER.format(value=short_number(scale.most))
+    if scale.least < scale.low:
+        marks[-1 - inward] = UNDER.format(value=short_number(scale.least))
+    if not marks[height // 2]:
+        marks[height // 2] = unit
     return marks
 
 

@@ -23,7 +23,7 @@ TITLE: Final = "motors, {span}: line told, dots asked"
 HINT: Final = "z Z: time   J K: scroll   esc: close"
 BEHIND: Final = "reading: {rows:,} rows to go"
 
-FOUR_ABREAST: Final = 136
+FOUR_ABREAST: Final = 160
 """Cells from which on all motors stand side by side."""
 
 TWO_ABREAST: Final = 68
