@@ -11,7 +11,6 @@ number of ports, not by that of rows. Times of one port are taken not to fall.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -77,6 +76,16 @@ class StreamNumbers:
 
 
 @dataclass(frozen=True, slots=True)
+class EventNumbers:
+    """One sort of thing that happened to a port: line errors, for one."""
+
+    kind: PortEventKind
+    count: int
+    last_ns: int
+    """When it last did, nanoseconds since 1970 UTC."""
+
+
+@dataclass(frozen=True, slots=True)
 class PortNumbers:
     """One wire."""
 
@@ -88,8 +97,8 @@ class PortNumbers:
     silences: Durations
     """From the end of each row to the begin of the next, where there was anything between."""
     share_over_time: OverTime
-    events: tuple[tuple[PortEventKind, int], ...]
-    """What happened to the port, and how often."""
+    events: tuple[EventNumbers, ...]
+    """What happened to the port, in the order in which it first did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +150,7 @@ class _Port:
         self.first_ns: int | None = None
         self.end_ns = 0
         self.silences = Durations()
-        self.events: Counter[PortEventKind] = Counter()
+        self.events: dict[PortEventKind, EventNumbers] = {}
 
     def add(self, lengths: Ints, t_ns: Ints, ends_ns: Ints, timed_bytes: int) -> None:
         """Rows: all lengths, and begins and ends of those that have a time."""
@@ -183,7 +192,9 @@ class Statistics:
     def add_events(self, events: Sequence[PortEvent]) -> None:
         """What happened to ports."""
         for event in events:
-            self._ports.setdefault(event.port, _Port()).events[event.kind] += 1
+            told = self._ports.setdefault(event.port, _Port()).events
+            before = told[event.kind].count if event.kind in told else 0
+            told[event.kind] = EventNumbers(event.kind, before + 1, event.t_ns)
 
     def _add_ports(self, rows: Decoded) -> None:
         codes, lengths = rows.packed["port"], rows.packed["length"].astype(np.int64)
@@ -244,7 +255,7 @@ class Statistics:
                 self._share(port),
                 port.silences,
                 self._share_over_time(name),
-                tuple(sorted(port.events.items())),
+                tuple(port.events.values()),
             )
             for name, port in self._ports.items()
         ]

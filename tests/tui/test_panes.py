@@ -189,7 +189,7 @@ def test_line_errors_of_the_port_are_counted(feed: Any) -> None:
         await settle(app, pilot)
         await press(app, pilot, "escape", "S")
         await settle(app, pilot)
-        assert "port events: line error 3" in page(app)
+        assert "port events: line error 3 (last" in page(app)
 
     play(feed, scenario)
 

@@ -61,7 +61,8 @@ def test_without_times_it_says_so_and_tells_no_rates() -> None:
 
 def test_port_events_and_what_is_still_to_be_read_are_told(speed_rows: Rows) -> None:
     told = _told(speed_rows(10), behind=1234)
-    told.statistics.add_events([PortEvent(0, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "")] * 3)
+    event = PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "parity")
+    told.statistics.add_events([event] * 3)
     text = page(told, 100, DARK).plain
-    assert "port events: line error 3" in text
+    assert "port events: line error 3 (last 12:00:00.000)" in text
     assert "1,234 rows to go" in text

@@ -37,7 +37,7 @@ SILENCE: Final = "{count:,} < {span}"
 SILENCE_LAST: Final = "{count:,} longer"
 LONGEST: Final = "  longest silence {span}, until {time}"
 NO_SILENCE: Final = "  never silent"
-EVENT: Final = "{event} {count:,}"
+EVENT: Final = "{event} {count:,} (last {time})"
 EVENTS: Final = "  port events: {events}"
 NO_EVENTS: Final = "  port events: none"
 NO_FAULTS: Final = "no faults"
@@ -142,7 +142,14 @@ def _port(port: PortNumbers, bench: Bench, width: int, palette: Palette) -> Iter
         yield _use_over_time(port.share_over_time, width, palette)
         yield from _silences(port.silences, width)
     if port.events:
-        said = (EVENT.format(event=kind.replace("_", " "), count=n) for kind, n in port.events)
+        said = (
+            EVENT.format(
+                event=event.kind.replace("_", " "),
+                count=event.count,
+                time=clock_text(event.last_ns, _MILLISECONDS),
+            )
+            for event in port.events
+        )
         yield Text(EVENTS.format(events=", ".join(said)))
     else:
         yield Text(NO_EVENTS, style=palette.muted)
