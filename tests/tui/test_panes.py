@@ -214,7 +214,7 @@ def test_rows_go_on_to_be_counted_while_no_pane_is_open(feed: Any, speed_rows: R
             feed.give(speed_rows(10_000, start=start))
             await settle(app, pilot)
         await press(app, pilot, "S")
-        for _ in range(8):
+        for _ in range(20):
             await settle(app, pilot)
             app._panes.look()
         assert "40,000 rows, 400,000 bytes" in page(app)
