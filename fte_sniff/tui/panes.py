@@ -24,7 +24,7 @@ from fte_sniff.tui.table.widget import RowTable
 STEP_ROWS: Final = 8_192
 """Rows that the models look at in one go."""
 
-SEEN_S: Final = 0.02
+SEEN_S: Final = 0.03
 """How long the models may take at one tick while somebody looks, seconds; the screen waits."""
 
 UNSEEN_S: Final = 0.008
