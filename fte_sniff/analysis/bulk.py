@@ -1,138 +1,26 @@
 """Owns the way from many bytes at once to numpy columns, at the machine's speed.
 
-It must not decide what a frame is: the framer does. This module only counts frames in step faster
-than a regular expression does, and turns what the framer says into columns.
-
-Frames in step are looked at as two numbers, the first eight bytes and the last two, thousands at a
-time; whatever is not plain ends the run, and the framer goes on byte by byte.
+It must not decide what a frame is: the framer does. This module shows it where plain frames stand,
+and turns what it says into columns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from fte_sniff.protocol import (
-    DEFAULT_BAUD,
-    FRAME_LENGTH,
-    HEADERS,
-    KINDS,
-    TAIL,
-    VALUE_FIELDS,
-    Chunk,
-    Fault,
-    Frame,
-    Framer,
-    Row,
-)
-from fte_sniff.protocol.structure import legal_bytes
-from fte_sniff.protocol.table import NUM_PLACE
-from fte_sniff.protocol.tiling import Run
+from fte_sniff.analysis.plain import KIND_OF, NO_KIND, SLAB, Array, PlainRuns
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Chunk, Fault, Framer
+from fte_sniff.protocol.tiling import Tiles
 
-Array = npt.NDArray[Any]
-
-NO_KIND: Final = len(KINDS)
-"""The kind code of a row that has none."""
-
-_FRAME: Final = np.dtype([("front", "<u8"), ("back", "<u2")])
-_FIRST_BLOCK, _LARGEST_BLOCK = 1 << 10, 1 << 13
-_LOW_BITS: Final = np.uint64(0x7F7F7F7F7F7F7F7F)
-_EVERY_BYTE: Final = np.uint64(0x0101010101010101)
-
-
-def _kind_codes() -> Array:
-    """By header and CMD, read as one little-endian number: the kind's place in the table."""
-    codes = np.full(1 << 16, NO_KIND, np.uint8)
-    for code, kind in enumerate(KINDS):
-        for cmd in kind.cmds:
-            codes[kind.header | cmd << 8] = code
-    return codes
-
-
-def _num_fits() -> Array:
-    """By kind and NUM: whether NUM fits; nothing fits where there is no kind."""
-    fits = np.zeros((NO_KIND + 1, 256), np.bool_)
-    for code, kind in enumerate(KINDS):
-        legal = legal_bytes(kind)[NUM_PLACE]
-        fits[code, list(range(256) if legal is None else legal)] = True
-    return fits.reshape(-1)
-
-
-def _forbidden_bits() -> tuple[Array, Array]:
-    """By kind, in the front and in the back of a frame: the bits that must not be set."""
-    masks = np.zeros((NO_KIND + 1, FRAME_LENGTH), np.uint8)
-    for code, kind in enumerate(KINDS):
-        for place in range(NUM_PLACE + 1, FRAME_LENGTH - 1):
-            legal = legal_bytes(kind)[place]
-            if legal is not None:
-                masks[code, place] = 0xFF ^ np.bitwise_or.reduce(list(legal))
-    packed = np.ascontiguousarray(masks).view(_FRAME).reshape(-1)
-    return packed["front"].copy(), packed["back"].copy()
-
-
-_KIND: Final = _kind_codes()
-_NUM_FITS: Final = _num_fits()
-_FRONT_MASK, _BACK_MASK = _forbidden_bits()
-_TAIL_HIGH: Final = np.uint16(TAIL << 8)
-_HEADERS: Final = tuple(np.uint64(header) * _EVERY_BYTE for header in HEADERS.values())
-_TAILS: Final = np.uint64(TAIL) * _EVERY_BYTE
-_ABOVE_CMDS: Final = np.uint64(0xFC) * _EVERY_BYTE
-_ABOVE_NUMS: Final = np.uint64(0xF8) * _EVERY_BYTE
-_NO_PAYLOAD: Final = np.uint64(0xFF << 56)
-
-
-def plain_frames(data: bytes, start: int) -> int:
-    """How many frames in step from `start` fit at every place and hold nothing dividing.
-
-    It may stop early, never late: see `PLAIN_RUN`, which is what counts.
-    """
-    total = (len(data) - start) // FRAME_LENGTH
-    frames = np.frombuffer(data, _FRAME, total, start)
-    done, block = 0, _FIRST_BLOCK
-    while done < total:
-        wrong = _not_plain(frames[done : done + block])
-        if wrong.any():
-            return done + int(wrong.argmax())
-        done += len(wrong)
-        block = min(2 * block, _LARGEST_BLOCK)
-    return done
-
-
-def _not_plain(frames: Array) -> Array:
-    front, back = np.ascontiguousarray(frames["front"]), np.ascontiguousarray(frames["back"])
-    kinds = _KIND[front.astype(np.uint16)]
-    num = (front >> np.uint64(16)).astype(np.uint8)
-    wrong = ~_NUM_FITS[kinds.astype(np.uint16) << np.uint16(8) | num]
-    wrong |= (front & _FRONT_MASK[kinds]) != 0
-    wrong |= (back & _BACK_MASK[kinds]) != 0
-    wrong |= (back & np.uint16(0xFF00)) != _TAIL_HIGH
-    payload = front >> np.uint64(16) | back.astype(np.uint64) << np.uint64(48) | _NO_PAYLOAD
-    wrong[_dividing(payload)] = True
-    return np.asarray(wrong)
-
-
-def _dividing(payload: Array) -> Array:
-    """Where a header follows a tail, or stands before what can be a CMD and a motor."""
-    headers = _zeros(payload ^ _HEADERS[0])
-    for header in _HEADERS[1:]:
-        headers |= _zeros(payload ^ header)
-    with_header = headers.nonzero()[0]
-    headers, payload = headers[with_header], payload[with_header]
-    tails = _zeros(payload ^ _TAILS)
-    cmds = _zeros(payload & _ABOVE_CMDS) & ~_zeros(payload)
-    nums = _zeros(payload & _ABOVE_NUMS)
-    named = headers & cmds >> np.uint64(8) & nums >> np.uint64(16)
-    return np.asarray(with_header[(tails & headers >> np.uint64(8) | named) != 0])
-
-
-def _zeros(numbers: Array) -> Array:
-    """The highest bit of every byte that is 0."""
-    return np.asarray(~((numbers & _LOW_BITS) + _LOW_BITS | numbers | _LOW_BITS))
+_BLOCK: Final = 1 << 13
+"""Rows whose bytes and columns stay in the cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +31,7 @@ class BulkColumns:
     offset: Array
     """Of the row's first byte, int64."""
     length: Array
-    """Bytes, int64."""
+    """Bytes, uint16."""
     framed: Array
     """Whether the row is a frame, bool."""
     kind: Array
@@ -161,44 +49,66 @@ class BulkColumns:
         return has[self.kind]
 
 
-def bulk_columns(port: str, data: bytes, baud: int = DEFAULT_BAUD) -> BulkColumns:
+def bulk_columns(port: str, data: bytes) -> BulkColumns:
     """Frame the bytes of one port, which have no times, into columns."""
-    framer = Framer(port, baud, skip=plain_frames)
-    spans = framer.feed_spans(Chunk(port, None, data)) + framer.flush_spans()
-    return _columns(port, spans)
+    rows = _Rows()
+    with ThreadPoolExecutor(os.cpu_count(), "bulk") as threads:
+        framer = Framer.of_bytes(rows, PlainRuns(data, threads))
+        framer.pour(Chunk(port, None, data))
+        framer.end()
+        return rows.columns(port, threads)
 
 
 _BLANK: Final = bytes(FRAME_LENGTH)
 
 
-def _columns(port: str, spans: Iterable[Row | Run]) -> BulkColumns:
-    parts: list[bytes] = []
-    odd: list[tuple[int, Row]] = []
-    rows = 0
-    for span in spans:
-        if isinstance(span, Run):
-            parts.append(span.raw)
-            rows += len(span.raw) // FRAME_LENGTH
-        else:
-            parts.append(span.raw if isinstance(span, Frame) else _BLANK)
-            odd.append((rows, span))
-            rows += 1
-    raw = np.frombuffer(parts[0] if len(parts) == 1 else b"".join(parts), np.uint8)
-    frames = raw.reshape(-1, FRAME_LENGTH)
-    places = np.array([place for place, _ in odd], np.int64)
-    length = np.full(rows, FRAME_LENGTH, np.int64)
-    length[places] = [len(row.raw) for _, row in odd]
-    framed = np.ones(rows, np.bool_)
-    framed[places] = [isinstance(row, Frame) for _, row in odd]
-    faults = np.zeros(rows, np.uint16)
-    faults[places], sets = _fault_codes([row.faults for _, row in odd])
-    kind, values = _decoded(frames)
-    offset = np.arange(0, rows * FRAME_LENGTH, FRAME_LENGTH)
-    excess = np.zeros(rows, np.int64)
-    excess[places] = length[places] - FRAME_LENGTH
-    if excess.any():
-        offset += np.cumsum(excess) - excess
-    return BulkColumns(port, offset, length, framed, kind, values, faults, sets)
+class _Rows(Tiles):
+    """What the framer decides: runs as they come, and whatever else there is, row by row."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._parts: list[bytes] = []
+        """The bytes of the frames, and blank ones for damage: ten bytes a row."""
+        self._count = 0
+        self._odd: list[int] = []
+        """Which rows are not part of a run, and for each of them:"""
+        self._lengths: list[int] = []
+        self._framed: list[bool] = []
+        self._faults: list[tuple[Fault, ...]] = []
+
+    def row(self, offset: int, raw: bytes, faults: tuple[Fault, ...], *, framed: bool) -> None:
+        """One row that is not part of a run."""
+        self._parts.append(raw if framed else _BLANK)
+        self._odd.append(self._count)
+        self._lengths.append(len(raw))
+        self._framed.append(framed)
+        self._faults.append(faults)
+        self._count += 1
+
+    def run(self, offset: int, data: bytes, start: int, stop: int) -> None:
+        """Frames in step."""
+        self._parts.append(data[start:stop])
+        self._count += (stop - start) // FRAME_LENGTH
+
+    def columns(self, port: str, threads: Executor) -> BulkColumns:
+        """All rows as columns."""
+        rows = self._count
+        parts = self._parts
+        raw = np.frombuffer(parts[0] if len(parts) == 1 else b"".join(parts), np.uint8)
+        places = np.array(self._odd, np.int64)
+        length = np.full(rows, FRAME_LENGTH, np.uint16)
+        length[places] = self._lengths
+        framed = np.ones(rows, np.bool_)
+        framed[places] = self._framed
+        faults = np.zeros(rows, np.uint16)
+        faults[places], sets = _fault_codes(self._faults)
+        offset = np.arange(0, rows * FRAME_LENGTH, FRAME_LENGTH)
+        if len(places):
+            excess = np.zeros(rows, np.int64)
+            excess[places] = np.array(self._lengths) - FRAME_LENGTH
+            offset += np.cumsum(excess) - excess
+        kind, values = _decoded(raw.reshape(-1, FRAME_LENGTH), threads)
+        return BulkColumns(port, offset, length, framed, kind, values, faults, sets)
 
 
 def _fault_codes(
@@ -236,24 +146,34 @@ def _field_places() -> dict[str, tuple[np.dtype[Any], _Places]]:
 _FIELD_PLACES: Final = _field_places()
 
 
-def _decoded(frames: Array) -> tuple[Array, Mapping[str, Array]]:
+def _decoded(frames: Array, threads: Executor) -> tuple[Array, Mapping[str, Array]]:
     """The kind of every row, and every field of the table, read where the row's kind has it."""
     rows = len(frames)
     kinds = np.empty(rows, np.uint8)
     values = {
         name: np.empty(rows, wire.newbyteorder("=")) for name, (wire, _) in _FIELD_PLACES.items()
     }
-    for at in range(0, rows, _LARGEST_BLOCK):
-        block = slice(at, at + _LARGEST_BLOCK)
+    slabs = range(0, rows, SLAB // FRAME_LENGTH)
+    for _ in threads.map(lambda at: _decode(frames, at, kinds, values), slabs):
+        pass
+    return kinds, MappingProxyType(values)
+
+
+def _decode(frames: Array, first: int, kinds: Array, values: Mapping[str, Array]) -> None:
+    """Fill one slab of the columns."""
+    for at in range(first, min(first + SLAB // FRAME_LENGTH, len(frames)), _BLOCK):
+        block = slice(at, min(at + _BLOCK, first + SLAB // FRAME_LENGTH))
         own = frames[block]
-        kind = _KIND[own[:, 0] | own[:, 1].astype(np.uint16) << np.uint16(8)]
+        kind = KIND_OF.take(_read(own, 0, _HEADER_AND_CMD), mode="clip")
         kinds[block] = kind
         for name, (wire, ((start, _), *others)) in _FIELD_PLACES.items():
             column = values[name][block]
             column[:] = _read(own, start, wire)
             for other, has in others:
-                np.copyto(column, _read(own, other, wire), where=has[kind])
-    return kinds, MappingProxyType(values)
+                np.copyto(column, _read(own, other, wire), where=has.take(kind, mode="clip"))
+
+
+_HEADER_AND_CMD: Final = np.dtype("<u2")
 
 
 def _read(frames: Array, start: int, wire: np.dtype[Any]) -> Array:

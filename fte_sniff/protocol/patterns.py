@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-from fte_sniff.protocol.structure import HEADER_BYTES, strict_regex
+from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG, strict_regex
 from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, MOTORS, TAIL, FrameKind
 
 _HEADER = b"[%b]" % re.escape(HEADER_BYTES)
@@ -55,9 +55,10 @@ STRICT = re.compile(_STRICT, re.DOTALL)
 
 _RUN_FRAMES = 128
 
-PLAIN_RUN = re.compile(
-    b"(?:%b){0,%d}+" % (b"|".join(_plain_regex(kind) for kind in KINDS), _RUN_FRAMES), re.DOTALL
-)
+PLAIN = b"(?:%b)" % b"|".join(_plain_regex(kind) for kind in KINDS)
+"""A frame that fits its kind at every place, and could not also be two truncated ones."""
+
+PLAIN_RUN = re.compile(b"%b{0,%d}+" % (PLAIN, _RUN_FRAMES), re.DOTALL)
 """Such frames in step, up to `LONG_RUN` bytes, none of which could also be two truncated ones."""
 
 LONG_RUN = _RUN_FRAMES * FRAME_LENGTH
@@ -71,6 +72,14 @@ STRICT_PAIR = re.compile(_STRICT * 2, re.DOTALL)
 
 CALM = re.compile(b"%b%b%b" % (_HEADER, _CALM, _TAIL), re.DOTALL)
 """Ten bytes that hold no header but the first and no tail but the last."""
+
+FIRM = re.compile(
+    b"%b%b%b[^%b]{%d}" % (_HEADER, _CALM, _TAIL, _TAIL, LONGEST_OVERLONG - FRAME_LENGTH), re.DOTALL
+)
+"""The same, with no tail close behind it that could make it the beginning of an overlong frame."""
+
+FRAMED = re.compile(_FRAMED, re.DOTALL)
+"""Ten bytes between a header and a tail, whatever they hold."""
 
 FRAMED_THREE = re.compile(_FRAMED * 3, re.DOTALL)
 """Three times ten bytes in step, each between a header and a tail, whatever they hold."""

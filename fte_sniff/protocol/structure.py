@@ -14,8 +14,10 @@ bytes where they fit again:
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from types import MappingProxyType
 
 from fte_sniff.protocol.table import (
     CMD_PLACE,
@@ -66,24 +68,32 @@ def strict_regex(kind: FrameKind) -> bytes:
     )
 
 
+def _as_far_as(places: Iterable[bytes | None]) -> re.Pattern[bytes]:
+    """Matches as many bytes as fit these places, one after the other."""
+    pattern = b""
+    for legal in reversed(list(places)):
+        pattern = b"(?:%b%b)?" % (b"." if legal is None else b"[%b]" % re.escape(legal), pattern)
+    return re.compile(pattern, re.DOTALL)
+
+
+_FITTING: Mapping[str, tuple[re.Pattern[bytes], re.Pattern[bytes]]] = MappingProxyType(
+    {
+        kind.name: (_as_far_as(legal_bytes(kind)), _as_far_as(legal_bytes(kind)[::-1]))
+        for kind in KINDS
+    }
+)
+
+
 def head_fit(kind: FrameKind, raw: bytes) -> int:
     """How many of the first bytes of `raw` (0-10) fit the first places of `kind`."""
-    fitting = 0
-    for byte, legal in zip(raw, legal_bytes(kind), strict=False):
-        if legal is not None and byte not in legal:
-            break
-        fitting += 1
-    return fitting
+    match = _FITTING[kind.name][0].match(raw)
+    return match.end() if match else 0
 
 
 def rest_fit(kind: FrameKind, raw: bytes) -> int:
     """How many of the last bytes of `raw` (0-10) fit the last places of `kind`."""
-    fitting = 0
-    for byte, legal in zip(reversed(raw), reversed(legal_bytes(kind)), strict=False):
-        if legal is not None and byte not in legal:
-            break
-        fitting += 1
-    return fitting
+    match = _FITTING[kind.name][1].match(raw[::-1])
+    return match.end() if match else 0
 
 
 @dataclass(frozen=True, slots=True)

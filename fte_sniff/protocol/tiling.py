@@ -1,4 +1,4 @@
-"""Owns how decided bytes become rows: their times, runs of frames, and noise that goes on.
+"""Owns how decided bytes become rows: their times, and noise that goes on.
 
 It must not decide anything: the framer says what each stretch of bytes is, in stream order and
 without gaps.
@@ -6,12 +6,11 @@ without gaps.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from abc import ABC, abstractmethod
 
 from fte_sniff.protocol.rows import Damage, Fault, Frame, Row
 from fte_sniff.protocol.table import FRAME_LENGTH
-from fte_sniff.protocol.timeline import Mark, Timeline
+from fte_sniff.protocol.timeline import Timeline
 
 LONGEST_ROW = 1024
 """Bytes in a row of noise."""
@@ -20,36 +19,13 @@ NOISE = (Fault.NOISE,)
 """The faults of a row of noise."""
 
 
-class Run(NamedTuple):
-    """Frames in step, nothing wrong with any of them, all of whose first bytes share a mark."""
+class Tiles(ABC):
+    """Takes what is decided, row by row; runs of frames with nothing wrong as a whole."""
 
-    port: str
-    offset: int
-    """Of the first byte in that port's stream."""
-    raw: bytes
-    """The bytes of all the frames."""
-    mark: Mark
-
-    def frames(self) -> Iterator[Frame]:
-        """The frames one by one."""
-        port, first, raw, mark = self
-        for place in range(0, len(raw), FRAME_LENGTH):
-            offset = first + place
-            t_ns = mark.time_of(offset)
-            delay = None if t_ns is None else mark.delay_after(t_ns)
-            yield Frame(port, offset, raw[place : place + FRAME_LENGTH], t_ns, (), delay)
-
-
-class Tiler:
-    """Makes the rows of one port."""
-
-    def __init__(self, port: str, timeline: Timeline) -> None:
-        self._port = port
-        self._timeline = timeline
+    def __init__(self) -> None:
         self._noise = b""
         """Noise that has not become a row yet: more may follow."""
         self._noise_offset = 0
-        self._out: list[Row | Run] = []
 
     @property
     def noise_offset(self) -> int | None:
@@ -62,57 +38,52 @@ class Tiler:
             self._noise_offset = offset
         noise, at = self._noise + raw, 0
         while len(noise) - at > LONGEST_ROW:
-            self._append(self._noise_offset + at, noise[at : at + LONGEST_ROW], Damage, NOISE)
+            self.row(self._noise_offset + at, noise[at : at + LONGEST_ROW], NOISE, framed=False)
             at += LONGEST_ROW
         self._noise, self._noise_offset = noise[at:], self._noise_offset + at
 
     def end_noise(self) -> None:
-        """Noise that follows is another row."""
+        """Noise that follows is another row, as anything else is."""
         if self._noise:
-            self._append(self._noise_offset, self._noise, Damage, NOISE)
+            self.row(self._noise_offset, self._noise, NOISE, framed=False)
             self._noise = b""
 
-    def frame(self, offset: int, raw: bytes, faults: tuple[Fault, ...]) -> None:
-        """One frame."""
-        self.end_noise()
-        self._append(offset, raw, Frame, faults)
+    @abstractmethod
+    def row(self, offset: int, raw: bytes, faults: tuple[Fault, ...], *, framed: bool) -> None:
+        """One row, behind whatever noise has been ended."""
 
-    def damage(self, offset: int, raw: bytes, faults: tuple[Fault, ...]) -> None:
-        """Damage other than noise."""
-        self.end_noise()
-        self._append(offset, raw, Damage, faults)
+    @abstractmethod
+    def run(self, offset: int, data: bytes, start: int, stop: int) -> None:
+        """Frames in step with nothing wrong, from `start` to `stop` in `data`."""
 
-    def run(self, offset: int, raw: bytes) -> None:
-        """Frames in step with nothing wrong."""
-        self.end_noise()
-        at = 0
-        while at < len(raw):
-            mark = self._timeline.mark(offset + at)
-            frames = -(-(mark.stop - offset - at) // FRAME_LENGTH)
-            end = min(len(raw), at + frames * FRAME_LENGTH)
-            self._out.append(Run(self._port, offset + at, raw[at:end], mark))
-            at = end
 
-    def take(self) -> list[Row | Run]:
+class Tiler(Tiles):
+    """Makes the rows of one port."""
+
+    def __init__(self, port: str, timeline: Timeline) -> None:
+        super().__init__()
+        self._port = port
+        self._timeline = timeline
+        self._out: list[Row] = []
+
+    def row(self, offset: int, raw: bytes, faults: tuple[Fault, ...], *, framed: bool) -> None:
+        """One row, with its time."""
+        t_ns, delay = self._timeline.mark(offset).time_and_delay(offset)
+        make = Frame if framed else Damage
+        self._out.append(make(self._port, offset, raw, t_ns, faults, delay))
+
+    def run(self, offset: int, data: bytes, start: int, stop: int) -> None:
+        """The frames one by one, each with its time."""
+        port, append, mark_of = self._port, self._out.append, self._timeline.mark
+        mark = mark_of(offset)
+        for place in range(start, stop, FRAME_LENGTH):
+            if offset >= mark.stop:
+                mark = mark_of(offset)
+            t_ns, delay = mark.time_and_delay(offset)
+            append(Frame(port, offset, data[place : place + FRAME_LENGTH], t_ns, (), delay))
+            offset += FRAME_LENGTH
+
+    def take(self) -> list[Row]:
         """The rows made since the last time."""
         out, self._out = self._out, []
         return out
-
-    def _append(
-        self, offset: int, raw: bytes, make: type[Frame | Damage], faults: tuple[Fault, ...]
-    ) -> None:
-        mark = self._timeline.mark(offset)
-        t_ns = mark.time_of(offset)
-        delay = None if t_ns is None else mark.delay_after(t_ns)
-        self._out.append(make(self._port, offset, raw, t_ns, faults, delay))
-
-
-def rows_of(spans: list[Row | Run]) -> list[Row]:
-    """The rows one by one."""
-    rows: list[Row] = []
-    for span in spans:
-        if isinstance(span, Run):
-            rows += span.frames()
-        else:
-            rows.append(span)
-    return rows

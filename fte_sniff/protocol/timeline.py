@@ -32,16 +32,15 @@ class Mark(NamedTuple):
     """No byte of them began before this time."""
     byte_ns: int
 
-    def time_of(self, offset: int) -> int | None:
-        """When the byte at `offset` began on the wire."""
-        if self.t_ns is None:
-            return None
-        began = self.t_ns - (self.stop - offset) * self.byte_ns
-        return began if self.floor_ns is None else max(began, self.floor_ns)
-
-    def delay_after(self, began_ns: int) -> int:
-        """From the time when a byte began to the return of its read, nanoseconds."""
-        return 0 if self.t_ns is None else max(0, self.t_ns - began_ns)
+    def time_and_delay(self, offset: int) -> tuple[int | None, int | None]:
+        """When the byte at `offset` began on the wire, and how long before its read that was."""
+        _, stop, t_ns, floor_ns, byte_ns = self
+        if t_ns is None:
+            return None, None
+        delay = (stop - offset) * byte_ns
+        if floor_ns is None or t_ns - delay >= floor_ns:
+            return t_ns - delay, delay
+        return floor_ns, t_ns - floor_ns if t_ns > floor_ns else 0
 
 
 class Timeline:

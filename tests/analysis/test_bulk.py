@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
-from fte_sniff.analysis.bulk import NO_KIND, bulk_columns, plain_frames
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Chunk, Frame, Framer
-from fte_sniff.protocol.patterns import PLAIN_RUN
+from fte_sniff.analysis.bulk import bulk_columns
+from fte_sniff.analysis.plain import NO_KIND
+from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Frame, Framer
 
 
 @pytest.mark.parametrize(
@@ -36,30 +34,3 @@ def test_columns_are_the_rows(share: float, payload: str) -> None:
 def test_no_bytes_give_no_rows() -> None:
     columns = bulk_columns("p", b"")
     assert len(columns.kind) == len(columns.offset) == 0
-
-
-byte = st.one_of(
-    st.sampled_from([0xAA, 0x55, 0xEE, 0, 1, 2, 3, 4, 0x0F, 0x10]), st.integers(0, 255)
-)
-
-
-@settings(max_examples=300)
-@given(st.integers(0, 5000), st.lists(st.tuples(st.integers(0, 399), byte), max_size=4))
-def test_a_run_is_never_counted_longer_than_it_is(
-    seed: int, changes: list[tuple[int, int]]
-) -> None:
-    stream = bytearray(damaged_stream(seed, 40, 0, "hostile" if seed % 2 else "ordinary")[0])
-    for place, value in changes:
-        stream[place] = value
-    data = bytes(stream)
-    match = PLAIN_RUN.match(data)
-    assert match is not None
-    assert plain_frames(data, 0) <= match.end() // FRAME_LENGTH
-
-
-@settings(max_examples=50)
-@given(st.integers(0, 5000))
-def test_a_run_of_plain_frames_is_counted_whole(seed: int) -> None:
-    frame = damaged_stream(seed, 1, 0, "ordinary")[0]
-    if not any(value in b"\xaa\x55\xee" for value in frame[1:9]):
-        assert plain_frames(frame * 5000, 0) == 5000

@@ -4,8 +4,8 @@
 
 It needs atheris. The input is read as: one byte that says how to cut, then the stream. Broken is:
 an exception, rows that do not tile the stream, rows that depend on how the stream was cut, a
-frame that is not ten bytes between a header and a tail, or a frame called `ok` that does not fit
-its kind.
+frame that is not ten bytes between a header and a tail, a frame called `ok` that does not fit its
+kind, a frame that waited for more than two further ones, or columns that are not the rows.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ with atheris.instrument_imports(include=["fte_sniff.protocol"]):
         encode,
     )
     from fte_sniff.protocol.dissect import dissect
+
+from fte_sniff.analysis.bulk import bulk_columns
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 SILENCES_NS = (0, 3 * BYTE_NS, 5_000_000, 25_000_000, 600_000_000)
@@ -69,6 +71,18 @@ def rows_of(chunks: list[Chunk]) -> list[Row]:
     return rows + framer.flush()
 
 
+def rows_in_time(chunks: list[Chunk]) -> list[Row]:
+    """The rows of single bytes; fails where a frame comes too late."""
+    framer, rows, come = Framer("p"), [], 0
+    for chunk in chunks:
+        come += len(chunk.data)
+        for row in framer.feed(chunk):
+            late = come - row.offset - len(row.raw)
+            assert late <= 2 * FRAME_LENGTH or not isinstance(row, Frame)
+            rows.append(row)
+    return rows + framer.flush()
+
+
 def check(data: bytes) -> None:
     """Fails where a promise is broken."""
     chunks = chunks_of(data[0], data[1:]) if data else []
@@ -91,7 +105,11 @@ def check(data: bytes) -> None:
                     [row.raw[2]],
                 )
     assert b"".join(row.raw for row in rows) == data[1:]
-    assert rows == rows_of(byte_by_byte(chunks))
+    assert rows == rows_in_time(byte_by_byte(chunks))
+    columns = bulk_columns("p", data[1:])
+    untimed = rows_of([Chunk("p", None, data[1:])])
+    assert columns.offset.tolist() == [row.offset for row in untimed]
+    assert [columns.fault_sets[code] for code in columns.faults] == [row.faults for row in untimed]
 
 
 def main() -> None:

@@ -112,3 +112,48 @@ def test_missing_and_extra_bytes_are_placed() -> None:
 def test_noise_says_why_its_headers_begin_no_frame() -> None:
     noise = named(damage("AA 77 01 02 03 04 05 06 07 08 09", Fault.NOISE), "noise")
     assert "no tail EE nine bytes on (found 08)" in noise.note
+
+
+@given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]))
+def test_every_fault_is_at_a_byte_and_says_why(seed: int, payload: str) -> None:
+    stream, _ = damaged_stream(seed, 12, 0.6, payload)
+    framer = Framer("p")
+    for row in framer.feed(Chunk("p", None, stream)) + framer.flush():
+        shown = {part.fault: part for part in dissect(row) if part.fault is not None}
+        assert set(shown) >= set(row.faults) - {Fault.AMBIGUOUS}
+        assert all(part.note for fault, part in shown.items() if fault in row.faults)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault", "part", "note"),
+    [
+        ("AA B2", Fault.TRUNCATED, "payload", "expected the tail EE at the end, found B2"),
+        ("AA", Fault.TRUNCATED, "missing", "expected the tail EE"),
+        ("AA EE", Fault.TRUNCATED, "missing", "the tail EE is at 1, not at 9"),
+        ("AA 01 01 00 00 EE", Fault.TRUNCATED, "missing", "the tail EE is at 5, not at 9"),
+        (
+            "AA 01 01 03 E8 00 00 12 34 00 00 EE",
+            Fault.OVERLONG,
+            "extra",
+            "the first ten bytes end with 00, not EE; the last ten begin with 01, not AA or 55",
+        ),
+    ],
+)
+def test_damage_says_why_it_is_no_frame(text: str, fault: Fault, part: str, note: str) -> None:
+    found = named(damage(text, fault), part)
+    assert (found.fault, note in found.note) == (fault, True), found.note
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("AA 02 03 EE 55 02 01 03 E8 EE", "could end before the 55 at 4, and another begin"),
+        ("AA 02 03 E8 55 02 01 03 E8 EE", "could end before the 55 at 4, and another begin"),
+        ("AA 02 03 EE 12 02 01 03 E8 EE", "could end with the EE at 3"),
+        ("AA 02 03 12 AA 12 01 03 E8 EE", "could begin with the AA at 4"),
+        ("AA 02 03 12 12 12 01 03 E8 EE", "by what stands beside them"),
+    ],
+)
+def test_a_doubt_says_where_the_other_reading_is(text: str, why: str) -> None:
+    (told,) = explain(Frame("p", 0, bytes.fromhex(text), None, (Fault.AMBIGUOUS,)))
+    assert why in told

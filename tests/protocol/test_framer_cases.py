@@ -165,3 +165,41 @@ def test_silence_decides_the_undecidable_stream(shift: int) -> None:
     rows += framer.flush()
     assert all(isinstance(row, Frame) for row in rows)
     assert [row.faults for row in rows[3:-1]] == [()] * (len(rows) - 4)
+
+
+TWO_READINGS = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
+"""A frame, or two truncated ones, each with more of a frame's own bytes than the one has."""
+
+
+def test_what_is_both_one_frame_and_two_truncated_ones_is_read_by_what_is_before() -> None:
+    def told(stream: bytes) -> list[tuple[int, tuple[Fault, ...]]]:
+        framer = Framer("p")
+        rows = framer.feed(Chunk("p", None, stream)) + framer.flush()
+        return [(len(row.raw), row.faults) for row in rows]
+
+    assert told(TWO_READINGS) == [(10, (Fault.AMBIGUOUS,))]
+    assert told(b"\x00\x00" + TWO_READINGS) == [(6, (Fault.NOISE,)), (6, (Fault.TRUNCATED,))]
+
+
+def test_silence_tells_one_frame_from_two_truncated_ones() -> None:
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", 10**18, b"\x00\x00"))
+    rows += framer.feed(Chunk("p", 10**18 + 25_000_000, TWO_READINGS)) + framer.flush()
+    assert [row.raw for row in rows] == [b"\x00\x00", TWO_READINGS]
+
+
+@pytest.mark.parametrize("unit", ["55 02", "AA 01", "55 02 01", "55 02 01 03"])
+def test_endless_stubs_of_frames_become_noise(unit: str) -> None:
+    raw = bytes.fromhex(unit)
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", None, raw * 100)) + framer.feed(Chunk("p", None, raw * 900))
+    assert [(row.raw, row.faults) for row in rows[:4]] == [(raw, (Fault.TRUNCATED,))] * 4
+    assert {row.faults for row in rows[4:]} == {(Fault.NOISE,)}
+    assert len(rows) < 10
+
+
+def test_stubs_are_told_again_after_a_frame() -> None:
+    framer = Framer("p")
+    stub, frame = bytes.fromhex("55 02"), bytes.fromhex(SPEED)
+    rows = framer.feed(Chunk("p", None, (frame * 3 + stub) * 8 + frame * 3)) + framer.flush()
+    assert [row.faults for row in rows if row.raw == stub] == [(Fault.TRUNCATED,)] * 8

@@ -9,7 +9,7 @@ from random import Random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
+from benchmarks.faults import PAYLOADS, draw_frame
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -21,22 +21,10 @@ from fte_sniff.protocol import (
     Row,
     byte_time_ns,
 )
+from tests.protocol.streams import raw_bytes
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 MS = 1_000_000
-
-imitating = st.sampled_from([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03, 0x0F])
-raw_bytes = st.one_of(
-    st.binary(max_size=300),
-    st.lists(imitating, max_size=300).map(bytes),
-    st.builds(
-        lambda seed, share, payload: damaged_stream(seed, 40, share, payload)[0],
-        st.integers(0, 10_000),
-        st.sampled_from([0.05, 0.2, 0.5, 1.0]),
-        st.sampled_from(sorted(PAYLOADS)),
-    ),
-    st.builds(lambda unit, times: unit * times, st.binary(min_size=1, max_size=12), st.just(40)),
-)
 
 
 def rows_of(chunks: Sequence[Chunk]) -> list[Row]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import (
@@ -15,6 +15,7 @@ from fte_sniff.protocol import (
     Row,
     byte_time_ns,
 )
+from tests.protocol.streams import raw_bytes
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 MS = 1_000_000
@@ -39,8 +40,27 @@ def test_a_line_is_calm_until_it_shows_damage() -> None:
     out = _byte_by_byte(framer, SPEED[4:] + SPEED * 5)
     assert [len(rows) for rows in out[26:]] == ([0] * 9 + [1]) * 3
     after_damage = _byte_by_byte(framer, b"\x12\x34\x56" + SPEED * 6)
-    assert [len(rows) for rows in after_damage[-20:]] == ([0] * 9 + [1]) * 2
+    assert [len(rows) for rows in after_damage[-20:]] == ([0] * 3 + [1] + [0] * 6) * 2
     assert framer.flush()[0].raw == SPEED
+
+
+def test_behind_damage_a_frame_waits_for_what_could_make_it_overlong() -> None:
+    framer = Framer("p")
+    framer.feed(Chunk("p", None, SPEED * 3 + b"\x12\x34\x56" + SPEED * 3))
+    out = _byte_by_byte(framer, SPEED + b"\x12\xee")
+    assert [row.raw for rows in out for row in rows] == [SPEED]
+    (waiting, _) = framer.feed(Chunk("p", None, SPEED * 3))[:2]
+    assert (waiting.raw, waiting.faults) == (SPEED, (Fault.AMBIGUOUS,))
+
+
+@settings(max_examples=300, deadline=None)
+@given(raw_bytes)
+def test_no_frame_waits_for_more_than_two_further_ones(data: bytes) -> None:
+    framer = Framer("p")
+    for place, rows in enumerate(_byte_by_byte(framer, data), start=1):
+        for row in rows:
+            waited = place - row.offset - len(row.raw)
+            assert waited <= (2 * FRAME_LENGTH if isinstance(row, Frame) else 90)
 
 
 def test_a_disputed_frame_is_out_after_two_further_frames() -> None:

@@ -22,14 +22,14 @@ def test_without_the_short_cut_the_rows_are_the_same(
     stream, _ = damaged_stream(7, 3000, share, "ordinary")
     taken = []
 
-    def counted(window: bytes) -> object:
-        reading = undisputed(window)
-        taken.append(reading is not None)
-        return reading
+    def counted(data: bytes, at: int) -> object:
+        damage = undisputed(data, at)
+        taken.append(damage is not None)
+        return damage
 
     monkeypatch.setattr(framer_module, "undisputed", counted)
     quick = rows_of(stream)
-    monkeypatch.setattr(framer_module, "undisputed", lambda _: None)
+    monkeypatch.setattr(framer_module, "undisputed", lambda *_: None)
     assert quick == rows_of(stream)
     assert sum(taken) > len(taken) / 3
 
@@ -51,15 +51,14 @@ FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
 )
 def test_plain_damage_needs_no_weighing(damage: str, fault: Fault) -> None:
     raw = bytes.fromhex(damage)
-    reading = undisputed(FRAME + raw + FRAME * 2)
-    assert reading is not None
-    assert [(part.stop - part.start, part.faults) for part in reading] == [
-        (10, ()),
-        (len(raw), (fault,)),
-        (10, ()),
-    ]
+    part = undisputed(FRAME + raw + FRAME * 2, len(FRAME))
+    assert part is not None
+    assert (part.start, part.stop, part.faults) == (0, len(raw), (fault,))
+    assert undisputed(raw + FRAME + FRAME[:9], 0) is None
 
 
-@pytest.mark.parametrize("damage", ["EE", "34 EE", "AA 01", "12 AA 03 EE", "AA 77 12 34 56 78 EE"])
+@pytest.mark.parametrize(
+    "damage", ["EE", "34 EE", "AA 01", "12 AA 03 EE", "55 77 12 34 56 78 EE", "55 02 01 55 02"]
+)
 def test_doubtful_damage_is_left_to_weighing(damage: str) -> None:
-    assert undisputed(FRAME + bytes.fromhex(damage) + FRAME * 2) is None
+    assert undisputed(bytes.fromhex(damage) + FRAME * 2, 0) is None

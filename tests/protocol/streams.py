@@ -1,0 +1,26 @@
+"""Streams of all sorts, for property tests: damaged, imitating, repeating, random, silent."""
+
+from __future__ import annotations
+
+from hypothesis import strategies as st
+
+from benchmarks.faults import PAYLOADS, damaged_stream
+
+imitating = st.sampled_from([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03, 0x0F])
+raw_bytes = st.one_of(
+    st.binary(max_size=300),
+    st.lists(imitating, max_size=300).map(bytes),
+    st.builds(
+        lambda seed, share, payload: damaged_stream(seed, 40, share, payload)[0],
+        st.integers(0, 10_000),
+        st.sampled_from([0.05, 0.2, 0.5, 1.0]),
+        st.sampled_from(sorted(PAYLOADS)),
+    ),
+    st.builds(
+        lambda before, framed, behind: bytes(before) + b"\x55" + framed + b"\xee" + bytes(behind),
+        st.integers(0, 200),
+        st.lists(imitating, min_size=8, max_size=28).map(bytes),
+        st.integers(0, 60),
+    ),
+    st.builds(lambda unit, times: unit * times, st.binary(min_size=1, max_size=12), st.just(40)),
+)
