@@ -15,7 +15,8 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
     +----------------------------------------------------------+
       help.py        over all of it, out of keys.py as well
 
-    app.py           puts it together: the timer, the keys' actions, the end
+    app.py           puts it together: the timer and the end
+    actions/         what the keys do, one topic a file
     keys.py          every key, once
     watched.py       the feed's rows, their numbers, and ways to a row; knows no Textual
     fitting.py       text to a width in cells

@@ -1,6 +1,7 @@
-"""Owns the screen as a whole: what is on it, the timer that feeds it, and what each key does.
+"""Owns the screen as a whole: what is on it, the timer that feeds it, and its end.
 
-It must not know where rows come from, how they are filtered, or what their bytes mean.
+It must not know where rows come from, how they are filtered, or what their bytes mean; what the
+keys do stands in `actions`.
 """
 
 from __future__ import annotations
@@ -14,19 +15,21 @@ from time import monotonic_ns
 from typing import ClassVar
 
 from textual import on
-from textual.app import App, ComposeResult
+from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.filter import LineFilter
-from textual.widgets import Footer, Input
+from textual.widgets import Footer
 
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.store import DEFAULT_BOUND
 from fte_sniff.errors import FteSniffError, shown
-from fte_sniff.protocol import spaced_hex
+from fte_sniff.tui.actions.filtering import Filtering
+from fte_sniff.tui.actions.looking import Looking
+from fte_sniff.tui.actions.seeking import Seeking
+from fte_sniff.tui.actions.taking import Taking
 from fte_sniff.tui.colourless import Colourless
 from fte_sniff.tui.detail import DetailPane
-from fte_sniff.tui.help import HelpPage
 from fte_sniff.tui.keys import (
     FINDING,
     HANDLING,
@@ -38,7 +41,7 @@ from fte_sniff.tui.keys import (
 from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.prompt.field import Line
 from fte_sniff.tui.prompt.filter import FilterField
-from fte_sniff.tui.prompt.goto import GotoField, parse_goal
+from fte_sniff.tui.prompt.goto import GotoField
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.palette import DARK, LIGHT
@@ -62,7 +65,7 @@ class AtEnd(Enum):
     """The screen closes by itself."""
 
 
-class SniffApp(App[None]):
+class SniffApp(Filtering, Seeking, Looking, Taking):
     """The screen over one feed."""
 
     CSS_PATH = "screen.tcss"
@@ -185,82 +188,9 @@ class SniffApp(App[None]):
     def _follow_cursor(self) -> None:
         self._show_state()
 
-    def _set_filter(self, line: str) -> None:
-        self._filter_field.standing = line
-        self._watched.set_filter(RowFilter.parse(line) if line else None, self._table.near)
-        self._table.sync()
-
-    def _go(self, line: str) -> None:
-        if not line:
-            return
-        row = self._watched.row_of(parse_goal(line), self._table.viewport.cursor)
-        if row is None:
-            self._notice.tell("no row here has a time to go by", worry=False)
-            return
-        last = self._table.viewport.count - 1
-        self._table.jump(row)
-        if row > last >= 0:
-            self._notice.tell(f"there is no row {row + 1:,}; this is the last", worry=False)
-
-    def action_filter(self) -> None:
-        """Ask for a filter."""
-        self._filter_field.ask()
-
-    def action_unfilter(self) -> None:
-        """Show all rows again."""
-        self._set_filter("")
-        self._filter_field.fall_back()
-
-    def action_goto(self) -> None:
-        """Ask where to go."""
-        self._goto_field.ask()
-
-    def action_fault(self, by: int) -> None:
-        """Go to the next row with a fault, or to the one before."""
-        if not self._table.jump_to_fault(by):
-            where = "below" if by > 0 else "above"
-            self._notice.tell(f"no row with a fault {where} this one", worry=False)
-
-    def action_pause(self) -> None:
-        """Freeze the view, or let it go on."""
-        self._table.pause()
-
-    def action_detail(self) -> None:
-        """Show or hide the explanation of the row under the cursor."""
-        self._detail.display = not self._detail.display
-        if self._detail.display:
-            self._table.stay()
-        self._show_state()
-
-    def action_copy(self) -> None:
-        """Hand the row's bytes to the terminal as hex."""
-        row = self._table.cursor_row
-        if row is not None:
-            self.copy_to_clipboard(spaced_hex(row.raw))
-            self._notice.tell(f"copied {spaced_hex(row.raw)}", worry=False)
-
-    def action_dismiss(self) -> None:
-        """Close the pane, or put the notice away."""
-        if self._notice.display:
-            self._notice.put_away()
-        else:
-            self._detail.display = False
-
     def action_leave(self) -> None:
         """End."""
         self.exit()
-
-    def action_help(self) -> None:
-        """Show the page of help."""
-        self.push_screen(HelpPage())
-
-    def action_interrupt(self) -> None:
-        """Copy the selection of a field; where nothing is selected, end."""
-        field = self.focused
-        if isinstance(field, Input) and field.selected_text:
-            self.copy_to_clipboard(field.selected_text)
-        else:
-            self.exit()
 
 
 def run_screen(

@@ -1,0 +1,34 @@
+"""Owns the names of what actions work on: the widgets of the screen and the watched rows.
+
+It must not make them; the screen does. Nor does it know any key.
+"""
+
+from __future__ import annotations
+
+from textual.app import App
+
+from fte_sniff.tui.detail import DetailPane
+from fte_sniff.tui.notices import NoticeLine
+from fte_sniff.tui.prompt.filter import FilterField
+from fte_sniff.tui.prompt.goto import GotoField
+from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.watched import Watched
+
+
+class Parts(App[None]):
+    """A screen whose parts have been made."""
+
+    _watched: Watched
+    _table: RowTable
+    _detail: DetailPane
+    _notice: NoticeLine
+    _filter_field: FilterField
+    _goto_field: GotoField
+
+    def _tell(self, words: str) -> None:
+        """Tell for a while what a key did, or why it did nothing."""
+        self._notice.tell(words, worry=False)
+
+    def _show_state(self) -> None:
+        """Draw the lines around the table, where they changed."""
+        raise NotImplementedError
