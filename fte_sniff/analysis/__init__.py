@@ -13,5 +13,7 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     completion      what may stand next in a filter being typed
     tally           counts and rates
     feed            what a view asks of whatever brings it rows
+    search          a text or bytes, looked for in rows
+    block           so many rows side by side, and which of them a filter wants
     store           a bounded run of rows with a filter on top
 """

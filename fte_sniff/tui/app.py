@@ -44,8 +44,8 @@ from fte_sniff.tui.prompt.filter import FilterField
 from fte_sniff.tui.prompt.goto import GotoField
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
-from fte_sniff.tui.table.palette import DARK, LIGHT
 from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.themes import OWN, palette_of
 from fte_sniff.tui.title import TitleLine, mode_of
 from fte_sniff.tui.watched import Watched
 
@@ -95,6 +95,8 @@ class SniffApp(Filtering, Seeking, Looking, Taking):
             signals: upon which the screen closes; others do what they did before.
         """
         super().__init__()
+        for theme in OWN:
+            self.register_theme(theme)
         self.animation_level = "none"
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
@@ -168,7 +170,8 @@ class SniffApp(Filtering, Seeking, Looking, Taking):
         elif news.ended and self._watched.state.ended:
             self._notice.tell(f"ended: {shown(self._watched.state.ended)}", worry=True)
         if news.changed:
-            self._table.ports = self._watched.ports
+            self._table.set_look(ports=self._watched.ports)
+            self._table.start_ns = self._watched.start_ns
             self._table.sync()
         self._show_state()
 
@@ -181,8 +184,7 @@ class SniffApp(Filtering, Seeking, Looking, Taking):
         self._filter_field.tell_shown(watched.shown_words)
         self._table.tell_empty(watched.empty_words)
         if self._detail.display:
-            palette = DARK if self.current_theme.dark else LIGHT
-            self._detail.show(self._table.cursor_row, palette)
+            self._detail.show(self._table.cursor_row, palette_of(self.current_theme))
 
     @on(RowTable.Moved)
     def _follow_cursor(self) -> None:

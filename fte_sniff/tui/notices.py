@@ -11,7 +11,7 @@ from textual.widgets import Static
 
 from fte_sniff.errors import shown
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.tui.table.layout import clock_text
+from fte_sniff.tui.table.cells import clock_text
 
 GOOD = frozenset(
     {

@@ -79,9 +79,14 @@ class Watched:
             self._per_second = self._tally.frames * 1e9 / self._tally.duration_ns
 
     @property
-    def ports(self) -> int:
-        """Ports that rows came from."""
-        return len(self._tally.by_port)
+    def ports(self) -> tuple[str, ...]:
+        """Ports that rows came from, in the order in which they came."""
+        return tuple(self._tally.by_port)
+
+    @property
+    def start_ns(self) -> int | None:
+        """The earliest time of a row, nanoseconds since 1970 UTC; None while no row has one."""
+        return self._tally.first_ns
 
     def numbers(self, view: Viewport) -> Numbers:
         """What the line of numbers tells."""

@@ -26,8 +26,11 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.tui.detail import Room, detail_text
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
-from fte_sniff.tui.table.layout import MARKS, ORDER, VALUES, clock_text, layout_for, values_text
-from fte_sniff.tui.table.painter import Painter
+from fte_sniff.tui.table.cells import clock_text, values_text
+from fte_sniff.tui.table.columns import ORDER, VALUES
+from fte_sniff.tui.table.layout import MARKS, layout_for
+from fte_sniff.tui.table.look import Look
+from fte_sniff.tui.table.painter import Painter, Place
 from fte_sniff.tui.table.palette import DARK, LIGHT, Palette
 
 PORTS = st.text(max_size=30)
@@ -46,6 +49,10 @@ KIND_FRAMES = st.builds(
 )
 DAMAGE = st.builds(Damage, PORTS, st.integers(0, 2**40), st.binary(max_size=1024), TIMES, FAULTS)
 ROWS = st.one_of(FRAMES, KIND_FRAMES, DAMAGE)
+
+
+def look_of(ports: int) -> Look:
+    return Look(tuple(f"/dev/ttyUSB{number}" for number in range(ports)))
 
 
 @given(st.text(), st.integers(0, 40))
@@ -75,18 +82,18 @@ def test_the_table_has_every_column_of_the_contract_once() -> None:
     [(79, 1, "raw"), (99, 1, "faults"), (128, 1, "faults"), (149, 1, "faults"), (199, 1, "cmd")],
 )
 def test_what_fits_without_moving_sideways(width: int, ports: int, last: str) -> None:
-    assert layout_for(width, ports).end_of(last) <= width
+    assert layout_for(width, look_of(ports)).end_of(last) <= width
 
 
 def test_the_port_is_shown_only_where_there_are_several() -> None:
-    assert "port" not in {column.name for column in layout_for(80, 1).columns}
-    assert "port" in {column.name for column in layout_for(80, 2).columns}
+    assert "port" not in {column.name for column in layout_for(80, Look()).columns}
+    assert "port" in {column.name for column in layout_for(80, look_of(2)).columns}
 
 
 @given(ROWS, st.sampled_from((40, 80, 200)), st.sampled_from((1, 2)))
 def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> None:
     values = {**record(row), VALUES: values_text(row)}
-    for column in layout_for(width, ports).columns:
+    for column in layout_for(width, look_of(ports)).columns:
         cell = column.cell(values[column.name])
         assert cell_len(cell) == column.width
         assert cell.isprintable()
@@ -102,15 +109,17 @@ def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> N
 def test_every_line_fills_the_window_and_has_styles(
     row: Row, width: int, ports: int, hidden: int, palette: Palette
 ) -> None:
-    painter = Painter(layout_for(width, ports), palette, width, hidden)
-    for strip in (painter.row(row, Style.null()), painter.head(Style.null())):
+    painter = Painter(layout_for(width, look_of(ports)), palette, width, hidden)
+    for strip in (painter.row(Place(row), Style.null()), painter.head(Style.null())):
         assert strip.cell_length == width
         assert all(isinstance(segment.style, Style) for segment in strip)
         assert strip.text.isprintable()
 
 
 def painted(row: Row, width: int, hidden: int = 0) -> str:
-    return Painter(layout_for(width, 1), DARK, width, hidden).row(row, Style.null()).text
+    return (
+        Painter(layout_for(width, Look()), DARK, width, hidden).row(Place(row), Style.null()).text
+    )
 
 
 def test_a_line_at_eighty_cells(speed_rows: Callable[..., list[Row]]) -> None:
@@ -148,9 +157,10 @@ def test_the_longest_values_fit_where_there_is_room(row: Frame) -> None:
 
 
 def test_ports_are_told_apart_by_their_ends() -> None:
-    [port] = [column for column in layout_for(80, 2).columns if column.name == "port"]
-    cells = {port.cell(f"/home/ana/captures/run-{n}.mcap") for n in (1, 2)}
-    assert cells == {"…/run-1.mcap", "…/run-2.mcap"}
+    names = tuple(f"/home/ana/captures/run-{n}.mcap" for n in (1, 2))
+    columns = layout_for(80, Look(names)).columns
+    [port] = [column for column in columns if column.name == "port"]
+    assert [port.cell(name) for name in names] == ["run-1.mcap", "run-2.mcap"]
 
 
 def test_damage_takes_the_place_of_values_where_the_table_is_narrow(odd_rows: list[Row]) -> None:
@@ -174,12 +184,12 @@ def test_time_stays_when_columns_are_moved_out(speed_rows: Callable[..., list[Ro
 
 def test_the_head_says_where_there_is_more() -> None:
     def head(hidden: int) -> str:
-        return Painter(layout_for(79, 1), DARK, 79, hidden).head(Style.null()).text
+        return Painter(layout_for(79, Look()), DARK, 79, hidden).head(Style.null()).text
 
     assert head(0).startswith("  time UTC     kind ")
     assert head(0).endswith(">")
     assert head(2).startswith("  time UTC    <raw ")
-    last = layout_for(79, 1).most_hidden(79)
+    last = layout_for(79, Look()).most_hidden(79)
     assert head(last).rstrip().endswith("cmd")
     assert head(last - 1).endswith(">")
 
