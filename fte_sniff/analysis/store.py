@@ -254,9 +254,24 @@ class RowStore:
         def faulty(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
             return np.asarray(packed["faults"] != clean)
 
-        step = self.find_step(faulty, index + by, by)
+        return self._nearest(faulty, index + by, by)
+
+    def offset_index(self, port: str, offset: int) -> int | None:
+        """Index of the first shown row that holds that byte of a port's stream, or None."""
+        code = self._codebook.port_code(port)
+
+        def holds(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
+            behind = offset - packed["offset"]
+            return np.asarray(
+                (packed["port"] == code) & (behind >= 0) & (behind < packed["length"])
+            )
+
+        return self._nearest(holds, self._first, 1)
+
+    def _nearest(self, test: RowTest, index: int, by: int) -> int | None:
+        step = self.find_step(test, index, by)
         while step.found is None and step.onward is not None:
-            step = self.find_step(faulty, step.onward, by)
+            step = self.find_step(test, step.onward, by)
         return step.found
 
     def find_step(self, test: RowTest, index: int, by: int) -> Step:

@@ -134,6 +134,11 @@ class Field(Vertical):
         self._line.value = self.standing
         self.display = bool(self.standing)
 
+    def remember(self, line: str) -> None:
+        """Keep the line that holds, and one that was given elsewhere, on the arrow keys."""
+        self._line.history.add(self.standing)
+        self._line.history.add(line)
+
     def fall_back(self) -> None:
         """Stop asking; the keys go where they went before."""
         if self.asking:
