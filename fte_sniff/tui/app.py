@@ -24,10 +24,11 @@ from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.store import DEFAULT_BOUND
 from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.session.saving import Saving
 from fte_sniff.tui.actions.filtering import Filtering
+from fte_sniff.tui.actions.leaving import Leaving
 from fte_sniff.tui.actions.looking import Looking
 from fte_sniff.tui.actions.seeking import Seeking
-from fte_sniff.tui.actions.taking import Taking
 from fte_sniff.tui.colourless import Colourless
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import (
@@ -42,6 +43,8 @@ from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.prompt.field import Line
 from fte_sniff.tui.prompt.filter import FilterField
 from fte_sniff.tui.prompt.goto import GotoField
+from fte_sniff.tui.prompt.save import SaveField
+from fte_sniff.tui.prompt.search import SearchField
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.widget import RowTable
@@ -65,7 +68,7 @@ class AtEnd(Enum):
     """The screen closes by itself."""
 
 
-class SniffApp(Filtering, Seeking, Looking, Taking):
+class SniffApp(Filtering, Seeking, Looking, Leaving):
     """The screen over one feed."""
 
     CSS_PATH = "screen.tcss"
@@ -105,10 +108,11 @@ class SniffApp(Filtering, Seeking, Looking, Taking):
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(self._watched.store, self._header)
         self._detail, self._notice = DetailPane(), NoticeLine()
-        self._filter_field, self._goto_field = (
-            FilterField(row_filter, self._set_filter),
-            GotoField(self._go),
-        )
+        self._filter_field = FilterField(row_filter, self._set_filter)
+        self._search_field = SearchField(self._search)
+        self._goto_field, self._save_field = GotoField(self._go), SaveField(self._save)
+        self._filters_before: list[str] = []
+        self._saving: Saving | None = None
         self._status_line = StatusLine()
 
     def compose(self) -> ComposeResult:
@@ -119,7 +123,9 @@ class SniffApp(Filtering, Seeking, Looking, Taking):
         yield self._detail
         yield self._notice
         yield self._filter_field
+        yield self._search_field
         yield self._goto_field
+        yield self._save_field
         yield self._status_line
         yield Footer(compact=True, show_command_palette=False)
 
@@ -189,10 +195,6 @@ class SniffApp(Filtering, Seeking, Looking, Taking):
     @on(RowTable.Moved)
     def _follow_cursor(self) -> None:
         self._show_state()
-
-    def action_leave(self) -> None:
-        """End."""
-        self.exit()
 
 
 def run_screen(

@@ -66,6 +66,10 @@ class ColumnChooser(ModalScreen[Chosen | None]):
         """Show the columns."""
         self._show()
 
+    def on_resize(self) -> None:
+        """Show as many as there is room for."""
+        self._show()
+
     def _show(self) -> None:
         box = self.query_one("#picker")
         box.border_title = "columns"

@@ -53,6 +53,11 @@ class NoticeLine(Static):
         if not worry:
             self._clock = self.set_timer(SHOWN_S, self.put_away)
 
+    def tell_progress(self, words: str) -> None:
+        """Show how far something is, until something else is told."""
+        self.tell(words, worry=False)
+        self._stop_clock()
+
     def tell_event(self, event: PortEvent) -> None:
         """Show a port event."""
         self.tell(event_text(event), event.kind not in GOOD)

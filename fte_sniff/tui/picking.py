@@ -23,6 +23,12 @@ from fte_sniff.tui.fitting import fit
 
 Picked = TypeVar("Picked")
 
+SHARE = 0.9
+"""How much of the screen's height a list takes at most."""
+
+BORDERS = 2
+"""Lines that the box around a list takes."""
+
 CURSOR = Style(reverse=True, bold=True)
 
 
@@ -48,7 +54,8 @@ class Lines(Widget):
     def show(self, lines: Sequence[tuple[str, str]], cursor: int) -> None:
         """Draw these, each with what stands at its end."""
         self._lines, self.cursor = lines, cursor
-        self.styles.height = max(1, len(lines))
+        room = int(self.app.size.height * SHARE) - BORDERS
+        self.styles.height = max(1, min(len(lines), room))
         self.refresh()
 
     @property
@@ -94,6 +101,10 @@ class Picker(ModalScreen[Picked | None], Generic[Picked]):
 
     def on_mount(self) -> None:
         """Show the entries."""
+        self._show()
+
+    def on_resize(self) -> None:
+        """Show as many as there is room for."""
         self._show()
 
     @property

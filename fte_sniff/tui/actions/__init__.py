@@ -2,7 +2,10 @@
 
 parts     what actions work on: the widgets and the watched rows
 filtering which rows are shown
+searching rows that have a text or bytes
 seeking   ways to a row: a place, a time, a fault
-looking   how rows are shown: pause, panes, help
-taking    rows out of the screen: to the clipboard
+marking   rows set apart: marks, a selection
+looking   how rows are shown: pause, times, columns, colours, panes, help
+taking    rows out of the screen: to the clipboard, to a file
+leaving   what was begun is ended
 """

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 from textual.app import App
 
+from fte_sniff.session.saving import Saving
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.prompt.filter import FilterField
 from fte_sniff.tui.prompt.goto import GotoField
+from fte_sniff.tui.prompt.save import SaveField
+from fte_sniff.tui.prompt.search import SearchField
 from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.watched import Watched
 
@@ -24,6 +27,12 @@ class Parts(App[None]):
     _notice: NoticeLine
     _filter_field: FilterField
     _goto_field: GotoField
+    _search_field: SearchField
+    _save_field: SaveField
+    _filters_before: list[str]
+    """Filters that stood before, the latest last; an empty one shows all."""
+    _saving: Saving | None
+    """The file that is being written, if there is one."""
 
     def _tell(self, words: str) -> None:
         """Tell for a while what a key did, or why it did nothing."""
@@ -31,4 +40,8 @@ class Parts(App[None]):
 
     def _show_state(self) -> None:
         """Draw the lines around the table, where they changed."""
+        raise NotImplementedError
+
+    def _unselect(self) -> bool:
+        """End the selection; whether there was one."""
         raise NotImplementedError

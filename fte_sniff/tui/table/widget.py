@@ -25,6 +25,7 @@ from fte_sniff.analysis.store import RowStore
 from fte_sniff.protocol import Row
 from fte_sniff.tui.fitting import fit
 from fte_sniff.tui.keys import MOVING, bindings
+from fte_sniff.tui.table.columns import TableColumn
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.layout import layout_for
 from fte_sniff.tui.table.look import Look
@@ -69,6 +70,8 @@ class RowTable(ScrollView, can_focus=True):
         """Index of the row at which a selection began; None where there is none."""
         self.search: Search | None = None
         """What is set off in the rows."""
+        self.column: str | None = None
+        """Name of the column that was clicked last."""
         self.start_ns: int | None = None
         """The time of the first row of all, if it has one."""
         self._empty_words = ""
@@ -129,6 +132,11 @@ class RowTable(ScrollView, can_focus=True):
     def _moved(self) -> None:
         self._keep_cursor()
         self._draw()
+
+    @property
+    def columns(self) -> tuple[TableColumn, ...]:
+        """The columns of the table, those moved out of the window included."""
+        return self._painter.layout.columns
 
     def set_look(self, **changes: object) -> None:
         """Let the table look otherwise; see `Look` for what can change."""
@@ -243,6 +251,8 @@ class RowTable(ScrollView, can_focus=True):
         """Put the cursor where the mouse is; a second click opens the row."""
         row = self.viewport.top + event.y
         if row < self.viewport.count:
+            column = self._painter.shown.column_at(event.x)
+            self.column = column.name if column else None
             self.jump(row)
             if event.chain == 2:
                 self.post_message(self.Opened())
