@@ -153,7 +153,9 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
                 loop.add_signal_handler(number, self.exit)
 
     def on_unmount(self) -> None:
-        """Give the signals back."""
+        """Leave no half file, and give the signals back."""
+        if self._saving is not None:
+            self._saving.abandon()
         loop = asyncio.get_running_loop()
         for number in self._signals:
             with contextlib.suppress(RuntimeError, ValueError):

@@ -109,13 +109,14 @@ class Picker(ModalScreen[Picked | None], Generic[Picked]):
 
     @property
     def shown(self) -> list[Entry[Picked]]:
-        """The entries that have every word that was typed."""
+        """The entries that have every word that was typed, the sooner the higher."""
         words = self._typed.lower().split()
-        return [
-            entry
-            for entry in self._entries
-            if all(word in f"{entry.words} {entry.aside}".lower() for word in words)
-        ]
+        found = []
+        for entry in self._entries:
+            text = f"{entry.words} {entry.aside}".lower()
+            if all(word in text for word in words):
+                found.append((text.find(words[0]) if words else 0, entry))
+        return [entry for _, entry in sorted(found, key=lambda pair: pair[0])]
 
     def _show(self) -> None:
         shown = self.shown

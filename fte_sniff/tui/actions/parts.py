@@ -6,6 +6,7 @@ It must not make them; the screen does. Nor does it know any key.
 from __future__ import annotations
 
 from textual.app import App
+from textual.worker import WorkType
 
 from fte_sniff.session.saving import Saving
 from fte_sniff.tui.detail import DetailPane
@@ -37,6 +38,10 @@ class Parts(App[None]):
     def _tell(self, words: str) -> None:
         """Tell for a while what a key did, or why it did nothing."""
         self._notice.tell(words, worry=False)
+
+    def _work(self, group: str, work: WorkType[None]) -> None:
+        """Do something beside the screen; what was done in its group before ends."""
+        self.run_worker(work, group=group, exclusive=True)
 
     def _show_state(self) -> None:
         """Draw the lines around the table, where they changed."""

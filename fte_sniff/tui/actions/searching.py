@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from time import monotonic
 
 from fte_sniff.analysis.search import Search
@@ -66,7 +67,7 @@ class Searching(Parts):
                 self._show_found(look)
                 return
             if monotonic() > until:
-                self.run_worker(self._go_on(search, steps), group=GROUP, exclusive=True)
+                self._work(GROUP, partial(self._go_on, search, steps))
                 return
         self._tell_none(search)
 

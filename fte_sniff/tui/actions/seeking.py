@@ -6,7 +6,7 @@ It must not know how rows are found; the watched rows and the store do.
 from __future__ import annotations
 
 from fte_sniff.tui.actions.parts import Parts
-from fte_sniff.tui.prompt.goto import parse_goal
+from fte_sniff.tui.prompt.goto import ToOffset, parse_goal
 
 
 class Seeking(Parts):
@@ -15,9 +15,13 @@ class Seeking(Parts):
     def _go(self, line: str) -> None:
         if not line:
             return
-        row = self._watched.row_of(parse_goal(line), self._table.viewport.cursor)
-        if row is None:
+        goal = parse_goal(line)
+        row = self._watched.row_of(goal, self._table.viewport.cursor)
+        if row is None and isinstance(goal, ToOffset):
+            self._tell(f"no row that is shown has byte {goal.offset:,} of its stream")
+        elif row is None:
             self._tell("no row here has a time to go by")
+        if row is None:
             return
         last = self._table.viewport.count - 1
         self._table.jump(row)

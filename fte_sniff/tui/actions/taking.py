@@ -6,8 +6,8 @@ It must not know what their bytes mean, nor how a file is written.
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from io import StringIO
-from pathlib import Path
 
 from textual.widgets import Input
 
@@ -96,8 +96,8 @@ class Taking(Parts):
         except FteSniffError as error:
             self._notice.tell(str(error), worry=True)
             return
-        work = self._write(self._saving, wanted, store.filter)
-        self.run_worker(work, group=GROUP, exclusive=True)
+        saving, row_filter = self._saving, store.filter
+        self._work(GROUP, partial(self._write, saving, wanted, row_filter))
 
     async def _write(self, saving: Saving, wanted: range, row_filter: RowFilter | None) -> None:
         """Save the rows of these indices that the filter wants, while the screen goes on."""
@@ -115,21 +115,20 @@ class Taking(Parts):
                 await asyncio.sleep(0)
             saving.finish()
         except FteSniffError as error:
+            self._saving = None
             self._notice.tell(str(error), worry=True)
-        except asyncio.CancelledError:
-            saving.abandon()
-            raise
         else:
+            self._saving = None
             self._tell(f"saved {saving.rows:,} rows to {shown(str(saving.path))}")
             self._unselect()
-        finally:
-            self._saving = None
 
     def _end_saving(self) -> bool:
         """End the saving that runs, with nothing left of it; whether there was one."""
         if self._saving is None:
             return False
-        path: Path = self._saving.path
+        saving, self._saving = self._saving, None
         self.workers.cancel_group(self, GROUP)
-        self._tell(f"{shown(str(path))} was not saved")
+        # The work may not have begun, and then does not hear that it is to end.
+        saving.abandon()
+        self._tell(f"{shown(str(saving.path))} was not saved")
         return True
