@@ -42,7 +42,7 @@ FINDING: tuple[Binding, ...] = (
     _key("F", "unfilter", "", "show all rows again", "F"),
     _key("e", "fault(1)", "Fault", "the next row with a fault", "e"),
     _key("E", "fault(-1)", "", "the fault before", "E"),
-    _key("slash", "search", "Search", "find a row that has a text or bytes (hex:AA ?? 03)", "/"),
+    _key("slash", "search", "Search", "find rows that have a text or bytes (hex:AA ?? 03)", "/"),
     _key("n", "again(1)", "", "the next row that has what was looked for", "n"),
     _key("N", "again(-1)", "", "the row before that has it", "N"),
     _key("x", "only", "", "show only rows that are like this one in a cell", "x"),

@@ -6,6 +6,7 @@ import asyncio
 import random
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -766,15 +767,26 @@ KEYS = (
     *("f", "F", "e", "E", "colon", "space", "p", "enter", "enter", "c", "escape", "escape"),
     *("question_mark", "tab", "shift+tab", "1", "2", "m", "equals_sign", "backspace", "ctrl+u"),
     *("h", "l", "n", "slash", "ctrl+d", "delete", "insert", "f5", "a", "ctrl+a", "apostrophe"),
+    *("N", "x", "X", "u", "U", "v", "y", "Y", "w", "t", "T", "C", "K", "J", "ctrl+t", "ctrl+p"),
+    *("less_than_sign", "greater_than_sign", "percent_sign", "at", "minus", "r", "enter", "up"),
 )
 
 
 @pytest.mark.parametrize(
-    ("seed", "size", "rounds"), [(1, (80, 24), 25), (2, (40, 10), 25), (3, (200, 60), 5)]
+    ("seed", "size", "rounds"),
+    [(1, (80, 24), 40), (2, (40, 10), 40), (3, (200, 60), 5), (4, (9, 4), 20)],
 )
 def test_random_keys_never_break_it(
-    feed: Any, speed_rows: Rows, odd_rows: list[Row], seed: int, size: tuple[int, int], rounds: int
+    feed: Any,
+    speed_rows: Rows,
+    odd_rows: list[Row],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    seed: int,
+    size: tuple[int, int],
+    rounds: int,
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     chance = random.Random(seed)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
@@ -788,7 +800,7 @@ def test_random_keys_never_break_it(
             view = app.screen_stack[0].query_one(RowTable).viewport
             assert 0 <= view.cursor <= max(0, view.count - 1)
         assert app.is_running
-        await press(app, pilot, "escape", "escape", "escape", "F", "G")
+        await press(app, pilot, *["escape"] * 8, "F", "G")
         await settle(app, pilot)
         assert table(app).viewport.following
 

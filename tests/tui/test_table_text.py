@@ -26,12 +26,14 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.tui.detail import Room, detail_text
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
-from fte_sniff.tui.table.cells import clock_text, values_text
+from fte_sniff.tui.table.cells import clock_text, kind_text, span_text, values_text
 from fte_sniff.tui.table.columns import ORDER, VALUES
 from fte_sniff.tui.table.layout import MARKS, layout_for
 from fte_sniff.tui.table.look import Look
 from fte_sniff.tui.table.painter import Painter, Place
 from fte_sniff.tui.table.palette import DARK, LIGHT, Palette
+from fte_sniff.tui.table.ports import short_names
+from fte_sniff.tui.table.scale import Scale
 
 PORTS = st.text(max_size=30)
 TIMES = st.one_of(st.none(), st.integers(0, 2**63 - 1))
@@ -220,3 +222,87 @@ def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_m
         f"{ORDER_MARK} a row of the other port"
         in detail_text(row, DARK, Room(80, bits=False)).plain
     )
+
+
+@pytest.mark.parametrize(
+    ("width", "text"),
+    [
+        (40, "motor=2 rpm=-863 pulses=-863"),
+        (23, "M2 rpm=-863 pulses=-863"),
+        (22, "M2 r=-863 p=-863"),
+        (15, "M2 -863 -863"),
+        (3, "M2 -863 -863"),
+    ],
+)
+def test_values_are_told_in_the_longest_form_that_fits(width: int, text: str) -> None:
+    raw = encode(KIND_BY_NAME["position"], {"motor": 2, "rpm": -863, "pulses": -863})
+    assert values_text(Frame("p", 0, raw, None), width) == text
+
+
+@pytest.mark.parametrize(
+    ("width", "text"),
+    [(17, "position_feedback"), (11, "position fb"), (8, "posit fb"), (3, " fb"), (0, "")],
+)
+def test_a_kind_that_is_cut_still_says_that_it_is_feedback(width: int, text: str) -> None:
+    assert kind_text("position_feedback", width) == text
+    assert kind_text("position", 6) == "posit…"
+
+
+@pytest.mark.parametrize(
+    ("ns", "width", "text"),
+    [
+        (435_123, 12, "+0.000435"),
+        (-1_500_000_000, 12, "-1.500000"),
+        (0, 9, "+0.000000"),
+        (123_456_000_000, 9, "+123.456"),
+        (86_400_000_000_000, 7, "+86400"),
+    ],
+)
+def test_distances_in_time_have_as_many_digits_as_fit(ns: int, width: int, text: str) -> None:
+    assert span_text(ns, width) == text
+
+
+NAMES = st.lists(st.text("ab/_01 :", min_size=1, max_size=20), min_size=1, max_size=5, unique=True)
+
+
+@given(NAMES, st.integers(3, 14))
+def test_short_port_names_fit_and_are_not_alike(names: list[str], width: int) -> None:
+    short = short_names(names, width)
+    assert list(short) == names
+    assert all(cell_len(name) <= width for name in short.values())
+    assert len(set(short.values())) == len(names)
+
+
+@pytest.mark.parametrize(
+    ("names", "width", "short"),
+    [
+        (["/dev/ttyUSB0", "/dev/ttyUSB1"], 12, ["ttyUSB0", "ttyUSB1"]),
+        (["/dev/ttyUSB0", "/dev/ttyUSB1"], 4, ["t…B0", "t…B1"]),
+        (
+            ["/dev/serial/by-id/usb-A-if00", "/dev/serial/by-id/usb-B-if00"],
+            9,
+            ["…b-A-if00", "…b-B-if00"],
+        ),
+        (["sim://?seed=1", "sim://?seed=2"], 12, ["seed=1", "seed=2"]),
+        (["COM7"], 12, ["COM7"]),
+    ],
+)
+def test_port_names_keep_what_tells_them_apart(
+    names: list[str], width: int, short: list[str]
+) -> None:
+    assert list(short_names(names, width).values()) == short
+
+
+@given(st.integers(0, 10**8), st.integers(1, 80), st.floats(0, 1))
+def test_the_scale_of_the_scroll_bar_keeps_ends_and_order(
+    count: int, height: int, share: float
+) -> None:
+    scale = Scale(count, height)
+    last = max(0, count - height)
+    top = round(share * last)
+    assert scale.total <= max(height * 64, 0)
+    assert scale.unit_of(0) == scale.row_of(0) == 0
+    assert scale.unit_of(last) == max(0, scale.total - height)
+    assert scale.row_of(scale.unit_of(last)) == last
+    assert 0 <= scale.unit_of(top) <= scale.unit_of(last)
+    assert abs(scale.row_of(scale.unit_of(top)) - top) <= last / max(1, scale.total - height) + 1

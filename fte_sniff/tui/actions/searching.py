@@ -55,8 +55,10 @@ class Searching(Parts):
         self.workers.cancel_group(self, GROUP)
         self._table.set_search(Search.parse(line) if line else None)
         if self._table.search is not None:
+            # Whoever follows the end looks back from there.
+            by = -1 if self._table.viewport.following else 1
             self._table.stay()
-            self._seek(self._table.search, self._table.cursor_index, 1)
+            self._seek(self._table.search, self._table.cursor_index, by)
 
     def _seek(self, search: Search, start: int, by: int) -> None:
         self.workers.cancel_group(self, GROUP)

@@ -5,7 +5,7 @@ It must not know which columns there are or how wide they are; the width comes w
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 
 from fte_sniff.protocol import (
@@ -29,7 +29,8 @@ def values_text(row: Row, width: int | None = None) -> str:
 
     Flag bytes are left out where they have the value of the protocol's examples, that all is in
     order; they stand among the raw bytes at any rate. Where a width is given and the text does not
-    fit, names are shortened (`M1 rpm=1000`), then left out (`M1 1000`): the kind tells them.
+    fit, names are shortened (`M1 rpm=1000`, `M1 r=1000`), then left out (`M1 1000`): the kind
+    tells them.
     """
     kind = row.kind if isinstance(row, Frame) else None
     if kind is None:
@@ -50,7 +51,21 @@ def _forms(kind: FrameKind, raw: bytes) -> Iterator[str]:
     told = [(field, value) for field, value in told if is_told(field, value)]
     yield " ".join(f"{field.option}={_number(field, value)}" for field, value in told)
     yield " ".join(_short(field, value, f"{field.option}=") for field, value in told)
+    short = _shortest([field.option for field, _ in told])
+    yield " ".join(_short(field, value, f"{short[field.option]}=") for field, value in told)
     yield " ".join(_short(field, value, "") for field, value in told)
+
+
+def _shortest(names: Sequence[str]) -> dict[str, str]:
+    """Of each name so much that no other begins alike."""
+    return {
+        name: next(
+            name[:size]
+            for size in range(1, len(name) + 1)
+            if size == len(name) or sum(other.startswith(name[:size]) for other in names) == 1
+        )
+        for name in names
+    }
 
 
 def is_told(field: Field, value: int) -> bool:

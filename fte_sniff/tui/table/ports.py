@@ -12,7 +12,7 @@ from rich.cells import cell_len
 
 from fte_sniff.tui.fitting import ELLIPSIS, fit, fit_path
 
-_SEPARATORS = "/\\:?&= "
+_SEPARATORS = "/\\:?& "
 
 
 def short_names(names: Sequence[str], width: int) -> dict[str, str]:
