@@ -16,5 +16,6 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     feed            what a view asks of whatever brings it rows
     search          a text or bytes, looked for in rows
     block           so many rows side by side, and which of them a filter wants
+    paging          which blocks lie in memory, where their rows can be read again
     store           a bounded run of rows with a filter on top
 """

@@ -5,6 +5,7 @@ It must not know the other blocks, nor which rows have left.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TypeAlias
 
 import numpy as np
@@ -23,7 +24,11 @@ class Block:
 
     def __init__(self, start: int, room: int) -> None:
         self.start = start
+        self.capacity = room
+        """Rows that fit into it."""
         self.rows: Packed = np.empty(room, ROW_TYPE)
+        self.dropped = False
+        """Whether its rows are not in memory; all else of it stays."""
         self.count = 0
         self.long: dict[int, bytes] = {}
         """The bytes of rows longer than ten, by place in the block."""
@@ -36,7 +41,7 @@ class Block:
     @property
     def room(self) -> int:
         """Rows that still fit."""
-        return len(self.rows) - self.count
+        return self.capacity - self.count
 
     @property
     def end(self) -> int:
@@ -53,6 +58,20 @@ class Block:
         )
         self.count = end
 
+    def drop(self) -> None:
+        """Let go of the rows; their number and what the filter said of them stays."""
+        self.rows, self.long, self.dropped = np.empty(0, ROW_TYPE), {}, True
+
+    def restore(self, rows: Packed, long: Mapping[int, bytes]) -> None:
+        """Take the rows back.
+
+        Raises:
+            ValueError: they are not so many as there were.
+        """
+        if len(rows) != self.count:
+            raise ValueError(f"{len(rows)} rows came back of {self.count}")
+        self.rows, self.long, self.dropped = rows, dict(long), False
+
     def forget(self) -> None:
         """No row has been judged."""
         self.judged = self.wanted = 0
@@ -64,11 +83,13 @@ class Block:
         names = row_filter.names or ("offset",)
         frame = packed_frame(self.rows[start:end], long, codebook, names)
         found = np.flatnonzero(row_filter.mask(frame).to_numpy()) + start
-        if len(self.places) < len(self.rows):
-            self.places = np.empty(len(self.rows), np.uint16)
+        if len(self.places) < self.capacity:
+            self.places = np.empty(self.capacity, np.uint16)
         self.places[self.wanted : self.wanted + len(found)] = found
         self.wanted += len(found)
         self.judged = end
+        if not self.room:
+            self.places = self.places[: self.wanted].copy()
         return end - start
 
     def part(self, places: Places) -> tuple[Packed, dict[int, bytes]]:

@@ -27,6 +27,7 @@ from fte_sniff.analysis.block import Block, Places
 from fte_sniff.analysis.columns import packed_frame
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.packing import Codebook, Packed, pack, unpack
+from fte_sniff.analysis.paging import MOST_BLOCKS, BlockSource, Pages
 from fte_sniff.protocol import Row
 
 BLOCK_ROWS: Final = 32_768
@@ -57,19 +58,28 @@ class Step:
 class RowStore:
     """A bounded run of rows, the latest ones, with a filter on top."""
 
-    def __init__(self, bound: int = DEFAULT_BOUND, block_rows: int = BLOCK_ROWS) -> None:
+    def __init__(
+        self,
+        bound: int = DEFAULT_BOUND,
+        block_rows: int = BLOCK_ROWS,
+        source: BlockSource | None = None,
+        most_blocks: int = MOST_BLOCKS,
+    ) -> None:
         """An empty store.
 
         Args:
             bound: rows kept at most, at least 1; the oldest leave first.
             block_rows: rows in a block, 1 to 65536.
+            source: gives rows again, so that not all need to lie in memory; None where none can.
+            most_blocks: full blocks in memory at most, at least 1, where there is a source.
         """
-        if bound < 1 or not 1 <= block_rows <= 2**16:
+        if bound < 1 or most_blocks < 1 or not 1 <= block_rows <= 2**16:
             raise ValueError(f"a store of {bound} rows in blocks of {block_rows} cannot be")
         self.bound = bound
         """Rows kept at most."""
         self._block_rows = block_rows
         self._codebook = Codebook()
+        self._pages = Pages(source, most_blocks, self._codebook)
         self._blocks: deque[Block] = deque()
         self._first = 0
         self._next = 0
@@ -102,13 +112,14 @@ class RowStore:
             if block.judged == block.count and block not in self._pending:
                 touched.append(block)
             block.append(piece, long, done)
+            self._pages.bring(block)
             done += len(piece)
             self._next += len(piece)
             self._drop_oldest()
         self._sums = None
         for block in touched:
             if self._filter and block.end > self._first:
-                block.judge(self._filter, self._codebook)
+                self._pages.bring(block).judge(self._filter, self._codebook)
 
     def _tail(self) -> Block:
         if not self._blocks or not self._blocks[-1].room:
@@ -119,11 +130,12 @@ class RowStore:
         self._first = max(self._first, self._next - self.bound)
         while self._blocks and self._blocks[0].end <= self._first:
             gone = self._blocks.popleft()
+            self._pages.forget(gone)
             if gone in self._pending:
                 self._pending.remove(gone)
 
     def _block_of(self, index: int) -> int:
-        return (index - self._blocks[0].start) // len(self._blocks[0].rows)
+        return (index - self._blocks[0].start) // self._blocks[0].capacity
 
     def row(self, index: int) -> Row:
         """The row of that index.
@@ -140,7 +152,7 @@ class RowStore:
         start, end = max(start, self._first), min(end, self._next)
         found: list[Row] = []
         while start < end:
-            block = self._blocks[self._block_of(start)]
+            block = self._pages.bring(self._blocks[self._block_of(start)])
             place, stop = start - block.start, min(end - block.start, block.count)
             found += unpack(block.rows[place:stop], block.long, self._codebook, place)
             start = block.start + stop
@@ -179,7 +191,8 @@ class RowStore:
     def filter_step(self, budget_rows: int = 4 * BLOCK_ROWS) -> bool:
         """Judge some of the rows that wait, about `budget_rows` of them; True when none is left."""
         while self._filter and self._pending and budget_rows > 0:
-            budget_rows -= self._pending.pop().judge(self._filter, self._codebook)
+            block = self._pages.bring(self._pending.pop())
+            budget_rows -= block.judge(self._filter, self._codebook)
             self._sums = None
         return not self._pending
 
@@ -289,7 +302,10 @@ class RowStore:
         places = self._shown_places(block)
         here = index - block.start
         places = places[places >= here] if by > 0 else places[places <= here]
-        passing = places[test(*block.part(places), self._codebook)] if len(places) else places
+        passing = places
+        if len(places):
+            part = self._pages.bring(block).part(places)
+            passing = places[test(*part, self._codebook)]
         if len(passing):
             return Step(block.start + int(passing[0 if by > 0 else -1]), None)
         onward = block.end if by > 0 else block.start - 1
@@ -311,7 +327,7 @@ class RowStore:
         start, end = max(start, self._first), min(end, self._next)
         if start >= end:
             return [], end
-        block = self._blocks[self._block_of(start)]
+        block = self._pages.bring(self._blocks[self._block_of(start)])
         end = min(end, block.end, start + SELECT_ROWS)
         places: Places = np.arange(start - block.start, end - block.start)
         if row_filter is not None:

@@ -50,5 +50,7 @@ class FilterField(Field):
         """Say how many rows the filter that is on lets through; not while another is typed."""
         words = "" if self.asking else words
         if words != self._words:
+            # Laid out anew only where it has another width: numbers run all the time.
+            moved = len(words) != len(self._words)
             self._words = words
-            self._shown.update(Text(words))
+            self._shown.update(Text(words), layout=moved)
