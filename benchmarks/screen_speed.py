@@ -29,7 +29,7 @@ from pathlib import Path
 PER_SECOND = 2_300
 BATCH = 65_536
 MILLION = 1_000_000
-FILTER = "motor = 1 AND rpm > 0"
+FILTER = "motor = 1 AND rpm > -2000"
 ASKS_FOR_SYNC = b"\x1b[?2026$p"
 HAS_SYNC = b"\x1b[?2026;2$y"
 FRAME_END = b"\x1b[?2026l"
@@ -172,7 +172,7 @@ def _watched(terminal: Terminal, seconds: float) -> tuple[float, float, list[flo
     before, start = terminal.usage()[0], time.monotonic()
     terminal.read(seconds)
     took = time.monotonic() - start
-    return terminal.frames / took, (terminal.usage()[0] - before) / took, terminal.ages_ms
+    return terminal.frames / took, (terminal.usage()[0] - before) / took, [*terminal.ages_ms]
 
 
 def _jump(terminal: Terminal, key: bytes) -> float:

@@ -52,7 +52,7 @@ from fte_sniff.tui.themes import OWN, palette_of
 from fte_sniff.tui.title import TitleLine, mode_of
 from fte_sniff.tui.watched import Watched
 
-TICK_S = 1 / 12
+TICK_S = 1 / 20
 """Between two looks at the feed: soon enough for the eye, seldom enough to stay calm."""
 
 ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)

@@ -101,6 +101,11 @@ def test_the_search_looks_only_at_rows_that_the_filter_shows(feed: Any, speed_ro
         await look_for(app, pilot, "rpm=10")
         row = table(app).cursor_row
         assert row is not None
+        assert row.offset == 1080
+        await press(app, pilot, "g")
+        await look_for(app, pilot, "rpm=10")
+        row = table(app).cursor_row
+        assert row is not None
         assert row.offset == 1000
         await look_for(app, pilot, "motor=2")
         assert "no row that the filter shows has motor=2" in page(app)

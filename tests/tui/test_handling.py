@@ -394,7 +394,7 @@ def test_forty_cells_show_time_kind_and_values_side_by_side(feed: Any, speed_row
         drawn = [table(app).render_line(y).text.rstrip() for y in range(2)]
         assert drawn == [
             "  00:01.000 speed fb motor=4 rpm=-30000",
-            "  00:01.000 posit fb M4 -2147483648",
+            "  00:01.000 posit fb M4 p=-2147483648",
         ]
         feed.give(speed_rows(2, port="/dev/ttyUSB0") + speed_rows(2, port="/dev/ttyUSB1"))
         await settle(app, pilot)

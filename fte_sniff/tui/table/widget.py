@@ -81,6 +81,7 @@ class RowTable(ScrollView, can_focus=True):
         self._hidden = 0
         self._header = header
         self._places: Sequence[Place] = ()
+        self._drawn: tuple[object, ...] = ()
 
     @property
     def cursor_row(self) -> Row | None:
@@ -164,7 +165,10 @@ class RowTable(ScrollView, can_focus=True):
             self._store, view, self.marks, self.selected, self.look.times, self.start_ns
         )
         self._header.show(painter)
-        self.refresh(self.scrollable_size.region)
+        drawn = (painter, self._places, view.cursor - view.top, self.scrollable_size)
+        if drawn != self._drawn:
+            self._drawn = drawn
+            self.refresh(self.scrollable_size.region)
         self.post_message(self.Moved())
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
