@@ -20,6 +20,7 @@ from fte_sniff.tui import notices
 from fte_sniff.tui.app import AtEnd, SniffApp
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.prompt.field import Field
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.playing import (
     Rows,
@@ -329,6 +330,42 @@ def test_a_filter_at_rest_takes_no_keys_and_a_click_wakes_it(feed: Any, speed_ro
         await pilot.click(".asked", offset=(20, 0))
         await press(app, pilot, "end", "1")
         assert "motor = 11" in page(app)
+
+    play(feed, scenario)
+
+
+def test_tab_completes_and_never_leaves_a_field(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await settle(app, pilot)
+        await press(app, pilot, "f", *"mot")
+        await settle(app, pilot)
+        await press(app, pilot, "tab", "shift+tab", "tab")
+        await type_line(app, pilot, " = 1")
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert "100 of 400 rows" in page(app)
+        assert app.focused is table(app)
+
+    play(feed, scenario)
+
+
+def test_a_field_is_left_by_a_click_elsewhere_but_not_with_the_window(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await press(app, pilot, "colon", "1")
+        app.post_message(events.AppBlur())
+        await settle(app, pilot)
+        app.post_message(events.AppFocus())
+        await press(app, pilot, "2")
+        await settle(app, pilot)
+        assert "go to 12" in page(app)
+        await pilot.click(RowTable, offset=(20, 3))
+        await settle(app, pilot)
+        assert "go to" not in page(app)
+        assert app.focused is table(app)
 
     play(feed, scenario)
 
@@ -801,6 +838,7 @@ def test_random_keys_never_break_it(
             assert 0 <= view.cursor <= max(0, view.count - 1)
         assert app.is_running
         await press(app, pilot, *["escape"] * 8, "F", "G")
+        assert not any(field.asking for field in app.query(Field))
         await settle(app, pilot)
         assert table(app).viewport.following
 

@@ -36,6 +36,7 @@ class Line(Input):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "older(-1)", "Older", show=False),
         Binding("down", "older(1)", "Newer", show=False),
+        Binding("tab,shift+tab", "complete", "Complete", show=False),
         Binding("enter", "submit", "Apply", key_display="enter"),
         Binding("escape", "leave", "Back", key_display="esc"),
     ]
@@ -73,6 +74,17 @@ class Line(Input):
         """Put a line from before into the field."""
         self.value = self.history.go(by, self.value)
         self.cursor_position = len(self.value)
+
+    def action_complete(self) -> None:
+        """Take the suggestion over; the keys stay here in any case."""
+        self.cursor_position = len(self.value)
+        if self._suggestion:
+            self.action_cursor_right()
+
+    def on_blur(self) -> None:
+        """Leave where something else on the screen was clicked; not with the terminal's window."""
+        if self.asking and self.app.app_focus:
+            self._leave()
 
     async def action_submit(self) -> None:
         """Give the line; where it does not pass, it can be mended."""
