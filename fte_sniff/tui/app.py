@@ -22,7 +22,8 @@ from textual.widgets import Footer
 
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.filter import RowFilter
-from fte_sniff.analysis.store import DEFAULT_BOUND
+from fte_sniff.analysis.paging import BlockSource
+from fte_sniff.analysis.store import DEFAULT_BOUND, RowStore
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.session.saving import Saving
 from fte_sniff.tui.actions.filtering import Filtering
@@ -87,6 +88,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         row_filter: RowFilter | None = None,
         keep_rows: int = DEFAULT_BOUND,
         signals: Sequence[signal.Signals] = ENDING_SIGNALS,
+        source: BlockSource | None = None,
     ) -> None:
         """A screen that has not begun.
 
@@ -96,6 +98,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             row_filter: shows only the rows that it wants, until the user says otherwise.
             keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
             signals: upon which the screen closes; others do what they did before.
+            source: gives the feed's rows again, so that not all need to lie in memory.
         """
         super().__init__()
         for theme in OWN:
@@ -103,7 +106,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self.animation_level = "none"
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
-        self._watched = Watched(feed, row_filter, keep_rows)
+        self._watched = Watched(feed, row_filter, RowStore(keep_rows, source=source))
         self._at_end, self._signals = at_end, signals
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(self._watched.store, self._header)
@@ -194,6 +197,11 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         if self._detail.display:
             self._detail.show(self._table.cursor_row, palette_of(self.current_theme))
 
+    @on(RowTable.Failed)
+    def _fail(self, event: RowTable.Failed) -> None:
+        self.failure = event.failure
+        self.exit()
+
     @on(RowTable.Moved)
     def _follow_cursor(self) -> None:
         self._show_state()
@@ -205,6 +213,7 @@ def run_screen(
     row_filter: RowFilter | None = None,
     keep_rows: int = DEFAULT_BOUND,
     signals: Sequence[signal.Signals] = ENDING_SIGNALS,
+    source: BlockSource | None = None,
 ) -> int:
     """Show the feed until the user ends it, or a signal does; the feed is then asked to stop.
 
@@ -214,6 +223,7 @@ def run_screen(
         row_filter: shows only the rows that it wants, until the user says otherwise.
         keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
         signals: upon which the screen closes; others do what they did before.
+        source: gives the feed's rows again, so that not all need to lie in memory.
 
     Returns:
         0, or another number where the screen itself broke, which then has been said.
@@ -221,7 +231,7 @@ def run_screen(
     Raises:
         FteSniffError: the feed failed; the terminal is as it was before.
     """
-    app = SniffApp(feed, at_end, row_filter, keep_rows, signals)
+    app = SniffApp(feed, at_end, row_filter, keep_rows, signals, source)
     try:
         app.run()
     finally:

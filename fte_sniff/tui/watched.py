@@ -36,8 +36,8 @@ class News:
 class Watched:
     """A feed and everything that came from it."""
 
-    def __init__(self, feed: Feed, row_filter: RowFilter | None, keep_rows: int) -> None:
-        self.store = RowStore(keep_rows)
+    def __init__(self, feed: Feed, row_filter: RowFilter | None, store: RowStore) -> None:
+        self.store = store
         self.store.set_filter(row_filter)
         self.state = FeedState("")
         self._feed = feed

@@ -13,7 +13,7 @@ from functools import partial
 from time import monotonic
 
 from fte_sniff.analysis.search import Search
-from fte_sniff.errors import shown
+from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.tui.actions.parts import Parts
 
 AT_ONCE_S = 0.05
@@ -64,27 +64,35 @@ class Searching(Parts):
         self.workers.cancel_group(self, GROUP)
         steps = self._steps(search, start, by)
         until = monotonic() + AT_ONCE_S
-        for look in steps:
-            if look.found is not None:
-                self._show_found(look)
+        while monotonic() < until:
+            if self._step(search, steps) is None:
                 return
-            if monotonic() > until:
-                self._work(GROUP, partial(self._go_on, search, steps))
-                return
-        self._tell_none(search)
+        self._work(GROUP, partial(self._go_on, search, steps))
 
     async def _go_on(self, search: Search, steps: Iterator[Look]) -> None:
-        for look in steps:
-            if look.found is not None:
-                self._notice.put_away()
-                self._show_found(look)
-                return
+        while (look := self._step(search, steps)) is not None:
             share = look.seen / max(1, len(self._watched.store))
             self._notice.tell_progress(
                 f"looking for {shown(search.typed)}: {min(share, 1):.0%} seen, esc ends it"
             )
             await asyncio.sleep(0)
-        self._tell_none(search)
+
+    def _step(self, search: Search, steps: Iterator[Look]) -> Look | None:
+        """How far the search is now; None where it has come to its end, and has said so."""
+        try:
+            look = next(steps, None)
+        except FteSniffError as error:
+            self._notice.tell(str(error), worry=True)
+            return None
+        if look is None:
+            self._tell_none(search)
+        elif look.found is not None:
+            if self._searching:
+                self._notice.put_away()
+            self._show_found(look)
+        else:
+            return look
+        return None
 
     def _steps(self, search: Search, start: int, by: int) -> Iterator[Look]:
         """To the end of the rows, and then from the other end to where it began."""
@@ -110,7 +118,9 @@ class Searching(Parts):
             self._tell("there was no further one: it went on from the other end")
 
     def _tell_none(self, search: Search) -> None:
-        if self._watched.store.filter is None:
+        if self._watched.store.pending:
+            self._tell(f"no row so far has {shown(search.typed)}; the filter is still at work")
+        elif self._watched.store.filter is None:
             self._tell(f"no row has {shown(search.typed)}")
         else:
             self._tell(f"no row that the filter shows has {shown(search.typed)}")

@@ -84,7 +84,16 @@ class Taking(Parts):
         elif not self._watched.store.shown_count:
             self._tell("no row is shown that could be saved")
         else:
+            self._tell_what_is_saved()
             self._save_field.ask()
+
+    def _tell_what_is_saved(self) -> None:
+        store, selected = self._watched.store, self._table.selected
+        if selected:
+            count = store.position_of(selected.stop) - store.position_of(selected.start)
+            self._tell(f"{count:,} rows are selected, and are saved")
+        else:
+            self._tell(f"{store.shown_count:,} rows are shown, and are saved")
 
     def _save(self, line: str) -> None:
         if not line:

@@ -22,6 +22,7 @@ from textual.strip import Strip
 
 from fte_sniff.analysis.search import Search
 from fte_sniff.analysis.store import RowStore
+from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Row
 from fte_sniff.tui.fitting import fit
 from fte_sniff.tui.keys import MOVING, bindings
@@ -59,6 +60,13 @@ class RowTable(ScrollView, can_focus=True):
 
     class Opened(Message):
         """A row was clicked twice."""
+
+    class Failed(Message):
+        """Rows cannot be read any more."""
+
+        def __init__(self, failure: FteSniffError) -> None:
+            super().__init__()
+            self.failure = failure
 
     def __init__(self, store: RowStore, header: TableHeader) -> None:
         super().__init__()
@@ -161,9 +169,13 @@ class RowTable(ScrollView, can_focus=True):
         unit = scale.unit_of(view.top)
         if round(self.scroll_y) != unit:
             self.scroll_to(y=unit, animate=False, force=True)
-        self._places = places(
-            self._store, view, self.marks, self.selected, self.look.times, self.start_ns
-        )
+        try:
+            self._places = places(
+                self._store, view, self.marks, self.selected, self.look.times, self.start_ns
+            )
+        except FteSniffError as failure:
+            self.post_message(self.Failed(failure))
+            return
         self._header.show(painter)
         drawn = (painter, self._places, view.cursor - view.top, self.scrollable_size)
         if drawn != self._drawn:
