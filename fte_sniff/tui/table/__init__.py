@@ -11,6 +11,7 @@ painter    a row to a strip of styled text
 marks      the rows that the user marked
 window     what is in view: rows, their signs, and what their times count from
 scale      the scroll bar's measure
+scrolling  the scroll bar and the mouse wheel
 header     the line of column names
 widget     the widget: keys and mouse to the viewport, the store's rows to the painter
 """

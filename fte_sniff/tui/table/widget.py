@@ -12,12 +12,10 @@ from typing import ClassVar
 
 from rich.segment import Segment
 from rich.style import Style
-from textual import events, on
+from textual import events
 from textual.binding import BindingType
 from textual.geometry import Region, Size
 from textual.message import Message
-from textual.scroll_view import ScrollView
-from textual.scrollbar import ScrollDown, ScrollTo, ScrollUp
 from textual.strip import Strip
 
 from fte_sniff.analysis.search import Search
@@ -33,6 +31,7 @@ from fte_sniff.tui.table.look import Look
 from fte_sniff.tui.table.marks import Marks
 from fte_sniff.tui.table.painter import Painter, Place, Sign
 from fte_sniff.tui.table.scale import Scale
+from fte_sniff.tui.table.scrolling import Scrolling
 from fte_sniff.tui.table.viewport import Viewport
 from fte_sniff.tui.table.window import places
 from fte_sniff.tui.themes import palette_of
@@ -40,11 +39,8 @@ from fte_sniff.tui.themes import palette_of
 REVERSE = Style(reverse=True, bold=True)
 """The cursor's row where there are no colours."""
 
-WHEEL = 3
-"""Rows that one notch of the mouse wheel moves the window."""
 
-
-class RowTable(ScrollView, can_focus=True):
+class RowTable(Scrolling, can_focus=True):
     """The rows that a store shows."""
 
     BINDINGS: ClassVar[list[BindingType]] = bindings(MOVING)
@@ -183,11 +179,6 @@ class RowTable(ScrollView, can_focus=True):
             self.refresh(self.scrollable_size.region)
         self.post_message(self.Moved())
 
-    def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Move the scroll bar alone; what is in view is drawn by `_draw`."""
-        if self.show_vertical_scrollbar:
-            self.vertical_scrollbar.position = new_value
-
     @property
     def _painter(self) -> Painter:
         width = self.scrollable_size.width
@@ -225,43 +216,6 @@ class RowTable(ScrollView, can_focus=True):
         """Keep the cursor in a window of another size."""
         self.viewport.resize(self.scrollable_size.height)
         self.sync()
-
-    @on(ScrollTo)
-    def _drag(self, event: ScrollTo) -> None:
-        scale = Scale(self.viewport.count, self.viewport.height)
-        self._scroll(event, self.viewport.top if event.y is None else scale.row_of(event.y))
-
-    @on(ScrollUp)
-    def _page_up(self, event: ScrollUp) -> None:
-        self._scroll(event, self.viewport.top - self.viewport.height)
-
-    @on(ScrollDown)
-    def _page_down(self, event: ScrollDown) -> None:
-        self._scroll(event, self.viewport.top + self.viewport.height)
-
-    def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
-        """Move the window with the wheel."""
-        self._scroll(event, self.viewport.top - WHEEL)
-
-    def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
-        """Move the window with the wheel."""
-        self._scroll(event, self.viewport.top + WHEEL)
-
-    def on_mouse_scroll_left(self, event: events.MouseScrollLeft) -> None:
-        """Move sideways with the wheel."""
-        event.prevent_default().stop()
-        self.action_aside(-1)
-
-    def on_mouse_scroll_right(self, event: events.MouseScrollRight) -> None:
-        """Move sideways with the wheel."""
-        event.prevent_default().stop()
-        self.action_aside(1)
-
-    def _scroll(self, event: Message, top: int) -> None:
-        """Move the window by hand: through the viewport, never past it."""
-        event.prevent_default().stop()
-        self.viewport.scroll(top)
-        self._moved()
 
     def on_click(self, event: events.Click) -> None:
         """Put the cursor where the mouse is; a second click opens the row."""
