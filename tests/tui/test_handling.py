@@ -156,6 +156,7 @@ def test_a_row_is_copied_to_the_terminal_and_to_a_file(
         await settle(app, pilot)
         assert copied in app.clipboard
         assert "\n" not in app.clipboard
+        assert "   " not in app.clipboard
         kept = cache / "fte-sniff" / "copied.txt"
         assert kept.read_text() == app.clipboard
         assert kept.stat().st_mode & 0o777 == 0o600

@@ -6,6 +6,7 @@ It must not know what their bytes mean, nor how a file is written.
 from __future__ import annotations
 
 import asyncio
+import re
 from functools import partial
 from io import StringIO
 
@@ -22,6 +23,8 @@ from fte_sniff.tui.clips import keep_copy, short_path
 MOST_COPIED = 10_000
 """Rows that can be copied at once: a terminal takes about a megabyte."""
 
+_GAPS = re.compile(" {2,}")
+
 GROUP = "save"
 """What the work beside the screen is called."""
 
@@ -35,8 +38,11 @@ class Taking(Parts):
         if rows is not None:
             stream = StringIO()
             row_writer(OutputFormat.TABLE, stream, ports=len(self._watched.ports) > 1).write(rows)
-            lines = stream.getvalue().splitlines(keepends=True)
-            self._copy("".join(lines[1:] if len(rows) == 1 else lines), len(rows))
+            text = stream.getvalue()
+            if len(rows) == 1:
+                # Alone it needs no columns, and no names above them.
+                text = _GAPS.sub("  ", text.splitlines()[-1])
+            self._copy(text, len(rows))
 
     def action_copy(self) -> None:
         """Copy the bytes of the selected rows, or of the cursor's, as hex."""
