@@ -1,13 +1,14 @@
-"""Owns the picture of the screen in the README: the real screen on a real capture of sim://.
+"""Owns the pictures of the screen in the README: the real screen on a real capture of sim://.
 
     python docs/picture.py
 
-The rows come from the simulator with a fixed seed: the picture changes only when the screen does.
+The rows come from the simulator with a fixed seed: a picture changes only when the screen does.
 """
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
@@ -16,10 +17,14 @@ from fte_sniff.capture.simulator import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.tui.app import SniffApp
 
-PICTURE = Path(__file__).with_name("screen.svg")
-SIZE = (118, 30)
+PICTURES = {
+    "screen.svg": ((118, 30), 3400, ("E", "enter")),
+    "motors.svg": ((118, 40), 2650, ("M",)),
+}
+"""Each picture's size in cells, the frames before it, and the keys that lead to it."""
+
 RATE = 200
-QUERY = f"seed=6&rate={RATE}&drop=0.01&flip=0.01&noise=0.01&frames=2400"
+QUERY = f"seed=6&rate={RATE}&drop=0.01&flip=0.01&noise=0.01"
 START_NS = 1_769_860_800_000_000_000  # 2026-01-31T12:00:00Z
 
 
@@ -45,25 +50,27 @@ class Capture:
         """There is nothing to stop."""
 
 
-def rows() -> list[Row]:
-    """What the simulated wire brings."""
+def rows(frames: int) -> list[Row]:
+    """What the simulated wire brings with so many frames."""
     framer = Framer("/dev/ttyUSB0", DEFAULT_BAUD)
     found: list[Row] = []
-    for timed in simulate(parse_parameters(QUERY)):
+    for timed in simulate(parse_parameters(f"{QUERY}&frames={frames}")):
         found += framer.feed(Chunk("/dev/ttyUSB0", START_NS + timed.t_ns, timed.data))
     return found
 
 
-async def take() -> str:
-    """The screen as SVG, on a damaged frame with its details open."""
-    app = SniffApp(Capture(rows(), coming=3 * RATE))
-    async with app.run_test(size=SIZE) as pilot:
+async def take(size: tuple[int, int], frames: int, keys: Sequence[str]) -> str:
+    """The screen as SVG, after these keys."""
+    app = SniffApp(Capture(rows(frames), coming=8 * RATE))
+    async with app.run_test(size=size) as pilot:
         # The rate is told over two seconds, which the first rows must have left behind.
         await pilot.pause(2.6)
-        await pilot.press("E", "enter")
-        await pilot.pause()
+        await pilot.press(*keys)
+        await pilot.pause(0.4)
         return app.export_screenshot(title="fte-sniff live /dev/ttyUSB0")
 
 
 if __name__ == "__main__":
-    PICTURE.write_text(asyncio.run(take()), encoding="utf-8")
+    for name, (size, frames, keys) in PICTURES.items():
+        picture = asyncio.run(take(size, frames, keys))
+        Path(__file__).with_name(name).write_text(picture, encoding="utf-8")

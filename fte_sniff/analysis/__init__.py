@@ -3,6 +3,7 @@
 This package knows no screen and no file: rows come in, answers go out. To read it, in this order:
 
     packing         rows in a numpy array, and back
+    fields          kinds and field values out of many packed rows at once
     columns         rows to a polars frame with the contract's names and types
     filter          the filter, and help on its language
     filter_tokens   its text cut into words and signs; errors that point at a place
@@ -18,4 +19,14 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     block           so many rows side by side, and which of them a filter wants
     paging          which blocks lie in memory, where their rows can be read again
     store           a bounded run of rows with a filter on top
+    bench           what the user says about the set-up that no row tells
+    following       the models of what rows mean, fed from a store as it grows:
+        motors          each motor's target, present values, flags, rates and answers
+        pairing         which feedback answers which command
+        traces          speeds and positions over time
+        envelope        a value over time in bounded memory; no spike is lost
+        statistics      rates, periods, silence, use of the line, faults over time
+        durations       how long things took, as a histogram
+        counts          how many of each sort came when
+        recent          the last few of many numbers
 """

@@ -1,8 +1,8 @@
 """Owns the way from rows to the contract's columns, as a polars frame.
 
-It must not know who asks or where the frame goes. Names, order and words come from
-`protocol.COLUMNS`, the places of values from `protocol.KINDS`; numpy reads one field in all rows at
-once, so that the cost of a row is far below a Python loop over its fields.
+It must not know who asks or where the frame goes, nor where values stand (`fields` does). Names,
+order and words come from `protocol.COLUMNS`; numpy reads one field in all rows at once, so that the
+cost of a row is far below a Python loop over its fields.
 
     time                        Datetime("ns", "UTC"), null where the input has no time
     port, raw                   String (raw: hex, upper case, no spaces)
@@ -15,19 +15,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from fte_sniff.analysis.packing import FRAMED, TIMED, Codebook, Packed, pack
+from fte_sniff.analysis.fields import Bools, Codes, field_values, kinds_of, timed
+from fte_sniff.analysis.packing import FRAMED, Codebook, Packed, pack
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
     FRAME_LENGTH,
     HEADERS,
     KINDS,
+    VALUE_FIELDS,
     ColumnType,
     Direction,
     Row,
@@ -35,10 +37,6 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.table import CMD_PLACE
 
-Bools: TypeAlias = npt.NDArray[np.bool_]
-Codes: TypeAlias = npt.NDArray[np.uint8]
-
-_NO_KIND: Final = len(KINDS)
 _NO_DIRECTION: Final = len(Direction)
 _POLARS_TYPE: Mapping[ColumnType, Callable[[Sequence[str]], pl.DataType]] = {
     ColumnType.TIME: lambda _: pl.Datetime("ns", "UTC"),
@@ -55,13 +53,6 @@ SCHEMA: Final[Mapping[str, pl.DataType]] = {
 """The polars type of every column of the row contract, in its order."""
 
 
-def _kind_codes() -> Codes:
-    codes = np.full((256, 256), _NO_KIND, np.uint8)
-    for code, kind in enumerate(KINDS):
-        codes[kind.header, list(kind.cmds)] = code
-    return codes
-
-
 def _direction_codes() -> Codes:
     codes = np.full(256, _NO_DIRECTION, np.uint8)
     for code, direction in enumerate(Direction):
@@ -69,22 +60,8 @@ def _direction_codes() -> Codes:
     return codes
 
 
-def _field_places() -> dict[str, dict[tuple[int, int, bool], Bools]]:
-    """For every row name: where kinds keep it (start, size, signed), and which kinds those are."""
-    places: dict[str, dict[tuple[int, int, bool], Bools]] = {}
-    for code, kind in enumerate(KINDS):
-        for field in kind.fields:
-            place = (field.start, field.size, field.signed)
-            kinds = places.setdefault(field.name, {}).setdefault(
-                place, np.zeros(len(KINDS) + 1, np.bool_)
-            )
-            kinds[code] = True
-    return places
-
-
-_KIND_CODES: Final = _kind_codes()
 _DIRECTION_CODES: Final = _direction_codes()
-_FIELD_PLACES: Final = _field_places()
+_FIELD_NAMES: Final = frozenset(field.name for field in VALUE_FIELDS)
 _HEX_DIGITS: Final = np.array([f"{byte:02X}" for byte in range(256)], "S2")
 
 
@@ -121,18 +98,16 @@ class _Columns:
         self._codebook = codebook
         self._raw = np.ascontiguousarray(packed["raw"])
         self._framed: Bools = (packed["form"] & FRAMED).astype(np.bool_)
-        kinds = _KIND_CODES[self._raw[:, 0], self._raw[:, CMD_PLACE]]
-        self._kinds: Codes = np.where(self._framed, kinds, _NO_KIND).astype(np.uint8)
+        self._kinds = kinds_of(packed)
 
     def series(self, name: str) -> pl.Series:
         """The column of that name."""
-        if name in _FIELD_PLACES:
+        if name in _FIELD_NAMES:
             return self._field(name)
         return _MAKERS[name](self).rename(name)
 
     def _time(self) -> pl.Series:
-        timed = (self._packed["form"] & TIMED).astype(np.bool_)
-        return _known(self._packed["t_ns"], timed).cast(SCHEMA["time"])
+        return _known(self._packed["t_ns"], timed(self._packed)).cast(SCHEMA["time"])
 
     def _port(self) -> pl.Series:
         # A device path may hold bytes that are no text; polars takes valid Unicode alone.
@@ -153,12 +128,7 @@ class _Columns:
         return _known(self._raw[:, CMD_PLACE], self._framed)
 
     def _field(self, name: str) -> pl.Series:
-        values = np.zeros(len(self._packed), np.int64)
-        known = np.zeros(len(self._packed), np.bool_)
-        for place, kinds in _FIELD_PLACES[name].items():
-            here = kinds[self._kinds]
-            np.copyto(values, _read(self._raw, *place), where=here)
-            known |= here
+        values, known = field_values(self._raw, self._kinds, name)
         return _known(values, known).rename(name)
 
     def _status(self) -> pl.Series:
@@ -198,12 +168,6 @@ _MAKERS: Final[Mapping[str, Callable[[_Columns], pl.Series]]] = {
     "faults": _Columns._faults,
     "raw": _Columns._hex,
 }
-
-
-def _read(raw: npt.NDArray[np.uint8], start: int, size: int, signed: bool) -> npt.NDArray[Any]:
-    """One field in every row; fields are big-endian (PROTOCOL.md, "Framing")."""
-    places = np.ascontiguousarray(raw[:, start : start + size])
-    return places.view(f">{'i' if signed else 'u'}{size}").reshape(-1)
 
 
 def _known(values: npt.NDArray[Any], known: Bools) -> pl.Series:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Final, TypeAlias
@@ -157,6 +157,20 @@ class RowStore:
             found += unpack(block.rows[place:stop], block.long, self._codebook, place)
             start = block.start + stop
         return found
+
+    @property
+    def codebook(self) -> Codebook:
+        """What the numbers of ports and faults in packed rows stand for."""
+        return self._codebook
+
+    def packed(self, start: int, end: int) -> Iterator[Packed]:
+        """The same as `rows`, packed and in pieces, to be read at once and never written."""
+        start, end = max(start, self._first), min(end, self._next)
+        while start < end:
+            block = self._blocks[self._block_of(start)]
+            stop = min(end - block.start, block.count)
+            yield block.rows[start - block.start : stop]
+            start = block.start + stop
 
     # The filter
 

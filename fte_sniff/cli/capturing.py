@@ -20,10 +20,12 @@ from fte_sniff.cli.filtering import filter_option, row_filter, selection
 from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.cli.signals import ENDING, signals_call
 from fte_sniff.cli.telling import tell
+from fte_sniff.cli.units import bench_of, units_options
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.bench import Bench
     from fte_sniff.capture.items import Wiring
     from fte_sniff.capture.ports import PortSettings
     from fte_sniff.session.live import LiveSession
@@ -59,6 +61,7 @@ _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
     click.option("--plain", is_flag=True, help="Print one line a row instead of the screen."),
     filter_option,
     keep_rows_option(1_000_000),
+    units_options,
     click.option(
         "--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it."
     ),
@@ -88,6 +91,8 @@ def run_capture(
     plain: bool,
     filter_text: str | None,
     keep_rows: int,
+    resolution: float | None,
+    gear_ratio: float | None,
     duration: float | None,
     count: int | None,
 ) -> None:
@@ -111,6 +116,7 @@ def run_capture(
         raise UsageError(
             "--keep-recording and --no-record: there is nothing to keep; leave one out"
         )
+    bench = bench_of(resolution, gear_ratio, baud)
     existing = Existing.REPLACE if force else Existing.REFUSE
     plan = CapturePlan(
         wiring=wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts))),
@@ -123,7 +129,7 @@ def run_capture(
     if plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         _print_lines(plan, filter_text)
     else:
-        _show_screen(plan, filter_text, keep_rows)
+        _show_screen(plan, filter_text, keep_rows, bench)
 
 
 def _default_path() -> Path:
@@ -148,7 +154,7 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
         _leave(session)
 
 
-def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int) -> None:
+def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int, bench: Bench) -> None:
     wanted = row_filter(filter_text)
     from fte_sniff.session.live import LiveSession
     from fte_sniff.tui.app import AtEnd, run_screen
@@ -162,7 +168,7 @@ def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int) -> 
         _tell_who_goes_on(plan, session)
     try:
         if not session.stopping:
-            code = run_screen(session, at_end, wanted, keep_rows, _ending(plan))
+            code = run_screen(session, at_end, wanted, keep_rows, _ending(plan), bench)
     finally:
         # The screen hears signals in its own way, and forgets ours.
         with signals_call(session.stop, _ending(plan)):

@@ -15,6 +15,7 @@ import click
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import STDIN, batches_of, check_inputs, input_arguments
 from fte_sniff.cli.keeping import keep_rows_option
+from fte_sniff.cli.units import bench_of, units_options
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.formats.kinds import InputKind
 from fte_sniff.protocol import Row
@@ -24,8 +25,14 @@ from fte_sniff.protocol import Row
 @input_arguments
 @filter_option
 @keep_rows_option(10_000_000)
+@units_options
 def command(
-    files: tuple[Path, ...], kind: InputKind | None, filter_text: str | None, keep_rows: int
+    files: tuple[Path, ...],
+    kind: InputKind | None,
+    filter_text: str | None,
+    keep_rows: int,
+    resolution: float | None,
+    gear_ratio: float | None,
 ) -> None:
     """Look at recordings, raw bytes or hex text on the screen that `live` has.
 
@@ -36,6 +43,7 @@ def command(
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     if STDIN in files:
         raise UsageError("view reads files only, since the keys come from standard input")
+    bench = bench_of(resolution, gear_ratio)
     check_inputs(files)
     from fte_sniff.session.replay import ReplaySession
     from fte_sniff.tui.app import AtEnd, run_screen
@@ -46,7 +54,7 @@ def command(
     # What cannot be read at all is told before the screen opens, not on it.
     batches[0] = _begun(batches[0])
     session = ReplaySession(chain.from_iterable(batches), " ".join(map(str, files)))
-    code = run_screen(session, AtEnd.STAY, wanted, keep_rows)
+    code = run_screen(session, AtEnd.STAY, wanted, keep_rows, bench=bench)
     for note in notes:
         click.echo(f"fte-sniff: {shown(note)}", err=True)
     if session.error is not None:

@@ -39,6 +39,8 @@ class Bit:
     number: int
     """0 is the least significant."""
     is_set: bool
+    label: str
+    """What it is, in a word or two; the same for neighbours that mean the same."""
     meaning: str
 
 
@@ -180,18 +182,23 @@ def _flags(byte: int, field: Field) -> Part:
         Fault.UNDEFINED_FLAGS if undefined else None,
         note,
         tuple(
-            Bit(number, bool(byte >> number & 1), _bit_meaning(field, number))
+            Bit(number, bool(byte >> number & 1), *_bit_meaning(field, number))
             for number in range(8)
         ),
     )
 
 
-def _bit_meaning(field: Field, number: int) -> str:
+def _bit_meaning(field: Field, number: int) -> tuple[str, str]:
+    """A label and a sentence."""
     if field.defined_bits is not None and not field.defined_bits >> number & 1:
-        return "undefined"
+        return "undefined", "undefined"
     if field.name == "online":
-        return f"motor {number + 1} online (assumption: the protocol does not say which bit is who)"
-    return "meaning unknown: the protocol does not say"
+        motor = f"motor {number + 1}"
+        return (
+            motor,
+            f"{motor} online (assumption: the protocol does not say which bit is who)",
+        )
+    return "unknown", "meaning unknown: the protocol does not say"
 
 
 def _tail(raw: bytes, place: int) -> Part:

@@ -6,8 +6,12 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
     +----------------------------------------------------------+
     | title.py       what is watched, where it is kept, state  |
     | table/         the table's head and the rows             |
-    |    |             | detail.py  the cursor row, byte by    |
-    |                  |            byte (beside or below)     |
+    |                                                          |
+    | panes.py       below it one of these, or none:           |
+    |     detail.py      the cursor's row, byte by byte        |
+    |     bytes.py       the bytes around it on the wire       |
+    |     motors/        each motor at the cursor, or now      |
+    |     statistics/    the numbers over all rows             |
     | notices.py     the last thing that happened to a port    |
     | prompt/        the filter field, the go-to field         |
     | status.py      counts, rates, the place in the rows      |
@@ -21,6 +25,9 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
     actions/         what the keys do, one topic a file
     keys.py          every key, once
     watched.py       the feed's rows, their numbers, and ways to a row; knows no Textual
+    pane.py          what the panes have in common
+    braille.py       drawing with dots
+    quantities.py    numbers with units in few cells
     fitting.py       text to a width in cells
     colourless.py    the screen without colours
     themes.py        the themes one can switch between

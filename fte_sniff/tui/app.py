@@ -20,6 +20,7 @@ from textual.binding import BindingType
 from textual.filter import LineFilter
 from textual.widgets import Footer
 
+from fte_sniff.analysis.bench import NO_BENCH, Bench
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.paging import BlockSource
@@ -31,16 +32,17 @@ from fte_sniff.tui.actions.leaving import Leaving
 from fte_sniff.tui.actions.looking import Looking
 from fte_sniff.tui.actions.seeking import Seeking
 from fte_sniff.tui.colourless import Colourless
-from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import (
     FINDING,
     HANDLING,
     INTERRUPT,
     LEAVING,
     TABLE_ACTIONS,
+    UNDERSTANDING,
     bindings,
 )
 from fte_sniff.tui.notices import NoticeLine
+from fte_sniff.tui.panes import Panes
 from fte_sniff.tui.prompt.field import Line
 from fte_sniff.tui.prompt.filter import FilterField
 from fte_sniff.tui.prompt.goto import GotoField
@@ -49,12 +51,18 @@ from fte_sniff.tui.prompt.search import SearchField
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.themes import OWN, palette_of
+from fte_sniff.tui.themes import OWN
 from fte_sniff.tui.title import TitleLine, mode_of
 from fte_sniff.tui.watched import Watched
 
 TICK_S = 1 / 20
 """Between two looks at the feed: soon enough for the eye, seldom enough to stay calm."""
+
+LOW = 16
+"""Lines below which a pane has to be content with very few."""
+
+TALL = 40
+"""Lines from which on a pane leaves the table more than the few rows it must."""
 
 ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 """Signals upon which the screen closes and leaves the terminal as it was."""
@@ -78,7 +86,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
     """Textual's palette fails on very small terminals and on keys that are typed ahead."""
     BINDINGS: ClassVar[list[BindingType]] = [
         INTERRUPT,
-        *bindings(LEAVING, FINDING, HANDLING),
+        *bindings(LEAVING, FINDING, HANDLING, UNDERSTANDING),
     ]
 
     def __init__(
@@ -88,6 +96,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         row_filter: RowFilter | None = None,
         keep_rows: int = DEFAULT_BOUND,
         signals: Sequence[signal.Signals] = ENDING_SIGNALS,
+        bench: Bench = NO_BENCH,
         source: BlockSource | None = None,
     ) -> None:
         """A screen that has not begun.
@@ -99,18 +108,21 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
             signals: upon which the screen closes; others do what they did before.
             source: gives the feed's rows again, so that not all need to lie in memory.
+            bench: what the user said about the set-up.
         """
         super().__init__()
         for theme in OWN:
             self.register_theme(theme)
         self.animation_level = "none"
+        self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low"), (TALL, "-tall")]
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
         self._watched = Watched(feed, row_filter, RowStore(keep_rows, source=source))
         self._at_end, self._signals = at_end, signals
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(self._watched.store, self._header)
-        self._detail, self._notice = DetailPane(), NoticeLine()
+        self._panes = Panes(self._watched.store, self._table, bench)
+        self._notice = NoticeLine()
         self._filter_field = FilterField(row_filter, self._set_filter)
         self._search_field = SearchField(self._search)
         self._goto_field, self._save_field = GotoField(self._go), SaveField(self._save)
@@ -123,7 +135,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         yield self._title_line
         yield self._header
         yield self._table
-        yield self._detail
+        yield from self._panes
         yield self._notice
         yield self._filter_field
         yield self._search_field
@@ -172,6 +184,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             self.failure = failure
             self.exit()
             return
+        self._panes.tell_events(news.events)
         for event in news.events:
             self._notice.tell_event(event)
         if news.trouble:
@@ -185,6 +198,8 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             self._table.start_ns = self._watched.start_ns
             self._table.sync()
         self._show_state()
+        state = self._watched.state
+        self._panes.tick(monotonic_ns(), state.live and state.running)
 
     def _show_state(self) -> None:
         """Draw the lines above and below the table, where they changed."""
@@ -194,8 +209,6 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._status_line.show(watched.numbers(view))
         self._filter_field.tell_shown(watched.shown_words)
         self._table.tell_empty(watched.empty_words)
-        if self._detail.display:
-            self._detail.show(self._table.cursor_row, palette_of(self.current_theme))
 
     @on(RowTable.Failed)
     def _fail(self, event: RowTable.Failed) -> None:
@@ -205,6 +218,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
     @on(RowTable.Moved)
     def _follow_cursor(self) -> None:
         self._show_state()
+        self._panes.follow_cursor()
 
 
 def run_screen(
@@ -213,6 +227,7 @@ def run_screen(
     row_filter: RowFilter | None = None,
     keep_rows: int = DEFAULT_BOUND,
     signals: Sequence[signal.Signals] = ENDING_SIGNALS,
+    bench: Bench = NO_BENCH,
     source: BlockSource | None = None,
 ) -> int:
     """Show the feed until the user ends it, or a signal does; the feed is then asked to stop.
@@ -224,6 +239,7 @@ def run_screen(
         keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
         signals: upon which the screen closes; others do what they did before.
         source: gives the feed's rows again, so that not all need to lie in memory.
+        bench: what the user said about the set-up.
 
     Returns:
         0, or another number where the screen itself broke, which then has been said.
@@ -231,7 +247,7 @@ def run_screen(
     Raises:
         FteSniffError: the feed failed; the terminal is as it was before.
     """
-    app = SniffApp(feed, at_end, row_filter, keep_rows, signals, source)
+    app = SniffApp(feed, at_end, row_filter, keep_rows, signals, bench, source)
     try:
         app.run()
     finally:

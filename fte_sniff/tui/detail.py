@@ -5,22 +5,31 @@ It must not know what the bytes mean: `protocol.dissect` does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
 from textwrap import wrap
 
 from rich.style import Style
 from rich.text import Text
-from textual.app import ComposeResult
-from textual.containers import VerticalScroll
-from textual.widgets import Static
 
+from fte_sniff.analysis.bench import NO_BENCH, Bench
 from fte_sniff.errors import shown
 from fte_sniff.formats.layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
-from fte_sniff.protocol.dissect import Part, dissect, explain
+from fte_sniff.protocol.dissect import Bit, Part, dissect, explain
+from fte_sniff.tui.pane import Pane, Sight
+from fte_sniff.tui.quantities import turns_text
 from fte_sniff.tui.table.layout import MARKS
 from fte_sniff.tui.table.palette import Palette
+
+TITLE = "the row, byte by byte"
+HINT = "J K: scroll   esc: close"
+NO_ROW = "no row"
+TURNS = "{pulses}, {turns}"
+BIT = "bit {number} is {value}: {meaning}"
+BITS = "bits 7-0: {bits}"
+BIT_RUN = "{label} {digits}"
 
 BYTES_BESIDE = 4
 """Bytes of a field that stand side by side, before its name."""
@@ -32,7 +41,7 @@ BESIDE_CELLS = 30
 """Cells that words need at least to stand beside a value; else they stand below it."""
 
 ROOMY_LINES = 40
-"""Lines of the terminal from which on flag bytes are explained bit by bit."""
+"""Lines of the terminal from which on each bit of a flag byte has a line of its own."""
 
 UNCERTAIN_ORDER = "a row of the other port may have come first: their times are too close to tell"
 """What the sign of an uncertain order means."""
@@ -50,11 +59,11 @@ class Room:
     width: int
     """Cells; what a part is may be cut to it, what is wrong is wrapped."""
     bits: bool
-    """Whether flag bytes are explained bit by bit."""
+    """Whether each bit of a flag byte has a line of its own."""
 
 
-def detail_text(row: Row, palette: Palette, room: Room) -> Text:
-    """The row explained."""
+def detail_text(row: Row, palette: Palette, room: Room, bench: Bench = NO_BENCH) -> Text:
+    """The row explained; positions in turns too, where the bench tells how long a turn is."""
     lines = _heading(row, palette, room)
     wrong = palette.statuses[row.status]
     for said in explain(row):
@@ -65,8 +74,10 @@ def detail_text(row: Row, palette: Palette, room: Room) -> Text:
         words = _wrap(UNCERTAIN_ORDER, room.width - 2)
         marks = (ORDER_MARK, *(" " * (len(words) - 1)))
         lines += [Text(f"{mark} {line}") for mark, line in zip(marks, words, strict=True)]
-    for part in dissect(row):
-        lines += _part_lines(part, palette, room)
+    parts = [_with_turns(part, bench) for part in dissect(row)]
+    values = _VALUE_WIDTH if any(part.value for part in parts) else 0
+    for part in parts:
+        lines += _part_lines(part, palette, room, values)
     for line in lines:
         line.truncate(room.width, overflow="ellipsis")
     return Text("\n").join(lines)
@@ -88,8 +99,17 @@ def _heading(row: Row, palette: Palette, room: Room) -> list[Text]:
     return lines
 
 
-def _part_lines(part: Part, palette: Palette, room: Room) -> Iterator[Text]:
-    """The bytes, the name, the value and what it is; then what is wrong, and the bits.
+def _with_turns(part: Part, bench: Bench) -> Part:
+    """A decoded position also tells its turns."""
+    if part.name != "pulses" or not part.value:
+        return part
+    pulses = int.from_bytes(part.raw, "big", signed=True)
+    turns = turns_text(pulses, bench)
+    return replace(part, value=TURNS.format(pulses=part.value, turns=turns)) if turns else part
+
+
+def _part_lines(part: Part, palette: Palette, room: Room, values: int) -> Iterator[Text]:
+    """The bytes, the name, the value in its cells and what it is; then what is wrong, and the bits.
 
     More bytes than stand before a name follow in lines of their own, each with the part's mark.
     """
@@ -103,7 +123,7 @@ def _part_lines(part: Part, palette: Palette, room: Room) -> Iterator[Text]:
         (mark, wrong),
         f" {spaced_hex(part.raw) if beside else '':<{_HEX_WIDTH}}",
         (f"{part.name:<{_NAME_WIDTH}} ", wrong + Style(bold=True)),
-        f"{value:<{_VALUE_WIDTH}} ",
+        f"{value:<{values}} " if values else "",
     )
     here, *more = _wrapped_beside(part.meaning, len(line), room)
     line.append(here, palette.muted)
@@ -114,9 +134,22 @@ def _part_lines(part: Part, palette: Palette, room: Room) -> Iterator[Text]:
     for digits in [] if beside else _hex_lines(part.raw, BYTES_BELOW):
         yield Text.assemble((mark, wrong), f" {digits}")
     yield from _indented(part.note, wrong, room)
-    for bit in part.bits if room.bits else ():
-        said = f"bit {bit.number} is {'01'[bit.is_set]}: {bit.meaning}"
+    if not room.bits:
+        yield from _indented(_bits_in_a_line(part.bits), palette.muted, room)
+        return
+    for bit in part.bits:
+        said = BIT.format(number=bit.number, value="01"[bit.is_set], meaning=bit.meaning)
         yield from _indented(said, Style.null() if bit.is_set else palette.muted, room)
+
+
+def _bits_in_a_line(bits: Sequence[Bit]) -> str:
+    """Every bit from the highest down; those of one name together."""
+    runs = groupby(reversed(bits), key=lambda bit: bit.label)
+    told = [
+        BIT_RUN.format(label=label, digits="".join("01"[bit.is_set] for bit in run))
+        for label, run in runs
+    ]
+    return BITS.format(bits=", ".join(told)) if told else ""
 
 
 def _wrapped_beside(words: str, start: int, room: Room) -> list[str]:
@@ -142,27 +175,23 @@ def _hex_lines(raw: bytes, width: int) -> list[str]:
     return [spaced_hex(raw[at : at + width]) for at in range(0, len(raw), width)] or [""]
 
 
-class DetailPane(VerticalScroll, can_focus=False):
+class DetailPane(Pane):
     """The explanation of one row."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self._page = Static()
-        self._shown: tuple[Row, Palette, Room] | None = None
-        self.display = False
+        super().__init__(HINT)
+        self._shown: tuple[Row, Palette, Room, Bench] | None = None
 
-    def compose(self) -> ComposeResult:
-        """One page that can be moved with the mouse wheel."""
-        yield self._page
-
-    def show(self, row: Row | None, palette: Palette) -> None:
-        """Explain this row, if it is not the one explained."""
-        if row is None:
+    def see(self, sight: Sight) -> None:
+        """Explain the cursor's row, if it is not the one explained."""
+        self.entitle(TITLE)
+        if sight.row is None:
             self._shown = None
-            self._page.update(Text("no row"))
+            self.draw(Text(NO_ROW))
             return
         roomy = self.app.size.height >= ROOMY_LINES
-        now = (row, palette, Room(self.app.size.width - 1, roomy))
+        now = (sight.row, sight.palette, Room(self.room.width, roomy), sight.bench)
         if self._shown != now:
             self._shown = now
-            self._page.update(detail_text(*now))
+            self.draw(detail_text(*now))
+            self.scroll_home(animate=False)

@@ -88,11 +88,16 @@ class HelpPage(ModalScreen[None]):
         )
     ]
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._text = Static()
+        # Kept by name: what comes after the page is put away finds nothing on the screen.
+        self._page = VerticalScroll(self._text, id="help", can_focus=False)
+        self._page.border_title = "Keys and signs"
+
     def compose(self) -> ComposeResult:
         """One page that can be moved up and down."""
-        with VerticalScroll(id="help", can_focus=False) as page:
-            page.border_title = "Keys and signs"
-            yield Static()
+        yield self._page
 
     def on_mount(self) -> None:
         """Say at every move how much more there is."""
@@ -101,7 +106,7 @@ class HelpPage(ModalScreen[None]):
     def on_resize(self) -> None:
         """Set the page anew for another width."""
         width = self._page.scrollable_content_region.width
-        self._page.query_one(Static).update(help_text(width))
+        self._text.update(help_text(width))
         self.call_after_refresh(self._tell_more)
 
     def _tell_more(self) -> None:
@@ -109,10 +114,6 @@ class HelpPage(ModalScreen[None]):
         below = round(page.max_scroll_y - page.scroll_y)
         more = f"{below} more lines: down, pgdn, end   " if below > 0 else ""
         page.border_subtitle = f"{more}esc: back"
-
-    @property
-    def _page(self) -> VerticalScroll:
-        return self.query_one("#help", VerticalScroll)
 
     def action_scroll(self, by: int) -> None:
         """Move the page by lines, when it is laid out: the key may have come before."""

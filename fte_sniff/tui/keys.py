@@ -59,7 +59,6 @@ FINDING: tuple[Binding, ...] = (
 
 HANDLING: tuple[Binding, ...] = (
     _key("space,p", "pause", "Pause", "freeze the view, never the capture", "space"),
-    _key("enter", "detail", "Detail", "what each byte of the row means; stays on it", "enter"),
     _key("v", "select", "", "select rows from here to the cursor, for y, Y and w", "v"),
     _key("y", "copy_text", "", "copy the row decoded (through the terminal, OSC 52)", "y"),
     _key("Y,c", "copy", "", "copy the row's bytes as hex", "Y c"),
@@ -75,6 +74,18 @@ HANDLING: tuple[Binding, ...] = (
 )
 """Keys that do something to the view."""
 
+UNDERSTANDING: tuple[Binding, ...] = (
+    _key("enter,i", "pane('detail')", "Detail", "what each byte means (also enter)", "i"),
+    _key("b", "pane('bytes')", "Bytes", "the bytes around the row", "b"),
+    _key("M", "pane('motors')", "Motors", "what each motor was asked and tells", "M"),
+    _key("S", "pane('statistics')", "Stats", "rates, use of the line, faults over time", "S"),
+    _key("z", "zoom(-1)", "", "less time in the plots of the motors", "z"),
+    _key("Z", "zoom(1)", "", "more time in the plots of the motors", "Z"),
+    _key("J", "scroll_pane(1)", "", "scroll the pane down", "J"),
+    _key("K", "scroll_pane(-1)", "", "scroll the pane up", "K"),
+)
+"""Keys of the panes below the table; pressed again, the key of a pane closes it."""
+
 LEAVING: tuple[Binding, ...] = (
     _key("question_mark", "help", "Help", "this page", "?"),
     _key("q", "leave", "Quit", "end, and say where the recording lies", "q"),
@@ -82,7 +93,7 @@ LEAVING: tuple[Binding, ...] = (
 """Keys that lead away; first in the footer, so that they stand on the smallest terminal."""
 
 TABLE_ACTIONS = frozenset(
-    binding.action.partition("(")[0] for binding in (*FINDING, *HANDLING, *LEAVING)
+    binding.action.partition("(")[0] for binding in (*FINDING, *HANDLING, *UNDERSTANDING, *LEAVING)
 )
 """What the keys of the whole screen do while no field or page takes the keys."""
 
@@ -99,6 +110,7 @@ INTERRUPT = Binding(
 SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
     ("Move", MOVING),
     ("Find", FINDING),
+    ("Understand", UNDERSTANDING),
     ("Handle", (*HANDLING, *LEAVING)),
 )
 """All keys, as the help shows them."""

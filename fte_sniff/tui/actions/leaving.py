@@ -20,7 +20,7 @@ class Leaving(Searching, Marking, Taking):
         if self._notice.display and not self._searching:
             self._notice.put_away()
         elif not self._end_search():
-            self._detail.display = False
+            self._panes.close()
 
     def action_leave(self) -> None:
         """End."""

@@ -60,17 +60,25 @@ class Looking(Parts):
         self._table.sync()
         self._tell(f"theme {self.theme}")
 
-    def action_detail(self) -> None:
-        """Show or hide the explanation of the row under the cursor."""
-        self._detail.display = not self._detail.display
-        if self._detail.display:
+    def action_pane(self, name: str) -> None:
+        """Show the pane of that name, or close it; to explain one row is to stay on it."""
+        self._panes.toggle(name)
+        if self._panes.holds_row:
             self._table.stay()
         self._show_state()
 
+    def action_zoom(self, by: int) -> None:
+        """Look at more time, or less."""
+        self._panes.zoom(by)
+
+    def action_scroll_pane(self, by: int) -> None:
+        """Move the page of the pane."""
+        self._panes.scroll(by)
+
     @on(RowTable.Opened)
     def _open_by_mouse(self) -> None:
-        if not self._detail.display:
-            self.action_detail()
+        if not self._panes.holds_row:
+            self.action_pane("detail")
 
     def action_help(self) -> None:
         """Show the page of help."""

@@ -15,7 +15,7 @@ class Marking(Parts):
         """Mark the row under the cursor, or take its mark away."""
         if self._table.viewport.count:
             self._table.stay()
-            self._table.marks.toggle(self._table.cursor_index)
+            self._table.marks.toggle(self._table.index_here)
             self._table.sync()
 
     def action_to_mark(self, by: int) -> None:
@@ -35,7 +35,7 @@ class Marking(Parts):
             self._unselect()
         elif self._table.viewport.count:
             self._table.stay()
-            self._table.selecting_from = self._table.cursor_index
+            self._table.selecting_from = self._table.index_here
             self._table.sync()
             self._tell("selecting: move, then y or Y copies, w saves, esc ends it")
 

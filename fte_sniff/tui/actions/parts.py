@@ -9,8 +9,8 @@ from textual.app import App
 from textual.worker import WorkType
 
 from fte_sniff.session.saving import Saving
-from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.notices import NoticeLine
+from fte_sniff.tui.panes import Panes
 from fte_sniff.tui.prompt.filter import FilterField
 from fte_sniff.tui.prompt.goto import GotoField
 from fte_sniff.tui.prompt.save import SaveField
@@ -24,7 +24,7 @@ class Parts(App[None]):
 
     _watched: Watched
     _table: RowTable
-    _detail: DetailPane
+    _panes: Panes
     _notice: NoticeLine
     _filter_field: FilterField
     _goto_field: GotoField

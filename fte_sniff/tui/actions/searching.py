@@ -48,7 +48,7 @@ class Searching(Parts):
         if search is None:
             self._tell("nothing was looked for yet; / begins")
         else:
-            self._seek(search, self._table.cursor_index + by, by)
+            self._seek(search, self._table.index_here + by, by)
 
     def _search(self, line: str) -> None:
         """Look for a line that passed the check; an empty one ends the search."""
@@ -58,7 +58,7 @@ class Searching(Parts):
             # Whoever follows the end looks back from there.
             by = -1 if self._table.viewport.following else 1
             self._table.stay()
-            self._seek(self._table.search, self._table.cursor_index, by)
+            self._seek(self._table.search, self._table.index_here, by)
 
     def _seek(self, search: Search, start: int, by: int) -> None:
         self.workers.cancel_group(self, GROUP)

@@ -28,6 +28,8 @@ class Palette:
     """Times, and the bytes of rows that are in order."""
     hues: tuple[str, ...]
     """A colour for each thing that frames are about, in the order in which the table names them."""
+    asked: Style
+    """What was asked of a motor, in a plot over what it tells."""
     statuses: Mapping[Status, Style]
     """The mark, and the words for what is wrong."""
     marks: Mapping[Status, Style]
@@ -69,6 +71,7 @@ def _subject(kind: FrameKind) -> str | None:
 DARK = Palette(
     muted=Style(color="#8a94a0"),
     hues=("#dd9fc3", "#56b4e9", "#2fc49b", "#e6b04a"),
+    asked=Style(color="#e6b04a"),
     statuses={
         Status.OK: _PLAIN,
         Status.SUSPECT: Style(color="#f0e442"),
@@ -85,6 +88,7 @@ DARK = Palette(
 LIGHT = Palette(
     muted=Style(color="#66707a"),
     hues=("#8f3a6b", "#0062a0", "#00694b", "#7a5200"),
+    asked=Style(color="#7a5200"),
     statuses={
         Status.OK: _PLAIN,
         Status.SUSPECT: Style(color="#6b5e00"),

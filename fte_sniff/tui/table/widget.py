@@ -96,13 +96,19 @@ class RowTable(Scrolling, can_focus=True):
         return self._store.shown_row(view.cursor)
 
     @property
+    def cursor_index(self) -> int | None:
+        """Index in the store of the row under the cursor, or None where there are no rows."""
+        view = self.viewport
+        return self._store.shown_index(view.cursor) if view.count else None
+
+    @property
     def near(self) -> int | None:
         """Index of the row that the user looks at; None while the end is followed."""
         return None if self.viewport.following else self._cursor_index
 
     @property
-    def cursor_index(self) -> int:
-        """Index of the row under the cursor in the store."""
+    def index_here(self) -> int:
+        """Index of the row that the cursor is on, or was on when there were rows."""
         return self._cursor_index
 
     @property

@@ -1,0 +1,103 @@
+"""Measures what the panes cost: the models behind them, looks back, and drawing.
+
+    python -m benchmarks.panes [--rows 300000]
+
+Shares are of one core and of what the wire brings in the same time, at the most a full-duplex link
+can carry; the models are also measured against packing the rows into the store, in the same run.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from time import process_time
+
+from fte_sniff.analysis.bench import Bench
+from fte_sniff.analysis.following import Following
+from fte_sniff.analysis.store import RowStore
+from fte_sniff.capture.simulator import parse_parameters, simulate
+from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
+from fte_sniff.tui.motors.look import WINDOWS_NS, MotorsLook
+from fte_sniff.tui.motors.widget import grid
+from fte_sniff.tui.statistics.page import Told, page
+from fte_sniff.tui.table.palette import DARK
+
+START_NS = 1_769_860_800_000_000_000
+DISTINCT = 50_000
+"""Rows that are simulated; more are the same again, later."""
+
+LINK_ROWS_S = 2 * 1_000_000_000 // (FRAME_LENGTH * byte_time_ns(DEFAULT_BAUD))
+SIZES = ((80, 15), (199, 37))
+"""Cells that a pane has on terminals of 80x24 and 200x60."""
+
+
+def rows(count: int) -> list[Row]:
+    framer, found = Framer("p"), list[Row]()
+    for timed in simulate(parse_parameters(f"seed=1&rate=1000&drop=0.005&frames={DISTINCT}")):
+        found += framer.feed(Chunk("p", START_NS + timed.t_ns, timed.data))
+    first, last = found[0].t_ns or 0, found[-1].t_ns or 0
+    step = last - first + 1_000_000
+    again = range(1, -(-count // len(found)))
+    found += [replace(row, t_ns=(row.t_ns or 0) + n * step) for n in again for row in found]
+    return found[:count]
+
+
+def seconds(work: Callable[[], object], times: int = 1) -> float:
+    """Processor time, the least of so many runs."""
+    best = float("inf")
+    for _ in range(times):
+        began = process_time()
+        work()
+        best = min(best, process_time() - began)
+    return best
+
+
+def live(every: list[Row], looks_s: int) -> float:
+    """The share of a core that the models take when they look so often at a full link."""
+    store = RowStore(len(every))
+    following, took, step = Following(store, Bench()), 0.0, LINK_ROWS_S // looks_s
+    for at in range(0, len(every) - step, step):
+        store.append(every[at : at + step])
+        took += seconds(lambda: following.step(step))
+    return took / (len(every) / LINK_ROWS_S)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--rows", type=int, default=300_000)
+    count = parser.parse_args().rows
+    every = rows(count)
+    store = RowStore(count)
+    packing = seconds(lambda: store.append(every))
+    following = Following(store, Bench())
+    models = seconds(lambda: following.step(count))
+    print(
+        f"models    {count / models:>12,.0f} rows/s   {packing / models:.2f} times packing's speed"
+    )
+    for looks_s in (1, 6, 12):
+        print(f"live      {live(every[:60_000], looks_s):>12.2%} of a core, {looks_s} looks/s")
+    index = count - 20_000
+    state = seconds(lambda: following.motors_at(index), 5)
+    print(f"look back {state * 1000:>12.1f} ms for the motors at any row")
+    now = store.row(index).t_ns or 0
+    for window in WINDOWS_NS[3], WINDOWS_NS[6], WINDOWS_NS[8]:
+        took = seconds(lambda window=window: following.traces_at(index, now - window), 3)
+        print(f"          {took * 1000:>12.1f} ms for the traces of {window // 10**9} s before it")
+    draw(following)
+
+
+def draw(following: Following) -> None:
+    now = following.traces.last_ns
+    states = tuple(following.motors.states(now))
+    look = MotorsLook(states, following.traces, now, WINDOWS_NS[3], Bench())
+    told = Told(following.statistics, now, Bench(), 0, 0)
+    for width, height in SIZES:
+        motors = seconds(lambda w=width, h=height: grid(look, w, h, DARK), 5)
+        statistics = seconds(lambda w=width: page(told, w, DARK), 5)
+        print(f"draw      {motors * 1000:>12.1f} ms motors, {width}x{height}")
+        print(f"          {statistics * 1000:>12.1f} ms statistics, {width}x{height}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,291 @@
+"""Owns one motor in a rectangle of text: what it was asked, what it tells, and the plots.
+
+It must not know Textual, nor how many motors stand side by side. The most useful lines come first;
+what there is room for below them is for the plots, and where there is much room, for more words.
+
+    motor 1 online error 04 b2 12:00:03
+    target speed 1000 RPM
+    now    998 RPM  2500 pulses 3.2 s ago
+    12.5/s commands, 3 of 1,240 unanswered
+    50.0/s feedback, 2.1 ms after, p99 4 ms
+      1000 ⣀⡠⠤⠒⠒⠉⠉ ...
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from rich.style import Style
+from rich.text import Text
+
+from fte_sniff.analysis.fields import subject
+from fte_sniff.analysis.motors import Flags, MotorState
+from fte_sniff.analysis.traces import QUANTITIES
+from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Field, FrameKind, Status
+from fte_sniff.tui.motors.look import SECOND_NS, MotorsLook
+from fte_sniff.tui.motors.plot import Strokes, dots_across, plot
+from fte_sniff.tui.quantities import UNKNOWN, rate_text, span_text, turns_text
+from fte_sniff.tui.table.cells import clock_text
+from fte_sniff.tui.table.palette import Palette
+
+MOTOR: Final = "motor {number}"
+MOTOR_BRIEF: Final = "{number}"
+ONLINE: Final = "online"
+OFFLINE: Final = "OFFLINE"
+ONLINE_UNKNOWN: Final = "online –"
+ERROR: Final = "error {byte:02X}"
+ERROR_UNKNOWN: Final = "error –"
+ERROR_CHANGED: Final = "bit {bit} {time}"
+ERROR_CHANGED_SHORT: Final = "b{bit} {time}"
+ERROR_BIT: Final = "  error bit {bit} is {value} since {time}"
+NO_ERROR_BIT: Final = "  no error bit ever changed"
+ONLINE_SINCE: Final = "  ONLINE bit {bit} is {value} since {time}"
+NO_ONLINE_CHANGE: Final = "  ONLINE bit {bit} never changed"
+TARGET: Final = "target"
+NOW: Final = "now"
+NEVER_ASKED: Final = "–"
+AGO: Final = "{span} ago"
+COMMANDS: Final = (
+    "{rate} commands, {unanswered:,} of {all:,} unanswered",
+    "{rate} commands, {unanswered:,} unanswered",
+)
+WAITING: Final = "{rate} commands, no answer for {span}"
+FEEDBACK: Final = (
+    "{rate} feedback, {p50} after the command (99 %: {p99})",
+    "{rate} feedback, {p50} after, p99 {p99}",
+    "{rate} feedback, {p50} p99 {p99}",
+)
+CAPTION: Final = "{kind} [{unit}]"
+
+ROOMY_LINES: Final = 16
+"""Lines from which on a card tells bits one by one, and plots both quantities."""
+
+WORD_LINES: Final = 5
+"""Lines of words on the smallest card."""
+
+PLOT_LINES: Final = 2
+"""Lines that a plot takes at least."""
+
+MOST_BITS: Final = 4
+"""Changes of bits of one byte that are told one by one."""
+
+STALE_NS: Final = SECOND_NS
+"""From this age on a value is told with its age."""
+
+_LABEL: Final = 7
+_MILLISECONDS: Final = 3
+_BOLD: Final = Style(bold=True)
+_PLAIN: Final = Style.null()
+_FIELD: Final = {field.name: field for field in VALUE_FIELDS}
+_KIND: Final = {subject(kind): kind for kind in reversed(KINDS)}
+"""The first kind in the table that is about a quantity."""
+
+
+@dataclass(frozen=True, slots=True)
+class CardSize:
+    """The rectangle, in cells."""
+
+    width: int
+    height: int
+
+    @property
+    def roomy(self) -> bool:
+        """Whether there is room for more words, and for both plots."""
+        return self.height >= ROOMY_LINES
+
+
+def brief(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
+    """The motor in one line, where there is no room for more."""
+    line = _head(MOTOR_BRIEF, state, palette)
+    reading = _reading(look, state, _asked_for(state), palette)
+    line.append_text(Text.assemble(" ", reading, "  "))
+    line.append_text(Text().join(_target(look, state, palette)))
+    line.truncate(width, overflow="ellipsis")
+    return line
+
+
+def words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> list[Text]:
+    """What is said of the motor above its plots."""
+    lines = list(_words(look, state, size, palette))
+    return lines if size.roomy else lines[: max(WORD_LINES, size.height - PLOT_LINES)]
+
+
+def plots(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> list[Text]:
+    """Both quantities where there is much room, else that which the motor is asked for."""
+    if size.height < 1 or dots_across(size.width) < 1 or look.now_ns is None:
+        return []
+    if size.height < len(QUANTITIES) * (PLOT_LINES + 2):
+        name = _asked_for(state)
+        return _plot(look, state, name, size, palette, _FIELD[name].unit)
+    lines: list[Text] = []
+    for place, name in enumerate(QUANTITIES):
+        height = (size.height - len(lines)) // (len(QUANTITIES) - place)
+        caption = CAPTION.format(kind=_KIND[name].name, unit=_FIELD[name].unit)
+        lines.append(Text(caption, style=palette.muted))
+        lines += _plot(look, state, name, CardSize(size.width, height - 1), palette)
+    return lines
+
+
+def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> Iterator[Text]:
+    yield _title(state, size.width, palette)
+    yield Text.assemble(_label(TARGET, palette), *_target(look, state, palette))
+    first = _asked_for(state)
+    names = [first, *(name for name in QUANTITIES if name != first)]
+    readings = [_reading(look, state, name, palette) for name in names]
+    if size.roomy:
+        yield from (_label(NOW, palette) + reading for reading in readings)
+    else:
+        yield _label(NOW, palette) + Text("  ").join(readings)
+    yield _commands(look, state, size.width, palette)
+    yield _feedback(state, size.width)
+    if size.roomy:
+        yield from _bits(state, palette)
+
+
+def _label(word: str, palette: Palette) -> Text:
+    return Text.assemble((f"{word:<{_LABEL}}", palette.muted))
+
+
+def _head(form: str, state: MotorState, palette: Palette) -> Text:
+    """Number, whether it is online, and the error byte."""
+    wrong = palette.statuses[Status.MALFORMED] + _BOLD
+    text = Text.assemble((form.format(number=state.motor), _BOLD))
+    if state.online is None:
+        text.append(f" {ONLINE_UNKNOWN}", palette.muted)
+    else:
+        said, style = (ONLINE, _PLAIN) if state.online else (OFFLINE, wrong)
+        text.append(f" {said}", style)
+    error = state.flags.get("error")
+    if error is None:
+        return text.append(f" {ERROR_UNKNOWN}", palette.muted)
+    return text.append(f" {ERROR.format(byte=error.byte)}", wrong if error.byte else _PLAIN)
+
+
+def _title(state: MotorState, width: int, palette: Palette) -> Text:
+    """The head with the latest change of the error byte, if it ever changed."""
+    text, error = _head(MOTOR, state, palette), state.flags.get("error")
+    changes = _changes(error) if error is not None else []
+    if changes:
+        t_ns, bit = changes[0]
+        whole = ERROR_CHANGED.format(bit=bit, time=clock_text(t_ns, _MILLISECONDS))
+        short = ERROR_CHANGED_SHORT.format(bit=bit, time=clock_text(t_ns, 0).rstrip("."))
+        fits = text.cell_len + len(whole) < width
+        text.append(f" {whole if fits else short}", palette.muted)
+    return text
+
+
+def _changes(flags: Flags) -> list[tuple[int, int]]:
+    """When bits changed, and which, the latest first."""
+    changed = enumerate(flags.changed_ns)
+    return sorted(((t_ns, bit) for bit, t_ns in changed if t_ns is not None), reverse=True)
+
+
+def _target(look: MotorsLook, state: MotorState, palette: Palette) -> Iterator[Text]:
+    target = state.target
+    if target is None:
+        yield Text(NEVER_ASKED, style=palette.muted)
+        return
+    yield Text(target.kind.name, style=palette.kinds[target.kind.name])
+    for field in _by_use(target.kind):
+        if field.name not in target.values:
+            continue
+        value = target.values[field.name]
+        if target.kind.names_motor:
+            yield Text(f" {value} {field.unit}")
+            turns = turns_text(value, look.bench) if field.name == "pulses" else ""
+            yield Text(f" {turns}" if turns else "")
+        else:
+            yield Text(f" {field.option}={value}")
+    yield _age(look, target.t_ns, palette)
+
+
+def _by_use(kind: FrameKind) -> list[Field]:
+    """The fields of a command; what the motor is asked for comes before how fast it may go."""
+    if not kind.names_motor:
+        return list(kind.fields)
+    return sorted(kind.fields, key=lambda field: field.name != subject(kind))
+
+
+def _reading(look: MotorsLook, state: MotorState, name: str, palette: Palette) -> Text:
+    reading, unit = state.present.get(name), _FIELD[name].unit
+    if reading is None:
+        return Text(f"{UNKNOWN} {unit}", style=palette.muted)
+    text = Text.assemble((f"{reading.value} {unit}", _BOLD))
+    turns = turns_text(reading.value, look.bench) if name == "pulses" else ""
+    text.append(f" {turns}" if turns else "")
+    return text.append_text(_age(look, reading.t_ns, palette))
+
+
+def _age(look: MotorsLook, t_ns: int | None, palette: Palette) -> Text:
+    """How old something is, where it is no longer fresh."""
+    age = look.ago_ns(t_ns)
+    if age is None or age < STALE_NS:
+        return Text()
+    return Text(" " + AGO.format(span=span_text(age)), style=palette.muted)
+
+
+def _commands(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
+    rate, waits = rate_text(state.commands_per_s), look.ago_ns(state.waiting_since_ns)
+    if waits is not None and waits >= STALE_NS:
+        words = WAITING.format(rate=rate, span=span_text(waits))
+        return Text(words, style=palette.statuses[Status.SUSPECT])
+    every = state.answered + state.unanswered
+    return _fitting(COMMANDS, width, rate=rate, unanswered=state.unanswered, all=every)
+
+
+def _feedback(state: MotorState, width: int) -> Text:
+    p50, p99 = span_text(state.delay_p50_ns), span_text(state.delay_p99_ns)
+    return _fitting(FEEDBACK, width, rate=rate_text(state.feedback_per_s), p50=p50, p99=p99)
+
+
+def _fitting(forms: Sequence[str], width: int, **values: object) -> Text:
+    """The first of some sentences that has room; the last where none has."""
+    told = [form.format(**values) for form in forms]
+    return Text(next((words for words in told if len(words) <= width), told[-1]))
+
+
+def _bits(state: MotorState, palette: Palette) -> Iterator[Text]:
+    """The bits one by one; of those of ERROR, the latest changes."""
+    error = state.flags.get("error")
+    if error is not None:
+        changes = _changes(error)
+        for t_ns, bit in changes[:MOST_BITS]:
+            yield _bit(ERROR_BIT, bit, error.byte, t_ns)
+        if not changes:
+            yield Text(NO_ERROR_BIT, style=palette.muted)
+    if state.online is not None:
+        bit = state.motor - MOTORS[0]
+        if state.online_changed_ns is None:
+            yield Text(NO_ONLINE_CHANGE.format(bit=bit), style=palette.muted)
+        else:
+            yield _bit(ONLINE_SINCE, bit, state.online << bit, state.online_changed_ns)
+
+
+def _bit(form: str, bit: int, byte: int, t_ns: int) -> Text:
+    when = clock_text(t_ns, _MILLISECONDS)
+    return Text(form.format(bit=bit, value=byte >> bit & 1, time=when))
+
+
+def _asked_for(state: MotorState) -> str:
+    """The quantity that the motor's mode is about: of the last command, or of what it tells."""
+    asked = subject(state.target.kind) if state.target is not None else None
+    if asked in QUANTITIES:
+        return asked
+    told = [name for name in QUANTITIES if name in state.present]
+    return max(told, key=lambda name: state.present[name].t_ns or 0, default=QUANTITIES[0])
+
+
+def _plot(
+    look: MotorsLook,
+    state: MotorState,
+    name: str,
+    size: CardSize,
+    palette: Palette,
+    unit: str = "",
+) -> list[Text]:
+    curves = look.curves(state, name, dots_across(size.width))
+    told = Style(color=palette.kinds[_KIND[name].name].color)
+    strokes = Strokes(told=told, asked=palette.asked, scale=palette.muted)
+    return plot(curves, strokes, size.width, size.height, unit)

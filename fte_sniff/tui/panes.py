@@ -1,0 +1,153 @@
+"""Owns the panes below the table: which one is shown, and what it gets to see, and when.
+
+It must not know what a pane draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from time import perf_counter
+from typing import Final
+
+from fte_sniff.analysis.bench import Bench
+from fte_sniff.analysis.following import Following
+from fte_sniff.analysis.store import RowStore
+from fte_sniff.protocol import PortEvent
+from fte_sniff.tui.bytes import BytesPane
+from fte_sniff.tui.detail import DetailPane
+from fte_sniff.tui.motors.widget import MotorsPane
+from fte_sniff.tui.pane import Pane, Sight
+from fte_sniff.tui.statistics.widget import StatisticsPane
+from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.themes import palette_of
+
+STEP_ROWS: Final = 8_192
+"""Rows that the models look at in one go."""
+
+SEEN_S: Final = 0.03
+"""How long the models may take at one tick while somebody looks, seconds; the screen waits."""
+
+UNSEEN_S: Final = 0.008
+"""The same while nobody does: a file then loads the faster."""
+
+UNSEEN_ROWS: Final = 4_096
+"""Rows that the models let come together while nobody looks at them: fewer goes cost less."""
+
+
+class Panes:
+    """The panes, at most one of them shown."""
+
+    def __init__(self, store: RowStore, table: RowTable, bench: Bench) -> None:
+        """No pane is shown."""
+        self._store, self._table, self._bench = store, table, bench
+        self._models = Following(store, bench)
+        self._motors = MotorsPane()
+        self._panes: dict[str, Pane] = {
+            "detail": DetailPane(),
+            "bytes": BytesPane(),
+            "motors": self._motors,
+            "statistics": StatisticsPane(),
+        }
+        self._shown: Pane | None = None
+        self._seen_at_s = 0.0
+        self._newest = 0
+        self._newest_at_ns = self._clock_ns = 0
+
+    def __iter__(self) -> Iterator[Pane]:
+        return iter(self._panes.values())
+
+    @property
+    def open(self) -> bool:
+        """Whether a pane is shown."""
+        return self._shown is not None
+
+    def toggle(self, name: str) -> None:
+        """Show the pane of that name in place of any other, or close it where it is shown."""
+        wanted = self._panes[name]
+        shown = self._shown
+        self.close()
+        if shown is not wanted:
+            self._shown = wanted
+            wanted.display = True
+            wanted.scroll_home(animate=False)
+        # It has no size yet.
+        self._table.call_after_refresh(self.look)
+
+    @property
+    def holds_row(self) -> bool:
+        """Whether the pane shown is about one row, which then should not run away."""
+        return isinstance(self._shown, DetailPane | BytesPane)
+
+    def follow_cursor(self) -> None:
+        """The cursor is on another row."""
+        if self.holds_row:
+            self.look()
+
+    def close(self) -> None:
+        """Show none."""
+        if self._shown is not None:
+            self._shown.display = False
+            self._shown = None
+
+    def zoom(self, by: int) -> None:
+        """Look at more time (by 1) or less (-1), where the pane shown is about time."""
+        if self._shown is self._motors:
+            self._motors.zoom(by)
+            self.look()
+
+    def scroll(self, by: int) -> None:
+        """Move the page of the pane by lines."""
+        if self._shown is not None:
+            self._shown.scroll_relative(y=by, animate=False)
+
+    def tell_events(self, events: Sequence[PortEvent]) -> None:
+        """Something happened to ports."""
+        self._models.statistics.add_events(events)
+
+    def tick(self, now_ns: int, running: bool) -> None:
+        """Let the models look at what came, and draw the pane where it is time.
+
+        Args:
+            now_ns: any rising clock's nanoseconds.
+            running: whether time goes on where the rows come from, also without rows.
+        """
+        self._clock_ns = now_ns
+        if self._store.next != self._newest or not running:
+            self._newest, self._newest_at_ns = self._store.next, now_ns
+        if self.open or self._models.behind >= UNSEEN_ROWS:
+            self._catch_up(SEEN_S if self.open else UNSEEN_S)
+        if self._shown is not None and now_ns / 1e9 - self._seen_at_s >= self._shown.EVERY_S:
+            self.look()
+
+    def _catch_up(self, for_s: float) -> None:
+        until = perf_counter() + for_s
+        while not self._models.step(STEP_ROWS) and perf_counter() < until:
+            pass
+
+    def look(self) -> None:
+        """Draw the pane that is shown."""
+        if self._shown is not None:
+            self._seen_at_s = self._clock_ns / 1e9
+            self._shown.see(self._sight())
+
+    def _sight(self) -> Sight:
+        table = self._table
+        following = table.viewport.following and not table.viewport.paused
+        row, newest_ns = table.cursor_row, self._newest_ns
+        return Sight(
+            row=row,
+            index=table.cursor_index,
+            following=following,
+            now_ns=newest_ns if following or row is None else row.t_ns,
+            newest_ns=newest_ns,
+            store=self._store,
+            models=self._models,
+            bench=self._bench,
+            palette=palette_of(table.app.current_theme),
+        )
+
+    @property
+    def _newest_ns(self) -> int | None:
+        """At the end of a capture that runs, time goes on without rows."""
+        newest = self._models.traces.last_ns
+        return None if newest is None else newest + self._clock_ns - self._newest_at_ns

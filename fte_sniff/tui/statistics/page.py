@@ -1,0 +1,229 @@
+"""Owns the numbers over all rows as lines of text: ports, then streams, then faults.
+
+It must not know Textual, nor how numbers are counted. Where it is narrow, the last columns of a
+table are left out; each table says in its head what its numbers are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from rich.style import Style
+from rich.text import Text
+
+from fte_sniff.analysis.bench import Bench
+from fte_sniff.analysis.durations import Durations
+from fte_sniff.analysis.statistics import (
+    FaultNumbers,
+    OverTime,
+    PortNumbers,
+    Statistics,
+    StreamNumbers,
+)
+from fte_sniff.errors import shown
+from fte_sniff.protocol import status_of
+from fte_sniff.tui.fitting import fit, fit_path, fit_right
+from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text, sparkline
+from fte_sniff.tui.table.cells import clock_text
+from fte_sniff.tui.table.layout import MARKS
+from fte_sniff.tui.table.palette import Palette
+
+PORT_ROWS: Final = "{rows:,} rows, {bytes:,} bytes"
+PORT_USE: Final = "  {share} of the time used, at {baud:,} baud"
+PORT_USE_OVER_TIME: Final = "  use over time, at most {most}"
+SILENCES: Final = "  silences: "
+SILENCE: Final = "{count:,} < {span}"
+SILENCE_LAST: Final = "{count:,} longer"
+LONGEST: Final = "  longest silence {span}, until {time}"
+NO_SILENCE: Final = "  never silent"
+EVENT: Final = "{event} {count:,} (last {time})"
+EVENTS: Final = "  port events: {events}"
+NO_EVENTS: Final = "  port events: none"
+NO_FAULTS: Final = "no faults"
+FAULTS: Final = "faults"
+PER_CELL: Final = "over time, from {start} to {end}"
+NO_ROWS: Final = "nothing came"
+NO_TIMES: Final = "  these rows have no times: no rates, no silences"
+BEHIND: Final = "reading: {rows:,} rows to go"
+MISSED: Final = "{rows:,} rows came too fast to be counted here"
+
+STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
+"""The durations by which silences are told apart."""
+
+_NAME_WIDTH: Final = 19
+_MILLISECONDS: Final = 3
+_BOLD: Final = Style(bold=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A column of the table of streams."""
+
+    head: str
+    width: int
+    cell: Callable[[StreamNumbers], str]
+
+
+def _at(percent: float) -> Callable[[StreamNumbers], str]:
+    return lambda numbers: span_text(numbers.periods.percentile_ns(percent))
+
+
+def _longest_at(numbers: StreamNumbers) -> str:
+    t_ns = numbers.periods.longest_at_ns
+    return UNKNOWN if t_ns is None else clock_text(t_ns, _MILLISECONDS)
+
+
+COLUMNS: Final = (
+    _Column("frames", 9, lambda numbers: f"{numbers.count:,}"),
+    _Column("lately", 8, lambda numbers: rate_text(numbers.lately_per_s)),
+    _Column("mean", 8, lambda numbers: rate_text(numbers.per_s)),
+    _Column("period", 8, _at(50)),
+    _Column("jitter", 8, lambda numbers: span_text(numbers.jitter_ns)),
+    _Column("longest", 8, lambda numbers: span_text(numbers.periods.longest_ns)),
+    _Column("until", 12, _longest_at),
+    _Column("5 %", 8, _at(5)),
+    _Column("95 %", 8, _at(95)),
+    _Column("99 %", 8, _at(99)),
+)
+"""What is told of a stream, the most useful first: the period is the median, the jitter the
+distance of the 5 percent shortest to the 5 percent longest periods."""
+
+STREAMS_HEAD: Final = "kind and motor"
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What the page is about."""
+
+    statistics: Statistics
+    now_ns: int | None
+    bench: Bench
+    behind: int
+    """Rows that are not counted yet."""
+    missed: int
+    """Rows that never will be."""
+
+
+def page(told: Told, width: int, palette: Palette) -> Text:
+    """All numbers, for so many cells."""
+    lines = list(_lines(told, width, palette))
+    for line in lines:
+        line.truncate(width, overflow="ellipsis")
+    return Text("\n").join(lines)
+
+
+def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
+    if told.behind:
+        yield Text(BEHIND.format(rows=told.behind), style=palette.muted)
+    if told.missed:
+        yield Text(MISSED.format(rows=told.missed), style=palette.muted)
+    ports, streams = told.statistics.ports(), told.statistics.streams(told.now_ns)
+    if not ports:
+        yield Text(NO_ROWS, style=palette.muted)
+        return
+    for port in ports:
+        yield from _port(port, told.bench, width, palette)
+        own = [stream for stream in streams if stream.port == port.port]
+        if own:
+            yield from _streams(own, width, palette)
+        yield Text()
+    yield from _faults(told.statistics.faults(), width, palette)
+
+
+def _port(port: PortNumbers, bench: Bench, width: int, palette: Palette) -> Iterator[Text]:
+    rows = PORT_ROWS.format(rows=port.rows, bytes=port.bytes)
+    name = fit_path(shown(port.port), max(8, width - len(rows) - 2))
+    yield Text.assemble((name, _BOLD), "  ", rows)
+    if port.share is None:
+        yield Text(NO_TIMES, style=palette.muted)
+    else:
+        yield Text(PORT_USE.format(share=share_text(port.share), baud=bench.baud))
+        yield _use_over_time(port.share_over_time, width, palette)
+        yield from _silences(port.silences, width)
+    if port.events:
+        said = (
+            EVENT.format(
+                event=event.kind.replace("_", " "),
+                count=event.count,
+                time=clock_text(event.last_ns, _MILLISECONDS),
+            )
+            for event in port.events
+        )
+        yield Text(EVENTS.format(events=", ".join(said)))
+    else:
+        yield Text(NO_EVENTS, style=palette.muted)
+
+
+def _use_over_time(use: OverTime, width: int, palette: Palette) -> Text:
+    most = max(use.values, default=0.0)
+    words = PORT_USE_OVER_TIME.format(most=share_text(most)) + " "
+    line = sparkline(use.values, width - len(words))
+    return Text.assemble(words, (line, Style(color=palette.kinds["speed"].color)))
+
+
+def _silences(silences: Durations, width: int) -> Iterator[Text]:
+    if silences.longest_ns is None or silences.longest_at_ns is None:
+        yield Text(NO_SILENCE)
+        return
+    when = clock_text(silences.longest_at_ns, _MILLISECONDS)
+    yield Text(LONGEST.format(span=span_text(silences.longest_ns), time=when))
+    told, low = [], 0
+    for high in STEPS_NS:
+        told.append(SILENCE.format(count=silences.between(low, high), span=span_text(high)))
+        low = high
+    told.append(SILENCE_LAST.format(count=silences.between(low, 2.0**63)))
+    line = SILENCES
+    for place, one in enumerate(told):
+        end = "" if place == len(told) - 1 else ", "
+        if len(line) + len(one + end) > width:
+            yield Text(line)
+            line = " " * len(SILENCES)
+        line += one + end
+    yield Text(line)
+
+
+def _streams(streams: Sequence[StreamNumbers], width: int, palette: Palette) -> Iterator[Text]:
+    columns, room = [], width - _NAME_WIDTH - 2
+    for column in COLUMNS:
+        room -= column.width + 1
+        if room < 0:
+            break
+        columns.append(column)
+    head = "".join(f" {fit_right(column.head, column.width)}" for column in columns)
+    yield Text(f"  {fit(STREAMS_HEAD, _NAME_WIDTH)}{head}", style=palette.muted)
+    for stream in streams:
+        name = stream.kind.name if stream.motor is None else f"{stream.kind.name} {stream.motor}"
+        cells = "".join(f" {fit_right(column.cell(stream), column.width)}" for column in columns)
+        style = palette.kinds[stream.kind.name]
+        yield Text.assemble("  ", (fit(name, _NAME_WIDTH), style), cells)
+
+
+def _faults(faults: Sequence[FaultNumbers], width: int, palette: Palette) -> Iterator[Text]:
+    if not faults:
+        yield Text(NO_FAULTS)
+        return
+    over_time = faults[0].over_time
+    head = f"{fit(FAULTS, _NAME_WIDTH + 2)} {fit_right('rows', COLUMNS[0].width)}"
+    line = Text(head, style=_BOLD)
+    room = width - len(head) - 2
+    if over_time.values:
+        end = over_time.start_ns + over_time.slot_ns * len(over_time.values)
+        words = PER_CELL.format(start=clock_text(over_time.start_ns, 0)[:8],
+                                end=clock_text(end, 0)[:8])  # fmt: skip
+        line.append(f"  {words}", palette.muted)
+    yield line
+    for numbers in faults:
+        status = status_of((numbers.fault,))
+        style = palette.statuses[status]
+        name = fit(numbers.fault.value, _NAME_WIDTH)
+        count = fit_right(f"{numbers.count:,}", COLUMNS[0].width)
+        spark = sparkline(numbers.over_time.values, room)
+        yield Text.assemble(
+            (MARKS[status], palette.marks[status]),
+            " ",
+            (name, style),
+            f" {count}  ",
+            (spark, style),
+        )
