@@ -11,9 +11,13 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     filter_values   what a value stands for beside a field
     filter_meaning  what parts mean together
     filter_grammar  in what order parts may stand
+    filter_cells    filters that the cells of one row stand for
     completion      what may stand next in a filter being typed
     tally           counts and rates
     feed            what a view asks of whatever brings it rows
+    search          a text or bytes, looked for in rows
+    block           so many rows side by side, and which of them a filter wants
+    paging          which blocks lie in memory, where their rows can be read again
     store           a bounded run of rows with a filter on top
     bench           what the user says about the set-up that no row tells
     following       the models of what rows mean, fed from a store as it grows:

@@ -15,16 +15,19 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import accumulate
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from fte_sniff.analysis.block import Block, Places
 from fte_sniff.analysis.columns import packed_frame
 from fte_sniff.analysis.filter import RowFilter
-from fte_sniff.analysis.packing import ROW_TYPE, Codebook, Packed, pack, unpack
+from fte_sniff.analysis.packing import Codebook, Packed, pack, unpack
+from fte_sniff.analysis.paging import MOST_BLOCKS, BlockSource, Pages
 from fte_sniff.protocol import Row
 
 BLOCK_ROWS: Final = 32_768
@@ -33,84 +36,55 @@ BLOCK_ROWS: Final = 32_768
 DEFAULT_BOUND: Final = 1_000_000
 """Rows that a store keeps where nobody says otherwise."""
 
+SELECT_ROWS: Final = 4096
+"""Rows that one `select` looks at, at most: they take a few hundredths of a second to unpack."""
 
-class _Block:
-    """So many rows in sequence; `start` is the index of the first."""
+Bools: TypeAlias = npt.NDArray[np.bool_]
 
-    def __init__(self, start: int, room: int) -> None:
-        self.start = start
-        self.rows: Packed = np.empty(room, ROW_TYPE)
-        self.count = 0
-        self.long: dict[int, bytes] = {}
-        """The bytes of rows longer than ten, by place in the block."""
-        self.judged = 0
-        """Rows that the filter has seen, from the start."""
-        self.places: npt.NDArray[np.uint16] = np.empty(0, np.uint16)
-        self.wanted = 0
-        """How many of `places` are in use: those of wanted rows, rising."""
+RowTest: TypeAlias = Callable[[Packed, Mapping[int, bytes], Codebook], Bools]
+"""Says of packed rows which of them pass; the mapping holds the bytes of long ones by place."""
 
-    @property
-    def room(self) -> int:
-        return len(self.rows) - self.count
 
-    @property
-    def end(self) -> int:
-        return self.start + self.count
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What looking in one block brought."""
 
-    def append(self, packed: Packed, long: dict[int, bytes], skipped: int) -> None:
-        """Take rows; `long` counts places from `skipped` before them."""
-        end = self.count + len(packed)
-        self.rows[self.count : end] = packed
-        shift = self.count - skipped
-        self.long.update(
-            (at + shift, raw) for at, raw in long.items() if self.count <= at + shift < end
-        )
-        self.count = end
-
-    def forget(self) -> None:
-        """No row has been judged."""
-        self.judged = self.wanted = 0
-
-    def judge(self, row_filter: RowFilter, codebook: Codebook) -> int:
-        """Let the filter see the rows that it has not seen; how many those were."""
-        start, end = self.judged, self.count
-        long = {at - start: raw for at, raw in self.long.items() if at >= start}
-        names = row_filter.names or ("offset",)
-        frame = packed_frame(self.rows[start:end], long, codebook, names)
-        found = np.flatnonzero(row_filter.mask(frame).to_numpy()) + start
-        if len(self.places) < len(self.rows):
-            self.places = np.empty(len(self.rows), np.uint16)
-        self.places[self.wanted : self.wanted + len(found)] = found
-        self.wanted += len(found)
-        self.judged = end
-        return end - start
-
-    def wanted_before(self, place: int) -> int:
-        """How many wanted rows stand before a place of the block."""
-        return int(np.searchsorted(self.places[: self.wanted], place))
+    found: int | None
+    """Index of a row that passes."""
+    onward: int | None
+    """Index to look at next; None where a row was found, or there are no more."""
 
 
 class RowStore:
     """A bounded run of rows, the latest ones, with a filter on top."""
 
-    def __init__(self, bound: int = DEFAULT_BOUND, block_rows: int = BLOCK_ROWS) -> None:
+    def __init__(
+        self,
+        bound: int = DEFAULT_BOUND,
+        block_rows: int = BLOCK_ROWS,
+        source: BlockSource | None = None,
+        most_blocks: int = MOST_BLOCKS,
+    ) -> None:
         """An empty store.
 
         Args:
             bound: rows kept at most, at least 1; the oldest leave first.
             block_rows: rows in a block, 1 to 65536.
+            source: gives rows again, so that not all need to lie in memory; None where none can.
+            most_blocks: full blocks in memory at most, at least 1, where there is a source.
         """
-        if bound < 1 or not 1 <= block_rows <= 2**16:
+        if bound < 1 or most_blocks < 1 or not 1 <= block_rows <= 2**16:
             raise ValueError(f"a store of {bound} rows in blocks of {block_rows} cannot be")
         self.bound = bound
         """Rows kept at most."""
         self._block_rows = block_rows
         self._codebook = Codebook()
-        self._blocks: deque[_Block] = deque()
+        self._pages = Pages(source, most_blocks, self._codebook)
+        self._blocks: deque[Block] = deque()
         self._first = 0
         self._next = 0
         self._filter: RowFilter | None = None
-        self._pending: list[_Block] = []
+        self._pending: list[Block] = []
         self._sums: list[int] | None = None
 
     def __len__(self) -> int:
@@ -138,28 +112,30 @@ class RowStore:
             if block.judged == block.count and block not in self._pending:
                 touched.append(block)
             block.append(piece, long, done)
+            self._pages.bring(block)
             done += len(piece)
             self._next += len(piece)
             self._drop_oldest()
         self._sums = None
         for block in touched:
             if self._filter and block.end > self._first:
-                block.judge(self._filter, self._codebook)
+                self._pages.bring(block).judge(self._filter, self._codebook)
 
-    def _tail(self) -> _Block:
+    def _tail(self) -> Block:
         if not self._blocks or not self._blocks[-1].room:
-            self._blocks.append(_Block(self._next, min(self._block_rows, self.bound)))
+            self._blocks.append(Block(self._next, min(self._block_rows, self.bound)))
         return self._blocks[-1]
 
     def _drop_oldest(self) -> None:
         self._first = max(self._first, self._next - self.bound)
         while self._blocks and self._blocks[0].end <= self._first:
             gone = self._blocks.popleft()
+            self._pages.forget(gone)
             if gone in self._pending:
                 self._pending.remove(gone)
 
     def _block_of(self, index: int) -> int:
-        return (index - self._blocks[0].start) // len(self._blocks[0].rows)
+        return (index - self._blocks[0].start) // self._blocks[0].capacity
 
     def row(self, index: int) -> Row:
         """The row of that index.
@@ -176,7 +152,7 @@ class RowStore:
         start, end = max(start, self._first), min(end, self._next)
         found: list[Row] = []
         while start < end:
-            block = self._blocks[self._block_of(start)]
+            block = self._pages.bring(self._blocks[self._block_of(start)])
             place, stop = start - block.start, min(end - block.start, block.count)
             found += unpack(block.rows[place:stop], block.long, self._codebook, place)
             start = block.start + stop
@@ -229,7 +205,8 @@ class RowStore:
     def filter_step(self, budget_rows: int = 4 * BLOCK_ROWS) -> bool:
         """Judge some of the rows that wait, about `budget_rows` of them; True when none is left."""
         while self._filter and self._pending and budget_rows > 0:
-            budget_rows -= self._pending.pop().judge(self._filter, self._codebook)
+            block = self._pages.bring(self._pending.pop())
+            budget_rows -= block.judge(self._filter, self._codebook)
             self._sums = None
         return not self._pending
 
@@ -287,31 +264,92 @@ class RowStore:
         """
         return self.row(self.shown_index(position))
 
+    def is_shown(self, index: int) -> bool:
+        """Whether a row of that index is kept and shown."""
+        if not self._first <= index < self._next:
+            return False
+        position = self.position_of(index)
+        return position < self.shown_count and self.shown_index(position) == index
+
     def fault_index(self, index: int, by: int) -> int | None:
         """Index of the nearest shown row with a fault behind `index`, or before it (`by` below 0).
 
         None where there is none; rows that the filter has still to see do not count.
         """
-        blocks = [block for block in self._blocks if block.count]
-        if by > 0:
-            ahead = (block for block in blocks if block.end > index + 1)
-        else:
-            ahead = (block for block in reversed(blocks) if block.start < index)
-        for block in ahead:
-            found = self._faulty(block) + block.start
-            found = found[found > index] if by > 0 else found[found < index]
-            if len(found):
-                return int(found[0 if by > 0 else -1])
-        return None
-
-    def _faulty(self, block: _Block) -> npt.NDArray[np.int64]:
-        """Places of the block's shown rows that have a fault, rising."""
-        places: npt.NDArray[np.int64] = np.arange(max(0, self._first - block.start), block.count)
-        if self._filter is not None:
-            wanted = block.places[: block.wanted].astype(np.int64)
-            places = wanted[wanted >= self._first - block.start]
         clean = self._codebook.fault_code(())
-        return np.compress(block.rows["faults"][places] != clean, places)
+
+        def faulty(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
+            return np.asarray(packed["faults"] != clean)
+
+        return self._nearest(faulty, index + by, by)
+
+    def offset_index(self, port: str, offset: int) -> int | None:
+        """Index of the first shown row that holds that byte of a port's stream, or None."""
+        code = self._codebook.port_code(port)
+
+        def holds(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
+            behind = offset - packed["offset"]
+            return np.asarray(
+                (packed["port"] == code) & (behind >= 0) & (behind < packed["length"])
+            )
+
+        return self._nearest(holds, self._first, 1)
+
+    def _nearest(self, test: RowTest, index: int, by: int) -> int | None:
+        step = self.find_step(test, index, by)
+        while step.found is None and step.onward is not None:
+            step = self.find_step(test, step.onward, by)
+        return step.found
+
+    def find_step(self, test: RowTest, index: int, by: int) -> Step:
+        """Look in one block for the nearest shown row that passes a test.
+
+        Args:
+            test: says of packed rows which of them pass; it may be asked of any of the block's.
+            index: the first row to look at; where it is not kept, the nearest that is.
+            by: 1 to look at later rows after it, -1 at earlier ones.
+        """
+        index = max(index, self._first) if by > 0 else min(index, self._next - 1)
+        if not self._first <= index < self._next:
+            return Step(None, None)
+        block = self._blocks[self._block_of(index)]
+        places = self._shown_places(block)
+        here = index - block.start
+        places = places[places >= here] if by > 0 else places[places <= here]
+        passing = places
+        if len(places):
+            part = self._pages.bring(block).part(places)
+            passing = places[test(*part, self._codebook)]
+        if len(passing):
+            return Step(block.start + int(passing[0 if by > 0 else -1]), None)
+        onward = block.end if by > 0 else block.start - 1
+        return Step(None, onward if self._first <= onward < self._next else None)
+
+    def _shown_places(self, block: Block) -> Places:
+        """Places of the block's rows that are kept and shown, rising."""
+        first = max(0, self._first - block.start)
+        if self._filter is None:
+            return np.arange(first, block.count)
+        wanted = block.places[: block.wanted].astype(np.int64)
+        return wanted[wanted >= first]
+
+    def select(self, start: int, end: int, row_filter: RowFilter | None) -> tuple[list[Row], int]:
+        """The rows of one block from index `start` on, before `end`, that a filter wants.
+
+        The filter need not be the one in force. Also tells the index to go on from: `end`, or less.
+        """
+        start, end = max(start, self._first), min(end, self._next)
+        if start >= end:
+            return [], end
+        block = self._pages.bring(self._blocks[self._block_of(start)])
+        end = min(end, block.end, start + SELECT_ROWS)
+        places: Places = np.arange(start - block.start, end - block.start)
+        if row_filter is not None:
+            frame = packed_frame(
+                *block.part(places), self._codebook, row_filter.names or ("offset",)
+            )
+            places = places[row_filter.mask(frame).to_numpy()]
+        return unpack(*block.part(places), self._codebook), end
 
     def shown_slice(self, start: int, end: int) -> list[tuple[int, Row]]:
         """Index and row of the positions from `start` up to `end`, as far as there are any."""

@@ -18,8 +18,11 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
     | (footer)       the keys, out of keys.py                  |
     +----------------------------------------------------------+
       help.py        over all of it, out of keys.py as well
+      picking.py     over it too: a list from which one thing is picked
+      choosing.py    the same for the table's columns
 
-    app.py           puts it together: the timer, the keys' actions, the end
+    app.py           puts it together: the timer and the end
+    actions/         what the keys do, one topic a file
     keys.py          every key, once
     watched.py       the feed's rows, their numbers, and ways to a row; knows no Textual
     pane.py          what the panes have in common
@@ -27,4 +30,6 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
     quantities.py    numbers with units in few cells
     fitting.py       text to a width in cells
     colourless.py    the screen without colours
+    themes.py        the themes one can switch between
+    clips.py         what was copied, for terminals that do not take it
 """

@@ -1,6 +1,7 @@
-"""Owns the screen as a whole: what is on it, the timer that feeds it, and what each key does.
+"""Owns the screen as a whole: what is on it, the timer that feeds it, and its end.
 
-It must not know where rows come from, how they are filtered, or what their bytes mean.
+It must not know where rows come from, how they are filtered, or what their bytes mean; what the
+keys do stands in `actions`.
 """
 
 from __future__ import annotations
@@ -14,19 +15,23 @@ from time import monotonic_ns
 from typing import ClassVar
 
 from textual import on
-from textual.app import App, ComposeResult
+from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.filter import LineFilter
-from textual.widgets import Footer, Input
+from textual.widgets import Footer
 
 from fte_sniff.analysis.bench import NO_BENCH, Bench
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.filter import RowFilter
-from fte_sniff.analysis.store import DEFAULT_BOUND
+from fte_sniff.analysis.paging import BlockSource
+from fte_sniff.analysis.store import DEFAULT_BOUND, RowStore
 from fte_sniff.errors import FteSniffError, shown
-from fte_sniff.protocol import spaced_hex
+from fte_sniff.session.saving import Saving
+from fte_sniff.tui.actions.filtering import Filtering
+from fte_sniff.tui.actions.leaving import Leaving
+from fte_sniff.tui.actions.looking import Looking
+from fte_sniff.tui.actions.seeking import Seeking
 from fte_sniff.tui.colourless import Colourless
-from fte_sniff.tui.help import HelpPage
 from fte_sniff.tui.keys import (
     FINDING,
     HANDLING,
@@ -40,14 +45,17 @@ from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.panes import Panes
 from fte_sniff.tui.prompt.field import Line
 from fte_sniff.tui.prompt.filter import FilterField
-from fte_sniff.tui.prompt.goto import GotoField, parse_goal
+from fte_sniff.tui.prompt.goto import GotoField
+from fte_sniff.tui.prompt.save import SaveField
+from fte_sniff.tui.prompt.search import SearchField
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.themes import OWN
 from fte_sniff.tui.title import TitleLine, mode_of
 from fte_sniff.tui.watched import Watched
 
-TICK_S = 1 / 12
+TICK_S = 1 / 20
 """Between two looks at the feed: soon enough for the eye, seldom enough to stay calm."""
 
 LOW = 16
@@ -69,7 +77,7 @@ class AtEnd(Enum):
     """The screen closes by itself."""
 
 
-class SniffApp(App[None]):
+class SniffApp(Filtering, Seeking, Looking, Leaving):
     """The screen over one feed."""
 
     CSS_PATH = "screen.tcss"
@@ -89,6 +97,7 @@ class SniffApp(App[None]):
         keep_rows: int = DEFAULT_BOUND,
         signals: Sequence[signal.Signals] = ENDING_SIGNALS,
         bench: Bench = NO_BENCH,
+        source: BlockSource | None = None,
     ) -> None:
         """A screen that has not begun.
 
@@ -98,23 +107,27 @@ class SniffApp(App[None]):
             row_filter: shows only the rows that it wants, until the user says otherwise.
             keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
             signals: upon which the screen closes; others do what they did before.
+            source: gives the feed's rows again, so that not all need to lie in memory.
             bench: what the user said about the set-up.
         """
         super().__init__()
+        for theme in OWN:
+            self.register_theme(theme)
         self.animation_level = "none"
         self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low"), (TALL, "-tall")]
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
-        self._watched = Watched(feed, row_filter, keep_rows)
+        self._watched = Watched(feed, row_filter, RowStore(keep_rows, source=source))
         self._at_end, self._signals = at_end, signals
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(self._watched.store, self._header)
         self._panes = Panes(self._watched.store, self._table, bench)
         self._notice = NoticeLine()
-        self._filter_field, self._goto_field = (
-            FilterField(row_filter, self._set_filter),
-            GotoField(self._go),
-        )
+        self._filter_field = FilterField(row_filter, self._set_filter)
+        self._search_field = SearchField(self._search)
+        self._goto_field, self._save_field = GotoField(self._go), SaveField(self._save)
+        self._filters_before: list[str] = []
+        self._saving: Saving | None = None
         self._status_line = StatusLine()
 
     def compose(self) -> ComposeResult:
@@ -125,7 +138,9 @@ class SniffApp(App[None]):
         yield from self._panes
         yield self._notice
         yield self._filter_field
+        yield self._search_field
         yield self._goto_field
+        yield self._save_field
         yield self._status_line
         yield Footer(compact=True, show_command_palette=False)
 
@@ -153,7 +168,9 @@ class SniffApp(App[None]):
                 loop.add_signal_handler(number, self.exit)
 
     def on_unmount(self) -> None:
-        """Give the signals back."""
+        """Leave no half file, and give the signals back."""
+        if self._saving is not None:
+            self._saving.abandon()
         loop = asyncio.get_running_loop()
         for number in self._signals:
             with contextlib.suppress(RuntimeError, ValueError):
@@ -177,7 +194,8 @@ class SniffApp(App[None]):
         elif news.ended and self._watched.state.ended:
             self._notice.tell(f"ended: {shown(self._watched.state.ended)}", worry=True)
         if news.changed:
-            self._table.ports = self._watched.ports
+            self._table.set_look(ports=self._watched.ports)
+            self._table.start_ns = self._watched.start_ns
             self._table.sync()
         self._show_state()
         state = self._watched.state
@@ -192,95 +210,15 @@ class SniffApp(App[None]):
         self._filter_field.tell_shown(watched.shown_words)
         self._table.tell_empty(watched.empty_words)
 
+    @on(RowTable.Failed)
+    def _fail(self, event: RowTable.Failed) -> None:
+        self.failure = event.failure
+        self.exit()
+
     @on(RowTable.Moved)
     def _follow_cursor(self) -> None:
         self._show_state()
         self._panes.follow_cursor()
-
-    def _set_filter(self, line: str) -> None:
-        self._filter_field.standing = line
-        self._watched.set_filter(RowFilter.parse(line) if line else None, self._table.near)
-        self._table.sync()
-
-    def _go(self, line: str) -> None:
-        if not line:
-            return
-        row = self._watched.row_of(parse_goal(line), self._table.viewport.cursor)
-        if row is None:
-            self._notice.tell("no row here has a time to go by", worry=False)
-            return
-        last = self._table.viewport.count - 1
-        self._table.jump(row)
-        if row > last >= 0:
-            self._notice.tell(f"there is no row {row + 1:,}; this is the last", worry=False)
-
-    def action_filter(self) -> None:
-        """Ask for a filter."""
-        self._filter_field.ask()
-
-    def action_unfilter(self) -> None:
-        """Show all rows again."""
-        self._set_filter("")
-        self._filter_field.fall_back()
-
-    def action_goto(self) -> None:
-        """Ask where to go."""
-        self._goto_field.ask()
-
-    def action_fault(self, by: int) -> None:
-        """Go to the next row with a fault, or to the one before."""
-        if not self._table.jump_to_fault(by):
-            where = "below" if by > 0 else "above"
-            self._notice.tell(f"no row with a fault {where} this one", worry=False)
-
-    def action_pause(self) -> None:
-        """Freeze the view, or let it go on."""
-        self._table.pause()
-
-    def action_pane(self, name: str) -> None:
-        """Show the pane of that name, or close it; to explain one row is to stay on it."""
-        self._panes.toggle(name)
-        if self._panes.holds_row:
-            self._table.stay()
-        self._show_state()
-
-    def action_zoom(self, by: int) -> None:
-        """Look at more time, or less."""
-        self._panes.zoom(by)
-
-    def action_scroll_pane(self, by: int) -> None:
-        """Move the page of the pane."""
-        self._panes.scroll(by)
-
-    def action_copy(self) -> None:
-        """Hand the row's bytes to the terminal as hex."""
-        row = self._table.cursor_row
-        if row is not None:
-            self.copy_to_clipboard(spaced_hex(row.raw))
-            self._notice.tell(f"copied {spaced_hex(row.raw)}", worry=False)
-
-    def action_dismiss(self) -> None:
-        """Close the pane, or put the notice away."""
-        if self._notice.display:
-            self._notice.put_away()
-        else:
-            self._panes.close()
-
-    def action_leave(self) -> None:
-        """End."""
-        self.exit()
-
-    def action_help(self) -> None:
-        """Show the page of help."""
-        self.push_screen(HelpPage())
-
-    def action_interrupt(self) -> None:
-        """Copy the selection of a field; where nothing is selected, end."""
-        field = self.focused
-        if isinstance(field, Input) and field.selected_text:
-            self.copy_to_clipboard(field.selected_text)
-        else:
-            self.exit()
 
 
 def run_screen(
@@ -290,6 +228,7 @@ def run_screen(
     keep_rows: int = DEFAULT_BOUND,
     signals: Sequence[signal.Signals] = ENDING_SIGNALS,
     bench: Bench = NO_BENCH,
+    source: BlockSource | None = None,
 ) -> int:
     """Show the feed until the user ends it, or a signal does; the feed is then asked to stop.
 
@@ -299,6 +238,7 @@ def run_screen(
         row_filter: shows only the rows that it wants, until the user says otherwise.
         keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
         signals: upon which the screen closes; others do what they did before.
+        source: gives the feed's rows again, so that not all need to lie in memory.
         bench: what the user said about the set-up.
 
     Returns:
@@ -307,7 +247,7 @@ def run_screen(
     Raises:
         FteSniffError: the feed failed; the terminal is as it was before.
     """
-    app = SniffApp(feed, at_end, row_filter, keep_rows, signals, bench)
+    app = SniffApp(feed, at_end, row_filter, keep_rows, signals, bench, source)
     try:
         app.run()
     finally:

@@ -21,8 +21,10 @@ from fte_sniff.analysis.filter import EXAMPLES
 from fte_sniff.formats.layout import ORDER_MARK
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, Status, status_of
 from fte_sniff.tui.detail import UNCERTAIN_ORDER
-from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.keys import SECTIONS, key_names
 from fte_sniff.tui.table.layout import MARKS
+from fte_sniff.tui.table.look import TimeStyle
+from fte_sniff.tui.table.painter import Sign
 
 Pair: TypeAlias = tuple[str, str]
 """A key or a name, and what it means."""
@@ -31,9 +33,12 @@ Pair: TypeAlias = tuple[str, str]
 def help_pairs() -> Iterator[tuple[str, list[Pair]]]:
     """The page's sections: a heading, and what stands under it."""
     for heading, keys in SECTIONS:
-        yield heading, [(key.key_display or key.key, key.tooltip) for key in keys]
+        yield heading, [(key_names(key), key.tooltip) for key in keys]
     signs = [(MARKS[status], status.value) for status in Status]
-    yield "Signs before a row", [*signs, (ORDER_MARK, UNCERTAIN_ORDER)]
+    signs.append((ORDER_MARK, UNCERTAIN_ORDER))
+    signs += [(sign, sign.meaning) for sign in Sign if sign.meaning]
+    yield "Signs before a row", signs
+    yield "Times", [(style, style.meaning) for style in TimeStyle]
     yield (
         "Faults",
         [(f"{MARKS[status_of((fault,))]} {fault}", said) for fault, said in FAULT_MEANINGS.items()],

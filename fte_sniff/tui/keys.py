@@ -42,14 +42,35 @@ FINDING: tuple[Binding, ...] = (
     _key("F", "unfilter", "", "show all rows again", "F"),
     _key("e", "fault(1)", "Fault", "the next row with a fault", "e"),
     _key("E", "fault(-1)", "", "the fault before", "E"),
-    _key("colon", "goto", "", "go to a row (1200), a time, UTC (12:00:03.5) or away (+2s)", ":"),
+    _key("slash", "search", "Search", "find rows that have a text or bytes (hex:AA ?? 03)", "/"),
+    _key("n", "again(1)", "", "the next row that has what was looked for", "n"),
+    _key("N", "again(-1)", "", "the row before that has it", "N"),
+    _key("x", "only", "", "show only rows that are like this one in a cell", "x"),
+    _key("X", "without", "", "hide rows that are like this one in a cell", "X"),
+    _key("backspace", "filter_before", "", "the filter that stood before", "backspace"),
+    _key("m", "mark", "", "mark the row, or take its mark away", "m"),
+    _key("u", "to_mark(1)", "", "the next marked row", "u"),
+    _key("U", "to_mark(-1)", "", "the marked row before", "U"),
+    _key(
+        "colon", "goto", "", "go to a row (1200), 50%, a time (12:00:03.5), away (+2s), @byte", ":"
+    ),
 )
 """Keys that lead to a row."""
 
 HANDLING: tuple[Binding, ...] = (
     _key("space,p", "pause", "Pause", "freeze the view, never the capture", "space"),
-    _key("c", "copy", "", "copy the row's bytes as hex (through the terminal, OSC 52)", "c"),
-    _key("escape", "dismiss", "", "close the pane, or put the notice away; never quits", "esc"),
+    _key("v", "select", "", "select rows from here to the cursor, for y, Y and w", "v"),
+    _key("y", "copy_text", "", "copy the row decoded (through the terminal, OSC 52)", "y"),
+    _key("Y,c", "copy", "", "copy the row's bytes as hex", "Y c"),
+    _key("w", "save", "Save", "save the selected rows, or all that are shown, to a file", "w"),
+    _key("t", "times(1)", "", "times: of day, from the first row, the row before, a mark", "t"),
+    _key("T", "times(-1)", "", "the same the other way round", "T"),
+    _key("C", "columns", "", "choose columns, their order and widths", "C"),
+    _key("ctrl+t", "theme", "", "other colours: dark, light, with more contrast", "^t"),
+    _key("ctrl+p", "palette", "", "pick what to do from a list", "^p"),
+    _key(
+        "escape", "dismiss", "", "end what was begun: save, selection, search, notice, pane", "esc"
+    ),
 )
 """Keys that do something to the view."""
 
@@ -76,6 +97,11 @@ TABLE_ACTIONS = frozenset(
 )
 """What the keys of the whole screen do while no field or page takes the keys."""
 
+COMMANDS: tuple[Binding, ...] = tuple(
+    binding for binding in (*FINDING, *HANDLING, *MOVING, *LEAVING) if binding.action != "palette"
+)
+"""What can be picked from a list instead of by its key."""
+
 INTERRUPT = Binding(
     "ctrl+c", "interrupt", "Quit", show=False, priority=True, tooltip="copy a selection, or end"
 )
@@ -88,6 +114,11 @@ SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
     ("Handle", (*HANDLING, *LEAVING)),
 )
 """All keys, as the help shows them."""
+
+
+def key_names(binding: Binding) -> str:
+    """The keys of a binding as people know them."""
+    return binding.key_display or binding.key
 
 
 def bindings(*groups: tuple[Binding, ...]) -> list[BindingType]:

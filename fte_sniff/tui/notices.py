@@ -11,7 +11,7 @@ from textual.widgets import Static
 
 from fte_sniff.errors import shown
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.tui.table.layout import clock_text
+from fte_sniff.tui.table.cells import clock_text
 
 GOOD = frozenset(
     {
@@ -52,6 +52,11 @@ class NoticeLine(Static):
         self.display = True
         if not worry:
             self._clock = self.set_timer(SHOWN_S, self.put_away)
+
+    def tell_progress(self, words: str) -> None:
+        """Show how far something is, until something else is told."""
+        self.tell(words, worry=False)
+        self._stop_clock()
 
     def tell_event(self, event: PortEvent) -> None:
         """Show a port event."""

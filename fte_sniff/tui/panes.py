@@ -18,8 +18,8 @@ from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.motors.widget import MotorsPane
 from fte_sniff.tui.pane import Pane, Sight
 from fte_sniff.tui.statistics.widget import StatisticsPane
-from fte_sniff.tui.table.palette import DARK, LIGHT
 from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.themes import palette_of
 
 STEP_ROWS: Final = 8_192
 """Rows that the models look at in one go."""
@@ -143,7 +143,7 @@ class Panes:
             store=self._store,
             models=self._models,
             bench=self._bench,
-            palette=DARK if table.app.current_theme.dark else LIGHT,
+            palette=palette_of(table.app.current_theme),
         )
 
     @property

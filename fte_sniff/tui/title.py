@@ -78,11 +78,14 @@ class TitleLine(Widget):
     def __init__(self) -> None:
         super().__init__()
         self._shown: tuple[FeedState, Mode, int] | None = None
+        self._line = ""
 
     def show(self, state: FeedState, mode: Mode, unseen: int) -> None:
         """Draw this, if it is not what is drawn."""
-        if self._shown != (state, mode, unseen):
-            self._shown = (state, mode, unseen)
+        self._shown = (state, mode, unseen)
+        line = title_text(state, mode, unseen, self.size.width)
+        if line != self._line:
+            self._line = line
             self.set_class(mode is Mode.PAUSED, "-paused")
             self.set_class(mode in (Mode.ENDED, Mode.WAITING), "-ended")
             self.refresh()

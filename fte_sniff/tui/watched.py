@@ -13,7 +13,7 @@ from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.analysis.tally import Rate, Tally
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToRow
+from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToOffset, ToRow, ToShare, ToTime
 from fte_sniff.tui.status import Numbers
 from fte_sniff.tui.table.viewport import Viewport
 
@@ -36,8 +36,8 @@ class News:
 class Watched:
     """A feed and everything that came from it."""
 
-    def __init__(self, feed: Feed, row_filter: RowFilter | None, keep_rows: int) -> None:
-        self.store = RowStore(keep_rows)
+    def __init__(self, feed: Feed, row_filter: RowFilter | None, store: RowStore) -> None:
+        self.store = store
         self.store.set_filter(row_filter)
         self.state = FeedState("")
         self._feed = feed
@@ -79,9 +79,14 @@ class Watched:
             self._per_second = self._tally.frames * 1e9 / self._tally.duration_ns
 
     @property
-    def ports(self) -> int:
-        """Ports that rows came from."""
-        return len(self._tally.by_port)
+    def ports(self) -> tuple[str, ...]:
+        """Ports that rows came from, in the order in which they came."""
+        return tuple(self._tally.by_port)
+
+    @property
+    def start_ns(self) -> int | None:
+        """The earliest time of a row, nanoseconds since 1970 UTC; None while no row has one."""
+        return self._tally.first_ns
 
     def numbers(self, view: Viewport) -> Numbers:
         """What the line of numbers tells."""
@@ -120,15 +125,27 @@ class Watched:
         self.store.filter_step()
 
     def row_of(self, goal: Goal, cursor: int) -> int | None:
-        """The shown row that is meant, or None where no row has a time."""
+        """The shown row that is meant, or None where there is no such row, or none has a time."""
         if isinstance(goal, ToRow):
             return goal.number - 1
+        if isinstance(goal, ToShare):
+            return round(goal.percent / 100 * max(0, self.store.shown_count - 1))
+        if isinstance(goal, ToOffset):
+            return self._holding(goal.offset, cursor)
+        if isinstance(goal, ToTime):
+            return None if self._time_at(cursor) is None else self._first_at(goal.t_ns)
         here = self._time_at(cursor)
         if here is None:
             return None
         if isinstance(goal, ToDistance):
             return self._first_at(here + goal.ns)
         return self._first_at(here - here % DAY_NS + goal.day_ns)
+
+    def _holding(self, offset: int, cursor: int) -> int | None:
+        if cursor >= self.store.shown_count:
+            return None
+        index = self.store.offset_index(self.store.shown_row(cursor).port, offset)
+        return None if index is None else self.store.position_of(index)
 
     def _first_at(self, t_ns: int) -> int:
         """The first shown row at or after a time; times are taken to rise."""

@@ -84,7 +84,7 @@ def test_live_shows_rows_and_leaving_says_where_the_recording_lies(
     run, environment, tmp_path: Path, size: tuple[int, int]
 ) -> None:
     with terminal(environment, tmp_path, "live", "sim://?rate=500", size=size) as screen:
-        screen.until("speed_feed")
+        screen.until("speed_feedback" if size[0] > 128 else "speed fb")
         screen.type("q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
@@ -95,7 +95,7 @@ def test_live_shows_rows_and_leaving_says_where_the_recording_lies(
 
 def test_ctrl_c_and_a_bounded_capture_end_it_too(environment, tmp_path: Path) -> None:
     with terminal(environment, tmp_path, "live", "sim://?rate=500", "--no-record") as screen:
-        screen.until("speed_feed")
+        screen.until("speed fb")
         screen.type("\x03")
         assert screen.ended() == 0
     with terminal(
@@ -126,7 +126,7 @@ def test_a_port_that_is_lost_stays_on_the_screen_until_the_user_leaves(
 
 def test_a_killed_screen_leaves_a_file_that_opens(run, environment, tmp_path: Path) -> None:
     with terminal(environment, tmp_path, "live", "sim://?rate=500", "-o", "x.mcap") as screen:
-        screen.until("speed_feed")
+        screen.until("speed fb")
         screen.process.kill()
     assert run("decode", "x.mcap").returncode == 0
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -78,6 +79,14 @@ def _odd_rows() -> list[Row]:
         Damage("p", 1067, bytes.fromhex("AA01010001EE"), NOON_NS, (Fault.TRUNCATED,)),
         Damage("p", 1073, bytes.fromhex("AA0101000100000000000000EE"), 0, (Fault.OVERLONG,)),
     ]
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's cache folder, where copies are kept."""
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    return folder
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import pytest
 from rich.cells import cell_len
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
+from fte_sniff.analysis.store import RowStore
 from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind, Row, spaced_hex
 from fte_sniff.tui.detail import Room, detail_text
 from fte_sniff.tui.help import help_text
@@ -199,7 +200,7 @@ def test_line_errors_are_summed_from_what_the_ports_told() -> None:
     first = PortEvent(1, "a", PortEventKind.LINE_ERROR, "2 framing", 2)
     second = PortEvent(2, "b", PortEventKind.LINE_ERROR, "3 break", 3)
     lost = PortEvent(3, "b", PortEventKind.OVERRUN, "900 bytes", 900)
-    watched = Watched(Telling([first], [second, lost]), None, 100)
+    watched = Watched(Telling([first], [second, lost]), None, RowStore())
     watched.look(0)
     watched.look(1)
     assert watched.numbers(Viewport()).line_errors == 5

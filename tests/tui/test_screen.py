@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import random
 import re
-from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from html import unescape
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,90 +20,21 @@ from fte_sniff.tui import notices
 from fte_sniff.tui.app import AtEnd, SniffApp
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.prompt.field import Field
 from fte_sniff.tui.table.widget import RowTable
-
-CHARACTERS = {
-    "space": " ",
-    "colon": ":",
-    "question_mark": "?",
-    "equals_sign": "=",
-    "slash": "/",
-    "apostrophe": "'",
-}
-"""Keys whose names are not what they type."""
-
-ROUNDS = 4
-"""A key goes from the app to a widget, from there to an action, from there to a message."""
-
-Rows = Callable[..., list[Row]]
-Scenario = Callable[[SniffApp, Pilot[None]], Awaitable[None]]
-
-
-def play(
-    feed: Any, scenario: Scenario, size: tuple[int, int] = (80, 24), at_end: AtEnd = AtEnd.STAY
-) -> SniffApp:
-    """Run the screen without a terminal, and the scenario on it."""
-    app = SniffApp(feed, at_end)
-
-    async def run() -> None:
-        async with app.run_test(size=size) as pilot:
-            await settle(app, pilot)
-            await scenario(app, pilot)
-
-    asyncio.run(run())
-    return app
-
-
-async def settle(app: SniffApp, pilot: Pilot[None]) -> None:
-    """Let the screen take in what there is, and draw it."""
-    app.tick()
-    await pilot.pause()
-
-
-async def press(app: SniffApp, pilot: Pilot[None], *keys: str) -> None:
-    """Press keys as fast as the screen takes them; `Pilot.press` sleeps after each."""
-    for key in keys:
-        app.post_message(events.Key(key, CHARACTERS.get(key, key if len(key) == 1 else None)))
-        for _ in range(ROUNDS):
-            await pilot.pause(0)
-
-
-async def type_line(app: SniffApp, pilot: Pilot[None], line: str) -> None:
-    names = {character: name for name, character in CHARACTERS.items()}
-    await press(app, pilot, *(names.get(character, character) for character in line))
-
-
-def lines(app: SniffApp) -> list[str]:
-    """What stands on the screen, line by line, out of its picture."""
-    found: dict[float, list[tuple[float, str]]] = {}
-    picture = app.export_screenshot()
-    for attributes, text in re.findall(r"<text ([^>]*clip-path[^>]*)>([^<]*)</text>", picture):
-        place = dict(re.findall(r'(\w+)="([\d.]+)"', attributes))
-        x, y = float(place["x"]), float(place["y"])
-        found.setdefault(y, []).append((x, unescape(text).replace("\xa0", " ")))
-    return ["".join(text for _, text in sorted(found[y])) for y in sorted(found)]
-
-
-def page(app: SniffApp) -> str:
-    return "\n".join(lines(app))
-
-
-def table(app: SniffApp) -> RowTable:
-    return app.query_one(RowTable)
-
-
-def rpms(app: SniffApp) -> list[int]:
-    """The RPM of each row in the window, as drawn."""
-    here = table(app)
-    texts = [here.render_line(y).text for y in range(here.viewport.height)]
-    return [int(re.split("rpm=", text)[1].split()[0]) for text in texts if "rpm=" in text]
-
-
-async def wheel(app: SniffApp, pilot: Pilot[None], notch: type[events.MouseEvent]) -> None:
-    here = table(app)
-    at = dict.fromkeys(("x", "y", "delta_x", "delta_y", "button"), 0)
-    here.post_message(notch(here, **at, shift=False, meta=False, ctrl=False))
-    await pilot.pause()
+from tests.tui.playing import (
+    Rows,
+    lines,
+    page,
+    play,
+    press,
+    rpms,
+    rush,
+    settle,
+    table,
+    type_line,
+    wheel,
+)
 
 
 def test_shows_the_newest_rows_and_follows(feed: Any, speed_rows: Rows) -> None:
@@ -358,14 +288,6 @@ def test_esc_leaves_the_filter_as_it_was_and_arrows_bring_back_lines(
     play(feed, scenario)
 
 
-async def rush(app: SniffApp, pilot: Pilot[None], *keys: str) -> None:
-    """Keys that all wait before the first is looked at, as over a slow line or out of a paste."""
-    for key in keys:
-        app.post_message(events.Key(key, CHARACTERS.get(key, key if len(key) == 1 else None)))
-    for _ in range(10 * ROUNDS):
-        await pilot.pause(0)
-
-
 def test_keys_typed_ahead_go_to_the_field_that_they_open(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(400))
@@ -408,6 +330,42 @@ def test_a_filter_at_rest_takes_no_keys_and_a_click_wakes_it(feed: Any, speed_ro
         await pilot.click(".asked", offset=(20, 0))
         await press(app, pilot, "end", "1")
         assert "motor = 11" in page(app)
+
+    play(feed, scenario)
+
+
+def test_tab_completes_and_never_leaves_a_field(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await settle(app, pilot)
+        await press(app, pilot, "f", *"mot")
+        await settle(app, pilot)
+        await press(app, pilot, "tab", "shift+tab", "tab")
+        await type_line(app, pilot, " = 1")
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert "100 of 400 rows" in page(app)
+        assert app.focused is table(app)
+
+    play(feed, scenario)
+
+
+def test_a_field_is_left_by_a_click_elsewhere_but_not_with_the_window(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await press(app, pilot, "colon", "1")
+        app.post_message(events.AppBlur())
+        await settle(app, pilot)
+        app.post_message(events.AppFocus())
+        await press(app, pilot, "2")
+        await settle(app, pilot)
+        assert "go to 12" in page(app)
+        await pilot.click(RowTable, offset=(20, 3))
+        await settle(app, pilot)
+        assert "go to" not in page(app)
+        assert app.focused is table(app)
 
     play(feed, scenario)
 
@@ -763,7 +721,8 @@ def test_each_row_says_its_port_where_there_are_two(feed: Any, speed_rows: Rows)
         feed.give(speed_rows(3, port="/dev/ttyUSB1"))
         await settle(app, pilot)
         assert "port" in lines(app)[1]
-        assert "/dev/ttyUSB1" in page(app)
+        assert "ttyUSB0" in lines(app)[2]
+        assert "ttyUSB1" in lines(app)[5]
 
     play(feed, scenario)
 
@@ -845,15 +804,26 @@ KEYS = (
     *("f", "F", "e", "E", "colon", "space", "p", "enter", "enter", "c", "escape", "escape"),
     *("question_mark", "tab", "shift+tab", "1", "2", "m", "equals_sign", "backspace", "ctrl+u"),
     *("h", "l", "n", "slash", "ctrl+d", "delete", "insert", "f5", "a", "ctrl+a", "apostrophe"),
+    *("N", "x", "X", "u", "U", "v", "y", "Y", "w", "t", "T", "C", "K", "J", "ctrl+t", "ctrl+p"),
+    *("less_than_sign", "greater_than_sign", "percent_sign", "at", "minus", "r", "enter", "up"),
 )
 
 
 @pytest.mark.parametrize(
-    ("seed", "size", "rounds"), [(1, (80, 24), 25), (2, (40, 10), 25), (3, (200, 60), 5)]
+    ("seed", "size", "rounds"),
+    [(1, (80, 24), 40), (2, (40, 10), 40), (3, (200, 60), 5), (4, (9, 4), 20)],
 )
 def test_random_keys_never_break_it(
-    feed: Any, speed_rows: Rows, odd_rows: list[Row], seed: int, size: tuple[int, int], rounds: int
+    feed: Any,
+    speed_rows: Rows,
+    odd_rows: list[Row],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    seed: int,
+    size: tuple[int, int],
+    rounds: int,
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     chance = random.Random(seed)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
@@ -867,7 +837,8 @@ def test_random_keys_never_break_it(
             view = app.screen_stack[0].query_one(RowTable).viewport
             assert 0 <= view.cursor <= max(0, view.count - 1)
         assert app.is_running
-        await press(app, pilot, "escape", "escape", "escape", "F", "G")
+        await press(app, pilot, *["escape"] * 8, "F", "G")
+        assert not any(field.asking for field in app.query(Field))
         await settle(app, pilot)
         assert table(app).viewport.following
 

@@ -26,9 +26,14 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.tui.detail import Room, detail_text
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
-from fte_sniff.tui.table.layout import MARKS, ORDER, VALUES, clock_text, layout_for, values_text
-from fte_sniff.tui.table.painter import Painter
+from fte_sniff.tui.table.cells import clock_text, kind_text, span_text, values_text
+from fte_sniff.tui.table.columns import ORDER, VALUES
+from fte_sniff.tui.table.layout import MARKS, layout_for
+from fte_sniff.tui.table.look import Look
+from fte_sniff.tui.table.painter import Painter, Place
 from fte_sniff.tui.table.palette import DARK, LIGHT, Palette
+from fte_sniff.tui.table.ports import short_names
+from fte_sniff.tui.table.scale import Scale
 
 PORTS = st.text(max_size=30)
 TIMES = st.one_of(st.none(), st.integers(0, 2**63 - 1))
@@ -46,6 +51,10 @@ KIND_FRAMES = st.builds(
 )
 DAMAGE = st.builds(Damage, PORTS, st.integers(0, 2**40), st.binary(max_size=1024), TIMES, FAULTS)
 ROWS = st.one_of(FRAMES, KIND_FRAMES, DAMAGE)
+
+
+def look_of(ports: int) -> Look:
+    return Look(tuple(f"/dev/ttyUSB{number}" for number in range(ports)))
 
 
 @given(st.text(), st.integers(0, 40))
@@ -75,18 +84,18 @@ def test_the_table_has_every_column_of_the_contract_once() -> None:
     [(79, 1, "raw"), (99, 1, "faults"), (128, 1, "faults"), (149, 1, "faults"), (199, 1, "cmd")],
 )
 def test_what_fits_without_moving_sideways(width: int, ports: int, last: str) -> None:
-    assert layout_for(width, ports).end_of(last) <= width
+    assert layout_for(width, look_of(ports)).end_of(last) <= width
 
 
 def test_the_port_is_shown_only_where_there_are_several() -> None:
-    assert "port" not in {column.name for column in layout_for(80, 1).columns}
-    assert "port" in {column.name for column in layout_for(80, 2).columns}
+    assert "port" not in {column.name for column in layout_for(80, Look()).columns}
+    assert "port" in {column.name for column in layout_for(80, look_of(2)).columns}
 
 
 @given(ROWS, st.sampled_from((40, 80, 200)), st.sampled_from((1, 2)))
 def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> None:
     values = {**record(row), VALUES: values_text(row)}
-    for column in layout_for(width, ports).columns:
+    for column in layout_for(width, look_of(ports)).columns:
         cell = column.cell(values[column.name])
         assert cell_len(cell) == column.width
         assert cell.isprintable()
@@ -102,15 +111,17 @@ def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> N
 def test_every_line_fills_the_window_and_has_styles(
     row: Row, width: int, ports: int, hidden: int, palette: Palette
 ) -> None:
-    painter = Painter(layout_for(width, ports), palette, width, hidden)
-    for strip in (painter.row(row, Style.null()), painter.head(Style.null())):
+    painter = Painter(layout_for(width, look_of(ports)), palette, width, hidden)
+    for strip in (painter.row(Place(row), Style.null()), painter.head(Style.null())):
         assert strip.cell_length == width
         assert all(isinstance(segment.style, Style) for segment in strip)
         assert strip.text.isprintable()
 
 
 def painted(row: Row, width: int, hidden: int = 0) -> str:
-    return Painter(layout_for(width, 1), DARK, width, hidden).row(row, Style.null()).text
+    return (
+        Painter(layout_for(width, Look()), DARK, width, hidden).row(Place(row), Style.null()).text
+    )
 
 
 def test_a_line_at_eighty_cells(speed_rows: Callable[..., list[Row]]) -> None:
@@ -148,9 +159,10 @@ def test_the_longest_values_fit_where_there_is_room(row: Frame) -> None:
 
 
 def test_ports_are_told_apart_by_their_ends() -> None:
-    [port] = [column for column in layout_for(80, 2).columns if column.name == "port"]
-    cells = {port.cell(f"/home/ana/captures/run-{n}.mcap") for n in (1, 2)}
-    assert cells == {"…/run-1.mcap", "…/run-2.mcap"}
+    names = tuple(f"/home/ana/captures/run-{n}.mcap" for n in (1, 2))
+    columns = layout_for(80, Look(names)).columns
+    [port] = [column for column in columns if column.name == "port"]
+    assert [port.cell(name) for name in names] == ["run-1.mcap", "run-2.mcap"]
 
 
 def test_damage_takes_the_place_of_values_where_the_table_is_narrow(odd_rows: list[Row]) -> None:
@@ -174,12 +186,12 @@ def test_time_stays_when_columns_are_moved_out(speed_rows: Callable[..., list[Ro
 
 def test_the_head_says_where_there_is_more() -> None:
     def head(hidden: int) -> str:
-        return Painter(layout_for(79, 1), DARK, 79, hidden).head(Style.null()).text
+        return Painter(layout_for(79, Look()), DARK, 79, hidden).head(Style.null()).text
 
     assert head(0).startswith("  time UTC     kind ")
     assert head(0).endswith(">")
     assert head(2).startswith("  time UTC    <raw ")
-    last = layout_for(79, 1).most_hidden(79)
+    last = layout_for(79, Look()).most_hidden(79)
     assert head(last).rstrip().endswith("cmd")
     assert head(last - 1).endswith(">")
 
@@ -210,3 +222,87 @@ def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_m
         f"{ORDER_MARK} a row of the other port"
         in detail_text(row, DARK, Room(80, bits=False)).plain
     )
+
+
+@pytest.mark.parametrize(
+    ("width", "text"),
+    [
+        (40, "motor=2 rpm=-863 pulses=-863"),
+        (23, "M2 rpm=-863 pulses=-863"),
+        (22, "M2 r=-863 p=-863"),
+        (15, "M2 -863 -863"),
+        (3, "M2 -863 -863"),
+    ],
+)
+def test_values_are_told_in_the_longest_form_that_fits(width: int, text: str) -> None:
+    raw = encode(KIND_BY_NAME["position"], {"motor": 2, "rpm": -863, "pulses": -863})
+    assert values_text(Frame("p", 0, raw, None), width) == text
+
+
+@pytest.mark.parametrize(
+    ("width", "text"),
+    [(17, "position_feedback"), (11, "position fb"), (8, "posit fb"), (3, " fb"), (0, "")],
+)
+def test_a_kind_that_is_cut_still_says_that_it_is_feedback(width: int, text: str) -> None:
+    assert kind_text("position_feedback", width) == text
+    assert kind_text("position", 6) == "posit…"
+
+
+@pytest.mark.parametrize(
+    ("ns", "width", "text"),
+    [
+        (435_123, 12, "+0.000435"),
+        (-1_500_000_000, 12, "-1.500000"),
+        (0, 9, "+0.000000"),
+        (123_456_000_000, 9, "+123.456"),
+        (86_400_000_000_000, 7, "+86400"),
+    ],
+)
+def test_distances_in_time_have_as_many_digits_as_fit(ns: int, width: int, text: str) -> None:
+    assert span_text(ns, width) == text
+
+
+NAMES = st.lists(st.text("ab/_01 :", min_size=1, max_size=20), min_size=1, max_size=5, unique=True)
+
+
+@given(NAMES, st.integers(3, 14))
+def test_short_port_names_fit_and_are_not_alike(names: list[str], width: int) -> None:
+    short = short_names(names, width)
+    assert list(short) == names
+    assert all(cell_len(name) <= width for name in short.values())
+    assert len(set(short.values())) == len(names)
+
+
+@pytest.mark.parametrize(
+    ("names", "width", "short"),
+    [
+        (["/dev/ttyUSB0", "/dev/ttyUSB1"], 12, ["ttyUSB0", "ttyUSB1"]),
+        (["/dev/ttyUSB0", "/dev/ttyUSB1"], 4, ["t…B0", "t…B1"]),
+        (
+            ["/dev/serial/by-id/usb-A-if00", "/dev/serial/by-id/usb-B-if00"],
+            9,
+            ["…b-A-if00", "…b-B-if00"],
+        ),
+        (["sim://?seed=1", "sim://?seed=2"], 12, ["seed=1", "seed=2"]),
+        (["COM7"], 12, ["COM7"]),
+    ],
+)
+def test_port_names_keep_what_tells_them_apart(
+    names: list[str], width: int, short: list[str]
+) -> None:
+    assert list(short_names(names, width).values()) == short
+
+
+@given(st.integers(0, 10**8), st.integers(1, 80), st.floats(0, 1))
+def test_the_scale_of_the_scroll_bar_keeps_ends_and_order(
+    count: int, height: int, share: float
+) -> None:
+    scale = Scale(count, height)
+    last = max(0, count - height)
+    top = round(share * last)
+    assert scale.total <= max(height * 64, 0)
+    assert scale.unit_of(0) == scale.row_of(0) == 0
+    assert scale.unit_of(last) == max(0, scale.total - height)
+    assert scale.row_of(scale.unit_of(last)) == last
+    assert 0 <= scale.unit_of(top) <= scale.unit_of(last)
+    assert abs(scale.row_of(scale.unit_of(top)) - top) <= last / max(1, scale.total - height) + 1

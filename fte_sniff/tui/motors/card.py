@@ -27,7 +27,7 @@ from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Field, FrameKind, St
 from fte_sniff.tui.motors.look import SECOND_NS, MotorsLook
 from fte_sniff.tui.motors.plot import Strokes, dots_across, plot
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, span_text, turns_text
-from fte_sniff.tui.table.layout import clock_text
+from fte_sniff.tui.table.cells import clock_text
 from fte_sniff.tui.table.palette import Palette
 
 MOTOR: Final = "motor {number}"

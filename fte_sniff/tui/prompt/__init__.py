@@ -4,5 +4,7 @@ history   the lines given before
 field     one field: checks while one types, gives the line or gives up
 complete  the rest of a name or word of the filter's language
 filter    the field for a filter
+search    the field for what is to be found in the rows
+save      the field for the file that rows are saved to
 goto      the field for a row, a time, or a distance in time; and what such a text means
 """

@@ -36,6 +36,7 @@ class Line(Input):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "older(-1)", "Older", show=False),
         Binding("down", "older(1)", "Newer", show=False),
+        Binding("tab,shift+tab", "complete", "Complete", show=False),
         Binding("enter", "submit", "Apply", key_display="enter"),
         Binding("escape", "leave", "Back", key_display="esc"),
     ]
@@ -73,6 +74,17 @@ class Line(Input):
         """Put a line from before into the field."""
         self.value = self.history.go(by, self.value)
         self.cursor_position = len(self.value)
+
+    def action_complete(self) -> None:
+        """Take the suggestion over; the keys stay here in any case."""
+        self.cursor_position = len(self.value)
+        if self._suggestion:
+            self.action_cursor_right()
+
+    def on_blur(self) -> None:
+        """Leave where something else on the screen was clicked; not with the terminal's window."""
+        if self.asking and self.app.app_focus:
+            self._leave()
 
     async def action_submit(self) -> None:
         """Give the line; where it does not pass, it can be mended."""
@@ -133,6 +145,11 @@ class Field(Vertical):
         self.set_class(False, "-asking")
         self._line.value = self.standing
         self.display = bool(self.standing)
+
+    def remember(self, line: str) -> None:
+        """Keep the line that holds, and one that was given elsewhere, on the arrow keys."""
+        self._line.history.add(self.standing)
+        self._line.history.add(line)
 
     def fall_back(self) -> None:
         """Stop asking; the keys go where they went before."""

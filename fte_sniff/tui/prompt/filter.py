@@ -40,9 +40,17 @@ class FilterField(Field):
         self.query_one(".asked").mount(self._shown)
         self.rest()
 
+    def hold(self, line: str) -> None:
+        """Take over a filter that was not typed here; it can be gone back to with the arrows."""
+        self.remember(line)
+        self.standing = line
+        self.fall_back()
+
     def tell_shown(self, words: str) -> None:
         """Say how many rows the filter that is on lets through; not while another is typed."""
         words = "" if self.asking else words
         if words != self._words:
+            # Laid out anew only where it has another width: numbers run all the time.
+            moved = len(words) != len(self._words)
             self._words = words
-            self._shown.update(Text(words))
+            self._shown.update(Text(words), layout=moved)

@@ -1,6 +1,6 @@
 """Owns the field that asks where to go, and what a text in it means.
 
-It must not know the rows; it only says which row, moment or distance is meant.
+It must not know the rows; it only says which row, moment, distance or byte is meant.
 """
 
 from __future__ import annotations
@@ -9,10 +9,18 @@ import re
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from fte_sniff.analysis.filter_values import time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.tui.prompt.field import Field, Take
 
-_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
+_NS = {
+    "ns": 1,
+    "us": 1_000,
+    "ms": 1_000_000,
+    "s": 1_000_000_000,
+    "min": 60_000_000_000,
+    "h": 3_600_000_000_000,
+}
 _DAY_S = 86_400
 
 
@@ -39,24 +47,56 @@ class ToDistance:
     """Nanoseconds; below 0 is earlier."""
 
 
-Goal: TypeAlias = ToRow | ToTimeOfDay | ToDistance
+@dataclass(frozen=True, slots=True)
+class ToTime:
+    """The first row at or after a time."""
+
+    t_ns: int
+    """Nanoseconds since 1970 UTC."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToShare:
+    """The row so far through those shown."""
+
+    percent: float
+    """0 to 100."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToOffset:
+    """The row that holds a byte of the stream that the cursor's row is of."""
+
+    offset: int
+    """Of the byte, from 0."""
+
+
+Goal: TypeAlias = ToRow | ToTimeOfDay | ToDistance | ToTime | ToShare | ToOffset
 
 _ROW = re.compile(r"[0-9][0-9_,]*")
 _TIME = re.compile(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2})(?:\.([0-9]{1,9}))?)?")
 _NO_UNIT = re.compile(r"[+-][0-9]+(?:\.[0-9]*)?", re.ASCII)
-_DISTANCE = re.compile(r"([+-])([0-9]+)(?:\.([0-9]+))?(ns|us|ms|s)", re.ASCII)
+_DISTANCE = re.compile(r"([+-])([0-9]+)(?:\.([0-9]+))?(ns|us|ms|s|min|h)", re.ASCII)
+_SHARE = re.compile(r"([0-9]{1,3}(?:\.[0-9]*)?) ?%", re.ASCII)
+_OFFSET = re.compile(r"@ ?(0[xX][0-9a-fA-F]{1,16}|[0-9][0-9_,]{0,20})", re.ASCII)
 
 
 def parse_goal(text: str) -> Goal:
     """What a text in the field means.
 
     Raises:
-        InputTextError: it is no row, time or distance; the message shows one of each, or the
+        InputTextError: it is none of these; the message shows one of each, or the
             distance with units where it has none.
     """
     text = text.strip()
     if _ROW.fullmatch(text):
         return ToRow(int(text.replace(",", "").replace("_", "")))
+    if match := _SHARE.fullmatch(text):
+        return ToShare(min(100.0, float(match[1])))
+    if match := _OFFSET.fullmatch(text):
+        return ToOffset(int(match[1].replace(",", "").replace("_", ""), 0))
+    if (t_ns := time_ns(text)) is not None:
+        return ToTime(t_ns)
     if match := _TIME.fullmatch(text):
         hours, minutes, seconds, fraction = match.groups(default="0")
         whole = int(hours) * 3600 + int(minutes) * 60 + int(seconds)
@@ -69,7 +109,9 @@ def parse_goal(text: str) -> Goal:
         return ToDistance(-ns if sign == "-" else ns)
     if _NO_UNIT.fullmatch(text):
         raise InputTextError(f"{text} of what? say it with a unit: {text}s, {text}ms, {text}us")
-    raise InputTextError("a row (1200), a time, UTC (12:00:03.5) or a distance (+2s, -50ms)")
+    raise InputTextError(
+        "a row (1200), 50%, a time, UTC (12:00:03.5), a distance (+2s, -50ms) or a byte (@8190)"
+    )
 
 
 class GotoField(Field):
@@ -80,6 +122,6 @@ class GotoField(Field):
             "go to",
             parse_goal,
             take,
-            "1200, 12:00:03.5, +2s, -50ms",
+            "1200, 50%, 12:00:03.5, +2s, -50ms, @8190",
             "enter goes there, esc stays here",
         )

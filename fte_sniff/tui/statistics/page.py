@@ -26,7 +26,8 @@ from fte_sniff.errors import shown
 from fte_sniff.protocol import status_of
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text, sparkline
-from fte_sniff.tui.table.layout import MARKS, clock_text
+from fte_sniff.tui.table.cells import clock_text
+from fte_sniff.tui.table.layout import MARKS
 from fte_sniff.tui.table.palette import Palette
 
 PORT_ROWS: Final = "{rows:,} rows, {bytes:,} bytes"

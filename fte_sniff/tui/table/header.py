@@ -6,6 +6,7 @@ It must not know rows; what it draws, the table tells it.
 from __future__ import annotations
 
 from textual.geometry import Size
+from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -14,6 +15,9 @@ from fte_sniff.tui.table.painter import Painter
 
 class TableHeader(Widget):
     """One line that moves sideways with the table and never up or down."""
+
+    class Clicked(Message):
+        """It was clicked."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -24,6 +28,10 @@ class TableHeader(Widget):
         if self._shown != painter:
             self._shown = painter
             self.refresh()
+
+    def on_click(self) -> None:
+        """Tell it."""
+        self.post_message(self.Clicked())
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
         """One line."""

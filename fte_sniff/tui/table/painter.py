@@ -1,24 +1,61 @@
 """Owns how one row becomes a line of styled text, cut to the window's width.
 
 It must not know which rows are in view. Every segment has a style: one without would crash where
-colours are turned off.
+colours are turned off. Before the columns stand two signs: the row's status, and whether the user
+marked or selected it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
+from itertools import takewhile
 
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
+from fte_sniff.analysis.search import Search
 from fte_sniff.formats.layout import mark_of
-from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, record
-from fte_sniff.tui.table.layout import MARKS, VALUES, Layout, TableColumn, faulty_text, values_text
+from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, Value, record
+from fte_sniff.tui.table.cells import faulty_text, values_text
+from fte_sniff.tui.table.columns import VALUES, TableColumn
+from fte_sniff.tui.table.layout import MARKS, Layout
+from fte_sniff.tui.table.look import TimeStyle
 from fte_sniff.tui.table.palette import Palette
 
 SPANNED = ("kind", VALUES, *(field.name for field in VALUE_FIELDS), "raw")
 """Columns in whose place a row without values says what is wrong with it."""
+
+
+class Sign(StrEnum):
+    """What stands before a row's columns, beside the sign of its status."""
+
+    NONE = " "
+    MARKED = "*"
+    SELECTED = "|"
+
+    @property
+    def meaning(self) -> str:
+        """In words."""
+        return _MEANINGS[self]
+
+
+_MEANINGS = {
+    Sign.NONE: "",
+    Sign.MARKED: "marked by m",
+    Sign.SELECTED: "selected by v",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A row, and what stands around it."""
+
+    row: Row
+    sign: Sign = Sign.NONE
+    since_ns: int | None = None
+    """The time that the row's time counts from, where it does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,26 +67,30 @@ class Painter:
     width: int
     """Cells in the window."""
     hidden: int = 0
-    """Columns behind the time that are moved out at the left."""
+    """Columns behind the first that are moved out at the left."""
+    times: TimeStyle = TimeStyle.CLOCK
+    search: Search | None = None
+    """What is looked for, to be set off."""
 
-    def row(self, row: Row, line: Style) -> Strip:
+    def row(self, place: Place, line: Style) -> Strip:
         """The row over the style of its line."""
-        columns, values = self._columns, {**record(row), VALUES: values_text(row)}
-        has_values = isinstance(row, Frame) and row.kind is not None
-        cuts_faults = self._cuts_faults
-        spans = not has_values and cuts_faults
-        segments = [Segment(mark_of(row), self.palette.marks[row.status])]
-        room = sum(column.width + 1 for column in columns if column.name in SPANNED) - 1
-        for column in columns:
-            if not (spans and column.name in SPANNED):
-                text = column.cell(values[column.name])
-                if column.name == "raw" and row.faults and cuts_faults:
-                    text = faulty_text(row, column.width)
-                segments.append(Segment(" " + text, self._style(column, row)))
-            elif room > 0:
-                text = faulty_text(row, room)
-                segments.append(Segment(" " + text, self.palette.statuses[row.status]))
-                room = 0
+        row, columns = place.row, self._columns
+        values = self._values(place)
+        spanned = self._spanned(row)
+        segments = [
+            Segment(mark_of(row), self.palette.marks[row.status]),
+            Segment(place.sign, self.palette.signs),
+        ]
+        for at, column in enumerate(columns):
+            if at in spanned:
+                if at == spanned[0]:
+                    room = sum(columns[one].width + 1 for one in spanned) - 1
+                    style = self.palette.statuses[row.status]
+                    segments += self._set_off(faulty_text(row, room), style)
+            else:
+                segments += self._set_off(self._text(column, row, values), self._style(column, row))
+            if at + 1 < len(columns) and at + 1 not in spanned[1:]:
+                segments.append(Segment(" ", Style.null()))
         return self._window(segments, line)
 
     def head(self, line: Style) -> Strip:
@@ -59,26 +100,59 @@ class Painter:
             edge = "<" if place == 1 and self.hidden else " "
             segments.append(Segment(edge + column.head_cell, Style.null()))
         strip = self._window(segments, line)
-        if self._shown.width > self.width > 0:
+        if self.shown.width > self.width > 0:
             strip = Strip([*strip.crop(0, self.width - 1), Segment(">", line)], self.width)
         return strip
 
     @property
-    def _shown(self) -> Layout:
+    def shown(self) -> Layout:
+        """The columns in view, the first of those at the left."""
         return self.layout.without(self.hidden)
 
     @property
     def _columns(self) -> tuple[TableColumn, ...]:
-        return self._shown.columns
+        return self.shown.columns
+
+    def _values(self, place: Place) -> dict[str, Value]:
+        values = {**record(place.row), VALUES: ""}
+        if self.times is not TimeStyle.CLOCK:
+            known = place.row.t_ns is not None and place.since_ns is not None
+            values["time"] = (place.row.t_ns or 0) - (place.since_ns or 0) if known else None
+        return values
+
+    def _text(self, column: TableColumn, row: Row, values: dict[str, Value]) -> str:
+        if column.name == "raw" and row.faults and self._cuts_faults:
+            return faulty_text(row, column.width)
+        if column.name == VALUES:
+            return column.cell(values_text(row, column.width))
+        return column.cell(values[column.name])
+
+    def _spanned(self, row: Row) -> list[int]:
+        """Columns side by side in whose place stands what is wrong with a row without values."""
+        if (isinstance(row, Frame) and row.kind is not None) or not self._cuts_faults:
+            return []
+        places = [at for at, column in enumerate(self._columns) if column.name in SPANNED]
+        steps = takewhile(lambda pair: pair[0] + places[0] == pair[1], enumerate(places))
+        return [at for _, at in steps]
 
     @property
     def _cuts_faults(self) -> bool:
         """Whether the column of faults does not fit into the window, or is moved out of it."""
         names = {column.name for column in self._columns}
-        return "faults" not in names or self._shown.end_of("faults") > self.width
+        return "faults" not in names or self.shown.end_of("faults") > self.width
+
+    def _set_off(self, text: str, style: Style) -> list[Segment]:
+        """The text, with what is looked for set off in it."""
+        segments, at = [], 0
+        for start, end in self.search.places(text) if self.search else ():
+            segments.append(Segment(text[at:start], style))
+            segments.append(Segment(text[start:end], self.palette.found))
+            at = end
+        return [*segments, Segment(text[at:], style)]
 
     def _window(self, segments: list[Segment], line: Style) -> Strip:
-        return Strip(segments).adjust_cell_length(self.width, Style.null()).apply_style(line)
+        kept = [segment for segment in segments if segment.text]
+        return Strip(kept).adjust_cell_length(self.width, Style.null()).apply_style(line)
 
     def _style(self, column: TableColumn, row: Row) -> Style:
         match column.name:

@@ -33,6 +33,11 @@ class Palette:
     statuses: Mapping[Status, Style]
     """The mark, and the words for what is wrong."""
     marks: Mapping[Status, Style]
+    """The sign of each status."""
+    signs: Style
+    """The sign of a marked or selected row."""
+    found: Style
+    """What is looked for; also underlined, for where there are no colours."""
 
     @cached_property
     def kinds(self) -> Mapping[str, Style]:
@@ -77,6 +82,8 @@ DARK = Palette(
         Status.SUSPECT: Style(color="#101010", bgcolor="#f0e442", bold=True),
         Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
     },
+    signs=Style(color="#56b4e9", bold=True),
+    found=Style(color="#101010", bgcolor="#9fd8ff", underline=True),
 )
 LIGHT = Palette(
     muted=Style(color="#66707a"),
@@ -92,4 +99,6 @@ LIGHT = Palette(
         Status.SUSPECT: Style(color="#101010", bgcolor="#e0d030", bold=True),
         Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
     },
+    signs=Style(color="#0062a0", bold=True),
+    found=Style(color="#101010", bgcolor="#a8dcff", underline=True),
 )

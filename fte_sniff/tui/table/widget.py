@@ -7,57 +7,85 @@ read from the store and drawn.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 from rich.segment import Segment
 from rich.style import Style
-from textual import events, on
+from textual import events
 from textual.binding import BindingType
 from textual.geometry import Region, Size
 from textual.message import Message
-from textual.scroll_view import ScrollView
-from textual.scrollbar import ScrollDown, ScrollTo, ScrollUp
 from textual.strip import Strip
 
+from fte_sniff.analysis.search import Search
 from fte_sniff.analysis.store import RowStore
+from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Row
 from fte_sniff.tui.fitting import fit
 from fte_sniff.tui.keys import MOVING, bindings
+from fte_sniff.tui.table.columns import TableColumn
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.layout import layout_for
-from fte_sniff.tui.table.painter import Painter
-from fte_sniff.tui.table.palette import DARK, LIGHT
+from fte_sniff.tui.table.look import Look
+from fte_sniff.tui.table.marks import Marks
+from fte_sniff.tui.table.painter import Painter, Place, Sign
+from fte_sniff.tui.table.scale import Scale
+from fte_sniff.tui.table.scrolling import Scrolling
 from fte_sniff.tui.table.viewport import Viewport
+from fte_sniff.tui.table.window import places
+from fte_sniff.tui.themes import palette_of
 
 REVERSE = Style(reverse=True, bold=True)
 """The cursor's row where there are no colours."""
 
-WHEEL = 3
-"""Rows that one notch of the mouse wheel moves the window."""
 
-
-class RowTable(ScrollView, can_focus=True):
+class RowTable(Scrolling, can_focus=True):
     """The rows that a store shows."""
 
     BINDINGS: ClassVar[list[BindingType]] = bindings(MOVING)
-    COMPONENT_CLASSES: ClassVar[set[str]] = {"row-table--cursor", "row-table--cursor-away"}
+    COMPONENT_CLASSES: ClassVar[set[str]] = {
+        "row-table--cursor",
+        "row-table--cursor-away",
+        "row-table--selected",
+    }
     ALLOW_SELECT = False
 
     class Moved(Message):
         """The cursor, the window or what is in it changed."""
 
+    class Opened(Message):
+        """A row was clicked twice."""
+
+    class Failed(Message):
+        """Rows cannot be read any more."""
+
+        def __init__(self, failure: FteSniffError) -> None:
+            super().__init__()
+            self.failure = failure
+
     def __init__(self, store: RowStore, header: TableHeader) -> None:
         super().__init__()
         self.viewport = Viewport()
-        self.ports = 1
-        """Ports seen so far; from two on, each row says its own."""
+        self.look = Look()
+        """How the user wants it to look."""
+        self.marks = Marks()
+        self.selecting_from: int | None = None
+        """Index of the row at which a selection began; None where there is none."""
+        self.search: Search | None = None
+        """What is set off in the rows."""
+        self.column: str | None = None
+        """Name of the column that was clicked last."""
+        self.start_ns: int | None = None
+        """The time of the first row of all, if it has one."""
         self._empty_words = ""
         self._store = store
         self._cursor_index = 0
         self._paused_index = 0
         self._hidden = 0
         self._header = header
-        self._rows: Sequence[Row] = ()
+        self._places: Sequence[Place] = ()
+        self._drawn: tuple[object, ...] = ()
 
     @property
     def cursor_row(self) -> Row | None:
@@ -77,6 +105,19 @@ class RowTable(ScrollView, can_focus=True):
     def near(self) -> int | None:
         """Index of the row that the user looks at; None while the end is followed."""
         return None if self.viewport.following else self._cursor_index
+
+    @property
+    def index_here(self) -> int:
+        """Index of the row that the cursor is on, or was on when there were rows."""
+        return self._cursor_index
+
+    @property
+    def selected(self) -> range:
+        """Indices from the one at which the selection began to the cursor's; empty without one."""
+        if self.selecting_from is None or not self.viewport.count:
+            return range(0)
+        low, high = sorted((self.selecting_from, self._cursor_index))
+        return range(max(low, self._store.first), high + 1)
 
     def tell_empty(self, words: str) -> None:
         """What stands in the table while it has no rows."""
@@ -103,26 +144,54 @@ class RowTable(ScrollView, can_focus=True):
         self._keep_cursor()
         self._draw()
 
+    @property
+    def columns(self) -> tuple[TableColumn, ...]:
+        """The columns of the table, those moved out of the window included."""
+        return self._painter.layout.columns
+
+    def set_look(self, **changes: object) -> None:
+        """Let the table look otherwise; see `Look` for what can change."""
+        look = replace(self.look, **changes)  # type: ignore[arg-type]
+        if look != self.look:
+            self.look = look
+            self._draw()
+
+    def set_search(self, search: Search | None) -> None:
+        """Set off what is looked for."""
+        self.search = search
+        self._draw()
+
     def _draw(self) -> None:
         view, painter = self.viewport, self._painter
-        size = Size(painter.width, view.count)
+        self.marks.forget_before(self._store.first)
+        scale = Scale(view.count, view.height)
+        size = Size(painter.width, scale.total)
         if size != self.virtual_size:
             self.virtual_size = size
-        if round(self.scroll_y) != view.top:
-            self.scroll_to(y=view.top, animate=False, force=True)
-        end = min(view.top + view.height, view.count)
-        self._rows = [row for _, row in self._store.shown_slice(view.top, end)]
+        unit = scale.unit_of(view.top)
+        if round(self.scroll_y) != unit:
+            self.scroll_to(y=unit, animate=False, force=True)
+        try:
+            self._places = places(
+                self._store, view, self.marks, self.selected, self.look.times, self.start_ns
+            )
+        except FteSniffError as failure:
+            self.post_message(self.Failed(failure))
+            return
         self._header.show(painter)
-        self.refresh()
+        drawn = (painter, self._places, view.cursor - view.top, self.scrollable_size)
+        if drawn != self._drawn:
+            self._drawn = drawn
+            self.refresh(self.scrollable_size.region)
         self.post_message(self.Moved())
 
     @property
     def _painter(self) -> Painter:
         width = self.scrollable_size.width
-        palette = DARK if self.app.current_theme.dark else LIGHT
-        layout = layout_for(width, self.ports)
+        layout = layout_for(width, self.look)
         self._hidden = min(max(0, self._hidden), layout.most_hidden(width))
-        return Painter(layout, palette, width, self._hidden)
+        palette = palette_of(self.app.current_theme)
+        return Painter(layout, palette, width, self._hidden, self.look.times, self.search)
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The lines of a part of the window."""
@@ -132,68 +201,37 @@ class RowTable(ScrollView, can_focus=True):
     def render_line(self, y: int) -> Strip:
         """One line of the window: a row, or nothing, or the words for an empty table."""
         width, base = self.scrollable_size.width, self.rich_style
-        if y < len(self._rows):
-            line = self._paint.row(self._rows[y], self._line_style(y))
-            at_cursor = self.viewport.top + y == self.viewport.cursor
-            if at_cursor and self.app.no_color:
-                return Strip([Segment(line.text, base + REVERSE)], width)
-            return line
+        if y < len(self._places):
+            return self._paint.row(self._places[y], self._line_style(y))
         if not self.viewport.count and y == self.viewport.height // 2:
             return Strip([Segment(fit(self._empty_words.center(width), width), base)], width)
         return Strip.blank(width, base)
 
     def _line_style(self, y: int) -> Style:
         if self.viewport.top + y != self.viewport.cursor:
-            return self.rich_style
-        part = "row-table--cursor" if self.has_focus else "row-table--cursor-away"
-        return self.get_component_rich_style(part)
+            selected = self._places[y].sign is Sign.SELECTED
+            return self._style_of("selected") if selected else self.rich_style
+        if self.app.no_color:
+            return self.rich_style + REVERSE
+        return self._style_of("cursor" if self.has_focus else "cursor-away")
+
+    def _style_of(self, part: str) -> Style:
+        return self.get_component_rich_style(f"row-table--{part}")
 
     def on_resize(self, event: events.Resize) -> None:
         """Keep the cursor in a window of another size."""
         self.viewport.resize(self.scrollable_size.height)
         self.sync()
 
-    @on(ScrollTo)
-    def _drag(self, event: ScrollTo) -> None:
-        self._scroll(event, self.viewport.top if event.y is None else round(event.y))
-
-    @on(ScrollUp)
-    def _page_up(self, event: ScrollUp) -> None:
-        self._scroll(event, self.viewport.top - self.viewport.height)
-
-    @on(ScrollDown)
-    def _page_down(self, event: ScrollDown) -> None:
-        self._scroll(event, self.viewport.top + self.viewport.height)
-
-    def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
-        """Move the window with the wheel."""
-        self._scroll(event, self.viewport.top - WHEEL)
-
-    def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
-        """Move the window with the wheel."""
-        self._scroll(event, self.viewport.top + WHEEL)
-
-    def on_mouse_scroll_left(self, event: events.MouseScrollLeft) -> None:
-        """Move sideways with the wheel."""
-        event.prevent_default().stop()
-        self.action_aside(-1)
-
-    def on_mouse_scroll_right(self, event: events.MouseScrollRight) -> None:
-        """Move sideways with the wheel."""
-        event.prevent_default().stop()
-        self.action_aside(1)
-
-    def _scroll(self, event: Message, top: int) -> None:
-        """Move the window by hand: through the viewport, never past it."""
-        event.prevent_default().stop()
-        self.viewport.scroll(top)
-        self._moved()
-
     def on_click(self, event: events.Click) -> None:
-        """Put the cursor where the mouse is."""
+        """Put the cursor where the mouse is; a second click opens the row."""
         row = self.viewport.top + event.y
         if row < self.viewport.count:
+            column = self._painter.shown.column_at(event.x)
+            self.column = column.name if column else None
             self.jump(row)
+            if event.chain == 2:
+                self.post_message(self.Opened())
 
     def action_move(self, by: int) -> None:
         """Move the cursor by rows."""
@@ -229,10 +267,19 @@ class RowTable(ScrollView, can_focus=True):
 
     def jump_to_fault(self, by: int) -> bool:
         """Put the cursor on the nearest fault below (`by` 1) or above (-1), if there is one."""
-        store, view = self._store, self.viewport
-        index = store.fault_index(self._cursor_index, by)
-        position = None if index is None else store.position_of(index)
-        if position is None or position >= view.count:
+        index = self._store.fault_index(self._cursor_index, by)
+        return index is not None and self.jump_to_index(index)
+
+    def jump_to_mark(self, by: int) -> bool:
+        """Put the cursor on the nearest mark below (`by` 1) or above (-1) that is shown."""
+        shown = filter(self._store.is_shown, self.marks.beyond(self._cursor_index, by))
+        index = next(shown, None)
+        return index is not None and self.jump_to_index(index)
+
+    def jump_to_index(self, index: int) -> bool:
+        """Put the cursor on a shown row by its index; False where a pause keeps it out of view."""
+        position = self._store.position_of(index)
+        if position >= self.viewport.count:
             return False
         self.jump(position)
         return True

@@ -1,0 +1,248 @@
+"""Owns the figures for the screen: frames, CPU, memory and delay with millions of rows behind it.
+
+python -m benchmarks.screen_speed [--rows 1 5 10] [--seconds 5]
+
+The screen runs as a process of its own on a pseudo-terminal of 80 by 24, and is measured from the
+other end as a terminal sees it: a frame is what lies between two signs of synchronized output, and
+the delay is the age of the newest time of day that was drawn. Rows come at 2,300 a second, twice
+what a wire carries, on top of so many million that were there before; once plain, once filtered.
+At last the whole program is watched on a simulated wire.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import pty
+import re
+import select
+import signal
+import statistics
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+PER_SECOND = 2_300
+BATCH = 65_536
+MILLION = 1_000_000
+FILTER = "motor = 1 AND rpm > -2000"
+ASKS_FOR_SYNC = b"\x1b[?2026$p"
+HAS_SYNC = b"\x1b[?2026;2$y"
+FRAME_END = b"\x1b[?2026l"
+_CLOCK = re.compile(rb"([0-9]{2}):([0-9]{2}):([0-9]{2})\.([0-9]{3})")
+_DAY_MS = 86_400_000
+
+
+@dataclass
+class Terminal:
+    """A process on a pseudo-terminal, and what it drew."""
+
+    command: list[str]
+    _frame: bytes = b""
+    frames: int = 0
+    ages_ms: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._master, slave = pty.openpty()
+        termios.tcsetwinsize(slave, (24, 80))
+        environment = {**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
+        self.process = subprocess.Popen(
+            self.command,
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env=environment,
+            start_new_session=True,
+        )
+        os.close(slave)
+
+    def read(self, seconds: float) -> bytes:
+        """What is drawn within so many seconds; counts frames and the age of what is in them."""
+        until, found = time.monotonic() + seconds, b""
+        while (left := until - time.monotonic()) > 0:
+            if not select.select([self._master], [], [], left)[0]:
+                break
+            chunk = os.read(self._master, 1 << 16)
+            if ASKS_FOR_SYNC in chunk:
+                os.write(self._master, HAS_SYNC)
+            found += chunk
+            *whole, self._frame = (self._frame + chunk).split(FRAME_END)
+            self.frames += len(whole)
+            for frame in whole:
+                self._take_age(frame)
+        return found
+
+    def _take_age(self, frame: bytes) -> None:
+        now_ms = time.time() * 1000 % _DAY_MS
+        times = [
+            ((int(h) * 60 + int(m)) * 60 + int(s)) * 1000 + int(ms)
+            for h, m, s, ms in _CLOCK.findall(frame)
+        ]
+        if times:
+            self.ages_ms.append(now_ms - max(times))
+
+    def wait_for(self, holds: Callable[[bytes], bool], seconds: float) -> float:
+        """Seconds until what was drawn since holds; fails after so many."""
+        start, found = time.monotonic(), b""
+        while not holds(found):
+            if time.monotonic() - start > seconds:
+                raise TimeoutError(found[-2000:])
+            found += self.read(0.01)
+        return time.monotonic() - start
+
+    def press(self, keys: bytes) -> None:
+        """Type."""
+        os.write(self._master, keys)
+
+    def usage(self) -> tuple[float, float]:
+        """CPU seconds used so far, and the megabytes held now."""
+        folder = Path(f"/proc/{self.process.pid}")
+        ticks = (folder / "stat").read_text().rpartition(")")[2].split()
+        lines = (folder / "status").read_text().splitlines()
+        held = next(line for line in lines if line.startswith("VmRSS")).split()[1]
+        cpu = (int(ticks[11]) + int(ticks[12])) / os.sysconf("SC_CLK_TCK")
+        return cpu, int(held) / 1024
+
+    def end(self) -> None:
+        """Quit, or else be killed."""
+        self.press(b"q")
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
+        os.close(self._master)
+
+
+def main() -> None:
+    """Measure every size, plain and filtered, and print a line for each."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--rows", type=int, nargs="+", default=[1, 5, 10], help="millions")
+    parser.add_argument("--seconds", type=float, default=5)
+    parser.add_argument("--screen", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.screen:
+        _screen(int(options.screen[0]), options.screen[1])
+        return
+    print(f"80x24, {PER_SECOND} rows/s, {options.seconds:g} s each")
+    print("rows        filter  frames/s   CPU  delay p50/p99 ms    MB  bytes/row  jump ms")
+    base = _memory_of_none()
+    for millions in options.rows:
+        for text in ("", FILTER):
+            print(_line(millions * MILLION, text, options.seconds, base), flush=True)
+    print(_live_line(options.seconds))
+
+
+def _line(rows: int, text: str, seconds: float, base: float) -> str:
+    terminal = _started(rows, text)
+    frames, cpu, ages = _watched(terminal, seconds)
+    held = terminal.usage()[1]
+    jumps = [_jump(terminal, key) for key in (b"g", b"G", b"g", b"G", b"g")]
+    terminal.end()
+    bytes_a_row = (held - base) * 2**20 / rows
+    return (
+        f"{rows:>10,}  {'on' if text else 'off':>6}  {frames:>8.1f} {cpu:>5.0%}"
+        f"  {_percentile(ages, 50):>6.0f} / {_percentile(ages, 99):>6.0f}    {held:>5.0f}"
+        f"  {bytes_a_row:>9.1f}  {statistics.median(jumps) * 1e3:>7.0f}"
+    )
+
+
+def _started(rows: int, text: str) -> Terminal:
+    command = [sys.executable, "-m", "benchmarks.screen_speed", "--screen", f"{rows}", text]
+    terminal = Terminal(command)
+    terminal.wait_for(lambda drawn: b"READY" in drawn, 300)
+    terminal.read(2)
+    return terminal
+
+
+def _memory_of_none() -> float:
+    """Megabytes of a screen that has no rows behind it."""
+    terminal = _started(0, "")
+    held = terminal.usage()[1]
+    terminal.end()
+    return held
+
+
+def _watched(terminal: Terminal, seconds: float) -> tuple[float, float, list[float]]:
+    terminal.frames, terminal.ages_ms = 0, []
+    before, start = terminal.usage()[0], time.monotonic()
+    terminal.read(seconds)
+    took = time.monotonic() - start
+    return terminal.frames / took, (terminal.usage()[0] - before) / took, [*terminal.ages_ms]
+
+
+def _jump(terminal: Terminal, key: bytes) -> float:
+    """Seconds from a key to a drawing that shows where it led."""
+    terminal.read(0.3)
+    terminal.press(key)
+    sign = b"SCROLLED" if key == b"g" else b"LIVE"
+    return terminal.wait_for(lambda drawn: sign in drawn, 20)
+
+
+def _percentile(values: list[float], percent: int) -> float:
+    if not values:
+        return float("nan")
+    return sorted(values)[min(len(values) - 1, len(values) * percent // 100)]
+
+
+def _live_line(seconds: float) -> str:
+    terminal = Terminal([sys.executable, "-m", "fte_sniff", "live", "--no-record", "sim://?seed=1"])
+    terminal.wait_for(lambda drawn: bool(_CLOCK.search(drawn)), 60)
+    terminal.read(2)
+    frames, cpu, ages = _watched(terminal, seconds)
+    terminal.end()
+    return (
+        f"live sim://: {frames:.1f} frames/s, screen {cpu:.0%} of a core, wire to screen"
+        f" {_percentile(ages, 50):.0f} ms (p50), {_percentile(ages, 99):.0f} ms (p99)"
+    )
+
+
+def _screen(rows: int, text: str) -> None:
+    """The screen itself, over rows that are there and rows that come."""
+    from fte_sniff.analysis.feed import FeedState, FeedUpdate
+    from fte_sniff.analysis.filter import RowFilter
+    from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
+    from fte_sniff.tui.app import run_screen
+
+    raws = [
+        encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 4, "rpm": number % 2000 - 1000})
+        for number in range(4000)
+    ]
+
+    def made(first: int, count: int, t_ns: int) -> list[Row]:
+        return [Frame("p", 10 * n, raws[n % 4000], t_ns) for n in range(first, first + count)]
+
+    def updates() -> Iterator[FeedUpdate]:
+        came, old = 0, made(0, BATCH, time.time_ns())
+        while came < rows:
+            count = min(BATCH, rows - came)
+            came += count
+            yield FeedUpdate(FeedState("loading", rows=came), old[:count])
+        start = time.monotonic()
+        while True:
+            due = rows + int((time.monotonic() - start) * PER_SECOND)
+            news = made(came, due - came, time.time_ns())
+            came = due
+            yield FeedUpdate(FeedState("READY", rows=came), news)
+
+    class Coming:
+        def __init__(self) -> None:
+            self._updates = updates()
+
+        def poll(self) -> FeedUpdate:
+            return next(self._updates)
+
+        def stop(self) -> None:
+            return
+
+    run_screen(
+        Coming(), row_filter=RowFilter.parse(text) if text else None, keep_rows=rows + 10 * MILLION
+    )
+
+
+if __name__ == "__main__":
+    main()

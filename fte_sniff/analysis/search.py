@@ -1,0 +1,177 @@
+"""Owns the search for a text in rows: which of many packed rows have it, and where in a shown text.
+
+It must not know a screen, nor which rows are shown. Looked at is what people see of a row, in small
+letters, whichever columns a screen has room for:
+
+    12:00:00.000435123 ttyUSB0 speed motor=1 rpm=1000 bad_tail 12340
+
+and its bytes: `aa 01` and `AA01` are two bytes side by side, and a text at the same time. Behind
+`hex:` stand bytes alone, where `?` is any digit: `hex:AA 02 ??03`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from fte_sniff.analysis.columns import packed_frame
+from fte_sniff.analysis.packing import Codebook, Packed
+from fte_sniff.errors import InputTextError, shown
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, Field, FrameKind
+
+Bools = npt.NDArray[np.bool_]
+
+HEX: Final = "hex:"
+"""What stands before bytes that are not to be taken for a text."""
+
+_BYTES: Final = re.compile(r"(?:[0-9a-f]{2} ?)+")
+_NIBBLES: Final = re.compile(r"(?:[0-9a-f?]{2} ?)+")
+_HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """What is looked for; made by `parse`."""
+
+    typed: str
+    """As typed."""
+    text: str
+    """In small letters; empty where only bytes are meant."""
+    nibbles: str
+    """The bytes as hex digits, two a byte, `?` where any will do; empty where none are meant."""
+    pattern: re.Pattern[str]
+    """Finds either in a shown text."""
+
+    @classmethod
+    def parse(cls, typed: str) -> Search:
+        """What a line says that is not empty.
+
+        Raises:
+            InputTextError: it begins like bytes and is none.
+        """
+        line = " ".join(typed.split()).lower()
+        if line.startswith(HEX):
+            digits = line.removeprefix(HEX).strip()
+            if not _NIBBLES.fullmatch(digits):
+                raise InputTextError(
+                    f"'{shown(digits)}' is not hex: two digits a byte, as in hex:AA 02 ??03"
+                )
+            return cls._made(typed, "", digits)
+        return cls._made(typed, line, line if _BYTES.fullmatch(line) else "")
+
+    @classmethod
+    def _made(cls, typed: str, text: str, digits: str) -> Search:
+        nibbles = digits.replace(" ", "")
+        pairs = [nibbles[at : at + 2] for at in range(0, len(nibbles), 2)]
+        spaced = " ".join(pair.replace("?", "[0-9a-f]") for pair in pairs)
+        ways = [re.escape(text)] if text else []
+        ways += [rf"\b{spaced}\b"] if spaced else []
+        return cls(typed, text, nibbles, re.compile("|".join(ways), re.IGNORECASE))
+
+    def places(self, text: str) -> list[tuple[int, int]]:
+        """Where in a shown text it stands: starts and ends, rising, none of them empty."""
+        return [match.span() for match in self.pattern.finditer(text) if match.group()]
+
+    def mask(self, packed: Packed, long: Mapping[int, bytes], codebook: Codebook) -> Bools:
+        """For every packed row whether it has what is looked for; `long` by place in `packed`."""
+        found: Bools = np.zeros(len(packed), np.bool_)
+        if self.nibbles:
+            found |= self._has_bytes(packed, long)
+        if self.text:
+            found |= self._told(codebook.ports)[packed["port"]]
+            found |= self._told([",".join(faults) for faults in codebook.faults])[packed["faults"]]
+            for part in _PARTS:
+                if part.signs.issuperset(self.text):
+                    frame = packed_frame(packed, long, codebook, part.names)
+                    has = part.text.str.contains(self.text, literal=True).fill_null(False)
+                    found |= frame.select(has=has)["has"].to_numpy()
+        return found
+
+    def _told(self, texts: Sequence[str]) -> Bools:
+        return np.array([self.text in shown(text).lower() for text in texts], np.bool_)
+
+    def _has_bytes(self, packed: Packed, long: Mapping[int, bytes]) -> Bools:
+        wanted, care = _byte_pattern(self.nibbles)
+        raw, found = packed["raw"], np.zeros(len(packed), np.bool_)
+        size = len(wanted)
+        for start in range(FRAME_LENGTH - size + 1):
+            same = ((raw[:, start : start + size] ^ wanted) & care == 0).all(axis=1)
+            found |= same & (packed["length"] >= start + size)
+        expression = re.compile(_bytes_expression(self.nibbles), re.DOTALL)
+        for place, whole in long.items():
+            found[place] = expression.search(whole) is not None
+        return found
+
+
+def _byte_pattern(nibbles: str) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """The bytes, and which of their bits count."""
+    wanted = bytes.fromhex(nibbles.replace("?", "0"))
+    care = bytes.fromhex("".join("0" if digit == "?" else "f" for digit in nibbles))
+    return np.frombuffer(wanted, np.uint8), np.frombuffer(care, np.uint8)
+
+
+def _bytes_expression(nibbles: str) -> bytes:
+    wanted, care = _byte_pattern(nibbles)
+    return b"".join(
+        b"[" + b"".join(re.escape(bytes((b,))) for b in range(256) if (b ^ w) & c == 0) + b"]"
+        for w, c in zip(wanted.tolist(), care.tolist(), strict=True)
+    )
+
+
+def _said(kind: FrameKind) -> pl.Expr:
+    """The values of a kind as the screen tells them."""
+    return pl.concat_str([_value(field) for field in kind.fields] or [pl.lit("")])
+
+
+def _value(field: Field) -> pl.Expr:
+    value = pl.col(field.name)
+    if field.defined_bits is None:
+        return pl.format(f" {field.option}={{}}", value)
+    digits = value.replace_strict(list(range(256)), _HEX_WORDS, return_dtype=pl.String())
+    told = pl.format(f" {field.option}={{}}", digits)
+    return pl.when(value == field.default).then(pl.lit("")).otherwise(told)
+
+
+def _values() -> pl.Expr:
+    said: pl.Expr = pl.lit("")
+    for kind in KINDS:
+        said = pl.when(pl.col("kind") == kind.name).then(_said(kind)).otherwise(said)
+    return said
+
+
+def _field_names() -> Iterator[str]:
+    for kind in KINDS:
+        yield from (field.name for field in kind.fields)
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Something that is told of every row."""
+
+    names: frozenset[str]
+    """The columns that it is told from."""
+    signs: frozenset[str]
+    """The characters it can have; a text with another is not in it."""
+    text: pl.Expr
+
+
+_DIGITS: Final = frozenset("0123456789")
+_WORD_SIGNS: Final = _DIGITS | frozenset("abcdefghijklmnopqrstuvwxyz_=- ")
+_PARTS: Final = (
+    _Part(
+        frozenset({"kind", *_field_names()}),
+        _WORD_SIGNS,
+        pl.concat_str(pl.col("kind").cast(pl.String()), _values()),
+    ),
+    _Part(
+        frozenset({"time"}), _DIGITS | frozenset(":."), pl.col("time").dt.strftime("%H:%M:%S.%f")
+    ),
+    _Part(frozenset({"offset"}), _DIGITS, pl.col("offset").cast(pl.String())),
+)
+"""What is told of a row, but for its port and faults, which many rows share."""

@@ -1,0 +1,161 @@
+"""Owns the saving of rows to a new file, in the form that the file's name asks for.
+
+It must not know where the rows come from or how many there will be: they come in pieces, and the
+file has its name only when the last of them is in it. Until then it lies beside it as `NAME.part`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
+from fte_sniff.protocol import Row
+from fte_sniff.session.sinks import SINKS, Sink
+
+OVERWRITE: Final = "!"
+"""What stands behind a name whose file may be replaced."""
+
+EXAMPLE: Final = "rows.csv"
+"""A name as one would type it."""
+
+FORMS: Final = MappingProxyType(SINKS)
+"""By the end of a file's name, what is written to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A file to save to."""
+
+    path: Path
+    replace: bool
+    """Whether a file that is there may be replaced."""
+
+    @classmethod
+    def parse(cls, line: str) -> Target:
+        """The file that a line names; `!` behind the name lets a file be replaced.
+
+        Raises:
+            UsageError: the name's end is none of `FORMS`.
+            FileError: the file is there already, or there is no such folder.
+        """
+        name = line.strip()
+        replace = name.endswith(OVERWRITE)
+        path = Path(name.removesuffix(OVERWRITE).rstrip())
+        with suppress(RuntimeError):  # no such user
+            path = path.expanduser()
+        if path.suffix.lower() not in FORMS:
+            raise UsageError(f"the name's end says what is written: {' '.join(FORMS)}")
+        target = cls(path, replace)
+        target.check()
+        return target
+
+    def check(self) -> None:
+        """See whether a file can be made there now.
+
+        Raises:
+            FileError: it cannot.
+        """
+        if self.path.is_dir():
+            raise FileError(f"{self.path} is a folder; name a file in it")
+        if not self.path.parent.is_dir():
+            raise FileError(f"{self.path.parent} does not exist; name a folder that does")
+        if os.path.lexists(self.path) and not self.replace:
+            raise FileError(
+                f"{self.path} exists already; name another, or replace it with"
+                f" {self.path.name}{OVERWRITE}"
+            )
+        if self.replace and self.path.exists() and not self.path.is_file():
+            raise FileError(f"{self.path} is no regular file; name another")
+
+
+class Saving:
+    """One file under way."""
+
+    def __init__(self, target: Target, ports: Sequence[str]) -> None:
+        """Begin the file.
+
+        Args:
+            target: where it is to lie.
+            ports: the ports that rows may come from.
+
+        Raises:
+            FileError: it cannot be made there.
+        """
+        target.check()
+        self._target = target
+        self._part = target.path.with_name(f"{target.path.name}.part")
+        self.rows = 0
+        """Rows written so far."""
+        try:
+            with self._part.open("xb"):
+                pass
+        except FileExistsError as error:
+            raise FileError(f"{self._part} is in the way; delete it, or name another") from error
+        except OSError as error:
+            raise self._refused(error) from error
+        try:
+            self._sink = self._made(ports)
+        except (OSError, FteSniffError):
+            self._part.unlink(missing_ok=True)
+            raise
+
+    def _made(self, ports: Sequence[str]) -> Sink:
+        try:
+            return FORMS[self._target.path.suffix.lower()](self._part, ports)
+        except OSError as error:
+            raise self._refused(error) from error
+
+    @property
+    def path(self) -> Path:
+        """Where the file will lie."""
+        return self._target.path
+
+    def write(self, rows: Sequence[Row]) -> None:
+        """Write the next rows.
+
+        Raises:
+            FileError: they cannot be written, or the form cannot hold them; nothing is left.
+        """
+        try:
+            self._sink.write(rows)
+        except OSError as error:
+            self.abandon()
+            raise self._refused(error) from error
+        except FteSniffError:
+            self.abandon()
+            raise
+        self.rows += len(rows)
+
+    def finish(self) -> None:
+        """End the file, and give it its name.
+
+        Raises:
+            FileError: it cannot be ended, or a file of that name has come meanwhile; nothing is
+                left.
+        """
+        try:
+            self._sink.end()
+            self._target.check()
+            self._part.replace(self._target.path)
+        except OSError as error:
+            self.abandon()
+            raise self._refused(error) from error
+        except FteSniffError:
+            self.abandon()
+            raise
+
+    def abandon(self) -> None:
+        """Leave nothing."""
+        with suppress(OSError, FteSniffError):
+            self._sink.abandon()
+        with suppress(OSError):
+            self._part.unlink(missing_ok=True)
+
+    def _refused(self, error: OSError) -> FileError:
+        return FileError(f"{self.path} cannot be written: {reason_of(error)}; name another place")

@@ -1,0 +1,141 @@
+"""Owns the keys of the search: what is looked for, and the way from one such row to the next.
+
+It must not know how a search is meant. Millions of rows are looked at block by block, so that the
+screen goes on meanwhile; what is near is there at once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from time import monotonic
+
+from fte_sniff.analysis.search import Search
+from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.tui.actions.parts import Parts
+
+AT_ONCE_S = 0.05
+"""How long the search may hold up the screen before it goes on beside it."""
+
+GROUP = "search"
+"""What the work beside the screen is called."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How far a search is."""
+
+    found: int | None
+    """Index of the row that has it."""
+    seen: int
+    """Rows that it has passed."""
+    around: bool
+    """Whether it began anew from the other end."""
+
+
+class Searching(Parts):
+    """Looking for a text or bytes."""
+
+    def action_search(self) -> None:
+        """Ask what to look for."""
+        self._search_field.ask()
+
+    def action_again(self, by: int) -> None:
+        """Go to the next row that has it, or to the one before."""
+        search = self._table.search
+        if search is None:
+            self._tell("nothing was looked for yet; / begins")
+        else:
+            self._seek(search, self._table.index_here + by, by)
+
+    def _search(self, line: str) -> None:
+        """Look for a line that passed the check; an empty one ends the search."""
+        self.workers.cancel_group(self, GROUP)
+        self._table.set_search(Search.parse(line) if line else None)
+        if self._table.search is not None:
+            # Whoever follows the end looks back from there.
+            by = -1 if self._table.viewport.following else 1
+            self._table.stay()
+            self._seek(self._table.search, self._table.index_here, by)
+
+    def _seek(self, search: Search, start: int, by: int) -> None:
+        self.workers.cancel_group(self, GROUP)
+        steps = self._steps(search, start, by)
+        until = monotonic() + AT_ONCE_S
+        while monotonic() < until:
+            if self._step(search, steps) is None:
+                return
+        self._work(GROUP, partial(self._go_on, search, steps))
+
+    async def _go_on(self, search: Search, steps: Iterator[Look]) -> None:
+        while (look := self._step(search, steps)) is not None:
+            share = look.seen / max(1, len(self._watched.store))
+            self._notice.tell_progress(
+                f"looking for {shown(search.typed)}: {min(share, 1):.0%} seen, esc ends it"
+            )
+            await asyncio.sleep(0)
+
+    def _step(self, search: Search, steps: Iterator[Look]) -> Look | None:
+        """How far the search is now; None where it has come to its end, and has said so."""
+        try:
+            look = next(steps, None)
+        except FteSniffError as error:
+            self._notice.tell(str(error), worry=True)
+            return None
+        if look is None:
+            self._tell_none(search)
+        elif look.found is not None:
+            if self._searching:
+                self._notice.put_away()
+            self._show_found(look)
+        else:
+            return look
+        return None
+
+    def _steps(self, search: Search, start: int, by: int) -> Iterator[Look]:
+        """To the end of the rows, and then from the other end to where it began."""
+        store = self._watched.store
+        begun = len(store)
+        index: int | None = start
+        for around in (False, True):
+            if around:
+                index = store.first if by > 0 else store.next - 1
+            while index is not None:
+                step = store.find_step(search.mask, index, by)
+                here = step.found if step.found is not None else index
+                if around and (here - start) * by >= 0:
+                    return
+                seen = abs(index - start) if not around else begun - abs(start - index)
+                yield Look(step.found, seen, around)
+                index = step.onward
+
+    def _show_found(self, look: Look) -> None:
+        if look.found is None or not self._table.jump_to_index(look.found):
+            self._tell("the next row that has it came after the pause; space goes on")
+        elif look.around:
+            self._tell("there was no further one: it went on from the other end")
+
+    def _tell_none(self, search: Search) -> None:
+        if self._watched.store.pending:
+            self._tell(f"no row so far has {shown(search.typed)}; the filter is still at work")
+        elif self._watched.store.filter is None:
+            self._tell(f"no row has {shown(search.typed)}")
+        else:
+            self._tell(f"no row that the filter shows has {shown(search.typed)}")
+
+    @property
+    def _searching(self) -> bool:
+        return any(worker.group == GROUP and worker.is_running for worker in self.workers)
+
+    def _end_search(self) -> bool:
+        """End a search that runs, or forget what was looked for; whether there was one."""
+        if self._searching:
+            self.workers.cancel_group(self, GROUP)
+            self._notice.put_away()
+            return True
+        if self._table.search is not None:
+            self._table.set_search(None)
+            return True
+        return False

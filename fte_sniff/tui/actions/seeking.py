@@ -1,0 +1,42 @@
+"""Owns the keys that lead to a row: by its number, its time, or what is wrong with it.
+
+It must not know how rows are found; the watched rows and the store do.
+"""
+
+from __future__ import annotations
+
+from fte_sniff.tui.actions.parts import Parts
+from fte_sniff.tui.prompt.goto import ToOffset, parse_goal
+
+
+class Seeking(Parts):
+    """Ways to a row."""
+
+    def _go(self, line: str) -> None:
+        if not line:
+            return
+        goal = parse_goal(line)
+        row = self._watched.row_of(goal, self._table.viewport.cursor)
+        if row is None and isinstance(goal, ToOffset):
+            self._tell(f"no row that is shown has byte {goal.offset:,} of its stream")
+        elif row is None:
+            self._tell("no row here has a time to go by")
+        if row is None:
+            return
+        last = self._table.viewport.count - 1
+        self._table.jump(row)
+        if row > last >= 0:
+            self._tell(f"there is no row {row + 1:,}; this is the last")
+
+    def action_goto(self) -> None:
+        """Ask where to go."""
+        self._goto_field.ask()
+
+    def action_fault(self, by: int) -> None:
+        """Go to the next row with a fault, or to the one before."""
+        if self._table.jump_to_fault(by):
+            return
+        if by > 0:
+            self._tell("no row with a fault below this one")
+        else:
+            self._tell("no row with a fault above this one")

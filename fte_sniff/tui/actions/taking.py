@@ -1,0 +1,149 @@
+"""Owns the keys that take rows out of the screen: to the clipboard, and to a file.
+
+It must not know what their bytes mean, nor how a file is written.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from functools import partial
+from io import StringIO
+
+from textual.widgets import Input
+
+from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.protocol import Row, spaced_hex
+from fte_sniff.session.saving import Saving, Target
+from fte_sniff.tui.actions.parts import Parts
+from fte_sniff.tui.clips import keep_copy, short_path
+
+MOST_COPIED = 10_000
+"""Rows that can be copied at once: a terminal takes about a megabyte."""
+
+_GAPS = re.compile(" {2,}")
+
+GROUP = "save"
+"""What the work beside the screen is called."""
+
+
+class Taking(Parts):
+    """Rows, and typed text, to the clipboard and to files."""
+
+    def action_copy_text(self) -> None:
+        """Copy the selected rows, or the cursor's, as the lines that `decode` prints."""
+        rows = self._taken()
+        if rows is not None:
+            stream = StringIO()
+            row_writer(OutputFormat.TABLE, stream, ports=len(self._watched.ports) > 1).write(rows)
+            text = stream.getvalue()
+            if len(rows) == 1:
+                # Alone it needs no columns, and no names above them.
+                text = _GAPS.sub("  ", text.splitlines()[-1])
+            self._copy(text, len(rows))
+
+    def action_copy(self) -> None:
+        """Copy the bytes of the selected rows, or of the cursor's, as hex."""
+        rows = self._taken()
+        if rows is not None:
+            self._copy("\n".join(spaced_hex(row.raw) for row in rows), len(rows))
+
+    def _taken(self) -> list[Row] | None:
+        """The rows to copy; None where there are none, or too many."""
+        store, selected = self._watched.store, self._table.selected
+        if not selected:
+            row = self._table.cursor_row
+            return None if row is None else [row]
+        start, end = store.position_of(selected.start), store.position_of(selected.stop)
+        if end - start > MOST_COPIED:
+            self._tell(
+                f"{end - start:,} rows are too many to copy (at most {MOST_COPIED:,}); w saves them"
+            )
+            return None
+        return [row for _, row in store.shown_slice(start, end)]
+
+    def _copy(self, text: str, rows: int) -> None:
+        text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
+        self.copy_to_clipboard(text)
+        kept = keep_copy(text)
+        first = text.partition("\n")[0] if rows == 1 else f"{rows:,} rows"
+        if kept is None:
+            self._tell(f"copied {shown(first)}")
+        else:
+            self._tell(f"copied {shown(first)}  (also in {shown(short_path(kept))})")
+        self._unselect()
+
+    def action_interrupt(self) -> None:
+        """Copy the selection of a field; where nothing is selected, end."""
+        field = self.focused
+        if isinstance(field, Input) and field.selected_text:
+            self.copy_to_clipboard(field.selected_text)
+        else:
+            self.exit()
+
+    def action_save(self) -> None:
+        """Ask for the file that the selected rows, or all that are shown, are saved to."""
+        if self._saving is not None:
+            self._tell(f"{shown(str(self._saving.path))} is still being saved; esc ends that")
+        elif not self._watched.store.shown_count:
+            self._tell("no row is shown that could be saved")
+        else:
+            self._tell_what_is_saved()
+            self._save_field.ask()
+
+    def _tell_what_is_saved(self) -> None:
+        store, selected = self._watched.store, self._table.selected
+        if selected:
+            count = store.position_of(selected.stop) - store.position_of(selected.start)
+            self._tell(f"{count:,} rows are selected, and are saved")
+        else:
+            self._tell(f"{store.shown_count:,} rows are shown, and are saved")
+
+    def _save(self, line: str) -> None:
+        if not line:
+            return
+        store, selected = self._watched.store, self._table.selected
+        wanted = selected or range(store.first, store.next)
+        try:
+            self._saving = Saving(Target.parse(line), self._watched.ports)
+        except FteSniffError as error:
+            self._notice.tell(str(error), worry=True)
+            return
+        saving, row_filter = self._saving, store.filter
+        self._work(GROUP, partial(self._write, saving, wanted, row_filter))
+
+    async def _write(self, saving: Saving, wanted: range, row_filter: RowFilter | None) -> None:
+        """Save the rows of these indices that the filter wants, while the screen goes on."""
+        store, at = self._watched.store, wanted.start
+        try:
+            while at < wanted.stop:
+                if at < store.first:
+                    at = min(store.first, wanted.stop)
+                rows, at = store.select(at, wanted.stop, row_filter)
+                saving.write(rows)
+                share = (at - wanted.start) / len(wanted)
+                self._notice.tell_progress(
+                    f"saving to {shown(str(saving.path))}: {share:.0%}, esc ends it"
+                )
+                await asyncio.sleep(0)
+            saving.finish()
+        except FteSniffError as error:
+            self._saving = None
+            self._notice.tell(str(error), worry=True)
+        else:
+            self._saving = None
+            self._tell(f"saved {saving.rows:,} rows to {shown(str(saving.path))}")
+            self._unselect()
+
+    def _end_saving(self) -> bool:
+        """End the saving that runs, with nothing left of it; whether there was one."""
+        if self._saving is None:
+            return False
+        saving, self._saving = self._saving, None
+        self.workers.cancel_group(self, GROUP)
+        # The work may not have begun, and then does not hear that it is to end.
+        saving.abandon()
+        self._tell(f"{shown(str(saving.path))} was not saved")
+        return True

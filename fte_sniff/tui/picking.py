@@ -1,0 +1,185 @@
+"""Owns a list over the screen from which one entry is picked by keys or mouse.
+
+It must not know what is picked from it; who makes one brings the entries. Every key goes through
+one place, in the order in which it was typed: what is typed ahead of the list reaches it, and what
+is typed behind the pick goes to what is below it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from rich.style import Style
+from rich.text import Text
+from textual import events
+from textual.app import ComposeResult
+from textual.containers import Vertical
+from textual.screen import ModalScreen
+from textual.widget import Widget
+
+from fte_sniff.tui.fitting import fit
+
+Picked = TypeVar("Picked")
+
+SHARE = 0.9
+"""How much of the screen's height a list takes at most."""
+
+BORDERS = 2
+"""Lines that the box around a list takes."""
+
+CURSOR = Style(reverse=True, bold=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry(Generic[Picked]):
+    """One line of the list."""
+
+    words: str
+    """What stands there; text from outside must have gone through `errors.shown`."""
+    value: Picked
+    aside: str = ""
+    """What stands at its end, such as a key."""
+
+
+class Lines(Widget):
+    """The entries that there is room for, the one under the cursor set off by a sign too."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines: Sequence[tuple[str, str]] = ()
+        self.cursor = 0
+
+    def show(self, lines: Sequence[tuple[str, str]], cursor: int) -> None:
+        """Draw these, each with what stands at its end."""
+        self._lines, self.cursor = lines, cursor
+        room = int(self.app.size.height * SHARE) - BORDERS
+        self.styles.height = max(1, min(len(lines), room))
+        self.refresh()
+
+    @property
+    def top(self) -> int:
+        """The first line in view; the cursor is always in view."""
+        height = max(1, self.size.height)
+        least = max(0, self.cursor - height + 1)
+        return min(max(least, self.cursor - height // 2), max(0, len(self._lines) - height))
+
+    def render(self) -> Text:
+        """The lines in view."""
+        width, top = self.size.width, self.top
+        made = []
+        for at, (words, aside) in enumerate(self._lines[top : top + self.size.height], top):
+            room = max(0, width - 2 - (len(aside) + 1 if aside else 0))
+            line = f"{'>' if at == self.cursor else ' '} {fit(words, room)}"
+            line = fit(f"{line} {aside}" if aside else line, width)
+            made.append(Text(line, CURSOR if at == self.cursor else "", end=""))
+        return Text("\n", no_wrap=True, overflow="crop").join(made)
+
+
+class Picker(ModalScreen[Picked | None], Generic[Picked]):
+    """A list over the screen; gives the value of the picked entry, or None."""
+
+    def __init__(self, title: str, entries: Sequence[Entry[Picked]], at: int = 0) -> None:
+        """The list.
+
+        Args:
+            title: what is picked.
+            entries: from top to bottom.
+            at: where the cursor stands at first.
+        """
+        super().__init__()
+        self._heading, self._entries, self._at = title, entries, at
+        self._typed = ""
+        self._done = False
+        self._lines = Lines()
+
+    def compose(self) -> ComposeResult:
+        """A box as tall as its entries, as far as there is room."""
+        with Vertical(id="picker"):
+            yield self._lines
+
+    def on_mount(self) -> None:
+        """Show the entries."""
+        self._show()
+
+    def on_resize(self) -> None:
+        """Show as many as there is room for."""
+        self._show()
+
+    @property
+    def shown(self) -> list[Entry[Picked]]:
+        """The entries that have every word that was typed, the sooner the higher."""
+        words = self._typed.lower().split()
+        found = []
+        for entry in self._entries:
+            text = f"{entry.words} {entry.aside}".lower()
+            if all(word in text for word in words):
+                found.append((text.find(words[0]) if words else 0, entry))
+        return [entry for _, entry in sorted(found, key=lambda pair: pair[0])]
+
+    def _show(self) -> None:
+        shown = self.shown
+        self._at = min(max(0, self._at), max(0, len(shown) - 1))
+        box = self.query_one("#picker")
+        box.border_title = self._heading
+        box.border_subtitle = (
+            f"{self._typed}_" if self._typed else "type to find, enter picks, esc goes back"
+        )
+        lines = [(entry.words, entry.aside) for entry in shown] or [("nothing is called that", "")]
+        self._lines.show(lines, self._at)
+
+    def on_key(self, event: events.Key) -> None:
+        """Do what the key says, or hand it on where the pick was made before it."""
+        event.prevent_default().stop()
+        if self._done:
+            self.app.post_message(events.Key(event.key, event.character))
+        else:
+            self._press(event)
+
+    def _press(self, event: events.Key) -> None:
+        page = max(1, self._lines.size.height - 1)
+        steps = {"up": -1, "down": 1, "pageup": -page, "pagedown": page}
+        steps |= {"ctrl+p": -1, "ctrl+n": 1, "home": -len(self._entries), "end": len(self._entries)}
+        if event.key == "escape":
+            self._give(None)
+        elif event.key == "enter":
+            shown = self.shown
+            self._give(shown[self._at].value if shown else None)
+        elif event.key in steps:
+            self._at += steps[event.key]
+        elif event.key == "backspace":
+            self._typed = self._typed[:-1]
+        elif event.key == "ctrl+u":
+            self._typed = ""
+        elif event.is_printable and event.character:
+            self._typed, self._at = self._typed + event.character, 0
+        if not self._done:
+            self._show()
+
+    def _give(self, value: Picked | None) -> None:
+        self._done = True
+        self.dismiss(value)
+
+    def on_click(self, event: events.Click) -> None:
+        """Pick the entry under the mouse; a click beside the list goes back."""
+        event.stop()
+        if self._done:
+            return
+        at = event.screen_y - self._lines.region.y + self._lines.top
+        shown = self.shown
+        if not self._lines.region.contains(event.screen_x, event.screen_y):
+            if not self.query_one("#picker").region.contains(event.screen_x, event.screen_y):
+                self._give(None)
+        elif at < len(shown):
+            self._give(shown[at].value)
+
+    def on_mouse_scroll_up(self) -> None:
+        """Move up."""
+        self._at -= 1
+        self._show()
+
+    def on_mouse_scroll_down(self) -> None:
+        """Move down."""
+        self._at += 1
+        self._show()

@@ -1,0 +1,61 @@
+"""Owns the themes one can switch between, and which of the table's palettes goes with each.
+
+It must not know what is drawn. All palettes keep to hues that colour-blind people can tell apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rich.style import Style
+from textual.theme import Theme
+
+from fte_sniff.tui.table.palette import DARK, LIGHT, Palette
+
+CONTRAST_DARK = Theme(
+    "contrast-dark",
+    primary="#6cb8ff",
+    warning="#ffd24a",
+    error="#ff9a6b",
+    success="#7fe0b0",
+    foreground="#ffffff",
+    background="#000000",
+    surface="#000000",
+    panel="#202020",
+    dark=True,
+    variables={"primary-background": "#003a66"},
+)
+CONTRAST_LIGHT = Theme(
+    "contrast-light",
+    primary="#003f80",
+    warning="#6b4a00",
+    error="#8a2500",
+    success="#00512f",
+    foreground="#000000",
+    background="#ffffff",
+    surface="#ffffff",
+    panel="#e0e0e0",
+    dark=False,
+    variables={"primary-background": "#b8d8f8"},
+)
+OWN = (CONTRAST_DARK, CONTRAST_LIGHT)
+"""Themes that are to be made known to Textual."""
+
+THEMES = ("textual-dark", "textual-light", *(theme.name for theme in OWN), "nord")
+"""The names of all themes, in the order in which one is switched for the next."""
+
+_PALETTES = {
+    CONTRAST_DARK.name: replace(DARK, muted=Style(color="#ffffff")),
+    CONTRAST_LIGHT.name: replace(LIGHT, muted=Style(color="#000000")),
+}
+
+
+def palette_of(theme: Theme) -> Palette:
+    """The table's colours under a theme."""
+    return _PALETTES.get(theme.name, DARK if theme.dark else LIGHT)
+
+
+def theme_after(name: str) -> str:
+    """The theme behind the one of that name; the first where there is none."""
+    at = THEMES.index(name) + 1 if name in THEMES else 0
+    return THEMES[at % len(THEMES)]

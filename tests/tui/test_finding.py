@@ -1,0 +1,352 @@
+"""Finding rows on the screen: search, marks, quick filters, places to go to."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+from textual.pilot import Pilot
+
+from fte_sniff.protocol import Damage, Fault, Row
+from fte_sniff.tui.actions import searching
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.picking import Picker
+from fte_sniff.tui.table.widget import RowTable
+from tests.tui.playing import (
+    Rows,
+    lines,
+    page,
+    play,
+    press,
+    rpms,
+    rush,
+    settle,
+    table,
+    type_line,
+    until,
+)
+
+
+async def look_for(app: SniffApp, pilot: Pilot[None], text: str) -> None:
+    await press(app, pilot, "slash", "ctrl+u")
+    await type_line(app, pilot, text)
+    await press(app, pilot, "enter")
+    await settle(app, pilot)
+
+
+def test_the_search_goes_from_hit_to_hit_and_around(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        await press(app, pilot, "g")
+        await look_for(app, pilot, "rpm=50")
+        places = [table(app).viewport.cursor]
+        for key in ("n", "n", "N", "N", "N"):
+            await press(app, pilot, key)
+            places.append(table(app).viewport.cursor)
+        assert places == [50, 500, 501, 500, 50, 509]
+        await settle(app, pilot)
+        assert "it went on from the other end" in page(app)
+        assert not table(app).viewport.following
+
+    play(feed, scenario)
+
+
+def test_the_search_begins_at_the_cursor_and_finds_what_is_above_too(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await settle(app, pilot)
+        await look_for(app, pilot, "rpm=123")
+        assert table(app).viewport.cursor == 123
+        await look_for(app, pilot, "hex:01 ?? 00 00 00 00 EE")
+        assert table(app).viewport.cursor == 256
+        await look_for(app, pilot, "nowhere")
+        assert table(app).viewport.cursor == 256
+        assert "no row has nowhere" in page(app)
+
+    play(feed, scenario)
+
+
+def test_what_is_found_is_set_off(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        await look_for(app, pilot, "RPM=7")
+        await press(app, pilot, "g")
+        here = table(app)
+        found = [
+            segment.text
+            for y in range(10)
+            for segment in here.render_line(y)
+            if segment.style and segment.style.underline
+        ]
+        assert found == ["rpm=7"]
+        await press(app, pilot, "escape", "escape")
+        await settle(app, pilot)
+        assert here.search is None
+
+    play(feed, scenario)
+
+
+def test_the_search_looks_only_at_rows_that_the_filter_shows(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "motor = 1")
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        await look_for(app, pilot, "rpm=10")
+        row = table(app).cursor_row
+        assert row is not None
+        assert row.offset == 1080
+        await press(app, pilot, "g")
+        await look_for(app, pilot, "rpm=10")
+        row = table(app).cursor_row
+        assert row is not None
+        assert row.offset == 1000
+        await look_for(app, pilot, "motor=2")
+        assert "no row that the filter shows has motor=2" in page(app)
+
+    play(feed, scenario)
+
+
+def test_a_long_search_tells_how_far_it_is_and_is_ended_by_esc(
+    feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(searching, "AT_ONCE_S", -1.0)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        some = speed_rows(30_000)
+        for _ in range(8):
+            feed.give(some)
+            await settle(app, pilot)
+        feed.give([Damage("p", 0, b"\x01\x02", None, (Fault.NOISE,))])
+        await settle(app, pilot)
+        await press(app, pilot, "g", "slash")
+        await type_line(app, pilot, "noise")
+        await press(app, pilot, "enter")
+        await until(app, pilot, lambda: table(app).viewport.cursor == 240_000)
+        await press(app, pilot, "g", "slash", "ctrl+u")
+        await type_line(app, pilot, "rpm=77777")
+        await rush(app, pilot, "enter", "escape")
+        assert not app._searching
+        assert "esc ends it" not in page(app)
+        assert table(app).viewport.cursor == 0
+
+    play(feed, scenario)
+
+
+def test_keys_typed_ahead_search_from_hit_to_hit(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        await rush(app, pilot, "g", "slash", *"rpm", "equals_sign", *"50", "enter", "n", "n")
+        assert table(app).viewport.cursor == 501
+
+    play(feed, scenario)
+
+
+def test_nothing_was_looked_for(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await press(app, pilot, "n")
+        await settle(app, pilot)
+        assert "nothing was looked for yet; / begins" in page(app)
+
+    play(feed, scenario)
+
+
+def test_marks_are_set_shown_and_gone_to(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(500))
+        await settle(app, pilot)
+        await press(app, pilot, "u")
+        await settle(app, pilot)
+        assert "no row is marked; m marks one" in page(app)
+        for row in (10, 400, 200):
+            table(app).jump(row)
+            await press(app, pilot, "m")
+        await press(app, pilot, "g")
+        places = []
+        for key in ("u", "u", "u", "u", "U", "U"):
+            await press(app, pilot, key)
+            places.append(table(app).viewport.cursor)
+        assert places == [10, 200, 400, 400, 200, 10]
+        assert table(app).render_line(10 - table(app).viewport.top).text.startswith(" *12:00")
+        await press(app, pilot, "m", "u", "U", "U")
+        assert table(app).viewport.cursor == 200
+
+    play(feed, scenario)
+
+
+def test_marks_that_the_filter_hides_are_passed_over_and_come_again(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(500))
+        await settle(app, pilot)
+        for row in (101, 200):
+            table(app).jump(row)
+            await press(app, pilot, "m")
+        await press(app, pilot, "g", "f")
+        await type_line(app, pilot, "motor = 1")
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        await press(app, pilot, "u", "u")
+        row = table(app).cursor_row
+        assert row is not None
+        assert row.offset == 2000
+        await press(app, pilot, "F", "U")
+        assert table(app).viewport.cursor == 101
+
+    play(feed, scenario)
+
+
+def test_marks_leave_with_their_rows(feed: Any, speed_rows: Rows) -> None:
+    import asyncio
+
+    app = SniffApp(feed, keep_rows=100)
+
+    async def run() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            feed.give(speed_rows(100))
+            await settle(app, pilot)
+            table(app).jump(50)
+            await press(app, pilot, "m", "t", "t", "t")
+            feed.give(speed_rows(100, start=100))
+            await settle(app, pilot)
+            assert not table(app).marks
+            await press(app, pilot, "u", "m", "u", "t", "t")
+            assert app.is_running
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("goal", "cursor"),
+    [
+        ("50%", 500),
+        ("0%", 0),
+        ("100 %", 999),
+        ("@5009", 500),
+        ("@0x1388", 500),
+        ("2026-01-31 12:00:00.250", 250),
+        ("2030-01-01", 999),
+        ("+1min", 999),
+        ("-1h", 0),
+    ],
+)
+def test_goes_to_shares_bytes_and_dates(
+    feed: Any, speed_rows: Rows, goal: str, cursor: int
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        table(app).jump(499)
+        await press(app, pilot, "colon")
+        app.query_one("GotoField Line").value = goal  # type: ignore[attr-defined]
+        await press(app, pilot, "enter")
+        assert table(app).viewport.cursor == min(cursor, 999)
+
+    play(feed, scenario)
+
+
+def test_a_byte_that_is_not_there_is_told(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        await press(app, pilot, "colon")
+        app.query_one("GotoField Line").value = "@100"  # type: ignore[attr-defined]
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert "no row that is shown has byte 100 of its stream" in page(app)
+
+    play(feed, scenario)
+
+
+def test_quick_filters_add_to_the_filter_and_are_gone_back_from(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await settle(app, pilot)
+        table(app).jump(101)
+        await press(app, pilot, "x")
+        assert isinstance(app.screen, Picker)
+        await settle(app, pilot)
+        assert "motor = 2" in page(app)
+        await press(app, pilot, *"motor", "enter")
+        await settle(app, pilot)
+        assert "100 of 400 rows" in page(app)
+        assert {rpm % 4 for rpm in rpms(app)} == {1}
+        await press(app, pilot, "X", *"rpm", "enter")
+        await settle(app, pilot)
+        assert "99 of 400 rows" in page(app)
+        assert "motor = 2 AND rpm IS DISTINCT" in page(app)
+        await press(app, pilot, "backspace")
+        await settle(app, pilot)
+        assert "100 of 400 rows" in page(app)
+        await press(app, pilot, "backspace")
+        await settle(app, pilot)
+        assert "of 400 rows" not in page(app)
+        await press(app, pilot, "backspace")
+        await settle(app, pilot)
+        assert "no other filter stood before" in page(app)
+        await press(app, pilot, "f", "up", "up", "enter")
+        await settle(app, pilot)
+        assert "motor = 2 AND rpm IS DISTINCT" in page(app)
+
+    play(feed, scenario, (100, 30))
+
+
+def test_a_quick_filter_begins_at_the_column_that_was_clicked(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await settle(app, pilot)
+        await pilot.click(RowTable, offset=(55, 3))
+        await press(app, pilot, "x", "enter")
+        await settle(app, pilot)
+        assert "raw = 'AA01" in page(app)
+
+    play(feed, scenario)
+
+
+def test_a_menu_is_left_with_nothing_done_and_typed_ahead_keys_reach_it(
+    feed: Any, speed_rows: Rows, odd_rows: list[Row]
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([*speed_rows(400), *odd_rows])
+        await settle(app, pilot)
+        await rush(app, pilot, "x", "down", "escape", "g")
+        assert len(app.screen_stack) == 1
+        assert table(app).viewport.cursor == 0
+        await rush(app, pilot, "x", *"mot", "enter", "G")
+        await settle(app, pilot)
+        assert "filter motor = 1" in re.sub(" +", " ", page(app))
+        await rush(app, pilot, "x", *"zzz", "enter")
+        await settle(app, pilot)
+        assert len(app.screen_stack) == 1
+
+    play(feed, scenario)
+
+
+def test_a_click_picks_and_a_click_beside_goes_back(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await settle(app, pilot)
+        await press(app, pilot, "x")
+        await settle(app, pilot)
+        await pilot.click(offset=(1, 1))
+        await settle(app, pilot)
+        assert len(app.screen_stack) == 1
+        await press(app, pilot, "x")
+        await settle(app, pilot)
+        y = next(y for y, line in enumerate(lines(app)) if "motor = 4" in line)
+        await pilot.click(offset=(20, y))
+        await settle(app, pilot)
+        assert "100 of 400 rows" in page(app)
+
+    play(feed, scenario)

@@ -1,0 +1,406 @@
+"""Handling rows on the screen: times, columns, colours, copies, saving, the list of all keys."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.pilot import Pilot
+
+from fte_sniff.protocol import Row
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.choosing import ColumnChooser
+from fte_sniff.tui.detail import DetailPane
+from fte_sniff.tui.picking import Picker
+from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.themes import THEMES
+from tests.tui.playing import (
+    Rows,
+    lines,
+    page,
+    play,
+    press,
+    rush,
+    settle,
+    table,
+    type_line,
+    until,
+)
+
+
+def times(app: SniffApp) -> list[str]:
+    """What stands in the column of times of the rows in view."""
+    here = table(app)
+    texts = [here.render_line(y).text for y in range(here.viewport.height)]
+    return [text[2:14].strip() for text in texts if text.strip()]
+
+
+def test_times_count_from_the_start_the_row_before_and_a_mark(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        await press(app, pilot, "G", "t")
+        assert times(app)[-1] == "+0.099000"
+        assert lines(app)[1].strip().startswith("+ start")
+        await press(app, pilot, "t")
+        assert set(times(app)) == {"+0.001000"}
+        await press(app, pilot, "t")
+        assert times(app)[-1] == "12:00:00.099"
+        table(app).jump(90)
+        await press(app, pilot, "m", "T")
+        assert times(app)[-1] == "+0.009000"
+        assert "-0.001000" in times(app)
+        await press(app, pilot, "T", "g")
+        assert times(app)[1] == "+0.001000"
+        assert re.search("times count from the row before", page(app))
+
+    play(feed, scenario)
+
+
+def test_columns_are_chosen_ordered_and_sized(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(5))
+        await settle(app, pilot)
+        await press(app, pilot, "C")
+        assert isinstance(app.screen, ColumnChooser)
+        await settle(app, pilot)
+        assert "[x] kind" in page(app)
+        await press(app, pilot, "space", "down", "K", "less_than_sign", "less_than_sign", "enter")
+        await settle(app, pilot)
+        assert lines(app)[1].split()[:2] == ["kind", "values"]
+        assert table(app).columns[0].width == 9
+        await press(app, pilot, "C", "down", "space", "escape")
+        await settle(app, pilot)
+        assert lines(app)[1].split()[0] == "kind"
+        await press(app, pilot, "C", "r")
+        await settle(app, pilot)
+        assert lines(app)[1].split()[:3] == ["time", "UTC", "kind"]
+
+    play(feed, scenario)
+
+
+def test_no_column_at_all_is_no_choice_and_a_single_one_is(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(5))
+        await settle(app, pilot)
+        count = len(table(app).columns)
+        await press(app, pilot, "C", *(["space", "down"] * count), "enter")
+        await settle(app, pilot)
+        assert len(table(app).columns) == count
+        await press(app, pilot, "C", *(["space", "down"] * (count - 1)), "enter", "right", "left")
+        await settle(app, pilot)
+        assert len(table(app).columns) == 1
+
+    play(feed, scenario)
+
+
+def test_the_mouse_opens_rows_and_the_chooser(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(50))
+        await settle(app, pilot)
+        await pilot.click(RowTable, offset=(20, 3), times=2)
+        await settle(app, pilot)
+        assert app.query_one(DetailPane).display
+        await pilot.click("TableHeader", offset=(20, 0))
+        await settle(app, pilot)
+        assert isinstance(app.screen, ColumnChooser)
+        y = next(y for y, line in enumerate(lines(app)) if "[x] kind" in line)
+        await pilot.click(offset=(20, y))
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert "kind" not in lines(app)[1]
+
+    play(feed, scenario)
+
+
+def test_the_scroll_bar_reaches_every_row(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(30_000))
+        await settle(app, pilot)
+        here = table(app)
+        assert here.max_scroll_y == round(here.scroll_y)
+        await press(app, pilot, "g")
+        assert here.scroll_y == 0
+        bar = here.vertical_scrollbar
+        await pilot.click(bar, offset=(0, bar.size.height - 1))
+        await settle(app, pilot)
+        assert here.viewport.top == here.viewport.height
+
+    play(feed, scenario)
+
+
+def test_the_scroll_bar_is_left_alone_while_it_looks_the_same(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(30_000))
+        await settle(app, pilot)
+        here = table(app)
+        before = (here.virtual_size, here.scroll_y)
+        for start in range(30_000, 31_000, 100):
+            feed.give(speed_rows(100, start=start))
+            await settle(app, pilot)
+        assert (here.virtual_size, here.scroll_y) == before
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize(("key", "copied"), [("Y", "AA 01 03 00 62"), ("y", "motor=3 rpm=98")])
+def test_a_row_is_copied_to_the_terminal_and_to_a_file(
+    feed: Any, speed_rows: Rows, cache: Path, key: str, copied: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(99))
+        await settle(app, pilot)
+        await press(app, pilot, key)
+        await settle(app, pilot)
+        assert copied in app.clipboard
+        assert "\n" not in app.clipboard
+        assert "   " not in app.clipboard
+        kept = cache / "fte-sniff" / "copied.txt"
+        assert kept.read_text() == app.clipboard
+        assert kept.stat().st_mode & 0o777 == 0o600
+        assert "(also in " in page(app)
+
+    play(feed, scenario, (200, 30))
+
+
+def test_a_selection_is_shown_copied_and_ended(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(99))
+        await settle(app, pilot)
+        await press(app, pilot, "v", "up", "up")
+        feed.give(speed_rows(99, start=99))
+        await settle(app, pilot)
+        assert sum(table(app).render_line(y).text[1] == "|" for y in range(20)) == 3
+        await press(app, pilot, "Y")
+        await settle(app, pilot)
+        assert [line[12:14] for line in app.clipboard.split("\n")] == ["60", "61", "62"]
+        assert not table(app).selected
+        await press(app, pilot, "v", "down", "y")
+        assert app.clipboard.split()[0] == "time"
+        assert app.clipboard.count("rpm=") == 2
+        await press(app, pilot, "v", "escape")
+        assert not table(app).selected
+        assert app.is_running
+
+    play(feed, scenario)
+
+
+def test_a_copy_where_no_file_can_be_kept_goes_to_the_terminal_alone(
+    feed: Any, speed_rows: Rows, cache: Path
+) -> None:
+    cache.write_text("in the way")
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1))
+        await settle(app, pilot)
+        await press(app, pilot, "Y")
+        await settle(app, pilot)
+        assert app.clipboard.startswith("AA 01")
+        assert "copied AA 01" in page(app)
+        assert "also in" not in page(app)
+
+    play(feed, scenario)
+
+
+def test_too_many_rows_are_not_copied(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(20_000))
+        await settle(app, pilot)
+        await press(app, pilot, "v", "g", "y")
+        await settle(app, pilot)
+        assert "20,000 rows are too many to copy (at most 10,000); w saves them" in page(app)
+        assert app.clipboard == ""
+
+    play(feed, scenario, (100, 24))
+
+
+async def save_to(app: SniffApp, pilot: Pilot[None], path: Path | str) -> None:
+    await press(app, pilot, "w")
+    app.query_one("SaveField Line").value = str(path)  # type: ignore[attr-defined]
+    await press(app, pilot, "enter")
+
+
+def test_the_filtered_rows_are_saved(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10_000))
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "motor = 1")
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        path = tmp_path / "rows.csv"
+        await save_to(app, pilot, path)
+        await until(app, pilot, path.exists)
+        text = path.read_text().splitlines()
+        assert len(text) == 2501
+        assert [int(line.split(",")[8]) for line in text[1:]] == list(range(0, 10_000, 4))
+        assert "saved 2,500 rows to" in page(app)
+        await save_to(app, pilot, path)
+        await settle(app, pilot)
+        assert "exists already; name another" in page(app)
+
+    play(feed, scenario, (140, 24))
+
+
+def test_the_selected_rows_are_saved_and_nothing_else(
+    feed: Any, speed_rows: Rows, tmp_path: Path
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        table(app).jump(100)
+        await press(app, pilot, "v", "down", "down")
+        path = tmp_path / "rows.hex"
+        await save_to(app, pilot, path)
+        await until(app, pilot, path.exists)
+        assert [line[12:14] for line in path.read_text().splitlines()] == ["64", "65", "66"]
+
+    play(feed, scenario)
+
+
+def test_a_save_is_ended_by_esc_and_leaves_nothing(
+    feed: Any, speed_rows: Rows, tmp_path: Path
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        for start in range(0, 400_000, 50_000):
+            feed.give(speed_rows(50_000, start=start))
+            await settle(app, pilot)
+        await save_to(app, pilot, tmp_path / "rows.jsonl")
+        await press(app, pilot, "w")
+        await settle(app, pilot)
+        assert not (tmp_path / "rows.jsonl").exists()
+        await press(app, pilot, "escape")
+        await until(app, pilot, lambda: app._saving is None)
+        assert not list(tmp_path.glob("rows*"))
+        assert "was not saved" in page(app).replace("\n", "")
+
+    play(feed, scenario, (140, 24))
+
+
+def test_a_save_that_runs_while_the_screen_closes_leaves_nothing(
+    feed: Any, speed_rows: Rows, tmp_path: Path
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(60_000))
+        await settle(app, pilot)
+        await save_to(app, pilot, tmp_path / "rows.jsonl")
+        await press(app, pilot, "q")
+
+    play(feed, scenario)
+    assert not list(tmp_path.glob("rows*.part"))
+
+
+def test_rows_without_times_make_no_recording(
+    feed: Any, odd_rows: list[Row], tmp_path: Path
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(odd_rows)
+        await settle(app, pilot)
+        await save_to(app, pilot, tmp_path / "rows.mcap")
+        await until(app, pilot, lambda: app._saving is None)
+        assert "it has no time since 1970" in page(app)
+        assert not list(tmp_path.glob("rows*"))
+
+    play(feed, scenario, (200, 24))
+
+
+def test_the_name_of_a_file_is_judged_while_it_is_typed(
+    feed: Any, speed_rows: Rows, tmp_path: Path
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        await press(app, pilot, "w", *"rows")
+        await settle(app, pilot)
+        assert "the name's end says what is written: .csv .jsonl" in page(app)
+        await press(app, pilot, "escape")
+        await settle(app, pilot)
+        assert "save to" not in page(app)
+
+    play(feed, scenario)
+
+
+def test_nothing_is_there_to_take(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "y", "Y", "v", "m", "x", "X", "w", "t", "T")
+        await settle(app, pilot)
+        assert app.clipboard == ""
+        assert len(app.screen_stack) == 1
+
+    play(feed, scenario)
+
+
+def test_themes_are_switched_around(feed: Any, speed_rows: Rows, odd_rows: list[Row]) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([*speed_rows(10), *odd_rows])
+        seen = []
+        for _ in THEMES:
+            await press(app, pilot, "ctrl+t")
+            await settle(app, pilot)
+            seen.append(app.theme)
+            assert f"theme {app.theme}" in page(app)
+        assert sorted(seen) == sorted(THEMES)
+
+    play(feed, scenario)
+
+
+def test_everything_can_be_picked_from_a_list(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        await rush(app, pilot, "ctrl+p", *"first", "enter")
+        assert table(app).viewport.cursor == 0
+        await rush(app, pilot, "ctrl+p", *"filter", "space", *"rows", "enter", *"rpm", "escape")
+        assert app.focused is table(app)
+        await press(app, pilot, "ctrl+p")
+        assert isinstance(app.screen, Picker)
+        await press(app, pilot, *["down"] * 60, "pageup", "home", "end", "backspace", "escape")
+        assert len(app.screen_stack) == 1
+        await rush(app, pilot, "ctrl+p", *"freeze", "enter")
+        assert table(app).viewport.paused
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 2), (20, 5), (40, 10)])
+def test_lists_draw_on_the_smallest_terminals(
+    feed: Any, speed_rows: Rows, size: tuple[int, int]
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        for key in ("ctrl+p", "x", "C"):
+            await press(app, pilot, key, "down", "down")
+            await settle(app, pilot)
+            assert len(app.screen_stack) == 2
+            page(app)
+            await pilot.resize_terminal(50, 8)
+            await settle(app, pilot)
+            await pilot.resize_terminal(*size)
+            await press(app, pilot, "escape")
+            assert len(app.screen_stack) == 1
+
+    play(feed, scenario, size)
+
+
+def test_forty_cells_show_time_kind_and_values_side_by_side(feed: Any, speed_rows: Rows) -> None:
+    from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        fast = encode(KIND_BY_NAME["speed_feedback"], {"motor": 4, "rpm": -30_000})
+        far = encode(KIND_BY_NAME["position_feedback"], {"motor": 4, "pulses": -(2**31)})
+        feed.give([Frame("a", 0, raw, 1_000_000_000) for raw in (fast, far)])
+        await settle(app, pilot)
+        drawn = [table(app).render_line(y).text.rstrip() for y in range(2)]
+        assert drawn == [
+            "  00:01.000 speed fb motor=4 rpm=-30000",
+            "  00:01.000 posit fb M4 p=-2147483648",
+        ]
+        feed.give(speed_rows(2, port="/dev/ttyUSB0") + speed_rows(2, port="/dev/ttyUSB1"))
+        await settle(app, pilot)
+        drawn = [table(app).render_line(y).text.rstrip() for y in range(6)]
+        assert len({line[12:16] for line in drawn[2:]}) == 2
+        assert drawn[-1].endswith(" motor=2 rpm=1")
+
+    play(feed, scenario, (40, 12))

@@ -1,0 +1,91 @@
+"""The screen on rows of which only a few lie in memory."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from fte_sniff.analysis.packing import Codebook, Packed, pack
+from fte_sniff.analysis.store import RowStore
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import Row
+from fte_sniff.tui import app as apps
+from fte_sniff.tui.app import SniffApp
+from tests.tui.playing import Rows, page, press, rpms, settle, table, type_line
+
+
+class Rereading:
+    """A file that can be taken away."""
+
+    def __init__(self, rows: list[Row]) -> None:
+        self.rows = rows
+        self.gone = False
+
+    def load(self, start: int, count: int, codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
+        if self.gone:
+            raise FileError("run.mcap: there is no such file any more")
+        return pack(self.rows[start : start + count], codebook)
+
+
+@pytest.fixture
+def few_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of a hundred rows, of which two stay."""
+
+    def small(bound: int, source: Any) -> RowStore:
+        return RowStore(bound, 100, source, 2)
+
+    monkeypatch.setattr(apps, "RowStore", small)
+
+
+@pytest.mark.usefixtures("few_in_memory")
+def test_rows_that_were_dropped_are_read_again_as_one_goes_there(
+    feed: Any, speed_rows: Rows
+) -> None:
+    rows = speed_rows(3000)
+    app = SniffApp(feed, source=Rereading(rows))
+
+    async def run() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            feed.give(rows)
+            await settle(app, pilot)
+            await press(app, pilot, "g")
+            assert rpms(app)[0] == 0
+            await press(app, pilot, "slash")
+            await type_line(app, pilot, "rpm=1234")
+            await press(app, pilot, "enter")
+            assert table(app).viewport.cursor == 1234
+            await press(app, pilot, "f")
+            await type_line(app, pilot, "motor = 1")
+            await press(app, pilot, "enter", "g")
+            await settle(app, pilot)
+            assert rpms(app)[:3] == [0, 4, 8]
+            assert "750 of 3,000 rows" in page(app)
+
+    asyncio.run(run())
+
+
+@pytest.mark.usefixtures("few_in_memory")
+def test_rows_that_cannot_be_read_any_more_end_the_screen_with_a_reason(
+    feed: Any, speed_rows: Rows
+) -> None:
+    source = Rereading(speed_rows(3000))
+    app = SniffApp(feed, source=source)
+
+    async def run() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            feed.give(source.rows)
+            await settle(app, pilot)
+            source.gone = True
+            await press(app, pilot, "slash")
+            await type_line(app, pilot, "rpm=1234")
+            await press(app, pilot, "enter")
+            await settle(app, pilot)
+            assert "run.mcap: there is no such file any more" in page(app)
+            assert app.failure is None
+            await press(app, pilot, "g")
+            await settle(app, pilot)
+
+    asyncio.run(run())
+    assert isinstance(app.failure, FileError)
