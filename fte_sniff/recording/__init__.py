@@ -7,7 +7,11 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     topics     which row goes to which topic, derived from the frame table
     schema     the protobuf schema of each topic, derived from the frame table
     messages   one row or event to the bytes of its message, and back
-    container  an MCAP file that grows by whole chunks and is complete after each
+    layout     where values stand in the bytes of sound frames' messages
+    batch      many rows and events to the messages of one chunk
+    tail       data end, summary, footer, magic, wherever they are put
+    growing    how bytes come to the disk, so that the file never ends wrong
+    container  an MCAP file that grows by whole chunks
     place      the file: made, locked, put in its place, missed when it is gone
     writer     RecordingWriter: rows in log order, into a container
     records    the records of any MCAP file, cut, damaged or hostile as it may be

@@ -49,12 +49,13 @@ _FAULT_NUMBER = {fault: enum_number("Fault", fault) for fault in Fault}
 _EVENT_NUMBER = {kind: enum_number("PortEventKind", kind) for kind in PortEventKind}
 
 
-def _class_of(topic: Topic) -> Any:
+def class_of(topic: Topic) -> Any:
+    """The protobuf class of a topic's messages."""
     return message_class(schema_name(topic), schema_data(topic.schema))
 
 
-_CLASS_OF_MALFORMED = _class_of(MALFORMED)
-_CLASS_OF_EVENT = _class_of(EVENTS)
+_CLASS_OF_MALFORMED = class_of(MALFORMED)
+_CLASS_OF_EVENT = class_of(EVENTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ def _form_of(topic_name: str, kind_name: str) -> _Form:
     topic, kind = TOPIC_BY_NAME[topic_name], KIND_BY_NAME[kind_name]
     absent = {field.name: nan for field in value_fields(topic) if kind.field(field.name) is None}
     return _Form(
-        _class_of(topic),
+        class_of(topic),
         {"kind": enum_number("Kind", kind.name), **absent},
         tuple((field.name, field) for field in kind.fields),
     )

@@ -16,18 +16,21 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import numpy as np
 from mcap.records import Channel, Metadata, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.container import Entry, McapFile
+from fte_sniff.recording.batch import Batch, Packer
+from fte_sniff.recording.container import McapFile
 from fte_sniff.recording.facts import PROGRAM, PortFacts, library_name, recording_facts
-from fte_sniff.recording.messages import encode_event, encode_row, plain
+from fte_sniff.recording.growing import GrowingFile
+from fte_sniff.recording.messages import plain
 from fte_sniff.recording.place import Existing, Place
 from fte_sniff.recording.refusals import stopped, taken_away
 from fte_sniff.recording.schema import schema_data, schema_name
-from fte_sniff.recording.topics import EVENTS, TOPICS, Topic, topic_of
+from fte_sniff.recording.topics import TOPICS, Topic
 
 METADATA_NAME = PROGRAM
 """The name of the file's metadata record."""
@@ -35,7 +38,7 @@ METADATA_NAME = PROGRAM
 MOST_PENDING = 16_384
 """Rows that wait for the end of their chunk at most; then the chunk ends by itself."""
 
-_TIMES = range(2**63)
+_LAST_TIME = 2**63 - 1
 
 
 class RecordingWriter:
@@ -69,11 +72,11 @@ class RecordingWriter:
                 or the system refuses it. Nothing has changed on the disk then.
         """
         self._failure: FileError | None = None
-        self._pending: list[tuple[int, Topic, Row | PortEvent]] = []
+        self._pending: list[tuple[int, Row | PortEvent]] = []
         self._rows = self._flushed_rows = 0
         self._last_of_port: dict[str, int] = {}
         self._last_time = 0
-        self._sequences: dict[int, int] = {}
+        self._packer = Packer(self._channel_id)
         self._channel_ids: dict[tuple[str, str], int] = {}
         self._schema_ids = _schema_ids()
         channels = [channel for port in ports for channel in self._channels_of(port)]
@@ -81,7 +84,7 @@ class RecordingWriter:
         self._closed = False
         try:
             self._file = McapFile(
-                self._place.descriptor,
+                GrowingFile(self._place.descriptor),
                 library_name(),
                 Metadata(METADATA_NAME, _plain_items(recording_facts(tuple(ports), facts or {}))),
                 _schemas(self._schema_ids),
@@ -125,7 +128,7 @@ class RecordingWriter:
         """
         self._check()
         for row in rows:
-            self._take(row, topic_of(row), f"offset {row.offset}")
+            self._take(row)
             self._rows += 1
             if len(self._pending) >= MOST_PENDING:
                 self.flush()
@@ -137,7 +140,7 @@ class RecordingWriter:
             FileError: the event has no time that a recording can hold, or writing failed.
         """
         self._check()
-        self._take(event, EVENTS, event.kind)
+        self._take(event)
 
     def flush(self) -> None:
         """End the chunk and push it to the disk. Call it at least once a second.
@@ -150,7 +153,7 @@ class RecordingWriter:
         if self._pending:
             pending, self._pending = sorted(self._pending, key=_time_of), []
             try:
-                self._file.add_chunk([self._entry(*waiting) for waiting in pending])
+                self._file.add_chunk(self._batch(pending))
             except OSError as error:
                 raise self._stop(error) from error
             self._flushed_rows = self._rows
@@ -198,26 +201,26 @@ class RecordingWriter:
         self._failure = stopped(self.path, error, self._flushed_rows)
         return self._failure
 
-    def _take(self, taken: Row | PortEvent, topic: Topic, where: str) -> None:
-        if taken.t_ns is None or taken.t_ns not in _TIMES:
+    def _take(self, taken: Row | PortEvent) -> None:
+        time, port = taken.t_ns, taken.port
+        if time is None or not 0 <= time <= _LAST_TIME:
+            where = taken.kind if isinstance(taken, PortEvent) else f"offset {taken.offset}"
             raise FileError(
-                f"{self.path} cannot hold {plain(taken.port)!r}, {where}: it has no time since "
-                "1970, and a recording needs one; write another format"
+                f"{self.path} cannot hold {plain(port)!r}, {where}: it has no time since 1970, "
+                "and a recording needs one; write another format"
             )
-        time = max(taken.t_ns, self._last_of_port.get(taken.port, 0))
-        self._last_of_port[taken.port] = time
-        self._pending.append((time, topic, taken))
-
-    def _entry(self, time: int, topic: Topic, taken: Row | PortEvent) -> Entry:
-        channel_id = self._channel_id(taken.port, topic)
-        sequence = self._sequences.get(channel_id, 0)
-        self._sequences[channel_id] = (sequence + 1) & 0xFFFF_FFFF
-        self._last_time = log_time = max(time, self._last_time)
-        if isinstance(taken, PortEvent):
-            data = encode_event(taken, log_time)
+        last = self._last_of_port.get(port, 0)
+        if time < last:
+            time = last
         else:
-            data = encode_row(topic, taken, log_time)
-        return Entry(channel_id, sequence, log_time, data)
+            self._last_of_port[port] = time
+        self._pending.append((time, taken))
+
+    def _batch(self, pending: list[tuple[int, Row | PortEvent]]) -> Batch:
+        own = np.array([time for time, _ in pending], np.int64)
+        times = np.maximum(own, self._last_time)
+        self._last_time = int(times[-1])
+        return self._packer.pack([taken for _, taken in pending], times)
 
     def _channel_id(self, port: str, topic: Topic) -> int:
         if (port, topic.name) not in self._channel_ids:
@@ -238,7 +241,7 @@ class RecordingWriter:
         return channels
 
 
-def _time_of(waiting: tuple[int, Topic, Row | PortEvent]) -> int:
+def _time_of(waiting: tuple[int, Row | PortEvent]) -> int:
     return waiting[0]
 
 

@@ -1,0 +1,33 @@
+"""Owns the rows that two wires at full line rate bring, for benchmarks of recordings."""
+
+from __future__ import annotations
+
+from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, Frame, Row, byte_time_ns, encode
+from fte_sniff.protocol.table import DEFAULT_BAUD
+
+PORTS = ("/dev/ttyUSB0", "/dev/ttyUSB1")
+START_NS = 1_770_000_000_000_000_000
+_FRAME_NS = FRAME_LENGTH * byte_time_ns(DEFAULT_BAUD)
+_SECOND_NS = 1_000_000_000
+_KINDS = {PORTS[0]: ("speed", "position", "mecanum"), PORTS[1]: ("speed_feedback",) * 3}
+
+
+def rows_of(first: int, count: int) -> list[Row]:
+    """`count` frames of each wire from number `first` on, in the order in which they come."""
+    rows: list[Row] = []
+    for number in range(first, first + count):
+        rows += [_row(port, number) for port in PORTS]
+    return rows
+
+
+def rows_a_second() -> int:
+    """Frames that one full wire brings in a second."""
+    return _SECOND_NS // _FRAME_NS
+
+
+def _row(port: str, number: int) -> Row:
+    kind = KIND_BY_NAME[_KINDS[port][number // 4 % 3]]
+    given = {"motor": number % 4 + 1, "error": 0, "online": 15}
+    values = {field.name: given.get(field.name, number % 3000 - 1500) for field in kind.fields}
+    offset, t_ns = number * FRAME_LENGTH, START_NS + number * _FRAME_NS
+    return Frame(port, offset, encode(kind, values), t_ns, (), 1_000_000 + number % 997 * 1000)

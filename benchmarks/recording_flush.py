@@ -1,0 +1,128 @@
+"""Owns the figure for live recording: one second of two full wires, from rows to the disk.
+
+python -m benchmarks.recording_flush [--seconds 200] [--folder FOLDER]
+
+`write` takes the rows, `flush` packs and writes them and waits for the disk; `disk` is the part of
+the flush that lies in system calls. `message by message` does the same through the mcap package's
+writer, with one flush, fdatasync and neither summary nor message index behind it: what others do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from mcap.writer import Writer
+
+from benchmarks.recorded_rows import PORTS, START_NS, rows_a_second, rows_of
+from fte_sniff.recording.facts import PortFacts, host_facts
+from fte_sniff.recording.messages import encode_row
+from fte_sniff.recording.schema import schema_data, schema_name
+from fte_sniff.recording.topics import TOPICS, topic_of
+from fte_sniff.recording.writer import RecordingWriter
+
+_CALLS = ("pwrite", "fdatasync", "ftruncate")
+
+
+@contextmanager
+def _timed_calls() -> Iterator[list[float]]:
+    """Seconds spent in the system calls that write, as long as this context lasts."""
+    spent: list[float] = []
+
+    def timed(call: Callable[..., Any]) -> Callable[..., Any]:
+        def timing(*given: Any) -> Any:
+            start = time.perf_counter()
+            try:
+                return call(*given)
+            finally:
+                spent.append(time.perf_counter() - start)
+
+        return timing
+
+    before = {name: getattr(os, name) for name in _CALLS}
+    for name, call in before.items():
+        setattr(os, name, timed(call))
+    try:
+        yield spent
+    finally:
+        for name, call in before.items():
+            setattr(os, name, call)
+
+
+def ours(folder: Path, seconds: int) -> dict[str, list[float]]:
+    """Milliseconds of each part, for each second recorded."""
+    found: dict[str, list[float]] = {"write": [], "flush": [], "disk": [], "rows to disk": []}
+    a_second = rows_a_second()
+    ports = [PortFacts(port, 115_200) for port in PORTS]
+    path = folder / "flush.mcap"
+    with RecordingWriter(path, ports, host_facts(START_NS)) as writer, _timed_calls() as spent:
+        for second in range(seconds):
+            rows = rows_of(second * a_second, a_second)
+            spent.clear()
+            start = time.perf_counter()
+            writer.write(rows)
+            written = time.perf_counter()
+            writer.flush()
+            end = time.perf_counter()
+            found["write"].append((written - start) * 1e3)
+            found["flush"].append((end - written) * 1e3)
+            found["disk"].append(sum(spent) * 1e3)
+            found["rows to disk"].append((end - start) * 1e3)
+    path.unlink()
+    return found
+
+
+def others(folder: Path, seconds: int) -> list[float]:
+    """Milliseconds for each second recorded, through the mcap package's writer."""
+    found = []
+    a_second = rows_a_second()
+    with (folder / "others.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channels = {}
+        for topic in TOPICS:
+            schema = writer.register_schema(
+                schema_name(topic), "protobuf", schema_data(topic.schema)
+            )
+            for port in PORTS:
+                channels[port, topic.name] = writer.register_channel(topic.name, "protobuf", schema)
+        for second in range(seconds):
+            rows = rows_of(second * a_second, a_second)
+            start = time.perf_counter()
+            for row in rows:
+                time_ns = row.t_ns or 0
+                topic = topic_of(row)
+                data = encode_row(topic, row, time_ns)
+                writer.add_message(channels[row.port, topic.name], time_ns, data, time_ns)
+            file.flush()
+            os.fdatasync(file.fileno())
+            found.append((time.perf_counter() - start) * 1e3)
+        writer.finish()
+    return found
+
+
+def main() -> None:
+    """Record second after second, and print medians, and what one in a hundred exceeds."""
+    parser = argparse.ArgumentParser(description="How long a second of rows takes to the disk.")
+    parser.add_argument("--seconds", type=int, default=200)
+    parser.add_argument("--folder", type=Path)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.folder) as name:
+        parts = ours(Path(name), options.seconds)
+        parts["message by message"] = others(Path(name), max(5, options.seconds // 10))
+    print(f"{2 * rows_a_second()} rows a second, {options.seconds} seconds; milliseconds")
+    print(f"{'':<20} {'median':>8} {'p99':>8}")
+    for part, times in parts.items():
+        worst = statistics.quantiles(times, n=100)[-1]
+        print(f"{part:<20} {statistics.median(times):8.2f} {worst:8.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""Owns where the values of a message stand in its bytes, so that many are written at once.
+
+It must not know how single messages are encoded: it takes one that is, and finds the places in it.
+
+Sound frames of one kind make messages that differ in few places only (see `schema`). A model of
+such a message, with its record's head before it, is copied for each row, and columns written over:
+
+    05 length channel sequence time time | 09 offset 11 delay 1A 0A raw 20 status ... 75 value ...
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from fte_sniff.protocol import FRAME_LENGTH, Field
+
+MESSAGE = struct.Struct("<BQHIQQ")
+"""What stands before the data of a message: opcode, length, channel, sequence, log and publish
+time."""
+
+MESSAGE_HEAD = MESSAGE.size - 9
+"""Bytes of a message record's body before its data."""
+
+_HEAD_PLACES = {"channel": ("<u2", 9), "sequence": ("<u4", 11), "log": ("<u8", 15)}
+_HEAD_PLACES["publish"] = ("<u8", 23)
+_WIDTHS = {1: 8, 5: 4}
+_TYPES = {"TYPE_FIXED64": "<u8", "TYPE_SFIXED64": "<i8", "TYPE_FIXED32": "<u4"}
+_TYPES |= {"TYPE_SFIXED32": "<i4", "TYPE_FLOAT": "<f4", "TYPE_DOUBLE": "<f8"}
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """What differs between the messages of one form, a value for each row."""
+
+    channel: int
+    sequences: NDArray[np.uint32]
+    times: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    delays: NDArray[np.int64]
+    raws: NDArray[np.uint8]
+    """The rows' ten bytes, one row a line."""
+
+
+class Layout:
+    """Writes messages of one form: sound frames of one kind on one topic."""
+
+    def __init__(self, model: bytes, message: Any, fields: tuple[Field, ...]) -> None:
+        """Find the places.
+
+        Args:
+            model: one message of the form, with a read delay, without faults and own time.
+            message: its protobuf class.
+            fields: the frame's fields that differ from row to row.
+        """
+        head = MESSAGE.pack(Opcode.MESSAGE, MESSAGE_HEAD + len(model), 0, 0, 0, 0)
+        self._model = np.frombuffer(head + model, np.uint8)
+        self._fields = fields
+        places = _HEAD_PLACES | dict(_places(model, _types(message)))
+        self._type = np.dtype(
+            {
+                "names": list(places),
+                "formats": [kind for kind, _ in places.values()],
+                "offsets": [offset for _, offset in places.values()],
+                "itemsize": len(self._model),
+            }
+        )
+
+    @property
+    def length(self) -> int:
+        """Bytes of each message record."""
+        return len(self._model)
+
+    def records(self, columns: Columns) -> list[bytes]:
+        """The message records of these rows."""
+        lines = np.tile(self._model, (len(columns.times), 1))
+        table = lines.view(self._type)[:, 0]
+        table["channel"] = columns.channel
+        table["sequence"] = columns.sequences
+        table["log"] = table["publish"] = columns.times
+        table["offset"] = columns.offsets
+        table["read_delay_ns"] = columns.delays
+        table["raw"] = columns.raws
+        for field in self._fields:
+            cut = np.ascontiguousarray(columns.raws[:, field.start : field.start + field.size])
+            table[field.name] = cut.view(f">{'i' if field.signed else 'u'}{field.size}")[:, 0]
+        found: list[bytes] = lines.view(f"V{self.length}")[:, 0].tolist()
+        return found
+
+
+def _types(message: Any) -> Mapping[int, tuple[str, str]]:
+    """Name and numpy type of each field of fixed width, by field number."""
+    descriptor = message.DESCRIPTOR
+    names = {getattr(descriptor.fields[0], name): kind for name, kind in _TYPES.items()}
+    return {
+        field.number: (field.name, names[field.type])
+        for field in descriptor.fields
+        if field.type in names
+    } | {descriptor.fields_by_name["raw"].number: ("raw", f"({FRAME_LENGTH},)u1")}
+
+
+def _places(
+    model: bytes, types: Mapping[int, tuple[str, str]]
+) -> Iterator[tuple[str, tuple[str, int]]]:
+    """Name, type and place in the record of each field of the model that can be written over."""
+    place = 0
+    while place < len(model):
+        tag, place = _varint(model, place)
+        number, wire = tag >> 3, tag & 7
+        if wire in _WIDTHS:
+            width = _WIDTHS[wire]
+        elif wire == 2:
+            width, place = _varint(model, place)
+        else:
+            width = _varint(model, place)[1] - place
+        if number in types:
+            name, kind = types[number]
+            yield name, (kind, MESSAGE.size + place)
+        place += width
+
+
+def _varint(data: bytes, place: int) -> tuple[int, int]:
+    """The number that begins at `place`, and the place behind it."""
+    value = shift = 0
+    while True:
+        byte = data[place]
+        place += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, place
+        shift += 7
