@@ -9,25 +9,32 @@ a file that ends in the middle. So a guard is put behind the place of the write 
 of the old tail's index, and cut off when the write is done:
 
     1   data | tail |           . . .           | footer
-    2   data | tail |           . . . | summary | footer       the guard
-    3   data | new data | new tail | .| summary | footer
-    4   data | new data | new tail |
+    2   data | tail |           . . . | guard . . footer
+    3   data | 80 ........ new .......| guard . . footer
+    4   data | new data | new tail |  | guard . . footer
+    5   data | new data | new tail |
 
-In 1 the footer points at the old tail's summary, from 2 to 3 at the guard's, in 4 at the new one.
-Each step of 1, 2 and 4 is too small to be left half done: a footer lies within one sector, and a
-length is one number. Between the steps that a power cut could put in another order stands a
-barrier. Whoever opens the file by its end, as all tools do, finds a whole index in each state.
+In 1 the footer points at the old tail's summary, from 2 to 4 at the guard's, in 5 at the new one.
+In 3 a record of a private opcode, which readers skip, covers what is being written: so the file is
+whole for those too who read it from its beginning.
+
+The steps from state to state are too small to be left half done: a footer lies within one sector,
+a record's head is nine bytes, a length is one number. A barrier stands where a power cut could put
+them in another order.
 """
 
 from __future__ import annotations
 
 import os
 from contextlib import suppress
+from dataclasses import replace
 from typing import Protocol
 
-from fte_sniff.recording.tail import END_LENGTH, Tail
+from fte_sniff.recording.records import HEAD
+from fte_sniff.recording.tail import DATA_END_LENGTH, END_LENGTH, Tail
 
 _SECTOR = 512
+_PRIVATE = 0x80
 
 LARGEST_BARRED = 256 * 1024
 """Bytes of guard that are pushed to the disk; a larger one guards against a kill alone."""
@@ -74,15 +81,15 @@ class GrowingFile:
         tail_bytes = tail.at(end)
         stop = end + len(tail_bytes)
         try:
-            guarded = self._guard(stop)
+            guarded = self._guard(self._tail, stop) if self._tail else 0
             try:
-                _write_at(self._descriptor, data + tail_bytes, self._end)
-                if guarded:
-                    os.fdatasync(self._descriptor)
-                    os.ftruncate(self._descriptor, stop)
+                self._put(data + tail_bytes, guarded)
                 os.fdatasync(self._descriptor)
+                if guarded:
+                    # Not waited for: cut or not, the file is whole, and holds what is new.
+                    os.ftruncate(self._descriptor, stop)
             except OSError:
-                self._restore_tail()
+                self._restore_tail(guarded)
                 raise
         except OSError:
             with suppress(OSError):
@@ -91,28 +98,37 @@ class GrowingFile:
         self._end, self._tail, self._tail_bytes = end, tail, tail_bytes
 
     def end(self, tail: Tail) -> None:
-        """Let the file end with `tail`, if it does not."""
+        """Let the file end with `tail`, and push that to the disk too."""
         if self._tail != tail:
             self.grow(b"", tail)
+        os.fdatasync(self._descriptor)
 
-    def _guard(self, stop: int) -> bool:
-        """Put the old index behind `stop` and behind the file's end; False if there is none yet."""
-        if self._tail is None:
-            return False
+    def _guard(self, tail: Tail, stop: int) -> int:
+        """Put the old index behind `stop` and behind the file's end; returns where it begins."""
         start = max(stop, self.size)
-        start += _room_for_footer(start + self._tail.index_length)
-        index = self._tail.index_at(start)
-        footer_at = start + len(index) - END_LENGTH
-        _write_at(self._descriptor, self._tail.end_for(self._end), footer_at)
-        _write_at(self._descriptor, index[:-END_LENGTH], start)
-        _write_at(self._descriptor, index[-END_LENGTH:], footer_at)
-        if len(index) <= LARGEST_BARRED:
+        start += _room_for_footer(start + DATA_END_LENGTH + tail.index_length)
+        guard = replace(tail, data_crc=0, indexed=True).at(start)
+        footer_at = start + len(guard) - END_LENGTH
+        _write_at(self._descriptor, tail.end_for(self._end), footer_at)
+        _write_at(self._descriptor, guard[:-END_LENGTH], start)
+        _write_at(self._descriptor, guard[-END_LENGTH:], footer_at)
+        if len(guard) <= LARGEST_BARRED:
             os.fdatasync(self._descriptor)
-        return True
+        return start
 
-    def _restore_tail(self) -> None:
+    def _put(self, new: bytes, guard: int) -> None:
+        """Write `new` over the old tail; its first bytes last, where a guard stands behind."""
+        if not guard:
+            _write_at(self._descriptor, new, self._end)
+            return
+        behind = self._end + HEAD.size
+        _write_at(self._descriptor, HEAD.pack(_PRIVATE, guard - behind), self._end)
+        _write_at(self._descriptor, new[HEAD.size :], behind)
+        _write_at(self._descriptor, new[: HEAD.size], self._end)
+
+    def _restore_tail(self, guard: int) -> None:
         with suppress(OSError):
-            _write_at(self._descriptor, self._tail_bytes, self._end)
+            self._put(self._tail_bytes, guard)
 
 
 class Stream:

@@ -1,0 +1,171 @@
+"""Owns the figure for recordings that are killed: what is left after SIGKILL at random moments.
+
+python -m benchmarks.recording_kill [--kills 200] [--every 1.0] [--folder FOLDER]
+python -m benchmarks.recording_kill --stress        flush after flush, without a rest
+
+A child records two wires at full line rate, and tells each flush after it returned. It is killed at
+a random moment once it has begun. Then the file must open as it is in the mcap package's
+seeking reader, all checksums checked, and hold every row whose flush was told; what it lacks of the
+rows that were written is at most what came since. `--beside` runs so many children at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.reader import make_reader
+
+from benchmarks.recorded_rows import PORTS, rows_a_second, rows_of
+from fte_sniff.recording.facts import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import RecordingWriter
+
+_PACE_S = 0.02
+_LONGEST_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """What one killed child left."""
+
+    problem: str
+    """Why its file is not valid; empty if it is."""
+    told: int
+    """Rows whose flush it told."""
+    written: int
+    """Rows that it had told to be about to write, flushed or not."""
+    found: int
+    """Rows in the file."""
+
+    @property
+    def missing(self) -> int:
+        """Rows that were flushed and are not there."""
+        return max(0, self.told - self.found)
+
+
+def record(path: Path, every_s: float) -> None:
+    """Record for ever; `every_s` 0 flushes after each write. Tells `w ROWS` and `f ROWS`."""
+    a_second = rows_a_second()
+    step = max(1, int(a_second * _PACE_S))
+    ready = [rows_of(first, step) for first in range(0, a_second * 8, step)]
+    writer = RecordingWriter(path, [PortFacts(port, 115_200) for port in PORTS])
+    begun = flushed = time.monotonic()
+    count = 0
+    for rows in ready if every_s else _endless(step * 50):
+        count += len(rows)
+        print("w", count, flush=True)
+        writer.write(rows)
+        now = time.monotonic()
+        if now - flushed >= every_s:
+            writer.flush()
+            print("f", count, flush=True)
+            flushed = now
+        if every_s:
+            time.sleep(max(0.0, begun + count / (2 * a_second) - time.monotonic()))
+
+
+def _endless(step: int) -> Iterator[list[object]]:
+    first = 0
+    while True:
+        yield rows_of(first, step)  # type: ignore[misc]
+        first += step
+
+
+def kill_one(path: Path, every_s: float, after_s: float) -> Left:
+    """Let a child record to `path`, kill it `after_s` seconds after its first rows, and look."""
+    command = [sys.executable, "-m", "benchmarks.recording_kill", "--record", str(path)]
+    with subprocess.Popen(
+        [*command, "--every", str(every_s)], stdout=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None
+        told = [child.stdout.readline()]
+        killer = time.monotonic() + after_s
+        while time.monotonic() < killer and told[-1]:
+            told.append(child.stdout.readline())
+        child.send_signal(signal.SIGKILL)
+        told += child.stdout.read().splitlines()
+    counts = {"w": 0, "f": 0}
+    for line in told:
+        word, _, count = line.strip().partition(" ")
+        if word in counts and count:
+            counts[word] = int(count)
+    problem, found = opened(path)
+    return Left(problem, counts["f"], counts["w"], found)
+
+
+def opened(path: Path) -> tuple[str, int]:
+    """What is wrong with the file for a reader that seeks; and how many rows ours finds in it."""
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            summary = reader.get_summary()
+            count = sum(1 for _ in reader.iter_messages())
+        if summary is None or summary.statistics is None:
+            return "no summary", count
+        if summary.statistics.message_count != count:
+            return "its summary counts other messages", count
+    except Exception as error:  # noqa: BLE001 - whatever the package raises means that it is not valid
+        try:
+            return f"{type(error).__name__}: {error}", sum(1 for _ in RecordingReader(path))
+        except Exception as worse:  # noqa: BLE001
+            return f"{type(error).__name__}, {worse}", 0
+    return "", count
+
+
+def report(found: list[Left], every_s: float) -> None:
+    """Print the table."""
+    problems = Counter(left.problem for left in found if left.problem)
+    lost = sorted(left.written - left.found for left in found)
+    print(f"{len(found)} kills, a flush every {every_s:g} s")
+    print(f"{'opened as they are, seeking, checksums on':<48} {len(found) - problems.total()}")
+    print(f"{'files that lack flushed rows':<48} {sum(left.missing > 0 for left in found)}")
+    print(f"{'rows not flushed, and lost: median':<48} {lost[len(lost) // 2]}")
+    print(f"{'rows not flushed, and lost: most':<48} {lost[-1]}")
+    for problem, count in problems.items():
+        print(f"{count} times: {problem}")
+
+
+def main() -> None:
+    """Kill many, and print what they left."""
+    parser = argparse.ArgumentParser(description="What recordings that are killed leave.")
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--every", type=float, default=1.0)
+    parser.add_argument("--stress", action="store_true")
+    parser.add_argument("--beside", type=int, default=8)
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--record", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    every_s = 0.0 if options.stress else options.every
+    if options.record:
+        record(options.record, every_s)
+        return
+    rng = random.Random()
+    with (
+        tempfile.TemporaryDirectory(dir=options.folder) as name,
+        ThreadPoolExecutor(1 if options.stress else options.beside) as pool,
+    ):
+        kills = [
+            pool.submit(
+                kill_one,
+                Path(name) / f"{number}.mcap",
+                every_s,
+                rng.uniform(0, 0.7 if options.stress else _LONGEST_S),
+            )
+            for number in range(options.kills)
+        ]
+        report([kill.result() for kill in kills], every_s)
+
+
+if __name__ == "__main__":
+    main()
