@@ -20,7 +20,10 @@ from fte_sniff.errors import FteSniffError, unwritable
 
 PROGRAM = "fte-sniff"
 
-_NAMES = ("live", "view", "decode", "hex", "encode", "bridge", "simulate", "ports", "doctor")
+_NAMES = (
+    *("live", "view", "decode", "hex", "encode"),
+    *("bridge", "simulate", "repair", "ports", "doctor"),
+)
 
 COMMANDS: Mapping[str, str] = MappingProxyType({name: f"fte_sniff.cli.{name}" for name in _NAMES})
 """Each command's module; the command in it is called `command`."""

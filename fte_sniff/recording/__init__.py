@@ -7,7 +7,7 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     topics     which row goes to which topic, derived from the frame table
     schema     the protobuf schema of each topic, derived from the frame table
     messages   one row or event to the bytes of its message, and back
-    layout     where values stand in the bytes of sound frames' messages
+    model      where values stand in the bytes of sound frames' messages
     batch      many rows and events to the messages of one chunk
     tail       data end, summary, footer, magic, wherever they are put
     growing    how bytes come to the disk, so that the file never ends wrong
@@ -17,6 +17,8 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     records    the records of any MCAP file, cut, damaged or hostile as it may be
     summary    what a file's summary tells before its rows are read
     reader     RecordingReader: the rows and events of a file
+    salvage    what is whole in a damaged file
+    repair     a damaged file to a whole one
     refusals   the lines that tell why a recording cannot begin, or came to stop
 
 A recording on disk (https://mcap.dev/spec):

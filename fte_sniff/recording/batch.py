@@ -16,8 +16,8 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from fte_sniff.protocol import FRAME_LENGTH, Frame, PortEvent, Row
-from fte_sniff.recording.layout import MESSAGE, MESSAGE_HEAD, Columns, Layout
 from fte_sniff.recording.messages import class_of, encode_event, encode_row
+from fte_sniff.recording.model import MESSAGE, MESSAGE_HEAD, Columns, Model
 from fte_sniff.recording.topics import EVENTS, MALFORMED, Topic, topic_of
 
 _HEAD = slice(0, 3)
@@ -70,7 +70,7 @@ class Packer:
         for (_, head), places in forms.items():
             rows = [taken[place] for place in places]
             columns = _columns(rows, channels, sequences, times, np.array(places))
-            for place, record in zip(places, _layout(head).records(columns), strict=True):
+            for place, record in zip(places, _model(head).records(columns), strict=True):
                 records[place] = record
         for place in odd:
             records[place] = _record(
@@ -122,13 +122,13 @@ class Packer:
 
 
 @cache
-def _layout(head: bytes) -> Layout:
+def _model(head: bytes) -> Model:
     """The layout of all sound frames that begin with `head`."""
     raw = head + bytes(FRAME_LENGTH - len(head))
     model = Frame("", 0, raw, 0, (), 0)
     topic, kind = topic_of(model), model.kind
     assert kind is not None
-    return Layout(encode_row(topic, model, 0), class_of(topic), kind.fields)
+    return Model(encode_row(topic, model, 0), class_of(topic), kind.fields)
 
 
 def _columns(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -93,14 +93,13 @@ class McapFile:
         """Take one more channel; it stands in the file from the first chunk that uses it."""
         self._channels[channel.id] = channel
 
-    def add_metadata(self, metadata: Metadata) -> None:
-        """Write one more metadata record."""
-        record = bytes_of(metadata)
-        self._metadata_indexes.append(MetadataIndex(self._end, len(record), metadata.name))
-        self._extend(record)
+    def add_chunk(self, batch: Batch, metadata: Iterable[Metadata] = ()) -> None:
+        """Write one chunk of messages, one at least, in their order, and push it to the disk.
 
-    def add_chunk(self, batch: Batch) -> None:
-        """Write one chunk of messages, one at least, in their order, and push it to the disk."""
+        Args:
+            batch: the messages.
+            metadata: records that come before the chunk, in the same step.
+        """
         channels = np.unique(batch.channels).tolist()
         new = self._undefined(channels)
         definitions = bytes_of(*new)
@@ -113,13 +112,27 @@ class McapFile:
             uncompressed_crc=zlib.crc32(records),
             uncompressed_size=len(records),
         )
+        self.add_packed(chunk, replace(batch, places=batch.places + len(definitions)), metadata)
+        self._defined.update((type(record), record.id) for record in new)
+
+    def add_packed(self, chunk: Chunk, batch: Batch, metadata: Iterable[Metadata] = ()) -> None:
+        """Write a chunk that is packed already.
+
+        Args:
+            chunk: the chunk; what it defines must be known to the file.
+            batch: its messages, one at least, with their places in the unpacked chunk.
+            metadata: records that come before the chunk.
+        """
+        before = self._metadata_records(metadata)
+        start = self._end + len(before)
         data = bytes_of(chunk)
-        indexes, places = _message_indexes(batch, channels, len(definitions), self._end + len(data))
+        counts = _counts(batch)
+        indexes, places = _message_indexes(batch, list(counts), start + len(data))
         self._chunk_indexes += bytes_of(
             ChunkIndex(
                 message_start_time=chunk.message_start_time,
                 message_end_time=chunk.message_end_time,
-                chunk_start_offset=self._end,
+                chunk_start_offset=start,
                 chunk_length=len(data),
                 message_index_offsets=places,
                 message_index_length=len(indexes),
@@ -128,9 +141,13 @@ class McapFile:
                 uncompressed_size=chunk.uncompressed_size,
             )
         )
-        self._count(batch, chunk)
-        self._extend(data + indexes)
-        self._defined.update((type(record), record.id) for record in new)
+        self._count(counts, chunk)
+        self._extend(before + data + indexes)
+
+    def add_metadata(self, metadata: Iterable[Metadata]) -> None:
+        """Write more metadata records, if there are any."""
+        if records := self._metadata_records(metadata):
+            self._extend(records)
 
     def finish(self) -> None:
         """Write the whole summary, if the file does not end with it already."""
@@ -143,24 +160,37 @@ class McapFile:
         wanted: list[Schema | Channel] = [*schemas, *channels]
         return [record for record in wanted if (type(record), record.id) not in self._defined]
 
-    def _count(self, batch: Batch, chunk: Chunk) -> None:
+    def _metadata_records(self, metadata: Iterable[Metadata]) -> bytes:
+        """The records at the end of the data, noted for the summary."""
+        found = bytearray()
+        for one in metadata:
+            record = bytes_of(one)
+            place = self._end + len(found)
+            self._metadata_indexes.append(MetadataIndex(place, len(record), one.name))
+            found += record
+        return bytes(found)
+
+    def _count(self, counts: Mapping[int, int], chunk: Chunk) -> None:
         first = chunk.message_start_time
         self._first_time = min(self._first_time, first) if self._counts else first
         self._last_time = max(self._last_time, chunk.message_end_time)
-        for channel_id, count in zip(*np.unique(batch.channels, return_counts=True), strict=True):
-            self._counts[int(channel_id)] = self._counts.get(int(channel_id), 0) + int(count)
+        for channel_id, count in counts.items():
+            self._counts[channel_id] = self._counts.get(channel_id, 0) + count
         self._chunks += 1
 
     def _extend(self, data: bytes) -> None:
         """Let the file grow by `data`, and end with all that is known then."""
         end, crc = self._end + len(data), zlib.crc32(data, self._crc)
+        self._growing.grow(data, lambda: self._next_tail(end, crc))
+        self._end, self._crc = end, crc
+
+    def _next_tail(self, end: int, crc: int) -> Tail:
+        """The tail behind the next data, without summary where that is too long to be written."""
         tail = self._tail(crc)
         if tail.index_length > max(LONG_SUMMARY, end - self._indexed_end):
-            tail = replace(tail, indexed=False)
-        self._growing.grow(data, tail)
-        self._end, self._crc = end, crc
-        if tail.indexed:
-            self._indexed_end = end
+            return replace(tail, indexed=False)
+        self._indexed_end = end
+        return tail
 
     def _tail(self, crc: int) -> Tail:
         groups = groups_of(
@@ -186,21 +216,26 @@ class McapFile:
         )
 
 
+def _counts(batch: Batch) -> dict[int, int]:
+    """How many messages each channel has, by rising id."""
+    channels, counts = np.unique(batch.channels, return_counts=True)
+    return dict(zip(channels.tolist(), counts.tolist(), strict=True))
+
+
 def _message_indexes(
-    batch: Batch, channels: list[int], start: int, position: int
+    batch: Batch, channels: list[int], position: int
 ) -> tuple[bytes, dict[int, int]]:
     """The message index records of a chunk, and where each of them will stand.
 
     Args:
         batch: the messages.
-        channels: the ids of their channels.
-        start: where the messages begin in the unpacked chunk.
+        channels: the ids of their channels, rising.
         position: where the first index record goes in the file.
     """
     order = np.argsort(batch.channels, kind="stable")
     entries = np.empty((len(order), 2), "<u8")
     entries[:, 0] = batch.times[order]
-    entries[:, 1] = batch.places[order] + start
+    entries[:, 1] = batch.places[order]
     firsts = np.searchsorted(batch.channels[order], channels)
     found, places = bytearray(), {}
     for channel_id, own in zip(channels, np.split(entries, firsts[1:]), strict=True):

@@ -26,6 +26,7 @@ them in another order.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
@@ -48,8 +49,8 @@ class Growing(Protocol):
         """Bytes in the file."""
         ...
 
-    def grow(self, data: bytes, tail: Tail) -> None:
-        """Put `data` behind the data that is there, and `tail` behind it."""
+    def grow(self, data: bytes, tail: Callable[[], Tail]) -> None:
+        """Put `data` behind the data that is there, and behind it what `tail` gives, if asked."""
         ...
 
     def end(self, tail: Tail) -> None:
@@ -75,10 +76,10 @@ class GrowingFile:
         """Bytes in the file, its tail included."""
         return self._end + len(self._tail_bytes)
 
-    def grow(self, data: bytes, tail: Tail) -> None:
+    def grow(self, data: bytes, tail: Callable[[], Tail]) -> None:
         """Put `data` where the old tail began, `tail` behind it, and push both to the disk."""
-        end = self._end + len(data)
-        tail_bytes = tail.at(end)
+        end, new_tail = self._end + len(data), tail()
+        tail_bytes = new_tail.at(end)
         stop = end + len(tail_bytes)
         try:
             guarded = self._guard(self._tail, stop) if self._tail else 0
@@ -86,7 +87,7 @@ class GrowingFile:
                 self._put(data + tail_bytes, guarded)
                 os.fdatasync(self._descriptor)
                 if guarded:
-                    # Not waited for: cut or not, the file is whole, and holds what is new.
+                    # Not waited for: until then the file is whole, but its index is the old one.
                     os.ftruncate(self._descriptor, stop)
             except OSError:
                 self._restore_tail(guarded)
@@ -95,12 +96,12 @@ class GrowingFile:
             with suppress(OSError):
                 os.ftruncate(self._descriptor, self.size)
             raise
-        self._end, self._tail, self._tail_bytes = end, tail, tail_bytes
+        self._end, self._tail, self._tail_bytes = end, new_tail, tail_bytes
 
     def end(self, tail: Tail) -> None:
         """Let the file end with `tail`, and push that to the disk too."""
         if self._tail != tail:
-            self.grow(b"", tail)
+            self.grow(b"", lambda: tail)
         os.fdatasync(self._descriptor)
 
     def _guard(self, tail: Tail, stop: int) -> int:
@@ -144,7 +145,7 @@ class Stream:
         """Bytes written so far."""
         return self._size
 
-    def grow(self, data: bytes, tail: Tail) -> None:
+    def grow(self, data: bytes, tail: Callable[[], Tail]) -> None:
         """Write `data`; the tail waits for the end."""
         self._write(data)
 

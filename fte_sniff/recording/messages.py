@@ -102,7 +102,7 @@ def _plain_form_of(topic_name: str, kind_name: str, order_uncertain: bool) -> Pl
     fixed = {"status": _STATUS_NUMBER[Status.OK], "kind": enum_number("Kind", kind.name)}
     if order_uncertain:
         fixed["order_uncertain"] = True
-    return plain_form(_class_of(topic), kind, fixed)
+    return plain_form(class_of(topic), kind, fixed)
 
 
 def _encode_by_protobuf(topic: Topic, row: Row, log_time: int) -> bytes:

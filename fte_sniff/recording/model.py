@@ -48,7 +48,7 @@ class Columns:
     """The rows' ten bytes, one row a line."""
 
 
-class Layout:
+class Model:
     """Writes messages of one form: sound frames of one kind on one topic."""
 
     def __init__(self, model: bytes, message: Any, fields: tuple[Field, ...]) -> None:
@@ -60,7 +60,7 @@ class Layout:
             fields: the frame's fields that differ from row to row.
         """
         head = MESSAGE.pack(Opcode.MESSAGE, MESSAGE_HEAD + len(model), 0, 0, 0, 0)
-        self._model = np.frombuffer(head + model, np.uint8)
+        self._bytes = np.frombuffer(head + model, np.uint8)
         self._fields = fields
         places = _HEAD_PLACES | dict(_places(model, _types(message)))
         self._type = np.dtype(
@@ -68,18 +68,18 @@ class Layout:
                 "names": list(places),
                 "formats": [kind for kind, _ in places.values()],
                 "offsets": [offset for _, offset in places.values()],
-                "itemsize": len(self._model),
+                "itemsize": len(self._bytes),
             }
         )
 
     @property
     def length(self) -> int:
         """Bytes of each message record."""
-        return len(self._model)
+        return len(self._bytes)
 
     def records(self, columns: Columns) -> list[bytes]:
         """The message records of these rows."""
-        lines = np.tile(self._model, (len(columns.times), 1))
+        lines = np.tile(self._bytes, (len(columns.times), 1))
         table = lines.view(self._type)[:, 0]
         table["channel"] = columns.channel
         table["sequence"] = columns.sequences

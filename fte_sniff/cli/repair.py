@@ -1,0 +1,68 @@
+"""Owns `fte-sniff repair`: a damaged recording to a whole one.
+
+It must not know how a recording is laid out; it says what was found, and what was lost.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fte_sniff.cli.telling import tell
+from fte_sniff.errors import UsageError
+
+if TYPE_CHECKING:
+    from fte_sniff.recording.repair import Damage
+
+_MOST_LOSSES = 20
+
+
+@click.command(name="repair", short_help="Mend a damaged recording.")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Write to this file instead of FILE's name with -repaired.",
+)
+@click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
+def command(file: Path, output: Path | None, force: bool) -> None:
+    """Mend a damaged recording (.mcap): keep all that is whole, and say what was lost.
+
+    FILE is never changed; what is whole in it goes to a new file. A file that is whole needs no
+    mending, and none is written.
+
+    \b
+    fte-sniff repair cut.mcap
+    fte-sniff repair cut.mcap -o mended.mcap
+    """
+    from fte_sniff.recording.place import Existing
+    from fte_sniff.recording.repair import is_whole, repair
+
+    target = output or file.with_name(f"{file.stem}-repaired{file.suffix}")
+    if target.exists() and file.exists() and target.samefile(file):
+        raise UsageError(f"{target} is the damaged file itself; name another with -o")
+    if is_whole(file):
+        tell(f"{file} is whole; there is nothing to mend")
+        return
+    damage = repair(file, target, Existing.REPLACE if force else Existing.REFUSE)
+    for loss in damage.losses[:_MOST_LOSSES]:
+        tell(f"lost: {loss}")
+    if len(damage.losses) > _MOST_LOSSES:
+        tell(f"lost: {len(damage.losses) - _MOST_LOSSES} more places")
+    if damage.undescribed:
+        tell(f"lost: {damage.undescribed} messages of ports that nothing describes any more")
+    kept = f"{damage.messages} rows and port events in {damage.chunks} chunks"
+    tell(f"kept {kept}; {_missing(damage)}")
+    tell(f"mended into {target}")
+
+
+def _missing(damage: Damage) -> str:
+    """How many messages are lost, as far as that is known."""
+    if damage.missing is not None:
+        return f"{damage.missing} are lost"
+    if damage.least_missing:
+        return f"at least {damage.least_missing} are lost"
+    return "how many came behind the damage is not known" if damage.losses else "none are lost"

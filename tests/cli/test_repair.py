@@ -1,0 +1,60 @@
+"""`repair` keeps what is whole, says what is not, and touches nothing else."""
+
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.recording.reader import RecordingReader
+
+
+def test_a_whole_file_is_left_alone(run, tmp_path: Path, samples: Path) -> None:
+    done = run("repair", samples / "damaged.mcap", "-o", tmp_path / "x.mcap")
+    assert (done.returncode, done.stdout) == (0, "")
+    assert "is whole; there is nothing to mend" in done.stderr
+    assert not (tmp_path / "x.mcap").exists()
+
+
+def test_a_cut_file_is_mended_beside_it(run, tmp_path: Path, samples: Path) -> None:
+    rows = list(RecordingReader(samples / "damaged.mcap"))
+    cut = tmp_path / "cut.mcap"
+    content = (samples / "damaged.mcap").read_bytes()[:30_000]
+    cut.write_bytes(content)
+    done = run("repair", "cut.mcap")
+    assert done.returncode == 0
+    assert "lost: bytes" in done.stderr
+    assert "mended into cut-repaired.mcap" in done.stderr
+    assert cut.read_bytes() == content
+    reader = RecordingReader(tmp_path / "cut-repaired.mcap")
+    kept = list(reader)
+    assert reader.complete
+    assert 0 < len(kept) < len(rows)
+    assert kept == rows[: len(kept)]
+    again = run("repair", "cut.mcap")
+    assert again.returncode == 4
+    assert "cut-repaired.mcap exists already" in again.stderr
+    assert run("repair", "cut.mcap", "--force").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "words"),
+    [(b"", 4, "no whole chunk"), (b"\x89MCAP0\r\n", 4, "no whole chunk"), (b"AA" * 99, 4, "mend")],
+)
+def test_where_nothing_is_left_nothing_is_written(
+    run, tmp_path: Path, content: bytes, code: int, words: str
+) -> None:
+    (tmp_path / "x.mcap").write_bytes(content)
+    done = run("repair", "x.mcap")
+    assert done.returncode == code
+    assert words in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["x.mcap"]
+
+
+def test_the_damaged_file_is_never_the_output(run, tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"damaged")
+    (tmp_path / "link.mcap").symlink_to("x.mcap")
+    for output in ("x.mcap", "link.mcap"):
+        done = run("repair", "x.mcap", "-o", output, "--force")
+        assert done.returncode == 2
+        assert "the damaged file itself" in done.stderr
+    assert (tmp_path / "x.mcap").read_bytes() == b"damaged"
