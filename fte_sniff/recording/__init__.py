@@ -13,7 +13,13 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     growing    how bytes come to the disk, so that the file never ends wrong
     container  an MCAP file that grows by whole chunks
     place      the file: made, locked, put in its place, missed when it is gone
+    outlet     what cannot seek: standard output, pipes, devices
     writer     RecordingWriter: rows in log order, into a container
+    keeping    what is to be kept: bounds, rotation, what surrounds an event
+    trigger    which rows surround one that was asked for
+    shelf      the files of one capture, and the room they may take
+    gaps       what is missed while the disk fails, and when it is tried again
+    recorder   Recorder: one capture into one file, or as many as it takes
     records    the records of any MCAP file, cut, damaged or hostile as it may be
     summary    what a file's summary tells before its rows are read
     reader     RecordingReader: the rows and events of a file

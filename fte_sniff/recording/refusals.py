@@ -20,6 +20,8 @@ def recorded_to(path: object) -> FileError:
 
 def stopped(path: object, error: OSError, rows: int) -> FileError:
     """What to tell the user when a recording that was under way cannot go on."""
+    if isinstance(error, BrokenPipeError):
+        return FileError(f"recording stopped: whoever read {path} is gone ({rows} rows were taken)")
     return FileError(
         f"recording stopped: {reason_of(error)}; {path} is complete up to there ({rows} rows); "
         "make room, or record elsewhere with -o"
@@ -34,3 +36,16 @@ def taken_away(path: object, rows: int, *, deleted: bool) -> FileError:
         f"recording stopped: {path} was {what} while it was being written; the {rows} rows in it "
         f"{fate}; start again, and leave the file in its place"
     )
+
+
+def bound_reached(path: object, bound: str, rows: int) -> FileError:
+    """What to tell the user when a recording would take more of the disk than it may."""
+    return FileError(
+        f"recording stopped: {bound}; {path} is complete up to there ({rows} rows); "
+        "make room, raise the bound, or let the oldest go with --on-full rotate-oldest"
+    )
+
+
+def not_recorded(what: str, reason: str) -> FileError:
+    """What to tell the user at the end of a capture whose recording had gaps."""
+    return FileError(f"{what} were not recorded: {reason}")

@@ -25,9 +25,9 @@ from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.batch import Batch, Packer
 from fte_sniff.recording.container import McapFile
 from fte_sniff.recording.facts import PROGRAM, PortFacts, library_name, recording_facts
-from fte_sniff.recording.growing import GrowingFile
 from fte_sniff.recording.messages import plain
-from fte_sniff.recording.place import Existing, Place
+from fte_sniff.recording.outlet import opened
+from fte_sniff.recording.place import Existing
 from fte_sniff.recording.refusals import stopped, taken_away
 from fte_sniff.recording.schema import schema_data, schema_name
 from fte_sniff.recording.topics import TOPICS, Topic
@@ -62,7 +62,7 @@ class RecordingWriter:
 
         Args:
             path: the file; nothing but a regular file is ever replaced, and that only when the
-                new one has its head.
+                new one has its head. `-`, a pipe or a device is written in sequence.
             ports: the ports whose rows will come; rows of others are taken too.
             facts: what else the file is to say about itself, e.g. `host_facts(now)`.
             existing: what to do if the file is there already.
@@ -72,19 +72,22 @@ class RecordingWriter:
                 or the system refuses it. Nothing has changed on the disk then.
         """
         self._failure: FileError | None = None
+        self._gone = False
         self._pending: list[tuple[int, Row | PortEvent]] = []
         self._rows = self._flushed_rows = 0
+        self._span: tuple[int, int] | None = None
         self._last_of_port: dict[str, int] = {}
         self._last_time = 0
         self._packer = Packer(self._channel_id)
         self._channel_ids: dict[tuple[str, str], int] = {}
         self._schema_ids = _schema_ids()
         channels = [channel for port in ports for channel in self._channels_of(port)]
-        self._place = Place(path, existing)
+        self._notes: list[Metadata] = []
+        self._place, growing = opened(path, existing)
         self._closed = False
         try:
             self._file = McapFile(
-                GrowingFile(self._place.descriptor),
+                growing,
                 library_name(),
                 Metadata(METADATA_NAME, _plain_items(recording_facts(tuple(ports), facts or {}))),
                 _schemas(self._schema_ids),
@@ -116,31 +119,52 @@ class RecordingWriter:
         return self._file.size
 
     @property
+    def unflushed(self) -> list[Row | PortEvent]:
+        """What was taken and does not stand in the file; all that was, after a failure."""
+        return [taken for _, taken in self._pending]
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last time of what was taken, nanoseconds since 1970 UTC; None before that."""
+        return self._span
+
+    @property
+    def gone(self) -> bool:
+        """Whether the file was taken away, with all that stands in it."""
+        return self._gone
+
+    @property
     def failure(self) -> FileError | None:
         """Why the recording has stopped; None while it goes on."""
         return self._failure
 
-    def write(self, rows: Iterable[Row]) -> None:
-        """Take rows, each port's in the order of its stream; they are in the file after `flush`.
+    def write(self, entries: Iterable[Row | PortEvent]) -> None:
+        """Take rows, each port's in the order of its stream, and events among them.
+
+        They are in the file after `flush`.
 
         Raises:
-            FileError: a row has no time that a recording can hold, or writing failed.
+            FileError: one has no time that a recording can hold, or writing failed.
         """
         self._check()
-        for row in rows:
-            self._take(row)
-            self._rows += 1
-            if len(self._pending) >= MOST_PENDING:
-                self.flush()
+        coming = iter(entries)
+        try:
+            for entry in coming:
+                self._take(entry)
+                if len(self._pending) >= MOST_PENDING:
+                    self.flush()
+        finally:
+            if self._failure is not None:
+                # Not one of them is forgotten: whoever goes on elsewhere asks for `unflushed`.
+                self._pending += [(entry.t_ns or 0, entry) for entry in coming]
 
     def write_event(self, event: PortEvent) -> None:
-        """Take a port event; it is in the file after `flush`.
+        """Take one port event, as `write` does."""
+        self.write([event])
 
-        Raises:
-            FileError: the event has no time that a recording can hold, or writing failed.
-        """
-        self._check()
-        self._take(event)
+    def note(self, metadata: Metadata) -> None:
+        """Take one more metadata record; it is in the file after the next chunk, or the end."""
+        self._notes.append(metadata)
 
     def flush(self) -> None:
         """End the chunk and push it to the disk. Call it at least once a second.
@@ -151,14 +175,16 @@ class RecordingWriter:
         """
         self._check()
         if self._pending:
-            pending, self._pending = sorted(self._pending, key=_time_of), []
+            self._pending.sort(key=_time_of)
             try:
-                self._file.add_chunk(self._batch(pending))
+                self._file.add_chunk(self._batch(self._pending), self._notes)
             except OSError as error:
                 raise self._stop(error) from error
+            self._pending, self._notes = [], []
             self._flushed_rows = self._rows
         if self._place.left:
             deleted = self._place.deleted
+            self._gone = True
             self._failure = taken_away(self.path, self._flushed_rows, deleted=deleted)
             raise self._failure
 
@@ -173,6 +199,7 @@ class RecordingWriter:
         try:
             if self._failure is None:
                 self.flush()
+                self._file.add_metadata(self._notes)
                 self._file.finish()
         except OSError as error:
             raise self._stop(error) from error
@@ -214,6 +241,9 @@ class RecordingWriter:
             time = last
         else:
             self._last_of_port[port] = time
+        self._rows += type(taken) is not PortEvent
+        first, last = self._span or (time, time)
+        self._span = (min(first, time), max(last, time))
         self._pending.append((time, taken))
 
     def _batch(self, pending: list[tuple[int, Row | PortEvent]]) -> Batch:

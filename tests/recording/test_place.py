@@ -1,7 +1,7 @@
 """Where a recording lies: held by one program alone, put in place whole, missed when it is gone."""
 
-import os
 import resource
+import socket
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -103,12 +103,13 @@ def test_the_next_number_is_taken_where_that_was_asked_for(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("existing", Existing)
-def test_only_a_regular_file_can_be_a_recording(tmp_path: Path, existing: Existing) -> None:
-    os.mkfifo(tmp_path / "pipe")
+def test_what_is_no_file_of_its_own_cannot_be_recorded(tmp_path: Path, existing: Existing) -> None:
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "socket"))
     (tmp_path / "target").write_bytes(b"precious")
     (tmp_path / "link").symlink_to("target")
     (tmp_path / "nowhere").symlink_to("absent")
-    for name in ("pipe", "link", "nowhere", "/dev/stdout", "/dev/fd/1", "/dev/null"):
+    for name in ("socket", "link", "nowhere"):
         assert "not a regular file" in refused(tmp_path / name, existing)
     assert (tmp_path / "target").read_bytes() == b"precious"
     assert not (tmp_path / "absent").exists()

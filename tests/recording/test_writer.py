@@ -2,6 +2,7 @@ import errno
 import os
 import resource
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -223,14 +224,16 @@ def test_an_existing_file_is_kept_unless_replacing_was_asked_for(
 
 
 def test_places_where_no_recording_can_be(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "socket"))
     (tmp_path / "file").touch()
     cases = [
         (tmp_path / "absent" / "x.mcap", Existing.REFUSE, "folder does not exist"),
         (tmp_path, Existing.REPLACE, "is a directory"),
         (tmp_path, Existing.REFUSE, "is a directory"),
         (tmp_path / "file", Existing.REFUSE, "exists already"),
-        (tmp_path / "pipe", Existing.REPLACE, "not a regular file"),
+        (tmp_path / "socket", Existing.REPLACE, "not a regular file"),
+        (Path("/dev/full"), Existing.REPLACE, "the disk is full"),
         (tmp_path / "file" / "x.mcap", Existing.REFUSE, "a file, not a folder"),
     ]
     for path, existing, message in cases:
