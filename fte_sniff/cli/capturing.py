@@ -5,6 +5,7 @@ It must not know how a capture runs or how a screen looks; it starts the one and
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -18,8 +19,9 @@ import click
 
 from fte_sniff.cli.filtering import filter_option, row_filter, selection
 from fte_sniff.cli.keeping import keep_rows_option
+from fte_sniff.cli.recording_options import keeping_of, recording_options
 from fte_sniff.cli.signals import ENDING, signals_call
-from fte_sniff.cli.telling import tell
+from fte_sniff.cli.telling import nobody_reads, tell
 from fte_sniff.cli.units import bench_of, units_options
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     from fte_sniff.session.live import LiveSession
     from fte_sniff.session.plan import CapturePlan
 
+_STDOUT = Path("-")
 _LINE_WORDS = click.Choice(["on", "off", "leave"])
 
 
@@ -55,6 +58,7 @@ _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
     click.option("-o", "--output", type=click.Path(path_type=Path), help="Record to this file."),
     click.option("--force", is_flag=True, help="Overwrite the recording if it exists."),
     click.option("--no-record", is_flag=True, help="Record nothing."),
+    recording_options,
     click.option(
         "--keep-recording", is_flag=True, help="Go on when the view is killed or its terminal gone."
     ),
@@ -95,11 +99,13 @@ def run_capture(
     gear_ratio: float | None,
     duration: float | None,
     count: int | None,
+    **recording: Any,
 ) -> None:
     """Capture, record and show or print, until the end.
 
     Args:
-        wiring_with: the wiring, given how its ports are to be opened; the others are the options.
+        wiring_with: the wiring, given how its ports are to be opened; the others are the options,
+            `recording` those of `recording_options`.
 
     Raises:
         FteSniffError: what went wrong, once all is closed.
@@ -110,26 +116,39 @@ def run_capture(
 
     if no_record and output is not None:
         raise UsageError("-o names a recording and --no-record wants none; leave one of them out")
-    if output == Path("-"):
-        raise UsageError("a recording must be a regular file, not a stream; name one with -o")
     if no_record and keep_recording:
         raise UsageError(
             "--keep-recording and --no-record: there is nothing to keep; leave one out"
         )
     bench = bench_of(resolution, gear_ratio, baud)
+    row_filter(recording["trigger"])
     existing = Existing.REPLACE if force else Existing.REFUSE
     plan = CapturePlan(
         wiring=wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts))),
         recording=None if no_record else output or _default_path(),
         existing=existing if output else Existing.NUMBER,
+        keeping=keeping_of(output, **recording),
+        trigger=recording["trigger"],
         outlives_view=keep_recording,
         duration_s=duration,
         count=count,
     )
-    if plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
+    if _is_stdout(output):
+        _fill_stdout(plan)
+    elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         _print_lines(plan, filter_text)
     else:
         _show_screen(plan, filter_text, keep_rows, bench)
+
+
+def _is_stdout(output: Path | None) -> bool:
+    """Whether the recording goes where rows would be printed: `-`, /dev/stdout and the like."""
+    if output is None or output == _STDOUT:
+        return output is not None
+    try:
+        return os.path.samestat(output.stat(), os.fstat(sys.stdout.fileno()))
+    except OSError:
+        return False
 
 
 def _default_path() -> Path:
@@ -152,6 +171,22 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
         _tell_who_goes_on(plan, session)
         print_lines(session, select, ports=len(plan.wiring.names) > 1)
         _leave(session)
+
+
+def _fill_stdout(plan: CapturePlan) -> None:
+    """Let standard output have the recording, and nothing else."""
+    from fte_sniff.cli.plain import tell_troubles
+    from fte_sniff.session.live import LiveSession
+
+    session = LiveSession(plan)
+    with signals_call(session.stop, _ending(plan)):
+        session.begin()
+        if session.device is not None:
+            tell(f"a host program can open {shown(session.device)}")
+        tell("recording to standard output")
+        tell_troubles(session)
+        if session.error is not None and not nobody_reads(sys.stdout.fileno()):
+            raise session.error
 
 
 def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int, bench: Bench) -> None:
@@ -193,6 +228,8 @@ def _tell_who_goes_on(plan: CapturePlan, session: LiveSession) -> None:
 def _leave(session: LiveSession) -> None:
     """Say where the recording lies; raise what went wrong, if something did."""
     if session.recording is not None:
-        tell(f"recorded to {session.recording}")
+        first = session.first_recording
+        several = f"{first} to " if first != session.recording else ""
+        tell(f"recorded to {several}{session.recording}")
     if session.error is not None:
         raise session.error

@@ -28,7 +28,8 @@ def command(ports: tuple[str, ...], no_reconnect: bool, **options: Any) -> None:
     PORT is a device, or what else pyserial opens: socket://host:port, rfc2217://host:port, loop://,
     hwgrep://, or sim://, a simulated host and controller (sim://?seed=1&rate=200&drop=0.01).
     Nothing is ever written to it. The recording goes to fte-sniff-<UTC time>.mcap in this folder,
-    unless -o names it or --no-record does without. The filter is for the eyes: all is recorded.
+    unless -o names it ('-' is standard output) or --no-record does without. The filter is for the
+    eyes: all is recorded, unless --trigger asks for what surrounds certain rows.
     A device or a server that is lost is waited for, and found again by its link, USB serial or
     place.
 

@@ -13,7 +13,7 @@ from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.cli.stdout import abandon_stdout
 from fte_sniff.cli.summary import summary
-from fte_sniff.cli.telling import tell
+from fte_sniff.cli.telling import nobody_reads, tell
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
@@ -34,6 +34,7 @@ class PlainLines:
         self._tally = Tally()
         self._events: Counter[PortEventKind] = Counter()
         self._failure: FteSniffError | None = None
+        self._recording: str | None = None
         self._not_shown = 0
 
     def take(self, update: FeedUpdate, failure: FteSniffError | None) -> None:
@@ -44,9 +45,8 @@ class PlainLines:
         """
         for event in update.events:
             self._take_event(event)
-        if failure is not None and self._failure is None and update.state.running:
-            self._failure = failure
-            tell(str(failure))
+        if update.state.running:
+            self._take_trouble(failure, update.state.recording)
         self._not_shown = update.state.not_shown
         self._tally.add(update.rows)
         self._writer.write(self._select(update.rows))
@@ -60,6 +60,15 @@ class PlainLines:
         if self._not_shown:
             tell(f"{self._not_shown:,} rows more came too fast to be printed")
         tell(summary(self._tally))
+
+    def _take_trouble(self, failure: FteSniffError | None, recording: str | None) -> None:
+        """Say that the recording has stopped, and that it goes on; each once."""
+        if failure is not None and str(failure) != str(self._failure):
+            self._failure, self._recording = failure, None
+            tell(str(failure))
+        if self._failure is not None and recording and recording != self._recording:
+            self._recording = recording
+            tell(f"recording goes on in {recording}")
 
     def _take_event(self, event: PortEvent) -> None:
         if event.kind not in _AS_EXPECTED:
@@ -78,6 +87,20 @@ def print_lines(
             lines.take(update, session.error)
     except BrokenPipeError:
         abandon_stdout()
+    finally:
+        session.close()
+    lines.end()
+
+
+def tell_troubles(session: LiveSession) -> None:
+    """Print no rows, only what goes wrong, until the session ends; a lost recording ends it."""
+    lines = PlainLines(lambda _: [])
+    try:
+        for update in _updates(session):
+            gone = session.recording is None and nobody_reads(sys.stdout.fileno())
+            lines.take(update, None if gone else session.error)
+            if session.recording is None:
+                session.stop()
     finally:
         session.close()
     lines.end()

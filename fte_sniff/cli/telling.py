@@ -42,3 +42,10 @@ def _blocked(descriptor: int) -> bool:
     poll = select.poll()
     poll.register(descriptor, select.POLLOUT)
     return not poll.poll(0)
+
+
+def nobody_reads(descriptor: int) -> bool:
+    """Whether a pipe has lost its reader, so that nothing needs to be said of it."""
+    poll = select.poll()
+    poll.register(descriptor, 0)
+    return any(event & select.POLLERR for _, event in poll.poll(0))

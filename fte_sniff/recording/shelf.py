@@ -109,9 +109,7 @@ class Shelf:
             return f"its files have reached {_told(most)} (--max-size)"
         left = self._left()
         if left is not None and left < free:
-            return (
-                f"only {_told(left)} are free on the disk, of {_told(free)} to be left (--min-free)"
-            )
+            return f"the disk is full but for {_told(left)} (--min-free {_told(free)})"
         return ""
 
     def remove_oldest(self, keep: int = 0) -> bool:

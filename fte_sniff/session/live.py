@@ -45,6 +45,8 @@ class LiveSession:
     """Where the recording lies; None where there is none, or it has stopped."""
     device: str | None = None
     """What a host program is to open, where this is a bridge."""
+    first_recording: Path | None = None
+    """Where it began, which is another file where it was rotated or went on elsewhere."""
 
     def __init__(self, plan: CapturePlan) -> None:
         """Start the capture process; what it finds is told by `begin`.
@@ -202,10 +204,11 @@ class LiveSession:
     def _take(self, message: Message) -> Batch | None:
         if isinstance(message, Ended):
             self._ended = message
-            self.error = self.error or message.error
+            self.error = message.error
             return None
         if isinstance(message, Started):
             self._begun, self.recording, self.device = True, message.recording, message.device
+            self.first_recording = message.recording
             return None
         for event in message.events:
             if event.kind is PortEventKind.LOST:
@@ -213,9 +216,9 @@ class LiveSession:
             elif event.kind is PortEventKind.FOUND_AGAIN:
                 self._away.discard(event.port)
         self._total, self._not_shown = message.total_rows, message.not_shown
-        if message.recording_failure is not None:
-            self.recording = None
-            self.error = message.recording_failure
+        for change in message.recording:
+            self.recording = change.path
+            self.error = change.failure or self.error
         return message
 
     def _title(self) -> str:
@@ -227,14 +230,16 @@ class LiveSession:
 
     def _state(self) -> FeedState:
         ended = self._ended
-        running_on = ended is None and self.error is not None
+        trouble = str(self.error) if ended is None and self.error is not None else None
+        if trouble and self.recording:
+            trouble += f"; recording goes on in {self.recording}"
         return FeedState(
             title=self._title(),
             recording=str(self.recording) if self.recording else None,
             running=ended is None,
             waiting=ended is None and bool(self._away),
             ended=(ended.reason or "stopped") if ended else None,
-            trouble=str(self.error) if running_on else None,
+            trouble=trouble,
             rows=self._total,
             not_shown=self._not_shown,
         )

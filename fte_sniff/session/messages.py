@@ -11,6 +11,7 @@ from typing import Final, TypeAlias
 
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.recorder import Change
 
 STOP: Final = "stop"
 """The one word that goes back up: end the capture, and close its file."""
@@ -36,8 +37,8 @@ class Batch:
     """All rows captured so far."""
     not_shown: int
     """Rows captured and recorded, but dropped on the way because the view was too slow."""
-    recording_failure: FteSniffError | None = None
-    """Why the recording has stopped, although the capture goes on; None while it is well."""
+    recording: tuple[Change, ...] = ()
+    """What became of the recording meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 
-from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.recorder import Change
 from fte_sniff.session.messages import Batch, Ended, Message
 
 MOST_WAITING = 65_536
@@ -40,7 +40,7 @@ class Outbox:
         self._changed = threading.Condition()
         self._rows: deque[Row] = deque(maxlen=MOST_WAITING)
         self._events: deque[PortEvent] = deque(maxlen=MOST_EVENTS)
-        self._failure: FteSniffError | None = None
+        self._recording: list[Change] = []
         self._total = self._dropped = 0
         self._end: Ended | None = None
         self._hurry = threading.Event()
@@ -61,10 +61,10 @@ class Outbox:
             self._events.append(event)
             self._changed.notify()
 
-    def put_failure(self, failure: FteSniffError) -> None:
-        """Tell that the recording has stopped."""
+    def put_recording(self, changes: Sequence[Change]) -> None:
+        """Tell what became of the recording."""
         with self._changed:
-            self._failure = failure
+            self._recording += changes
             self._changed.notify()
 
     def close(self, end: Ended) -> None:
@@ -88,15 +88,16 @@ class Outbox:
 
     def _next_messages(self) -> list[Message]:
         with self._changed:
-            while not (self._rows or self._events or self._end or self._failure):
+            while not (self._rows or self._events or self._end or self._recording):
                 self._changed.wait()
             found: list[Message] = []
-            if self._rows or self._events or self._failure:
+            if self._rows or self._events or self._recording:
                 rows, events = list(self._rows), list(self._events)
-                found.append(Batch(rows, events, self._total, self._dropped, self._failure))
+                changes = tuple(self._recording)
+                found.append(Batch(rows, events, self._total, self._dropped, changes))
                 self._rows.clear()
                 self._events.clear()
-                self._failure = None
+                self._recording.clear()
             if self._end:
                 found.append(self._end)
             return found

@@ -5,10 +5,11 @@ It must not know how it is done.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from fte_sniff.capture.items import Wiring
+from fte_sniff.recording.keeping import Keeping
 from fte_sniff.recording.place import Existing
 
 
@@ -22,6 +23,10 @@ class CapturePlan:
     """Where to record to; None to record nothing."""
     existing: Existing = Existing.REFUSE
     """What to do when the recording's file is there already."""
+    keeping: Keeping = field(default_factory=Keeping)
+    """What the recording is to keep, and how much of the disk it may take."""
+    trigger: str | None = None
+    """A filter: the rows whose surroundings are kept; None to keep all."""
     outlives_view: bool = False
     """Whether to go on when the view is killed or its terminal gone; not when it asks to end."""
     duration_s: float | None = None

@@ -20,7 +20,7 @@ from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.items import Source
 from fte_sniff.errors import FteSniffError
 from fte_sniff.recording.facts import PROGRAM, PortFacts, host_facts
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.recorder import Recorder
 from fte_sniff.session.messages import STOP, Ended, Message, Started
 from fte_sniff.session.outbox import Outbox
 from fte_sniff.session.plan import CapturePlan
@@ -93,12 +93,25 @@ def _facts(plan: CapturePlan, clock: Clock, source: Source) -> dict[str, str]:
     return facts
 
 
-def _recorder(plan: CapturePlan, facts: dict[str, str]) -> RecordingWriter | None:
+def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder | None:
     if plan.recording is None:
         return None
     baud = plan.wiring.settings.baud
     ports = tuple(PortFacts(name, baud) for name in plan.wiring.names)
-    return RecordingWriter(plan.recording, ports, facts, existing=plan.existing)
+    select = None
+    if plan.trigger is not None:
+        from fte_sniff.analysis.filter import RowFilter
+
+        select = RowFilter.parse(plan.trigger).select
+        facts = facts | {"trigger": plan.trigger}
+    return Recorder(
+        plan.recording,
+        ports,
+        facts,
+        existing=plan.existing,
+        keeping=plan.keeping,
+        select=select,
+    )
 
 
 def _obey(view: Connection, source: Source, when_gone: Callable[[], None]) -> None:

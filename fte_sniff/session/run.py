@@ -15,15 +15,12 @@ from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.items import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError
 from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.recorder import Recorder
 from fte_sniff.session.messages import Ended
 from fte_sniff.session.ordering import Entry, Ordering
 from fte_sniff.session.outbox import Outbox
 from fte_sniff.session.plan import CapturePlan
 from fte_sniff.session.wiring import WiringWatch
-
-FLUSH_EVERY_NS = 500_000_000
-"""How long rows wait for the disk at most, so that a second is kept with some room."""
 
 _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
 """Events across which bytes do not join."""
@@ -37,7 +34,7 @@ class Run:
         plan: CapturePlan,
         clock: Clock,
         source: Source,
-        recorder: RecordingWriter | None,
+        recorder: Recorder | None,
         outbox: Outbox,
     ) -> None:
         """Make ready; nothing is taken from the source yet."""
@@ -54,8 +51,8 @@ class Run:
         self._wiring = WiringWatch(names)
         self._left = plan.count
         self._end_ns: float | None = None
+        self._flush_every_ns = round(plan.keeping.flush_every_s * 1e9)
         self._flush_ns = 0
-        self._failure: FteSniffError | None = None
         self._lost: PortEvent | None = None
 
     def to_the_end(self) -> Ended:
@@ -71,15 +68,16 @@ class Run:
         for port, framer in self._framers.items():
             self._put_rows(port, framer.flush())
         self._hand_on(self._order.drain())
-        self._record(RecordingWriter.close)
+        self._record(Recorder.close)
         return self._ended()
 
     def _ended(self) -> Ended:
+        failure: FteSniffError | None = self._recorder.failure if self._recorder else None
         lost = self._lost
         if lost is not None and self._source.end is SourceEnd.LOST and self._left != 0:
             reason = f"{lost.port} was lost: {lost.detail}"
-            return Ended(reason, self._failure or PortError(f"{reason}; check cable and power"))
-        return Ended(None, self._failure)
+            return Ended(reason, failure or PortError(f"{reason}; check cable and power"))
+        return Ended(None, failure)
 
     def _take_chunk(self, chunk: Chunk) -> None:
         framer = self._framers[chunk.port]
@@ -91,8 +89,8 @@ class Run:
         self._end_when_due(now_ns)
         if now_ns >= self._flush_ns:
             self._watch_clock(chunk.port, now_ns)
-            self._record(RecordingWriter.flush)
-            self._flush_ns = now_ns + FLUSH_EVERY_NS
+            self._record(Recorder.flush)
+            self._flush_ns = now_ns + self._flush_every_ns
 
     def _watch_clock(self, port: str, now_ns: int) -> None:
         step_ns = self._clock_watch.step(self._clock.system_ahead_ns())
@@ -148,14 +146,10 @@ class Run:
         self._record(lambda recorder: recorder.write_event(event))
         self._outbox.put_event(event)
 
-    def _record(self, do: Callable[[RecordingWriter], None]) -> None:
-        """Do something to the recording; when it fails it stops, and the capture goes on."""
+    def _record(self, do: Callable[[Recorder], None]) -> None:
+        """Do something to the recording, and hand on what became of it."""
         if self._recorder is None:
             return
-        try:
-            do(self._recorder)
-        except FteSniffError as failure:
-            self._failure = failure
-            self._outbox.put_failure(failure)
-            self._recorder.close()
-            self._recorder = None
+        do(self._recorder)
+        if changes := self._recorder.changes():
+            self._outbox.put_recording(changes)

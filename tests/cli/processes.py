@@ -102,3 +102,16 @@ def wait_until(holds: Callable[[], bool]) -> None:
     while not holds():
         assert monotonic() < deadline, "waited in vain"
         select.select([], [], [], 0.01)
+
+
+def until_told(process: Process, wanted: bytes) -> bytes:
+    """What it says on standard error until `wanted` is in a whole line, its output read too."""
+    assert process.stdout is not None
+    assert process.stderr is not None
+    found, deadline = b"", monotonic() + BOUND_S
+    while not (wanted in found and found.endswith(b"\n")):
+        assert monotonic() < deadline, found
+        for stream in select.select([process.stdout, process.stderr], [], [], 1.0)[0]:
+            more = os.read(stream.fileno(), 1 << 16)
+            found += more if stream is process.stderr else b""
+    return found

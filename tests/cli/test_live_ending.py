@@ -26,6 +26,7 @@ from tests.cli.processes import (
     holding,
     started,
     until,
+    until_told,
     wait_until,
 )
 
@@ -118,13 +119,15 @@ def test_a_deleted_recording_is_told_at_once_and_the_rows_go_on(
     with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
         (tmp_path / "x.mcap").unlink()
-        assert b"x.mcap was deleted" in until_told(process, b"recording stopped")
+        assert b"x.mcap was deleted" in until_told(process, b"recording goes on in x_00002.mcap")
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
     assert code == 4
-    assert "recorded to" not in errors
-    assert errors.splitlines()[-1].startswith("fte-sniff: recording stopped: x.mcap was deleted")
+    assert "recorded to x.mcap to x_00002.mcap" in errors
+    last = errors.splitlines()[-1]
+    assert last.startswith("fte-sniff: ")
+    assert "were not recorded: recording stopped: x.mcap was deleted" in last
 
 
 def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(
@@ -213,19 +216,6 @@ def test_a_standard_output_that_is_full_is_one_line(run, environment, tmp_path: 
     assert recording == "recording to x.mcap"
     assert "disk is full" in refusal
     assert "cut" not in run("decode", "x.mcap").stderr
-
-
-def until_told(process: Process, wanted: bytes) -> bytes:
-    """What it says on standard error until `wanted` is in a whole line, its output read too."""
-    assert process.stdout is not None
-    assert process.stderr is not None
-    found, deadline = b"", monotonic() + BOUND_S
-    while not (wanted in found and found.endswith(b"\n")):
-        assert monotonic() < deadline, found
-        for stream in select.select([process.stdout, process.stderr], [], [], 1.0)[0]:
-            more = os.read(stream.fileno(), 1 << 16)
-            found += more if stream is process.stderr else b""
-    return found
 
 
 def bytes_waiting(stream: IO[bytes]) -> int:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import threading
 from multiprocessing import Pipe
+from pathlib import Path
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind
+from fte_sniff.recording.recorder import Change
 from fte_sniff.session.messages import Batch, Ended
 from fte_sniff.session.outbox import MOST_WAITING, Outbox
 
@@ -32,13 +34,16 @@ def test_rows_events_and_the_end_arrive_in_order() -> None:
     outbox.put_event(event)
     for start in range(0, 1000, 100):
         outbox.put_rows(rows(start, 100))
-    outbox.put_failure(FileError("full"))
+    outbox.put_recording([Change(None, FileError("full"))])
+    outbox.put_recording([Change(Path("x_00002.mcap"))])
     outbox.close(Ended("over"))
     *batches, end = received(theirs)
     assert [row for batch in batches for row in batch.rows] == rows(0, 1000)
     assert [found for batch in batches for found in batch.events] == [event]
-    assert [str(batch.recording_failure) for batch in batches if batch.recording_failure] == [
-        "full"
+    changes = [change for batch in batches for change in batch.recording]
+    assert [(change.path, str(change.failure)) for change in changes] == [
+        (None, "full"),
+        (Path("x_00002.mcap"), "None"),
     ]
     assert batches[-1].total_rows == 1000
     assert batches[-1].not_shown == 0

@@ -1,0 +1,167 @@
+"""Owns the options of a recording under way: how often it is flushed, and what of it is kept.
+
+It must not know how a recording is made.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fte_sniff.errors import UsageError
+
+if TYPE_CHECKING:
+    from fte_sniff.recording.keeping import Keeping
+
+_BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
+_BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
+_SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0}
+_SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
+_TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h|d)", re.IGNORECASE)
+_LEAST_FILE = 100_000
+_LEAST_SECONDS = 1.0
+
+
+Told = int | float | None
+"""Bytes as an int, seconds as a float, or neither."""
+
+
+def _size(text: str) -> int | None:
+    """Bytes; None for `none`."""
+    if text.lower() == "none":
+        return None
+    found = _SIZE.fullmatch(text)
+    if found is None:
+        raise click.BadParameter(f"{text!r} is no size; say for example 512MB, 2GB or none")
+    return round(float(found[1]) * _BYTES[found[2].lower()])
+
+
+def _time(text: str) -> float:
+    """Seconds."""
+    found = _TIME.fullmatch(text)
+    if found is None:
+        raise click.BadParameter(f"{text!r} is no time; say for example 10s, 5min or 1h")
+    return float(found[1]) * _SECONDS[found[2].lower()]
+
+
+def _size_or_time(text: str) -> int | float | None:
+    if _TIME.fullmatch(text):
+        return _time(text)
+    if _SIZE.fullmatch(text):
+        return _size(text)
+    raise click.BadParameter(f"{text!r} is no size and no time; say for example 512MB or 1h")
+
+
+def _read_by(parse: Callable[[str], Told]) -> Callable[..., Told]:
+    """A callback that reads what was given."""
+    return lambda _context, _option, text: None if text is None else parse(text)
+
+
+_OPTIONS = (
+    click.option(
+        "--flush-every",
+        type=click.FloatRange(min=0.05, max=60),
+        default=0.5,
+        show_default=True,
+        metavar="S",
+        help="Seconds that rows wait for the disk.",
+    ),
+    click.option(
+        "--rotate",
+        callback=_read_by(_size_or_time),
+        metavar="SIZE|TIME",
+        help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ...",
+    ),
+    click.option(
+        "--max-size",
+        callback=_read_by(_size),
+        default="20GB",
+        show_default=True,
+        metavar="SIZE",
+        help="What all files of this capture may take; or none.",
+    ),
+    click.option(
+        "--min-free",
+        callback=_read_by(_size),
+        metavar="SIZE",
+        help="What to leave free on the disk.  [default: 1GB, less on a small or full disk]",
+    ),
+    click.option(
+        "--on-full",
+        type=click.Choice(["stop", "rotate-oldest"]),
+        default="stop",
+        show_default=True,
+        help="Stop until there is room, or delete this capture's oldest file.",
+    ),
+    click.option(
+        "--trigger",
+        metavar="EXPR",
+        help="Keep only what surrounds rows for which this holds: error > 0.",
+    ),
+    click.option(
+        "--before",
+        callback=_read_by(_time),
+        metavar="TIME",
+        help="... so long before.  [default: 10s]",
+    ),
+    click.option(
+        "--after",
+        callback=_read_by(_time),
+        metavar="TIME",
+        help="... so long behind.  [default: 5s]",
+    ),
+)
+
+
+def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """All options of a recording under way; the command hands them to `keeping_of`."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def keeping_of(
+    output: Path | None,
+    *,
+    flush_every: float,
+    rotate: int | float | None,
+    max_size: int | None,
+    min_free: int | None,
+    on_full: str,
+    trigger: str | None,
+    before: float | None,
+    after: float | None,
+) -> Keeping:
+    """What the options ask for.
+
+    Raises:
+        UsageError: they contradict each other.
+    """
+    from fte_sniff.recording.keeping import Keeping, OnFull, Surroundings
+    from fte_sniff.recording.outlet import is_outlet
+
+    if trigger is None and (before is not None or after is not None):
+        raise UsageError("--before and --after surround a trigger; say which with --trigger")
+    if isinstance(rotate, int) and rotate < _LEAST_FILE:
+        raise UsageError(f"--rotate: a file has at least {_LEAST_FILE // 1000} kB; say more")
+    if isinstance(rotate, float) and rotate < _LEAST_SECONDS:
+        raise UsageError(f"--rotate: a file spans at least {_LEAST_SECONDS:g} s; say more")
+    if isinstance(rotate, int) and max_size is not None and max_size < 2 * rotate:
+        raise UsageError("--max-size must have room for two files of --rotate; raise it")
+    sequence = rotate is not None or on_full == OnFull.ROTATE_OLDEST
+    if sequence and output is not None and is_outlet(output):
+        raise UsageError(f"{output} cannot be rotated: it is no file; leave --rotate out")
+    around = Surroundings(10.0 if before is None else before, 5.0 if after is None else after)
+    return Keeping(
+        flush_every_s=flush_every,
+        rotate_bytes=rotate if isinstance(rotate, int) else None,
+        rotate_s=rotate if isinstance(rotate, float) else None,
+        on_full=OnFull(on_full),
+        most_bytes=max_size,
+        free_bytes=min_free,
+        around=None if trigger is None else around,
+    )

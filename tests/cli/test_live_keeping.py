@@ -1,0 +1,139 @@
+"""What `live` keeps: rotation, triggers, bounds, pipes, and how often it is flushed."""
+
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from fte_sniff.recording.reader import RecordingReader
+from tests.cli.processes import BOUND_S, PROGRAM, ended, started, until, until_told
+
+SIM = "sim://?seed=1&rate=500"
+
+
+def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
+    done = run("live", SIM, "--plain", "-o", "x.mcap", "--rotate", "1s", "--duration", "3.5")
+    assert done.returncode == 0
+    files = sorted(tmp_path.glob("*.mcap"))
+    assert [file.name for file in files][:2] == ["x_00001.mcap", "x_00002.mcap"]
+    assert f"recorded to x_00001.mcap to {files[-1].name}" in done.stderr
+    readers = [RecordingReader(file) for file in files]
+    rows = [row for reader in readers for row in reader]
+    assert all(reader.complete for reader in readers)
+    assert [row.offset for row in rows] == list(range(0, 10 * len(rows), 10))
+    assert f"{len(rows):,} rows" in done.stderr
+
+
+def test_a_trigger_keeps_what_surrounds_its_rows(run, tmp_path: Path) -> None:
+    trigger = "kind = 'speed_feedback' AND motor = 4 AND offset < 400"
+    options = ("--trigger", trigger, "--before", "0.02s", "--after", "0.1s")
+    done = run("live", SIM, "--plain", "-o", "x.mcap", *options, "--count", "900")
+    assert done.returncode == 0
+    reader = RecordingReader(tmp_path / "x.mcap")
+    kept = list(reader)
+    assert reader.complete
+    assert 0 < len(kept) < 300
+    assert reader.metadata["fte-sniff"]["trigger"] == trigger
+    with (tmp_path / "x.mcap").open("rb") as file:
+        left_out = [
+            int(one.metadata["rows"])
+            for one in make_reader(file).iter_metadata()
+            if one.name == "fte-sniff.left-out"
+        ]
+    assert sum(left_out) == 900 - len(kept)
+    assert "900 rows" in done.stderr
+
+
+def test_the_recording_on_standard_output_is_all_that_is_there(environment, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [*PROGRAM, "live", SIM, "-o", "-", "--count", "200"],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        env=environment,
+        cwd=tmp_path,
+        timeout=BOUND_S,
+    )
+    assert done.returncode == 0
+    assert b"recording to standard output" in done.stderr
+    (tmp_path / "x.mcap").write_bytes(done.stdout)
+    reader = RecordingReader(tmp_path / "x.mcap")
+    assert len(list(reader)) == 200
+    assert reader.complete
+    assert [path.name for path in tmp_path.iterdir()] == ["x.mcap"]
+
+
+def test_a_reader_of_the_recording_that_goes_ends_it_quietly(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, "live", SIM, "-o", "-") as process:
+        assert process.stdout is not None
+        assert process.stdout.read(100).startswith(b"\x89MCAP")
+        process.stdout.close()
+        assert process.stderr is not None
+        told = process.stderr.read().decode()
+        assert process.wait(BOUND_S) == 0
+    assert "recording stopped" not in told
+    assert "Traceback" not in told
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--rotate", "1"], "at least 100 kB"),
+        (["--rotate", "0s"], "at least 1 s"),
+        (["--rotate", "soon"], "512MB or 1h"),
+        (["--rotate", "none"], "512MB or 1h"),
+        (["--max-size", "big"], "512MB, 2GB or none"),
+        (["--rotate", "1GB", "--max-size", "1GB"], "room for two files"),
+        (["--before", "5s"], "--trigger"),
+        (["--after", "5"], "10s, 5min or 1h"),
+        (["--trigger", "speed ="], "speed ="),
+        (["--rotate", "1h", "-o", "-"], "cannot be rotated"),
+        (["--flush-every", "0"], "0.05"),
+        (["--on-full", "panic"], "rotate-oldest"),
+    ],
+)
+def test_what_cannot_be_kept_so_is_one_line(
+    run, tmp_path: Path, options: list[str], words: str
+) -> None:
+    done = run("live", SIM, "--count", "1", *options)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.splitlines()) <= 3
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_too_little_room_is_told_before_the_first_row(run, tmp_path: Path) -> None:
+    done = run("live", SIM, "--count", "1", "--min-free", "100000TB")
+    assert done.returncode == 4
+    assert "--min-free" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_bound_of_a_forgotten_capture_is_told_at_once_and_the_rows_go_on(
+    environment, tmp_path: Path
+) -> None:
+    options = ("--max-size", "40kB", "--plain", "-o", "x.mcap")
+    with started(environment, tmp_path, "live", SIM, *options) as process:
+        until_told(process, b"its files have reached 40 kB (--max-size)")
+        until(process, b"speed_feedback")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 4
+    assert "were not recorded" in errors
+    assert RecordingReader(tmp_path / "x.mcap").metadata
+
+
+def test_the_oldest_file_makes_room_where_that_is_asked_for(environment, tmp_path: Path) -> None:
+    options = ("--max-size", "200kB", "--on-full", "rotate-oldest", "--flush-every", "0.1")
+    with started(environment, tmp_path, "live", SIM, *options, "-o", "x.mcap") as process:
+        while not (tmp_path / "x_00009.mcap").exists():
+            until(process, b"speed_feedback")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 0, errors
+    files = sorted(tmp_path.glob("*.mcap"))
+    assert files[0].name != "x_00001.mcap"
+    rows = [row for file in files for row in RecordingReader(file)]
+    first = rows[0].offset
+    assert [row.offset for row in rows] == list(range(first, first + 10 * len(rows), 10))
