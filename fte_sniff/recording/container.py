@@ -35,8 +35,12 @@ from fte_sniff.recording.batch import Batch
 from fte_sniff.recording.growing import Growing
 from fte_sniff.recording.tail import Tail, bytes_of, groups_of
 
-LONG_SUMMARY = 256 * 1024
-"""Bytes of summary that are written with every chunk; longer ones wait for as much data."""
+LONG_SUMMARY = 1536 * 1024
+"""Bytes of summary that are written with every chunk; longer ones wait for as much data.
+
+A chunk that holds messages of ten channels takes 173 of them, so an hour has room, flushed twice a
+second.
+"""
 
 _MESSAGE_INDEX = struct.Struct("<BQHI")
 _MESSAGE_INDEX_HEAD = _MESSAGE_INDEX.size - 9

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Footer, Metadata, Schema
 from numpy.typing import NDArray
 
 from fte_sniff.errors import FileError, unreadable, unwritable
@@ -26,7 +26,7 @@ from fte_sniff.recording.growing import Stream
 from fte_sniff.recording.messages import MessageReader
 from fte_sniff.recording.model import MESSAGE, MESSAGE_HEAD
 from fte_sniff.recording.place import Existing, Place
-from fte_sniff.recording.records import HEAD, RecordError, RecordStream, records_in, unpack
+from fte_sniff.recording.records import HEAD, RecordError, RecordStream, parse, records_in, unpack
 from fte_sniff.recording.salvage import Descriptions, FoundChunk, Salvage
 from fte_sniff.recording.schema import schema_name
 from fte_sniff.recording.topics import TOPIC_BY_NAME
@@ -84,21 +84,25 @@ class Damage:
 def is_whole(path: Path) -> bool:
     """Whether nothing is wrong with a recording: its records, checksums, summary and end.
 
+    A file without summary is legal, but not every tool opens it, so it counts as not whole.
+
     Raises:
         FileError: the file cannot be read.
     """
     try:
         with path.open("rb") as stream:
-            records = RecordStream(stream)
+            records, indexed = RecordStream(stream), False
             for record in records:
                 if record.opcode == Opcode.CHUNK:
                     for _ in records_in(unpack(record.body)):
                         pass
+                elif record.opcode == Opcode.FOOTER:
+                    indexed = parse(Footer, record.body).summary_start > 0
     except RecordError:
         return False
     except OSError as error:
         raise unreadable(path, error) from error
-    return not records.ending and not records.losses
+    return indexed and not records.ending and not records.losses
 
 
 def repair(path: Path, output: Path, existing: Existing) -> Damage:

@@ -14,6 +14,7 @@ from mcap.stream_reader import StreamReader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording import container
 from fte_sniff.recording.facts import PortFacts
 from fte_sniff.recording.place import Existing
 from fte_sniff.recording.reader import RecordingReader
@@ -269,6 +270,26 @@ def test_the_growing_file_of_a_capture_that_runs_can_be_mended(
         assert is_whole(path)
         repair(path, tmp_path / "copy.mcap", Existing.REFUSE)
     assert list(RecordingReader(tmp_path / "copy.mcap")) == rows
+
+
+def test_a_file_without_summary_gets_one(
+    tmp_path: Path, make_rows: Callable[..., list[Row]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(container, "LONG_SUMMARY", 0)
+    rows = make_rows(60)
+    path = tmp_path / "long.mcap"
+    with RecordingWriter(path, [PortFacts(rows[0].port)]) as writer:
+        for start in range(0, 60, 20):
+            writer.write(rows[start : start + 20])
+            writer.flush()
+        bare = path.read_bytes()
+    with (tmp_path / "bare.mcap").open("wb") as file:
+        file.write(bare)
+    assert not is_whole(tmp_path / "bare.mcap")
+    damage = repair(tmp_path / "bare.mcap", tmp_path / "mended.mcap", Existing.REFUSE)
+    assert (damage.losses, damage.messages) == ([], 60)
+    assert is_whole(tmp_path / "mended.mcap")
+    assert list(RecordingReader(tmp_path / "mended.mcap")) == rows
 
 
 def test_events_are_kept_too(

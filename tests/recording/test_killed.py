@@ -1,0 +1,20 @@
+"""Recordings whose writer is killed, by the package that everybody reads them with."""
+
+import random
+from pathlib import Path
+
+import pytest
+
+from benchmarks.recording_kill import kill_one
+
+
+@pytest.mark.parametrize("every_s", [0.0, 0.2])
+def test_what_was_flushed_is_there_whenever_the_writer_is_killed(
+    tmp_path: Path, every_s: float
+) -> None:
+    rng = random.Random()
+    for number in range(5):
+        left = kill_one(tmp_path / f"{number}.mcap", every_s, rng.uniform(0.0, 0.5))
+        assert left.problem == ""
+        assert left.missing == 0
+        assert left.found <= left.written
