@@ -23,8 +23,8 @@ from fte_sniff.recording.topics import EVENTS, MALFORMED, Topic, topic_of
 _HEAD = slice(0, 3)
 """The bytes of a frame that tell its kind and its motor."""
 
-_Form = tuple[str, bytes]
-"""Port and head: all that a channel depends on."""
+_Form = tuple[str, bytes, bool]
+"""Port, head, and whether the order is uncertain: all that rows of one model have in common."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +67,10 @@ class Packer:
             channels[place] = self._channel_id(entry.port, topic)
         sequences = self._count(channels)
         records: list[bytes] = [b""] * len(taken)
-        for (_, head), places in forms.items():
+        for (_, head, uncertain), places in forms.items():
             rows = [taken[place] for place in places]
             columns = _columns(rows, channels, sequences, times, np.array(places))
-            for place, record in zip(places, _model(head).records(columns), strict=True):
+            for place, record in zip(places, _model(head, uncertain).records(columns), strict=True):
                 records[place] = record
         for place in odd:
             records[place] = _record(
@@ -94,7 +94,7 @@ class Packer:
             ):
                 odd.append(place)
                 continue
-            form = (entry.port, entry.raw[_HEAD])
+            form = (entry.port, entry.raw[_HEAD], entry.order_uncertain)
             if form in forms:
                 forms[form].append(place)
                 continue
@@ -122,10 +122,10 @@ class Packer:
 
 
 @cache
-def _model(head: bytes) -> Model:
-    """The layout of all sound frames that begin with `head`."""
+def _model(head: bytes, uncertain: bool) -> Model:
+    """The model of all sound frames that begin with `head`, and whose order is so certain."""
     raw = head + bytes(FRAME_LENGTH - len(head))
-    model = Frame("", 0, raw, 0, (), 0)
+    model = Frame("", 0, raw, 0, (), 0, uncertain)
     topic, kind = topic_of(model), model.kind
     assert kind is not None
     return Model(encode_row(topic, model, 0), class_of(topic), kind.fields)

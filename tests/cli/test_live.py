@@ -166,9 +166,6 @@ def test_a_killed_capture_is_told_and_its_file_opens(run, environment, tmp_path:
         (["--baud", "-1"], 2, "50..12000000"),
         (["--baud", "99999999999999999999"], 2, "50..12000000"),
         (["--baud", "300"], 3, "300 baud carries at most"),
-        (["-o", "-"], 2, "regular file"),
-        (["-o", "/dev/stdout"], 4, "regular file"),
-        (["-o", "/dev/stdout", "--force"], 4, "regular file"),
     ],
 )
 def test_what_cannot_be_asked_for_is_one_line(run, tmp_path: Path, options, code, words) -> None:

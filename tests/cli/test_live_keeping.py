@@ -46,9 +46,12 @@ def test_a_trigger_keeps_what_surrounds_its_rows(run, tmp_path: Path) -> None:
     assert "900 rows" in done.stderr
 
 
-def test_the_recording_on_standard_output_is_all_that_is_there(environment, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["-", "/dev/stdout"])
+def test_the_recording_on_standard_output_is_all_that_is_there(
+    environment, tmp_path: Path, name: str
+) -> None:
     done = subprocess.run(
-        [*PROGRAM, "live", SIM, "-o", "-", "--count", "200"],
+        [*PROGRAM, "live", SIM, "-o", name, "--count", "200"],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         env=environment,
