@@ -47,6 +47,8 @@ class Left:
     """Rows that it had told to be about to write, flushed or not."""
     found: int
     """Rows in the file."""
+    since_flush_s: float
+    """From its last flush to its death."""
 
     @property
     def missing(self) -> int:
@@ -69,7 +71,7 @@ def record(path: Path, every_s: float) -> None:
         now = time.monotonic()
         if now - flushed >= every_s:
             writer.flush()
-            print("f", count, flush=True)
+            print("f", count, time.monotonic(), flush=True)
             flushed = now
         if every_s:
             time.sleep(max(0.0, begun + count / (2 * a_second) - time.monotonic()))
@@ -93,15 +95,19 @@ def kill_one(path: Path, every_s: float, after_s: float) -> Left:
         killer = time.monotonic() + after_s
         while time.monotonic() < killer and told[-1]:
             told.append(child.stdout.readline())
+        killed_s = time.monotonic()
         child.send_signal(signal.SIGKILL)
         told += child.stdout.read().splitlines()
-    counts = {"w": 0, "f": 0}
+    counts, flushed_s = {"w": 0, "f": 0}, killed_s
     for line in told:
-        word, _, count = line.strip().partition(" ")
-        if word in counts and count:
-            counts[word] = int(count)
+        if not line.strip():
+            continue
+        word, count, *at = line.split()
+        counts[word] = int(count)
+        if at:
+            flushed_s = float(at[0])
     problem, found = opened(path)
-    return Left(problem, counts["f"], counts["w"], found)
+    return Left(problem, counts["f"], counts["w"], found, killed_s - flushed_s)
 
 
 def opened(path: Path) -> tuple[str, int]:
@@ -132,6 +138,8 @@ def report(found: list[Left], every_s: float) -> None:
     print(f"{'files that lack flushed rows':<48} {sum(left.missing > 0 for left in found)}")
     print(f"{'rows not flushed, and lost: median':<48} {lost[len(lost) // 2]}")
     print(f"{'rows not flushed, and lost: most':<48} {lost[-1]}")
+    waited_s = max(left.since_flush_s for left in found)
+    print(f"{'seconds from the last flush to the kill: most':<48} {waited_s:.2f}")
     for problem, count in problems.items():
         print(f"{count} times: {problem}")
 

@@ -216,8 +216,8 @@ class Recorder:
             writer.write(left)
             writer.flush()
         except FileError:
-            writer.close()
-            with suppress(OSError):
+            with suppress(FileError, OSError):
+                writer.close()
                 writer.path.unlink()
             return False
         self._go_on(writer)

@@ -182,8 +182,11 @@ class RecordingWriter:
                 raise self._stop(error) from error
             self._pending, self._notes = [], []
             self._flushed_rows = self._rows
-        if self._place.left:
-            deleted = self._place.deleted
+        try:
+            left, deleted = self._place.left, self._place.deleted
+        except OSError as error:
+            raise self._stop(error) from error
+        if left:
             self._gone = True
             self._failure = taken_away(self.path, self._flushed_rows, deleted=deleted)
             raise self._failure
@@ -205,7 +208,13 @@ class RecordingWriter:
             raise self._stop(error) from error
         finally:
             self._closed = True
+            self._let_go()
+
+    def _let_go(self) -> None:
+        try:
             self._place.close()
+        except OSError as error:  # some network file systems tell only now what they could not keep
+            raise self._stop(error) from error
 
     def __enter__(self) -> Self:
         return self
