@@ -168,7 +168,7 @@ def main() -> None:
                 kill_one,
                 Path(name) / f"{number}.mcap",
                 every_s,
-                rng.uniform(0, 0.7 if options.stress else _LONGEST_S),
+                rng.uniform(0, 0.3 if options.stress else _LONGEST_S),
             )
             for number in range(options.kills)
         ]
