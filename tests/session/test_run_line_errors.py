@@ -14,7 +14,7 @@ from fte_sniff.capture.tap import Tap
 from fte_sniff.protocol import Chunk, Fault, PortEvent, PortEventKind
 from fte_sniff.recording.facts import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.recorder import Recorder
 from fte_sniff.session.messages import Batch, Ended
 from fte_sniff.session.outbox import Outbox
 from fte_sniff.session.plan import CapturePlan
@@ -65,7 +65,7 @@ def test_errors_are_in_the_rows_and_beside_them_in_the_recording_and_the_view(
     plan = CapturePlan(Tap(("tap",), DEFAULT_SETTINGS), path)
     outbox = Outbox(theirs, source.stop)
     clock = Clock.tied()
-    recorder = RecordingWriter(path, (PortFacts("tap", 115_200),))
+    recorder = Recorder(path, (PortFacts("tap", 115_200),))
     outbox.close(Run(plan, clock, source, recorder, outbox).to_the_end())
 
     recorded = list(RecordingReader(path).entries())
