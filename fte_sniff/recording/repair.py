@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Metadata, Schema
+from mcap.records import Channel, Footer, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from fte_sniff.errors import FileError, unreadable, unwritable
@@ -242,9 +242,9 @@ class _Mending:
         )
         gaps = sum(max(0, end - count) for end, count in numbers.values() if end < _SEQUENCES)
         damage.least_missing = gaps + damage.undescribed
-        statistics = self._outside.statistics
-        if statistics is not None and statistics.message_count >= damage.messages:
-            damage.missing = statistics.message_count - damage.messages
+        counted = _counted(self._outside.statistics)
+        if counted is not None and counted >= damage.messages:
+            damage.missing = counted - damage.messages
 
     def _copy(self, found: FoundChunk, file: McapFile) -> None:
         """Write a chunk as it is, or what is described of it, if anything is."""
@@ -293,6 +293,14 @@ def _messages(records: bytes) -> _Messages:
 
 def _span(batch: Batch) -> tuple[int, int]:
     return int(batch.times.min()), int(batch.times.max())
+
+
+def _counted(statistics: Statistics | None) -> int | None:
+    """How many messages there were, where the statistics do not contradict themselves."""
+    if statistics is None:
+        return None
+    each = sum(statistics.channel_message_counts.values())
+    return each if each == statistics.message_count else None
 
 
 def _preferred(guarded: Sequence[_Definition], others: Sequence[_Definition]) -> list[_Definition]:
