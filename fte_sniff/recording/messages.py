@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from math import nan
 from typing import Any
 
+from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 
 from fte_sniff.errors import FileError
@@ -30,8 +31,10 @@ from fte_sniff.protocol import (
     Row,
     Status,
 )
+from fte_sniff.recording.layout import Layouts
 from fte_sniff.recording.plain_messages import PlainForm, plain_form
 from fte_sniff.recording.schema import (
+    REPEATED,
     enum_number,
     enum_value_name,
     message_class,
@@ -43,6 +46,19 @@ from fte_sniff.recording.topics import EVENTS, MALFORMED, TOPIC_BY_NAME, Topic
 
 _GREATEST = 2**63 - 1
 """The largest offset and time that the columns of any tool can hold."""
+
+_INTEGERS = (
+    FieldDescriptor.CPPTYPE_UINT64,
+    FieldDescriptor.CPPTYPE_INT64,
+    FieldDescriptor.CPPTYPE_UINT32,
+    FieldDescriptor.CPPTYPE_INT32,
+)
+_TEXT = (FieldDescriptor.CPPTYPE_STRING,)
+"""Of text and of bytes: protobuf has one for both."""
+_ENUM = (FieldDescriptor.CPPTYPE_ENUM,)
+_ROW_NEEDS = {"offset": _INTEGERS, "read_delay_ns": _INTEGERS, "raw": _TEXT, "faults": _ENUM}
+_EVENT_NEEDS = {"kind": _ENUM, "detail": _TEXT}
+"""What messages must have to be read, and of which type."""
 
 _STATUS_NUMBER = {status: enum_number("Status", status) for status in Status}
 _FAULT_NUMBER = {fault: enum_number("Fault", fault) for fault in Fault}
@@ -169,7 +185,8 @@ class MessageReader:
         Raises:
             FileError: the schema cannot be used, or its messages do not hold what rows are made of.
         """
-        self._port = port
+        self.topic = topic
+        self.port = port
         try:
             self._message = message_class(schema, data)
         except ValueError as error:
@@ -179,14 +196,22 @@ class MessageReader:
         self._tells_time = "time_ns" in fields
         self._tells_order = "order_uncertain" in fields
         self._tells_count = "count" in fields
-        needed = {"kind", "detail"} if topic == EVENTS.name else {"offset", "raw", "faults"}
-        lacking = sorted(needed - set(fields))
+        needed = _EVENT_NEEDS if topic == EVENTS.name else _ROW_NEEDS
+        lacking = sorted(
+            name
+            for name, types in needed.items()
+            if name not in fields
+            or fields[name].cpp_type not in types
+            or (fields[name].default_value == []) != (name in REPEATED)
+        )
         if lacking:
             raise FileError(
                 f"{topic}: its messages ({schema}) have no {', '.join(lacking)}; "
                 "fte-sniff reads what fte-sniff records"
             )
         is_event = topic == EVENTS.name
+        self.layouts = None if is_event else _layouts_of(schema, data)
+        """How messages can be read many at once; None where they must be read one by one."""
         self._words = _words_of(fields["kind" if is_event else "faults"])
         self.entry: Callable[[bytes, int], Row | PortEvent] = self.event if is_event else self.row
         """Reads one message: `event` on the topic of port events, `row` on any other."""
@@ -207,14 +232,22 @@ class MessageReader:
         if message.offset > _GREATEST:
             raise ValueError(f"offset {message.offset} is past the end of any stream")
         return made(
-            self._port,
+            self.port,
             message.offset,
             raw,
             self._time(message, log_time),
-            tuple(Fault(self._word(number)) for number in faults) if faults else (),
+            tuple(map(self.fault, faults)) if faults else (),
             delay,
             self._tells_order and message.order_uncertain,
         )
+
+    def fault(self, number: int) -> Fault:
+        """The fault that the file's schema gives this number.
+
+        Raises:
+            ValueError: this version does not know it.
+        """
+        return Fault(self._word(number))
 
     def event(self, data: bytes, log_time: int) -> PortEvent:
         """The port event of one message.
@@ -225,7 +258,7 @@ class MessageReader:
         message = self._parse(data)
         kind = PortEventKind(self._word(message.kind))
         count = message.count if self._tells_count else 0
-        return PortEvent(self._time(message, log_time), self._port, kind, message.detail, count)
+        return PortEvent(self._time(message, log_time), self.port, kind, message.detail, count)
 
     def _parse(self, data: bytes) -> Any:
         try:
@@ -245,6 +278,11 @@ class MessageReader:
         if word is None:
             raise ValueError(f"a word that this version does not know (number {number})")
         return word
+
+
+@lru_cache(maxsize=64)
+def _layouts_of(schema: str, data: bytes) -> Layouts:
+    return Layouts(message_class(schema, data).DESCRIPTOR)
 
 
 def _is_framed(raw: bytes) -> bool:

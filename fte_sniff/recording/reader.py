@@ -8,7 +8,7 @@ told by `ending` and `losses`, and never made up: a chunk counts only if its che
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from shutil import copyfileobj
@@ -21,9 +21,12 @@ from mcap.records import Channel, Metadata
 
 from fte_sniff.errors import FileError, unreadable
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.bulk import BulkReading
+from fte_sniff.recording.columns import RowColumns, Words
 from fte_sniff.recording.facts import PortFacts
 from fte_sniff.recording.reading import Reading, without_our_topics
 from fte_sniff.recording.records import MAGIC, RawRecord, RecordError, RecordStream, parse
+from fte_sniff.recording.span import EVERYTHING, Span
 from fte_sniff.recording.summary import Summary, read_summary
 from fte_sniff.recording.topics import TOPIC_BY_NAME
 
@@ -112,13 +115,42 @@ class RecordingReader:
         """Rows and port events together, in file order; raises as iteration over rows does."""
         reading = Reading(self._path, self._port_of)
         with self._open() as stream:
-            records = RecordStream(stream, self._summary.starts if self._summary else ())
+            records = RecordStream(stream, self._starts())
             yield from reading.entries(records)
+        self._finish(reading, records, whole=True)
+
+    def batches(self, words: Words | None = None, span: Span = EVERYTHING) -> Iterator[RowColumns]:
+        """The same rows and events as columns, in file order, most often 64 thousand and more.
+
+        Chunks outside `span` are passed over by their log times; a row that came late is looked
+        for where it was recorded. What was passed over is not checked, nor missed.
+
+        Args:
+            words: takes up ports and faults; give the same to several readers whose columns are
+                to be used together.
+            span: rows and events outside it are left out.
+
+        Raises:
+            FileError: as iteration over rows.
+        """
+        reading = Reading(self._path, self._port_of)
+        wanted = None if span.everything else span.touches
+        with self._open() as stream:
+            records = RecordStream(stream, self._starts(), wanted)
+            yield from BulkReading(reading, words or Words(), span).batches(records)
+        self._finish(reading, records, whole=span.everything)
+
+    def _starts(self) -> Sequence[int]:
+        return self._summary.starts if self._summary else ()
+
+    def _finish(self, reading: Reading, records: RecordStream, *, whole: bool) -> None:
+        """Keep what a pass has found out about the file."""
         self._ending = records.ending
         self._losses = (*records.losses, *reading.losses)
-        self._times = reading.times or self._times
+        if whole:
+            self._times = reading.times or self._times
         expected = self._summary and self._summary.statistics
-        if expected and expected.message_count > reading.messages:
+        if whole and expected and expected.message_count > reading.messages:
             missing = expected.message_count - reading.messages
             self._losses += (f"{missing} of {expected.message_count} messages are missing",)
         self._finished = True

@@ -12,6 +12,7 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -57,6 +58,8 @@ class Reading:
         self._refused: FileError | None = None
         self._ours = False
         self._lost: Counter[str] = Counter()
+        self.version = 0
+        """Rises whenever a definition changes what is known of the channels."""
         self.messages = 0
         """Messages seen, of any topic."""
         self.times: tuple[int, int] | None = None
@@ -77,30 +80,65 @@ class Reading:
         """
         for record in records:
             if record.opcode == Opcode.CHUNK:
-                yield from self._chunk_entries(record)
-            elif record.opcode == Opcode.MESSAGE:
-                yield from self._entries_of(record.body)
+                yield from self.chunk_entries(record)
             else:
-                self._define(record.opcode, record.body)
-        self._check_topics(cut=bool(records.ending))
+                yield from self.entries_of(record.opcode, record.body)
+        self.check_topics(cut=bool(records.ending))
 
-    def _chunk_entries(self, record: RawRecord) -> Iterator[Row | PortEvent]:
+    def chunk_entries(self, record: RawRecord) -> Iterator[Row | PortEvent]:
+        """The rows and events of one chunk, in their order; what it defines is taken on the way."""
         try:
             for opcode, body in records_in(unpack(record.body)):
-                if opcode == Opcode.MESSAGE:
-                    yield from self._entries_of(body)
-                else:
-                    self._define(opcode, body)
+                yield from self.entries_of(opcode, body)
         except RecordError as error:
-            self._lose(f"{error} at byte {record.position} ({len(record.body)} bytes)")
+            self.lose(f"{error} at byte {record.position} ({len(record.body)} bytes)")
 
-    def _entries_of(self, body: bytes) -> Iterator[Row | PortEvent]:
+    def entries_of(self, opcode: int, body: bytes) -> Iterator[Row | PortEvent]:
+        """What one record outside the chunks, or inside one, brings; definitions are taken."""
+        if opcode == Opcode.MESSAGE:
+            yield from self._message_entries(body)
+        else:
+            self._define(opcode, body)
+
+    def count(self, messages: int, times: tuple[int, int] | None) -> None:
+        """Take note of messages that were read elsewhere, and of their log times."""
+        self.messages += messages
+        if times is not None:
+            first, last = self.times or times
+            self.times = (min(first, times[0]), max(last, times[1]))
+
+    def readers(self) -> dict[int, MessageReader | None]:
+        """What reads each channel described so far; None for those of no interest.
+
+        Channels that cannot be read are left out: that is a loss only if they have messages.
+        """
+        for channel_id, channel in self._channels.items():
+            if channel_id not in self._readers:
+                with suppress(FileError):
+                    ours = channel.topic in TOPIC_BY_NAME
+                    self._readers[channel_id] = self._our_reader(channel) if ours else None
+        return dict(self._readers)
+
+    def knows(self, opcode: int, body: bytes) -> bool:
+        """Whether a record defines nothing but what is known already."""
+        try:
+            if opcode == Opcode.SCHEMA:
+                schema = parse(Schema, body)
+                return bool(self._schemas.get(schema.id) == schema)
+            if opcode == Opcode.CHANNEL:
+                channel = parse(Channel, body)
+                return bool(self._channels.get(channel.id) == channel)
+        except RecordError:
+            return False
+        return opcode != Opcode.HEADER
+
+    def _message_entries(self, body: bytes) -> Iterator[Row | PortEvent]:
         """The row or event of one message, if it is one of ours."""
         if len(body) < _MESSAGE_HEAD.size:
-            self._lose("a message without its head")
+            self.lose("a message without its head")
             return
         channel_id, _, log_time, _ = _MESSAGE_HEAD.unpack_from(body)
-        self.messages += 1
+        self.count(1, None)
         if channel_id not in self._readers:
             self._readers[channel_id] = self._reader_of(channel_id)
         reader = self._readers[channel_id]
@@ -109,13 +147,12 @@ class Reading:
         try:
             entry = reader.entry(body[_MESSAGE_HEAD.size :], log_time)
         except ValueError as error:
-            self._lose(f"{self._channels[channel_id].topic}: {error}")
+            self.lose(f"{self._channels[channel_id].topic}: {error}")
             return
-        first, last = self.times or (log_time, log_time)
-        self.times = (min(first, log_time), max(last, log_time))
+        self.count(0, (log_time, log_time))
         yield entry
 
-    def _lose(self, text: str) -> None:
+    def lose(self, text: str) -> None:
         """Note a loss; a file can hold any number of different ones, so most are only counted."""
         told = text in self._lost or len(self._lost) < _MOST_LOSSES
         self._lost[text if told else _OTHER_LOSSES] += 1
@@ -130,19 +167,20 @@ class Reading:
             elif opcode == Opcode.HEADER:
                 self._ours = parse(Header, body).library.startswith(PROGRAM)
         except RecordError as error:
-            self._lose(str(error))
+            self.lose(str(error))
 
     def _take(self, record: _Definition, known: dict[int, _Definition]) -> None:
         if known.get(record.id) == record:
             return
         known[record.id] = record
+        self.version += 1
         self._readers.clear()
 
     def _reader_of(self, channel_id: int) -> MessageReader | None:
         """What reads a channel's messages; None where nothing can or needs to."""
         channel = self._channels.get(channel_id)
         if channel is None:
-            self._lose(f"messages of channel {channel_id}, which nothing describes")
+            self.lose(f"messages of channel {channel_id}, which nothing describes")
             return None
         if channel.topic not in TOPIC_BY_NAME:
             return None
@@ -150,7 +188,7 @@ class Reading:
             return self._our_reader(channel)
         except FileError as error:
             self._refused = self._refused or FileError(f"{self._path}: {error}")
-            self._lose(str(error))
+            self.lose(str(error))
             return None
 
     def _our_reader(self, channel: Channel) -> MessageReader:
@@ -163,7 +201,12 @@ class Reading:
         port = self._port_of(channel).name
         return MessageReader(channel.topic, port, schema.name, schema.data)
 
-    def _check_topics(self, *, cut: bool) -> None:
+    def check_topics(self, *, cut: bool) -> None:
+        """Refuse a file of which nothing could be read, at the end of the pass.
+
+        Raises:
+            FileError: the file has none of our topics, or none that can be read.
+        """
         if self.times is not None:
             return
         if self._refused is not None:

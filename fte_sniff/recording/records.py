@@ -10,10 +10,11 @@ and neither is given memory before it is there.
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from typing import BinaryIO, Protocol, TypeVar
@@ -34,6 +35,9 @@ LARGEST = 256 * 1024 * 1024
 HEAD = struct.Struct("<BQ")
 """What stands before the body of each record: opcode and length."""
 
+_PASSED_OVER = 0
+"""In place of the opcode of a record that was not read; no record of a file has it."""
+_CHUNK_TIMES = struct.Struct("<QQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _LENGTH = struct.Struct("<Q")
 _CRC_LENGTH = 4
@@ -78,16 +82,24 @@ def parse(record: _Readable[_Record], body: bytes) -> _Record:
 class RecordStream:
     """The records of a file, one by one, to its end or as far as it can be read."""
 
-    def __init__(self, stream: BinaryIO, starts: Sequence[int] = ()) -> None:
+    def __init__(
+        self,
+        stream: BinaryIO,
+        starts: Sequence[int] = (),
+        wanted: Callable[[int, int], bool] | None = None,
+    ) -> None:
         """Take the file.
 
         Args:
-            stream: the file, at its beginning; seekable where `starts` are given.
+            stream: the file, at its beginning; seekable where `starts` or `wanted` are given.
             starts: positions where records are known to begin, rising: where reading can go on
                 behind a record that cannot be read.
+            wanted: tells from the first and last log time of a chunk whether it is to be read;
+                the others are passed over. By default all are.
         """
         self._stream = stream
         self._starts = starts
+        self._wanted = wanted
         self._position = 0
         self._crc: int | None = 0
         self.ending = ""
@@ -109,6 +121,8 @@ class RecordStream:
             if record is None:
                 self.ending = f"it was never closed, its last byte is {position}"
                 return
+            if record.opcode == _PASSED_OVER:
+                continue
             if record.opcode == Opcode.DATA_END:
                 self._check_crc(record.body, before, "the data")
                 self._crc = 0
@@ -132,10 +146,21 @@ class RecordStream:
         start = self._next_start(position)
         if start is not None and start < self._position + length:
             raise RecordError("there is a record that reaches into the next")
-        body = self._read(length)
+        first = b""
+        if opcode == Opcode.CHUNK and self._wanted is not None and length >= _CHUNK_TIMES.size:
+            first = self._read(_CHUNK_TIMES.size)
+            if len(first) == _CHUNK_TIMES.size and not self._wanted(*_CHUNK_TIMES.unpack(first)):
+                return self._pass_over(position, length - len(first))
+        body = first + self._read(length - len(first))
         if len(body) < length:
             raise RecordError("it is cut in the record")
         return RawRecord(position, opcode, body)
+
+    def _pass_over(self, position: int, length: int) -> RawRecord:
+        """Go to the end of a record; what is passed over, no checksum can tell anything about."""
+        self._stream.seek(length, os.SEEK_CUR)
+        self._position, self._crc = self._position + length, None
+        return RawRecord(position, _PASSED_OVER, b"")
 
     def _read(self, length: int) -> bytes:
         """Up to `length` bytes, by blocks, so that no claimed length takes memory by itself."""
@@ -176,6 +201,14 @@ class RecordStream:
             self.ending = f"its last {len(MAGIC)} bytes are damaged or missing"
         elif self._stream.read(1):
             self.ending = f"bytes that do not belong to it follow its end at byte {self._position}"
+
+
+def unpacked_size(body: bytes) -> int:
+    """Bytes that a chunk takes once unpacked, as it claims, but never more than `LARGEST`."""
+    if len(body) < _CHUNK_HEAD.size:
+        return 0
+    _, _, size, _, _ = _CHUNK_HEAD.unpack_from(body)
+    return min(int(size), LARGEST)
 
 
 def unpack(body: bytes) -> bytes:

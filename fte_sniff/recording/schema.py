@@ -62,7 +62,8 @@ _DAMAGE_FIELDS: tuple[tuple[str, int | str], ...] = (
     ("framed", _TYPE.TYPE_BOOL),
     ("length", _TYPE.TYPE_FIXED32),
 )
-_REPEATED = frozenset({"faults"})
+REPEATED = frozenset({"faults"})
+"""The fields that hold any number of values."""
 
 
 def enum_value_name(enum: str, word: str) -> str:
@@ -115,7 +116,7 @@ def _add_field(message: DescriptorProto, name: str, number: int, kind: int | str
         field.type_name = f".{PACKAGE}.{message.name}.{kind}"
     else:
         field.type = kind  # type: ignore[assignment]
-    if name in _REPEATED:
+    if name in REPEATED:
         field.label = _TYPE.LABEL_REPEATED
         return
     field.label = _TYPE.LABEL_OPTIONAL

@@ -38,7 +38,7 @@ def _row(number: int, port: str, offset: int, t_ns: int) -> Row:
         return Damage(port, offset, bytes(range(number % 30 + 1)), t_ns, (Fault.NOISE,), number)
     kind = KINDS[number % len(KINDS)]
     given = {"motor": number // len(KINDS) % 4 + 1, "error": 0, "online": 15}
-    values = {field.name: given.get(field.name, number - 30) for field in kind.fields}
+    values = {field.name: given.get(field.name, number % 30_000 - 30) for field in kind.fields}
     raw = bytearray(encode(kind, values))
     if number % 13 == 12:
         raw[1] = 0x77

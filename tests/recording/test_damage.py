@@ -34,8 +34,16 @@ def _records(content: bytes) -> list[tuple[int, int, int]]:
 
 
 def _read(path: Path) -> tuple[list[Row], RecordingReader]:
+    """The rows record by record; read by columns, they and all that is told are the same."""
+    columns = RecordingReader(path)
+    at_once = [row for batch in columns.batches() for row in batch.rows()]
     reader = RecordingReader(path)
-    return list(reader), reader
+    found = list(reader)
+    assert at_once == found
+    assert [row.read_delay_ns for row in at_once] == [row.read_delay_ns for row in found]
+    assert sorted(columns.losses) == sorted(reader.losses)
+    assert (columns.ending, columns.times) == (reader.ending, reader.times)
+    return found, reader
 
 
 def _sizes(records: list[tuple[int, int, int]], length: int) -> list[int]:

@@ -69,6 +69,10 @@ def test_other_writers_files_are_read(
     assert [row.read_delay_ns for row in found] == [row.read_delay_ns for row in recorded[1]]
     assert list(reader.events()) == recorded[2]
     assert reader.complete, (reader.ending, reader.losses)
+    batches = list(reader.batches())
+    assert [row for batch in batches for row in batch.rows()] == recorded[1]
+    assert [event for batch in batches for event in batch.events] == recorded[2]
+    assert reader.complete, (reader.ending, reader.losses)
 
 
 def test_where_no_port_is_named_the_file_stands_in(recorded: Recorded, tmp_path: Path) -> None:
