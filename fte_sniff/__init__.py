@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         encode,
         record,
     )
+    from fte_sniff.session.tables import read, scan
 
 __all__ = [
     "KINDS",
@@ -68,14 +69,16 @@ __all__ = [
     "UsageError",
     "ValueRangeError",
     "encode",
+    "read",
     "record",
+    "scan",
 ]
 
 
 def __getattr__(name: str) -> Any:
     """Load the public names when they are asked for, so that the program can begin at once."""
     if name in __all__:
-        for room in ("errors", "protocol"):
+        for room in ("errors", "protocol", "session.tables"):
             module = import_module(f"{__name__}.{room}")
             if hasattr(module, name):
                 return getattr(module, name)

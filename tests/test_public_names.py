@@ -25,7 +25,9 @@ def test_public_names_are_pinned() -> None:
         "UsageError",
         "ValueRangeError",
         "encode",
+        "read",
         "record",
+        "scan",
     ]
     assert all(hasattr(fte_sniff, name) for name in fte_sniff.__all__)
 

@@ -195,9 +195,9 @@ class BulkReading:
         definitions: list[tuple[int, bytes]] = []
         try:
             for records, places in _pieces(parts):
-                starts, others = message_starts(records, places)
-                definitions += ((opcode, body) for _, opcode, body in others)
-                gathered.append(gather(records, starts, readers, self._words))
+                starts, lengths, others = message_starts(records, places)
+                definitions += others
+                gathered.append(gather(records, starts, lengths, readers, self._words))
         except (RecordError, KeyError):
             return None
         columns = RowColumns.joined([piece.columns for piece in gathered])

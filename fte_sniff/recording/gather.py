@@ -24,7 +24,6 @@ from fte_sniff.recording.starts import MESSAGE_HEAD
 Readers = Mapping[int, MessageReader | None]
 
 _CHANNEL_PLACE = HEAD.size
-_LENGTH_PLACE = 1
 _TIMES = 16
 """Bytes of log time and publish time, which stand right before the message."""
 _WORD = 8
@@ -48,33 +47,36 @@ class Gathered:
     """What could not be read, one line each."""
 
 
-def gather(records: bytes, starts: Array, readers: Readers, words: Words) -> Gathered:
+def gather(
+    records: bytes, starts: Array, lengths: Array, readers: Readers, words: Words
+) -> Gathered:
     """The rows and events of the messages that begin at `starts`, in that order.
 
     Args:
         records: one or more unpacked chunks.
         starts: where message records begin, rising.
+        lengths: of the messages, without their heads.
         readers: by channel; None for channels of no interest.
         words: takes up ports and faults.
 
     Raises:
         KeyError: there is a message of a channel that `readers` does not know.
     """
-    return _Gathering(records, starts, readers, words).gathered()
+    return _Gathering(records, starts, lengths, readers, words).gathered()
 
 
 class _Gathering:
-    def __init__(self, records: bytes, starts: Array, readers: Readers, words: Words) -> None:
-        self._records, self._starts, self._readers, self._words = records, starts, readers, words
+    def __init__(
+        self, records: bytes, starts: Array, lengths: Array, readers: Readers, words: Words
+    ) -> None:
+        self._records, self._starts, self._lengths = records, starts, lengths
+        self._readers, self._words = readers, words
         self._rows = RowColumns.blank(words, len(starts))
         self._kept = np.zeros(len(starts), np.bool_)
         self._events: list[tuple[int, PortEvent]] = []
         self._losses: list[str] = []
         self._first, self._last = 2**64, -1
         self._channels: Array = _at_every_byte(records, "<u2", _CHANNEL_PLACE)[starts]
-        self._lengths = _at_every_byte(records, "<i8", _LENGTH_PLACE)[starts] - (
-            MESSAGE_HEAD - HEAD.size
-        )
 
     def gathered(self) -> Gathered:
         for readers, rows in self._by_schema():

@@ -30,6 +30,7 @@ _WIRE_TYPE_OF_SIZE = {4: 5, 8: 1}
 _VARINT, _DELIMITED = 0, 2
 _MORE_FOLLOWS = 0x80
 _MOST_IN_TWO = 2**14
+_MOST_KEPT = 4096
 MOST_FAULTS = 4
 """Faults of one row at most that a layout has room for; rows with more are read one by one."""
 
@@ -73,12 +74,18 @@ class Layouts:
         self._fields = sorted(descriptor.fields, key=lambda field: int(field.number))
         self._tells_framed = "framed" in descriptor.fields_by_name
         self._usable = _is_usable(descriptor)
+        self._found: dict[int, tuple[Layout, ...]] = {}
         self._times = (False, True) if "time_ns" in descriptor.fields_by_name else (False,)
 
-    def of_length(self, length: int) -> Iterator[Layout]:
+    def of_length(self, length: int) -> tuple[Layout, ...]:
         """The layouts that make a message so long, the most usual first."""
-        if not self._usable:
-            return
+        if length not in self._found:
+            if len(self._found) >= _MOST_KEPT:
+                self._found.clear()
+            self._found[length] = tuple(self._layouts(length)) if self._usable else ()
+        return self._found[length]
+
+    def _layouts(self, length: int) -> Iterator[Layout]:
         for faults, timed, delayed in product(range(MOST_FAULTS + 1), self._times, (True, False)):
             layout = self._layout(length, faults, timed=timed, delayed=delayed)
             if layout is not None:

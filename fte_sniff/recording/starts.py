@@ -38,7 +38,7 @@ def indexed_places(indexes: Sequence[bytes]) -> Array | None:
 
 def message_starts(
     records: bytes, places: Array | None
-) -> tuple[Array, list[tuple[int, int, bytes]]]:
+) -> tuple[Array, Array, list[tuple[int, bytes]]]:
     """Where each message record begins, rising, and the other records between them.
 
     Args:
@@ -46,26 +46,30 @@ def message_starts(
         places: where an index says that messages begin; taken only if that is so.
 
     Returns:
-        The places, and for each other record the number of messages before it, opcode and body.
+        The places; the lengths of the messages without their heads; opcode and body of each
+        other record.
 
     Raises:
         RecordError: the records go beyond the end, or a message is too short to be one.
     """
     found = None if places is None else _confirmed(records, places)
-    starts, others = _walked(records) if found is None else found
-    if len(starts) and int(_lengths(records, starts).min()) < MESSAGE_HEAD - HEAD.size:
+    starts, lengths, others = _walked(records) if found is None else found
+    lengths -= MESSAGE_HEAD - HEAD.size
+    if len(lengths) and lengths.min() < 0:
         raise RecordError("a message without its head")
-    return starts, others
+    return starts, lengths, others
 
 
 def _lengths(records: bytes, starts: Array) -> Array:
     at_every_byte: Array = np.ndarray(
-        (len(records) - HEAD.size + 1,), "<i8", records, _LENGTH_PLACE, (1,)
+        (max(0, len(records) - HEAD.size + 1),), "<i8", records, _LENGTH_PLACE, (1,)
     )
     return at_every_byte[starts]
 
 
-def _confirmed(records: bytes, places: Array) -> tuple[Array, list[tuple[int, int, bytes]]] | None:
+def _confirmed(
+    records: bytes, places: Array
+) -> tuple[Array, Array, list[tuple[int, bytes]]] | None:
     """The same, if the records tile the chunk with messages at these places and nowhere else."""
     if not len(places) or places.min() < 0 or places.max() > len(records) - MESSAGE_HEAD:
         return None
@@ -73,16 +77,17 @@ def _confirmed(records: bytes, places: Array) -> tuple[Array, list[tuple[int, in
         return None
     ends = np.empty(len(places) + 1, np.int64)
     ends[0] = 0
-    np.add(places, _lengths(records, places), out=ends[1:])
+    lengths = _lengths(records, places)
+    np.add(places, lengths, out=ends[1:])
     ends[1:] += HEAD.size
     starts = np.append(places, len(records))
-    others: list[tuple[int, int, bytes]] = []
+    others: list[tuple[int, bytes]] = []
     for gap in np.flatnonzero(ends != starts).tolist():
         walked = _between(records, int(ends[gap]), int(starts[gap]))
         if walked is None:
             return None
-        others += ((gap, opcode, body) for opcode, body in walked)
-    return places, others
+        others += walked
+    return places, lengths, others
 
 
 def _between(records: bytes, start: int, end: int) -> list[tuple[int, bytes]] | None:
@@ -98,10 +103,10 @@ def _between(records: bytes, start: int, end: int) -> list[tuple[int, bytes]] | 
     return found if start == end else None
 
 
-def _walked(records: bytes) -> tuple[Array, list[tuple[int, int, bytes]]]:
+def _walked(records: bytes) -> tuple[Array, Array, list[tuple[int, bytes]]]:
     """From record to record, as it must be done where no index helps."""
     starts: list[int] = []
-    others: list[tuple[int, int, bytes]] = []
+    others: list[tuple[int, bytes]] = []
     place, end, message = 0, len(records), int(Opcode.MESSAGE)
     unpack = HEAD.unpack_from
     while place <= end - HEAD.size:
@@ -112,8 +117,9 @@ def _walked(records: bytes) -> tuple[Array, list[tuple[int, int, bytes]]]:
         if opcode == message:
             starts.append(place)
         else:
-            others.append((len(starts), opcode, records[place + HEAD.size : after]))
+            others.append((opcode, records[place + HEAD.size : after]))
         place = after
     if place != end:
         raise RecordError("records that go beyond their chunk")
-    return np.array(starts, np.int64), others
+    found = np.array(starts, np.int64)
+    return found, _lengths(records, found), others

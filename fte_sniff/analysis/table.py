@@ -1,0 +1,303 @@
+"""Owns the contract's columns in their smallest types, as a polars frame, from rows side by side.
+
+It must not know where the rows come from. Unlike `columns`, which serves the filter and computes in
+Int64, this is for handing out: a frame of millions of rows stays small, and polars knows all words.
+
+    time                     Datetime("ns", "UTC"), null where the row has no time
+    port, raw                String (raw: hex, upper case, no spaces)
+    direction, kind, status  Enum of the column's words
+    faults                   List(Enum), empty where nothing is wrong
+    offset, length           Int64, UInt32
+    cmd and the values       as wide as on the wire; null where the row has no such value
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from fte_sniff.protocol import (
+    COLUMN_BY_NAME,
+    COLUMNS,
+    FRAME_LENGTH,
+    HEADERS,
+    KINDS,
+    VALUE_FIELDS,
+    ColumnType,
+    Direction,
+    Fault,
+    Field,
+    status_of,
+)
+from fte_sniff.protocol.table import CMD_PLACE
+
+Array = npt.NDArray[Any]
+
+_NO_KIND: Final = len(KINDS)
+_NO_DIRECTION: Final = len(Direction)
+
+
+class Words(Protocol):
+    """What the numbers in columns stand for."""
+
+    @property
+    def ports(self) -> Sequence[str]:
+        """Port names, by number."""
+        ...
+
+    @property
+    def faults(self) -> Sequence[tuple[Fault, ...]]:
+        """Combinations of faults, by number."""
+        ...
+
+
+class SideBySide(Protocol):
+    """Rows as arrays, all equally long: what each row tells that cannot be derived."""
+
+    @property
+    def words(self) -> Words:
+        """What the numbers of `port` and `faults` stand for."""
+        ...
+
+    @property
+    def t_ns(self) -> Array:
+        """Nanoseconds since 1970 UTC, int64."""
+        ...
+
+    @property
+    def offset(self) -> Array:
+        """Of the first byte, int64."""
+        ...
+
+    @property
+    def length(self) -> Array:
+        """Bytes of the row, uint32."""
+        ...
+
+    @property
+    def port(self) -> Array:
+        """Number of the port."""
+        ...
+
+    @property
+    def faults(self) -> Array:
+        """Number of the faults."""
+        ...
+
+    @property
+    def framed(self) -> Array:
+        """Whether the row is a Frame, bool."""
+        ...
+
+    @property
+    def raw(self) -> Array:
+        """The first ten bytes, zeros behind them; uint8, ten for each row."""
+        ...
+
+    @property
+    def long(self) -> Mapping[int, bytes]:
+        """All bytes of the rows longer than ten, by place."""
+        ...
+
+
+def _value_type(field: Field) -> pl.DataType:
+    by_form: dict[tuple[bool, int], pl.DataType] = {
+        (False, 1): pl.UInt8(),
+        (True, 2): pl.Int16(),
+        (True, 4): pl.Int32(),
+    }
+    return by_form[field.signed, field.size]
+
+
+def _words_type(words: Sequence[str]) -> pl.Enum:
+    return pl.Enum([str(word) for word in words])
+
+
+_TYPE_OF_NAME: Final[Mapping[str, pl.DataType]] = {
+    "offset": pl.Int64(),
+    "length": pl.UInt32(),
+    "cmd": pl.UInt8(),
+    **{field.name: _value_type(field) for field in VALUE_FIELDS},
+}
+_TYPE: Final[Mapping[ColumnType, Callable[[Sequence[str]], pl.DataType]]] = {
+    ColumnType.TIME: lambda _: pl.Datetime("ns", "UTC"),
+    ColumnType.TEXT: lambda _: pl.String(),
+    ColumnType.WORD: _words_type,
+    ColumnType.WORDS: lambda words: pl.List(_words_type(words)),
+    ColumnType.HEX: lambda _: pl.String(),
+}
+
+TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
+    column.name: _TYPE_OF_NAME.get(column.name) or _TYPE[column.type](column.words)
+    for column in COLUMNS
+}
+"""The polars type of every column of the row contract, in its order."""
+
+
+def table_frame(rows: SideBySide, names: Collection[str] | None = None) -> pl.DataFrame:
+    """The rows as a frame of `TABLE_SCHEMA`.
+
+    Args:
+        rows: the rows, all of which have a time.
+        names: only these columns, where not all are needed.
+    """
+    maker = _Maker(rows)
+    wanted = (name for name in COLUMN_BY_NAME if names is None or name in names)
+    return pl.DataFrame([maker.series(name) for name in wanted])
+
+
+def _kind_codes() -> Array:
+    codes = np.full(1 << 16, _NO_KIND, np.uint8)
+    for code, kind in enumerate(KINDS):
+        for cmd in kind.cmds:
+            codes[kind.header | cmd << 8] = code
+    return codes
+
+
+def _direction_codes() -> Array:
+    codes = np.full(256, _NO_DIRECTION, np.uint8)
+    for code, direction in enumerate(Direction):
+        codes[HEADERS[direction]] = code
+    return codes
+
+
+def _field_places() -> dict[str, list[tuple[int, str, Array]]]:
+    """For every row name: where kinds keep it, its form on the wire, and which kinds those are."""
+    found: dict[str, dict[tuple[int, str], Array]] = {}
+    for code, kind in enumerate(KINDS):
+        for field in kind.fields:
+            form = f">{'i' if field.signed else 'u'}{field.size}"
+            places = found.setdefault(field.name, {})
+            has = places.setdefault((field.start, form), np.zeros(_NO_KIND + 1, np.bool_))
+            has[code] = True
+    return {
+        name: [(start, form, has) for (start, form), has in places.items()]
+        for name, places in found.items()
+    }
+
+
+_KIND_CODES: Final = _kind_codes()
+_DIRECTION_CODES: Final = _direction_codes()
+_FIELD_PLACES: Final = _field_places()
+_HEX_PAIRS: Final = np.frombuffer(
+    b"".join(f"{byte:02X}".encode() for byte in range(256)), np.uint16
+)
+
+
+class _Maker:
+    """Makes the columns of some rows, each when it is asked for."""
+
+    def __init__(self, rows: SideBySide) -> None:
+        self._rows = rows
+        self._kinds: Array | None = None
+
+    def series(self, name: str) -> pl.Series:
+        """The column of that name."""
+        if name in _FIELD_PLACES:
+            return self._field(name).rename(name)
+        return _MAKERS[name](self).rename(name)
+
+    def _kind_of_row(self) -> Array:
+        if self._kinds is None:
+            raw = self._rows.raw
+            kinds = _KIND_CODES[raw[:, 0] | raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)]
+            kinds[~self._rows.framed] = _NO_KIND
+            self._kinds = kinds
+        return self._kinds
+
+    def _field(self, name: str) -> pl.Series:
+        kinds = self._kind_of_row()
+        (start, form, has), *others = _FIELD_PLACES[name]
+        known = has[kinds]
+        values = _read(self._rows.raw, start, form)
+        for start, form, has in others:
+            here = has[kinds]
+            np.copyto(values, _read(self._rows.raw, start, form), where=here)
+            known |= here
+        return _known(pl.Series(values), known)
+
+    def _time(self) -> pl.Series:
+        return pl.Series(self._rows.t_ns).cast(TABLE_SCHEMA["time"])
+
+    def _port(self) -> pl.Series:
+        # A device path may hold bytes that are no text; polars takes valid Unicode alone.
+        ports = [port.encode(errors="replace").decode() for port in self._rows.words.ports]
+        return _looked_up(ports, self._rows.port, pl.String())
+
+    def _direction(self) -> pl.Series:
+        codes = _DIRECTION_CODES[self._rows.raw[:, 0]]
+        codes[~self._rows.framed] = _NO_DIRECTION
+        return _looked_up([*map(str, Direction), None], codes, TABLE_SCHEMA["direction"])
+
+    def _kind(self) -> pl.Series:
+        words = [*(kind.name for kind in KINDS), None]
+        return _looked_up(words, self._kind_of_row(), TABLE_SCHEMA["kind"])
+
+    def _cmd(self) -> pl.Series:
+        return _known(pl.Series(self._rows.raw[:, CMD_PLACE].copy()), self._rows.framed)
+
+    def _status(self) -> pl.Series:
+        words = [status_of(faults).value for faults in self._rows.words.faults]
+        return _looked_up(words, self._rows.faults, TABLE_SCHEMA["status"])
+
+    def _faults(self) -> pl.Series:
+        words = [[fault.value for fault in faults] for faults in self._rows.words.faults]
+        return _looked_up(words, self._rows.faults, TABLE_SCHEMA["faults"])
+
+    def _raw(self) -> pl.Series:
+        digits = _HEX_PAIRS[self._rows.raw].view(np.uint8)
+        texts = (
+            pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * FRAME_LENGTH))
+            .cast(pl.List(pl.UInt8()))
+            .cast(pl.Binary())
+            .cast(pl.String())
+        )
+        length = self._rows.length
+        odd = np.flatnonzero(length != FRAME_LENGTH)
+        if not odd.size:
+            return texts
+        return texts.scatter(pl.Series(odd), pl.Series([self._hex(at) for at in odd.tolist()]))
+
+    def _hex(self, at: int) -> str:
+        long = self._rows.long.get(at)
+        raw = self._rows.raw[at, : self._rows.length[at]].tobytes() if long is None else long
+        return raw.hex().upper()
+
+
+_MAKERS: Final[Mapping[str, Callable[[_Maker], pl.Series]]] = {
+    "time": _Maker._time,
+    "port": _Maker._port,
+    "offset": lambda maker: pl.Series(maker._rows.offset),
+    "length": lambda maker: pl.Series(maker._rows.length),
+    "direction": _Maker._direction,
+    "kind": _Maker._kind,
+    "cmd": _Maker._cmd,
+    "status": _Maker._status,
+    "faults": _Maker._faults,
+    "raw": _Maker._raw,
+}
+
+
+def _read(raw: Array, start: int, form: str) -> Array:
+    """One field in every row; fields are big-endian (PROTOCOL.md, "Framing")."""
+    raw = np.ascontiguousarray(raw)
+    found: Array = np.ndarray((len(raw),), form, raw, start, (FRAME_LENGTH,))
+    return found.astype(found.dtype.newbyteorder("="))
+
+
+def _known(values: pl.Series, known: Array) -> pl.Series:
+    """The values, null where they are not known."""
+    if known.all():
+        return values
+    return values.zip_with(pl.Series(known), pl.Series([None], dtype=values.dtype))
+
+
+def _looked_up(words: Sequence[object], codes: Array, dtype: pl.DataType) -> pl.Series:
+    found = pl.Series(words, dtype=dtype)
+    if len(codes) and (codes == codes[0]).all():
+        return found.new_from_index(int(codes[0]), len(codes))
+    return found.gather(pl.Series(codes.astype(np.uint32)))

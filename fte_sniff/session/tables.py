@@ -1,0 +1,109 @@
+"""Owns recordings as polars tables: `scan` and `read`, which the package hands out by these names.
+
+It must not know how a recording is laid out, nor what a column means. Here the reader's columns
+become the contract's, batch by batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from os import PathLike
+from pathlib import Path
+
+import polars as pl
+from polars.io.plugins import register_io_source
+
+from fte_sniff.analysis.table import TABLE_SCHEMA, table_frame
+from fte_sniff.recording.columns import RowColumns, Words
+from fte_sniff.recording.files import in_order, recordings_in
+from fte_sniff.recording.reader import RecordingReader
+
+Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
+
+
+def scan(paths: Paths) -> pl.LazyFrame:
+    """Recordings as a lazy table with the columns of the row contract; see `read` for their types.
+
+    Only what a query needs is read and decoded: its columns, its rows as they pass its filter, and
+    no more rows than it asks for. Rows come by batches of some 64 thousand, so that a recording of
+    any size takes bounded memory with `collect(engine="streaming")` and the `sink_` methods.
+
+    Args:
+        paths: a recording, a folder of them, a pattern such as `logs/*.mcap`, or several of these;
+            rows come in the order of the recordings' first times.
+
+    Raises:
+        FileError: a file cannot be read or is no recording, or there is none. What is found only
+            in the midst of a query is raised by the query, as polars' ComputeError.
+    """
+    readers = in_order(RecordingReader(path) for path in recordings_in(_listed(paths)))
+
+    def batches(
+        names: list[str] | None, wanted: pl.Expr | None, limit: int | None, _size: int | None
+    ) -> Iterator[pl.DataFrame]:
+        found = _frames(readers, names, wanted)
+        return found if limit is None else _limited(found, limit)
+
+    return register_io_source(batches, schema=dict(TABLE_SCHEMA), is_pure=True)
+
+
+def read(paths: Paths) -> pl.DataFrame:
+    """Recordings as a table with the columns of the row contract.
+
+    `time` is Datetime("ns", "UTC"); `port` and `raw` String, `raw` in hex; `direction`, `kind` and
+    `status` Enum; `faults` List(Enum), empty where nothing is wrong; `offset` Int64, `length`
+    UInt32; `cmd` and the values are as wide as on the wire, and null where a row has none.
+
+    Args:
+        paths: as for `scan`.
+
+    Raises:
+        FileError: a file cannot be read or is no recording, or there is none.
+    """
+    readers = in_order(RecordingReader(path) for path in recordings_in(_listed(paths)))
+    frames = list(_frames(readers, None, None))
+    if not frames:
+        return pl.DataFrame(schema=dict(TABLE_SCHEMA))
+    return pl.concat(frames, rechunk=False)
+
+
+def _listed(paths: Paths) -> list[Path]:
+    if isinstance(paths, str | PathLike):
+        return [Path(paths)]
+    return [Path(path) for path in paths]
+
+
+def _frames(
+    readers: Sequence[RecordingReader], names: list[str] | None, wanted: pl.Expr | None
+) -> Iterator[pl.DataFrame]:
+    make = _maker(names, wanted)
+    words = Words()
+    for reader in readers:
+        for columns in reader.batches(words):
+            if len(columns):
+                yield make(columns)
+
+
+def _maker(names: list[str] | None, wanted: pl.Expr | None) -> Callable[[RowColumns], pl.DataFrame]:
+    """What makes the frame of a batch: first the filter's columns, the others for what is left."""
+    if wanted is None:
+        return lambda columns: table_frame(columns, names).select(names or pl.all())
+    asked = wanted.meta.root_names()
+
+    def make(columns: RowColumns) -> pl.DataFrame:
+        mask = table_frame(columns, asked or ["offset"]).select(wanted).to_series().fill_null(False)
+        if len(mask) != len(columns):  # polars gives a constant as a single row
+            mask = mask.new_from_index(0, len(columns))
+        left = columns if mask.all() else columns.parted(mask.to_numpy())
+        return table_frame(left, names).select(names or pl.all())
+
+    return make
+
+
+def _limited(frames: Iterator[pl.DataFrame], limit: int) -> Iterator[pl.DataFrame]:
+    left = limit
+    for frame in frames:
+        if left <= 0:
+            return
+        yield frame.head(left)
+        left -= frame.height

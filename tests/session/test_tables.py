@@ -1,0 +1,140 @@
+"""`fte_sniff.scan` and `fte_sniff.read`: recordings as tables, their promise and their bounds."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+import fte_sniff
+from fte_sniff.analysis.table import TABLE_SCHEMA
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import Row, record
+from fte_sniff.recording.reader import RecordingReader
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+RECORDINGS = sorted(SAMPLES.glob("*.mcap"))
+
+
+def _records(frame: pl.DataFrame) -> list[dict[str, object]]:
+    """The frame as the row contract's dicts, times in nanoseconds."""
+    return frame.with_columns(pl.col("time").dt.epoch("ns")).to_dicts()
+
+
+def _rows(path: Path) -> list[Row]:
+    return list(RecordingReader(path))
+
+
+@pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
+def test_a_table_says_what_the_rows_say(path: Path) -> None:
+    frame = fte_sniff.read(path)
+    assert frame.schema == TABLE_SCHEMA
+    assert _records(frame) == [record(row) for row in _rows(path)]
+
+
+@pytest.mark.parametrize("name", list(TABLE_SCHEMA))
+def test_each_column_alone_is_that_of_the_whole(name: str) -> None:
+    path = SAMPLES / "damaged.mcap"
+    assert fte_sniff.scan(path).select(name).collect().equals(fte_sniff.read(path).select(name))
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        pl.col("motor") == 1,
+        pl.col("rpm") > 500,
+        pl.col("faults").list.len() > 0,
+        pl.col("kind") == "speed_feedback",
+        pl.col("length") > 10,
+        pl.lit(True),
+        pl.lit(False),
+        pl.col("time") < pl.datetime(2026, 1, 31, 12, 0, 5, time_zone="UTC"),
+    ],
+    ids=str,
+)
+def test_a_filter_gives_the_same_before_and_after_reading(wanted: pl.Expr) -> None:
+    path = SAMPLES / "damaged.mcap"
+    asked = fte_sniff.scan(path).filter(wanted).select("offset", "raw")
+    expected = fte_sniff.read(path).filter(wanted).select("offset", "raw")
+    assert asked.collect().equals(expected)
+    assert asked.collect(engine="streaming").sort("offset").equals(expected.sort("offset"))
+    assert asked.head(7).collect().equals(expected.head(7))
+
+
+def test_filters_columns_and_limits_reach_the_reader() -> None:
+    query = fte_sniff.scan(SAMPLES / "damaged.mcap").filter(pl.col("rpm") > 500).select("motor")
+    plan = query.explain()
+    assert "SELECTION" in plan
+    assert "PROJECT 2/18" in plan or "PROJECT 1/18" in plan, plan
+
+
+def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
+    late, early = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    rows = _rows(SAMPLES / "clean.mcap")
+    from fte_sniff.recording.facts import PortFacts
+    from fte_sniff.recording.writer import RecordingWriter
+
+    for path, part in ((late, rows[600:]), (early, rows[:600])):
+        with RecordingWriter(path, [PortFacts("p")]) as writer:
+            writer.write(part)
+    offsets = [row.offset for row in rows]
+    for paths in (tmp_path, tmp_path / "*.mcap", f"{tmp_path}/[ab].mcap", [late, early]):
+        assert fte_sniff.read(paths)["offset"].to_list() == offsets
+    assert fte_sniff.scan(tmp_path).head(3).collect()["offset"].to_list() == offsets[:3]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("absent.mcap", "there is no such file"),
+        ("", "there is no recording (*.mcap) in this folder"),
+        ("*.mcap", "no file matches this pattern"),
+        ("text.mcap", "is not an MCAP recording"),
+    ],
+)
+def test_what_cannot_be_read_is_told_at_once(tmp_path: Path, name: str, told: str) -> None:
+    if name == "text.mcap":
+        (tmp_path / name).write_text("AA 01 and so on")
+    for use in (fte_sniff.scan, fte_sniff.read):
+        with pytest.raises(FileError) as caught:
+            use(tmp_path / name)
+        assert told in str(caught.value)
+
+
+def test_a_recording_without_rows_is_an_empty_table(tmp_path: Path) -> None:
+    from fte_sniff.recording.facts import PortFacts
+    from fte_sniff.recording.writer import RecordingWriter
+
+    path = tmp_path / "idle.mcap"
+    RecordingWriter(path, [PortFacts("p")]).close()
+    assert fte_sniff.read(path).schema == TABLE_SCHEMA
+    assert fte_sniff.read(path).height == 0
+    assert fte_sniff.scan(path).collect().height == 0
+
+
+def test_importing_the_package_loads_neither_numpy_nor_polars() -> None:
+    program = (
+        "import sys, fte_sniff; assert 'scan' in fte_sniff.__all__; "
+        "print([name for name in ('numpy', 'polars', 'mcap') if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_example_runs(tmp_path: Path) -> None:
+    for path in (SAMPLES / "tables.py", SAMPLES / "damaged.mcap"):
+        shutil.copy(path, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "tables.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert "motor" in done.stdout
+    assert (tmp_path / "damaged.parquet").stat().st_size > 0
