@@ -29,8 +29,9 @@ from typing import Final
 
 import polars as pl
 
-from fte_sniff.analysis.columns import row_frame
+from fte_sniff.analysis.columns import SCHEMA, row_frame
 from fte_sniff.analysis.filter_grammar import condition
+from fte_sniff.analysis.table import SideBySide, table_frame
 from fte_sniff.errors import FilterError, shown
 from fte_sniff.protocol import COLUMNS, KINDS, Damage, Fault, Frame, Row, encode
 
@@ -76,6 +77,15 @@ class RowFilter:
         if len(found) != frame.height:  # polars gives a constant as a single row
             found = found.new_from_index(0, frame.height)
         return found.fill_null(False)
+
+    def among(self, rows: SideBySide) -> pl.Series:
+        """For every one of the rows, which lie side by side, whether it is wanted; never null.
+
+        Raises:
+            FilterError: the filter cannot be computed for these rows.
+        """
+        names = self.names or ("offset",)
+        return self.mask(table_frame(rows, names).cast({name: SCHEMA[name] for name in names}))
 
     def select(self, rows: Sequence[Row]) -> list[Row]:
         """The rows that are wanted, in their order."""

@@ -150,6 +150,14 @@ def table_frame(rows: SideBySide, names: Collection[str] | None = None) -> pl.Da
     return pl.DataFrame([maker.series(name) for name in wanted])
 
 
+def kind_codes(rows: SideBySide) -> Array:
+    """For every row its kind's place in `KINDS`; `len(KINDS)` where it has none."""
+    raw = rows.raw
+    kinds: Array = _KIND_CODES[raw[:, 0] | raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)]
+    kinds[~rows.framed] = _NO_KIND
+    return kinds
+
+
 def _kind_codes() -> Array:
     codes = np.full(1 << 16, _NO_KIND, np.uint8)
     for code, kind in enumerate(KINDS):
@@ -203,10 +211,7 @@ class _Maker:
 
     def _kind_of_row(self) -> Array:
         if self._kinds is None:
-            raw = self._rows.raw
-            kinds = _KIND_CODES[raw[:, 0] | raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)]
-            kinds[~self._rows.framed] = _NO_KIND
-            self._kinds = kinds
+            self._kinds = kind_codes(self._rows)
         return self._kinds
 
     def _field(self, name: str) -> pl.Series:
@@ -284,9 +289,11 @@ _MAKERS: Final[Mapping[str, Callable[[_Maker], pl.Series]]] = {
 
 def _read(raw: Array, start: int, form: str) -> Array:
     """One field in every row; fields are big-endian (PROTOCOL.md, "Framing")."""
-    raw = np.ascontiguousarray(raw)
-    found: Array = np.ndarray((len(raw),), form, raw, start, (FRAME_LENGTH,))
-    return found.astype(found.dtype.newbyteorder("="))
+    wire = np.dtype(form)
+    if not len(raw):
+        return np.empty(0, wire.newbyteorder("="))
+    found: Array = np.ndarray((len(raw),), wire, np.ascontiguousarray(raw), start, (FRAME_LENGTH,))
+    return found.astype(wire.newbyteorder("="))
 
 
 def _known(values: pl.Series, known: Array) -> pl.Series:

@@ -1,34 +1,34 @@
 """Owns `fte-sniff decode`: recordings, raw bytes and hex text to rows in a form that others read.
 
-It must not know formats or the frame table; it wires a reader to a filter to a writer.
+It must not know formats or the frame table; it wires readers to a filter to a writer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.filtering import filter_option, selection
-from fte_sniff.cli.inputs import batches_of, check_inputs, input_arguments
-from fte_sniff.cli.outputs import format_option, text_output
+from fte_sniff.cli.batches import Batch
+from fte_sniff.cli.filtering import filter_option, row_filter
+from fte_sniff.cli.inputs import Input, check_inputs, input_arguments, opened
+from fte_sniff.cli.outputs import file_output, format_option, text_output
+from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.summary import summary
 from fte_sniff.errors import shown
 from fte_sniff.formats.kinds import InputKind
 from fte_sniff.formats.writers import OutputFormat, row_writer
-from fte_sniff.protocol import Row
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.tally import Tally
+    from fte_sniff.analysis.filter import RowFilter
+    from fte_sniff.recording.span import Span
 
-Select = Callable[[Sequence[Row]], list[Row]]
 
-
-@click.command(name="decode", short_help="Files to a table, JSON lines or CSV.")
+@click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
 @input_arguments
-@format_option(OutputFormat.TABLE)
+@format_option(OutputFormat.TABLE, tuple(OutputFormat))
 @click.option(
     "-o",
     "--output",
@@ -37,6 +37,7 @@ Select = Callable[[Sequence[Row]], list[Row]]
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
 @filter_option
+@span_options
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
     files: tuple[Path, ...],
@@ -45,56 +46,92 @@ def command(
     output: Path | None,
     force: bool,
     filter_text: str | None,
+    since: str | None,
+    until: str | None,
     limit: int | None,
 ) -> None:
     """Decode recordings (.mcap), raw bytes (.bin .raw) and hex text (.hex .txt .log).
 
-    '-' reads standard input. Rows go to standard output, a summary to standard error.
+    '-' reads standard input; a folder stands for the recordings in it, and they come in order of
+    time. Rows go to standard output, a summary to standard error.
 
     \b
     fte-sniff decode samples/clean.mcap
     fte-sniff decode samples/damaged.raw --filter "status = 'malformed'"
+    fte-sniff decode samples/clean.mcap --from +10s --to +20s
     fte-sniff decode samples/clean.hex --format csv -o clean.csv
     """
-    from fte_sniff.analysis.tally import Tally
-
     check_inputs(files, output)
-    select = selection(filter_text)
-    tally = Tally()
-    notes: list[str] = []
-    written = 0
-    with text_output(output, force=force) as stream:
-        writer = row_writer(form, stream, ports=len(files) > 1)
-        for rows in _limited(_selected(files, kind, select, tally, notes.append), limit):
-            writer.write(rows)
-            written += len(rows)
-        writer.end()
-    for note in notes:
+    wanted = row_filter(filter_text)
+    inputs = opened(files, kind)
+    span = span_of(since, until, [one.times for one in inputs])
+    decoding = _Decoding(inputs, span, wanted, limit)
+    _write(form, output, decoding, force=force)
+    for note in decoding.notes:
         click.echo(f"fte-sniff: {shown(note)}", err=True)
-    click.echo(summary(tally, written, partly=written == limit), err=True)
+    partly = decoding.written == limit
+    click.echo(summary(decoding.tally, decoding.written, partly=partly), err=True)
 
 
-def _selected(
-    files: Iterable[Path],
-    kind: InputKind | None,
-    select: Select,
-    tally: Tally,
-    note: Callable[[str], None],
-) -> Iterator[list[Row]]:
-    """The rows that are wanted, in the order of the files; the tally takes all that were read."""
-    for path in files:
-        for rows in batches_of(path, kind, note):
-            tally.add(rows)
-            yield select(rows)
+class _Decoding:
+    """The rows on their way, and what is known of them once they are through."""
+
+    def __init__(
+        self,
+        inputs: Sequence[Input],
+        span: Span | None,
+        wanted: RowFilter | None,
+        limit: int | None,
+    ) -> None:
+        from fte_sniff.analysis.tally import Tally
+
+        self.inputs = inputs
+        self._span, self._wanted, self._limit = span, wanted, limit
+        self.tally = Tally()
+        """Of all rows that were read."""
+        self.notes: list[str] = []
+        self.written = 0
+        """Rows that were handed on."""
+
+    def __iter__(self) -> Iterator[Batch]:
+        """The rows that are wanted, up to the limit."""
+        for batch in self._read():
+            batch.count(self.tally)
+            found = batch if self._wanted is None else batch.wanted(self._wanted)
+            if self._limit is not None:
+                found = found.first(self._limit - self.written)
+            self.written += len(found)
+            yield found
+            if self.written == self._limit:
+                return
+
+    def _read(self) -> Iterator[Batch]:
+        for one in self.inputs:
+            yield from one.batches(self._span, self.notes.append)
 
 
-def _limited(batches: Iterable[list[Row]], limit: int | None) -> Iterator[list[Row]]:
-    left = limit
-    for rows in batches:
-        if left is None:
-            yield rows
-            continue
-        yield rows[:left]
-        left -= len(rows[:left])
-        if not left:
-            return
+def _write(form: OutputFormat, output: Path | None, decoding: _Decoding, *, force: bool) -> None:
+    if form is OutputFormat.PARQUET:
+        from fte_sniff.analysis.table import TABLE_SCHEMA
+        from fte_sniff.formats.parquet import write_parquet
+
+        with file_output(output, form, force=force) as path:
+            write_parquet((batch.frame() for batch in decoding), path, dict(TABLE_SCHEMA))
+    elif form is OutputFormat.MCAP:
+        _record(output, decoding, force=force)
+    else:
+        with text_output(output, force=force) as stream:
+            writer = row_writer(form, stream, ports=len(decoding.inputs) > 1)
+            for batch in decoding:
+                batch.write_to(writer)
+            writer.end()
+
+
+def _record(output: Path | None, decoding: _Decoding, *, force: bool) -> None:
+    from fte_sniff.recording.bulk_writer import write_recording
+    from fte_sniff.recording.columns import Words
+
+    words = Words()
+    with file_output(output, OutputFormat.MCAP, force=force) as path:
+        ports = [port for one in decoding.inputs for port in one.ports]
+        write_recording(path, ports, (batch.columns(words) for batch in decoding))

@@ -1,4 +1,4 @@
-"""Owns the way from a file, or standard input, to batches of rows.
+"""Owns the way from files, folders, patterns or standard input to batches of rows.
 
 It must not know what a command does with the rows. A recording is read by `recording`, all else by
 `formats` and framed here.
@@ -10,14 +10,15 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from io import BufferedReader, FileIO
-from itertools import islice
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any
+from typing import IO, TYPE_CHECKING, Any, Protocol
 
 import click
 
+from fte_sniff.cli.batches import Batch, ColumnBatch, RowBatch
 from fte_sniff.errors import FileError, FteSniffError, UsageError
 from fte_sniff.formats.kinds import InputKind, kind_of_content, kind_of_file
 from fte_sniff.formats.raw import hex_chunks, hex_stream_chunks, raw_chunks, raw_stream_chunks
@@ -27,10 +28,14 @@ from fte_sniff.protocol import (
     Damage,
     Fault,
     Framer,
-    PortEvent,
     PortEventKind,
     Row,
 )
+
+if TYPE_CHECKING:
+    from fte_sniff.recording.facts import PortFacts
+    from fte_sniff.recording.reader import RecordingReader
+    from fte_sniff.recording.span import Span
 
 STDIN = Path("-")
 STDIN_NAME = "stdin"
@@ -86,26 +91,155 @@ def _same(one: Path, other: Path) -> bool:
         return False
 
 
-def batches_of(path: Path, kind: InputKind | None, note: Note) -> Iterator[list[Row]]:
-    """The rows of one file, or of standard input where `path` is `-`, batch by batch.
+class Input(Protocol):
+    """One thing to read rows from."""
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """First and last time of its rows, nanoseconds since 1970 UTC; None where it has none."""
+        ...
+
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """The ports that it names before it is read."""
+        ...
+
+    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
+        """Its rows, batch by batch.
+
+        Args:
+            span: only rows in it; None for all.
+            note: is told, at the end, what is wrong with the input.
+
+        Raises:
+            FileError: it cannot be read, or is not what it should be.
+            InputTextError: text in it is not hex.
+            UsageError: rows of a span are asked for, and they have no times.
+        """
+        ...
+
+
+def opened(files: Sequence[Path], kind: InputKind | None) -> list[Input]:
+    """What the files are: each itself, a folder's recordings, a pattern's matches.
+
+    Recordings come in order of their first times, if there is nothing but recordings.
 
     Args:
-        path: the file.
-        kind: what it holds; None to go by its name or content.
-        note: is told, at most once at the end, that the input ended in the middle.
+        files: as the user named them.
+        kind: what they hold; None to go by name or content.
 
     Raises:
-        FileError: it cannot be read, or is not what it should be.
-        InputTextError: text in it is not hex.
-        UsageError: nothing tells what it holds.
+        FileError: one cannot be read, or is not what it should be, or there is none.
+        UsageError: nothing tells what one holds.
     """
+    inputs = [_opened(path, kind) for named in files for path in _meant(named)]
+    recordings = [one for one in inputs if isinstance(one, RecordingInput)]
+    if len(recordings) < len(inputs):
+        return inputs
+    from fte_sniff.recording.files import start_of
+
+    recordings.sort(key=lambda one: start_of(one.reader))
+    return [*recordings]
+
+
+def _meant(named: Path) -> list[Path]:
+    if named == STDIN or named.is_file():
+        return [named]
+    from fte_sniff.recording.files import files_of
+
+    return list(files_of(named))
+
+
+def _opened(path: Path, kind: InputKind | None) -> Input:
     if path == STDIN:
-        return _stdin_batches(kind, note)
+        return _stdin(kind)
     chosen = kind or kind_of_file(path)
     if chosen is InputKind.MCAP:
-        return _recording_batches(path, note)
-    chunks = raw_chunks(path) if chosen is InputKind.RAW else hex_chunks(path)
-    return _framed_batches(chunks, str(path), note)
+        from fte_sniff.recording.reader import RecordingReader
+
+        return RecordingInput(RecordingReader(path))
+    return LogInput(raw_chunks(path) if chosen is InputKind.RAW else hex_chunks(path), str(path))
+
+
+def _stdin(kind: InputKind | None) -> Input:
+    stream = BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
+    chosen = kind or kind_of_content(stream.peek(1))
+    if chosen is InputKind.MCAP:
+        from fte_sniff.recording.reader import RecordingReader
+
+        file = NamedTemporaryFile(prefix="fte-sniff-stdin-", suffix=".mcap")  # noqa: SIM115
+        shutil.copyfileobj(stream, file)
+        file.flush()
+        return RecordingInput(RecordingReader(Path(file.name)), file)
+    chunks_of = raw_stream_chunks if chosen is InputKind.RAW else hex_stream_chunks
+    return LogInput(chunks_of(stream, STDIN_NAME), STDIN_NAME)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingInput:
+    """A recording."""
+
+    reader: RecordingReader
+    copy: IO[bytes] | None = None
+    """The temporary file that it is, to be kept as long as this."""
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """First and last time of its rows, as the file tells."""
+        return self.reader.times
+
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """The ports that the file names."""
+        return self.reader.ports
+
+    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
+        """Its rows, many thousands side by side; see `Input`."""
+        from fte_sniff.recording.span import EVERYTHING
+
+        path = self.reader.path
+        troubles: Counter[PortEventKind] = Counter()
+        for columns in self.reader.batches(span=span or EVERYTHING):
+            troubles.update(event.kind for event in columns.events)
+            if len(columns):
+                yield ColumnBatch(columns)
+        for kind in TROUBLES:
+            if troubles[kind]:
+                times = f"{troubles[kind]:,} times"
+                note(f"{path}: the port reported {kind} {times} while it was recorded")
+        for loss in (*self.reader.losses, self.reader.ending):
+            if loss:
+                note(f"{path}: {loss}")
+
+
+@dataclass(frozen=True, slots=True)
+class LogInput:
+    """Anything else: bytes that are framed here."""
+
+    chunks: Iterable[Chunk]
+    name: str
+
+    @property
+    def times(self) -> None:
+        """Nothing tells the times of a log before it is read."""
+        return
+
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """A log names none but itself."""
+        from fte_sniff.recording.facts import PortFacts
+
+        return [PortFacts(self.name)]
+
+    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
+        """Its rows, some thousands at once; see `Input`."""
+        for rows in _framed_batches(self.chunks, self.name, note):
+            if span is None:
+                yield RowBatch(rows)
+                continue
+            if any(row.t_ns is None for row in rows):
+                raise UsageError(f"{self.name} has no times; --from and --to need a recording")
+            yield RowBatch([row for row in rows if span.holds(row)])
 
 
 def _framed_batches(chunks: Iterable[Chunk], name: str, note: Note) -> Iterator[list[Row]]:
@@ -134,33 +268,3 @@ def _framed_batches(chunks: Iterable[Chunk], name: str, note: Note) -> Iterator[
 def _note_cut_frame(last: Row, name: str, note: Note) -> None:
     if isinstance(last, Damage) and Fault.TRUNCATED in last.faults:
         note(f"{name}: ends in the middle of a frame ({len(last.raw)} of {FRAME_LENGTH} bytes)")
-
-
-def _recording_batches(path: Path, note: Note) -> Iterator[list[Row]]:
-    from fte_sniff.recording.reader import RecordingReader
-
-    reader = RecordingReader(path)
-    entries = reader.entries()
-    troubles: Counter[PortEventKind] = Counter()
-    while batch := list(islice(entries, BATCH)):
-        troubles.update(entry.kind for entry in batch if isinstance(entry, PortEvent))
-        yield [entry for entry in batch if not isinstance(entry, PortEvent)]
-    for kind in TROUBLES:
-        if troubles[kind]:
-            note(f"{path}: the port reported {kind} {troubles[kind]:,} times while it was recorded")
-    for loss in (*reader.losses, reader.ending):
-        if loss:
-            note(f"{path}: {loss}")
-
-
-def _stdin_batches(kind: InputKind | None, note: Note) -> Iterator[list[Row]]:
-    stream = BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
-    chosen = kind or kind_of_content(stream.peek(1))
-    if chosen is InputKind.MCAP:
-        with NamedTemporaryFile(prefix="fte-sniff-stdin-", suffix=".mcap") as file:
-            shutil.copyfileobj(stream, file)
-            file.flush()
-            yield from _recording_batches(Path(file.name), note)
-        return
-    chunks_of = raw_stream_chunks if chosen is InputKind.RAW else hex_stream_chunks
-    yield from _framed_batches(chunks_of(stream, STDIN_NAME), STDIN_NAME, note)

@@ -6,25 +6,27 @@ It must not know the formats; `formats.writers` does.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
 import click
 
-from fte_sniff.errors import unwritable
-from fte_sniff.formats.writers import OutputFormat
+from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.formats.writers import TEXT_FORMS, OutputFormat
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
-def format_option(default: OutputFormat | None) -> Decorator:
+def format_option(
+    default: OutputFormat | None, forms: Sequence[OutputFormat] = TEXT_FORMS
+) -> Decorator:
     """The `--format` option; without a default the command chooses its own form."""
     return click.option(
         "--format",
         "form",
-        type=click.Choice([form.value for form in OutputFormat]),
+        type=click.Choice([form.value for form in forms]),
         callback=lambda _context, _option, word: OutputFormat(word) if word else None,
         default=default and default.value,
         show_default=default is not None,
@@ -50,14 +52,45 @@ def text_output(path: Path | None, *, force: bool) -> Iterator[TextIO]:
             with path.open("w", encoding="utf-8", newline="") as device:
                 yield device
             return
-        if path.is_dir():
-            raise IsADirectoryError
-        if path.exists() and not force:
-            raise FileExistsError
+        check_output(path, force=force)
         with _beside(path) as file:
             yield file
     except OSError as error:
         raise unwritable(path, error) from error
+
+
+@contextmanager
+def file_output(path: Path | None, form: OutputFormat, *, force: bool) -> Iterator[Path]:
+    """Where to write a file that is not text; it stands at `path` once it is whole.
+
+    Raises:
+        UsageError: no file was named.
+        FileError: the file is there already (and `force` is not set), or cannot be written.
+    """
+    if path is None or str(path) == "-":
+        raise UsageError(f"{form} is no text: name a file to write it to with -o")
+    part = path.with_name(f"{path.name}.part")
+    try:
+        check_output(path, force=force)
+        try:
+            yield part
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def check_output(path: Path, *, force: bool) -> None:
+    """Refuse what cannot be an output.
+
+    Raises:
+        OSError: it is a directory, or it exists already and `force` is not set.
+    """
+    if path.is_dir():
+        raise IsADirectoryError
+    if path.exists() and not force:
+        raise FileExistsError
 
 
 @contextmanager

@@ -12,29 +12,38 @@ from pathlib import Path
 
 import click
 
+from fte_sniff.cli.batches import Batch
 from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import STDIN, batches_of, check_inputs, input_arguments
+from fte_sniff.cli.inputs import STDIN, check_inputs, input_arguments, opened
 from fte_sniff.cli.keeping import keep_rows_option
+from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.units import bench_of, units_options
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.formats.kinds import InputKind
 from fte_sniff.protocol import Row
 
+_ROWS_AT_ONCE = 4096
+
 
 @click.command(name="view", short_help="Look at files on the screen that live has.")
 @input_arguments
 @filter_option
+@span_options
 @keep_rows_option(10_000_000)
 @units_options
 def command(
     files: tuple[Path, ...],
     kind: InputKind | None,
     filter_text: str | None,
+    since: str | None,
+    until: str | None,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
 ) -> None:
     """Look at recordings, raw bytes or hex text on the screen that `live` has.
+
+    A folder stands for the recordings in it, and they come in order of time.
 
     \b
     fte-sniff view samples/damaged.mcap
@@ -50,10 +59,11 @@ def command(
 
     wanted = row_filter(filter_text)
     notes: list[str] = []
-    batches = [batches_of(path, kind, notes.append) for path in files]
+    inputs = opened(files, kind)
+    span = span_of(since, until, [one.times for one in inputs])
+    batches = chain.from_iterable(one.batches(span, notes.append) for one in inputs)
     # What cannot be read at all is told before the screen opens, not on it.
-    batches[0] = _begun(batches[0])
-    session = ReplaySession(chain.from_iterable(batches), " ".join(map(str, files)))
+    session = ReplaySession(_handed_on(_begun(batches)), " ".join(map(str, files)))
     code = run_screen(session, AtEnd.STAY, wanted, keep_rows, bench=bench)
     for note in notes:
         click.echo(f"fte-sniff: {shown(note)}", err=True)
@@ -62,6 +72,14 @@ def command(
     sys.exit(code)
 
 
-def _begun(batches: Iterator[list[Row]]) -> Iterator[list[Row]]:
+def _begun(batches: Iterator[Batch]) -> Iterator[Batch]:
     """The same batches, the first of which is read now."""
-    return chain([next(batches, [])], batches)
+    first = next(batches, None)
+    return batches if first is None else chain([first], batches)
+
+
+def _handed_on(batches: Iterator[Batch]) -> Iterator[list[Row]]:
+    for batch in batches:
+        rows = batch.rows()
+        for start in range(0, len(rows), _ROWS_AT_ONCE):
+            yield rows[start : start + _ROWS_AT_ONCE]

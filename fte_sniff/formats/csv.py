@@ -7,16 +7,21 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from fte_sniff.errors import shown
+from fte_sniff.formats.times import TIME_FORMAT
 from fte_sniff.protocol import COLUMN_BY_NAME, Row, Value, faults_text, iso_time, record
+
+if TYPE_CHECKING:
+    import polars as pl
 
 
 class CsvWriter:
     """Writes CSV: `time` as ISO 8601 with nine digits, absent values empty, faults joined."""
 
     def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
         self._writer = csv.writer(stream, lineterminator="\n")
         self._headed = False
 
@@ -24,6 +29,22 @@ class CsvWriter:
         """Write the rows, under the header if it is not out yet."""
         self._head()
         self._writer.writerows(map(_values, rows))
+
+    def write_frame(self, frame: pl.DataFrame) -> None:
+        """Write the rows of a frame that has the contract's columns."""
+        import polars as pl
+
+        self._head()
+        ports = frame.get_column("port")
+        names = {port: shown(port) or None for port in ports.unique()}
+        if any(port != name for port, name in names.items()):
+            ports = ports.replace_strict(names, return_dtype=pl.String())
+        # An empty text would be written as two quotes.
+        faults = pl.col("faults").cast(pl.List(pl.String())).list.join(",")
+        texts = frame.with_columns(ports, faults.replace("", None))
+        self._stream.write(
+            texts.write_csv(include_header=False, datetime_format=TIME_FORMAT, line_terminator="\n")
+        )
 
     def end(self) -> None:
         """Write the header, if no row has brought it."""

@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
+from fte_sniff.formats.times import TIME_FORMAT
 from fte_sniff.protocol import Row, iso_time, record
+
+if TYPE_CHECKING:
+    import polars as pl
 
 
 class JsonlWriter:
@@ -21,6 +25,13 @@ class JsonlWriter:
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows."""
         self._stream.writelines(map(_line, rows))
+
+    def write_frame(self, frame: pl.DataFrame) -> None:
+        """Write the rows of a frame that has the contract's columns."""
+        import polars as pl
+
+        time = pl.col("time").dt.strftime(TIME_FORMAT)
+        self._stream.write(frame.with_columns(time).write_ndjson())
 
     def end(self) -> None:
         """Nothing is held back."""

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Protocol, TextIO
+from typing import TYPE_CHECKING, Protocol, TextIO, runtime_checkable
 
 from fte_sniff.protocol import Row
+
+if TYPE_CHECKING:
+    import polars as pl
 
 
 class OutputFormat(StrEnum):
@@ -18,6 +21,12 @@ class OutputFormat(StrEnum):
     TABLE = "table"
     JSONL = "jsonl"
     CSV = "csv"
+    PARQUET = "parquet"
+    MCAP = "mcap"
+
+
+TEXT_FORMS = (OutputFormat.TABLE, OutputFormat.JSONL, OutputFormat.CSV)
+"""The forms that are text, which a terminal can show; the others are files."""
 
 
 class RowWriter(Protocol):
@@ -32,11 +41,20 @@ class RowWriter(Protocol):
         ...
 
 
+@runtime_checkable
+class FrameWriter(Protocol):
+    """Writes rows that lie side by side, faster than one by one and with the same outcome."""
+
+    def write_frame(self, frame: pl.DataFrame) -> None:
+        """Write the rows of a frame that has the contract's columns."""
+        ...
+
+
 def row_writer(form: OutputFormat, stream: TextIO, *, ports: bool) -> RowWriter:
     """The writer of `form` to `stream`.
 
     Args:
-        form: which format.
+        form: which format, one of `TEXT_FORMS`.
         stream: where to; a table is coloured where this is a terminal, and plain elsewhere.
         ports: whether rows of several ports or files are to be told apart in a table.
     """

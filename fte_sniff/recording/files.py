@@ -44,6 +44,6 @@ def files_of(path: Path) -> Iterator[Path]:
         yield path
 
 
-def in_order(readers: Iterable[RecordingReader]) -> list[RecordingReader]:
-    """Recordings by the time of their first row; those that tell none stand last."""
-    return sorted(readers, key=lambda reader: reader.times[0] if reader.times else _LATEST)
+def start_of(reader: RecordingReader) -> tuple[int, str]:
+    """By what recordings are put in order: their first time, then their name."""
+    return reader.times[0] if reader.times else _LATEST, str(reader.path)

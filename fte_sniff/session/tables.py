@@ -15,7 +15,7 @@ from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.table import TABLE_SCHEMA, table_frame
 from fte_sniff.recording.columns import RowColumns, Words
-from fte_sniff.recording.files import in_order, recordings_in
+from fte_sniff.recording.files import recordings_in, start_of
 from fte_sniff.recording.reader import RecordingReader
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -36,7 +36,7 @@ def scan(paths: Paths) -> pl.LazyFrame:
         FileError: a file cannot be read or is no recording, or there is none. What is found only
             in the midst of a query is raised by the query, as polars' ComputeError.
     """
-    readers = in_order(RecordingReader(path) for path in recordings_in(_listed(paths)))
+    readers = _opened(paths)
 
     def batches(
         names: list[str] | None, wanted: pl.Expr | None, limit: int | None, _size: int | None
@@ -60,17 +60,17 @@ def read(paths: Paths) -> pl.DataFrame:
     Raises:
         FileError: a file cannot be read or is no recording, or there is none.
     """
-    readers = in_order(RecordingReader(path) for path in recordings_in(_listed(paths)))
+    readers = _opened(paths)
     frames = list(_frames(readers, None, None))
     if not frames:
         return pl.DataFrame(schema=dict(TABLE_SCHEMA))
     return pl.concat(frames, rechunk=False)
 
 
-def _listed(paths: Paths) -> list[Path]:
-    if isinstance(paths, str | PathLike):
-        return [Path(paths)]
-    return [Path(path) for path in paths]
+def _opened(paths: Paths) -> list[RecordingReader]:
+    listed = [paths] if isinstance(paths, str | PathLike) else paths
+    found = recordings_in(Path(path) for path in listed)
+    return sorted(map(RecordingReader, found), key=start_of)
 
 
 def _frames(

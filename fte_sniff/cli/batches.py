@@ -1,0 +1,145 @@
+"""Owns rows on their way through a command, many at once: counted, picked, cut, and written.
+
+It must not know where they come from, nor any format. Rows come as objects from logs that are
+framed here, and side by side from recordings; a command need not know which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, Self
+
+from fte_sniff.formats.writers import FrameWriter, RowWriter
+from fte_sniff.protocol import Row
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from fte_sniff.analysis.filter import RowFilter
+    from fte_sniff.analysis.tally import Tally
+    from fte_sniff.recording.columns import RowColumns, Words
+
+
+class Batch(Protocol):
+    """Some rows, in their order."""
+
+    def __len__(self) -> int: ...
+
+    def count(self, tally: Tally) -> None:
+        """Add them to a tally."""
+        ...
+
+    def wanted(self, row_filter: RowFilter) -> Self:
+        """Only those that the filter wants."""
+        ...
+
+    def first(self, count: int) -> Self:
+        """Only so many of them."""
+        ...
+
+    def rows(self) -> list[Row]:
+        """As objects."""
+        ...
+
+    def write_to(self, writer: RowWriter) -> None:
+        """Write them, in the way that is fastest."""
+        ...
+
+    def frame(self) -> pl.DataFrame:
+        """As a frame of `analysis.table.TABLE_SCHEMA`."""
+        ...
+
+    def columns(self, words: Words) -> RowColumns:
+        """Side by side; only rows that have a time can be."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RowBatch:
+    """Rows as objects."""
+
+    held: Sequence[Row]
+
+    def __len__(self) -> int:
+        return len(self.held)
+
+    def count(self, tally: Tally) -> None:
+        """Add them to a tally."""
+        tally.add(self.held)
+
+    def wanted(self, row_filter: RowFilter) -> RowBatch:
+        """Only those that the filter wants."""
+        return RowBatch(row_filter.select(self.held))
+
+    def first(self, count: int) -> RowBatch:
+        """Only so many of them."""
+        return RowBatch(self.held[:count])
+
+    def rows(self) -> list[Row]:
+        """As objects."""
+        return list(self.held)
+
+    def write_to(self, writer: RowWriter) -> None:
+        """Write them one by one."""
+        writer.write(self.held)
+
+    def frame(self) -> pl.DataFrame:
+        """As a frame of `analysis.table.TABLE_SCHEMA`."""
+        import polars as pl
+
+        from fte_sniff.analysis.columns import row_frame
+        from fte_sniff.analysis.table import TABLE_SCHEMA
+
+        return row_frame(self.held).cast(pl.Schema(TABLE_SCHEMA))
+
+    def columns(self, words: Words) -> RowColumns:
+        """Side by side; only rows that have a time can be."""
+        from fte_sniff.recording.columns import RowColumns
+
+        return RowColumns.of_rows(words, self.held)
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnBatch:
+    """Rows side by side."""
+
+    held: RowColumns
+
+    def __len__(self) -> int:
+        return len(self.held)
+
+    def count(self, tally: Tally) -> None:
+        """Add them to a tally."""
+        from fte_sniff.analysis.counting import count_columns
+
+        count_columns(tally, self.held)
+
+    def wanted(self, row_filter: RowFilter) -> ColumnBatch:
+        """Only those that the filter wants."""
+        return ColumnBatch(self.held.parted(row_filter.among(self.held).to_numpy()))
+
+    def first(self, count: int) -> ColumnBatch:
+        """Only so many of them."""
+        return self if count >= len(self) else ColumnBatch(self.held.parted(slice(count)))
+
+    def rows(self) -> list[Row]:
+        """As objects."""
+        return list(self.held.rows())
+
+    def write_to(self, writer: RowWriter) -> None:
+        """Write them at once where the format can."""
+        if isinstance(writer, FrameWriter):
+            writer.write_frame(self.frame())
+        else:
+            writer.write(self.rows())
+
+    def frame(self) -> pl.DataFrame:
+        """As a frame of `analysis.table.TABLE_SCHEMA`."""
+        from fte_sniff.analysis.table import table_frame
+
+        return table_frame(self.held)
+
+    def columns(self, words: Words) -> RowColumns:
+        """As they are: their words are their own."""
+        return self.held

@@ -1,0 +1,112 @@
+"""`--from` and `--to`: every way to write a time, and what becomes of it in `decode`."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.cli.spans import span_of
+from fte_sniff.errors import FteSniffError
+from fte_sniff.protocol import iso_time
+
+SECOND = 10**9
+FIRST = 1_769_860_800 * SECOND + 500_000_000
+"""2026-01-31T12:00:00.5Z"""
+LAST = FIRST + 60 * SECOND
+
+
+@pytest.mark.parametrize(
+    ("text", "t_ns"),
+    [
+        ("2026-01-31T12:00:05Z", FIRST + 4_500_000_000),
+        ("2026-01-31 12:00:05", FIRST + 4_500_000_000),
+        ("2026-01-31T20:00:05+08:00", FIRST + 4_500_000_000),
+        ("2026-01-31T12:00:05.000000001Z", FIRST + 4_500_000_001),
+        ("2026-01-31", FIRST - FIRST % (86400 * SECOND)),
+        ("12:00:05", FIRST + 4_500_000_000),
+        ("12:01", FIRST + 59_500_000_000),
+        ("12:00:05.25", FIRST + 4_750_000_000),
+        ("+10s", FIRST + 10 * SECOND),
+        ("+1.5s", FIRST + 1_500_000_000),
+        ("+1m30s", FIRST + 90 * SECOND),
+        ("+250ms", FIRST + 250_000_000),
+        ("+7ns", FIRST + 7),
+        ("-10s", LAST - 10 * SECOND),
+    ],
+)
+def test_a_time_can_be_written_so(text: str, t_ns: int) -> None:
+    later, earlier = (LAST + 1, LAST + 3600 * SECOND), (FIRST, LAST)
+    span = span_of(text, None, [later[:0] or None, earlier])
+    assert span is not None
+    assert iso_time(span.first_ns) == iso_time(t_ns)
+    assert span_of(None, text, [earlier]).end_ns == t_ns
+
+
+def test_several_inputs_count_from_their_first_row_to_their_last() -> None:
+    span = span_of("+1s", "-1s", [(FIRST + SECOND, LAST), None, (FIRST, FIRST + 2 * SECOND)])
+    assert (span.first_ns, span.end_ns) == (FIRST + SECOND, LAST - SECOND)
+
+
+def test_no_text_is_no_span() -> None:
+    assert span_of(None, None, [(FIRST, LAST)]) is None
+
+
+@pytest.mark.parametrize(
+    ("since", "until", "times", "told"),
+    [
+        ("yesterday", None, (FIRST, LAST), "--from: 'yesterday' is no time"),
+        ("25:00", None, (FIRST, LAST), "is no time of day"),
+        ("+10", None, (FIRST, LAST), "'10' is no length of time"),
+        ("+s", None, (FIRST, LAST), "is no length of time"),
+        ("1969-12-31", None, (FIRST, LAST), "before any row"),
+        (None, "+10s", None, "--to +10s: the input tells no times"),
+        ("12:00", None, None, "the input tells no times"),
+        ("+20s", "+10s", (FIRST, LAST), "nothing lies between"),
+    ],
+)
+def test_what_is_no_span_is_refused(
+    since: str | None, until: str | None, times: tuple[int, int] | None, told: str
+) -> None:
+    with pytest.raises(FteSniffError) as caught:
+        span_of(since, until, [times])
+    assert told in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+def test_decode_leaves_out_what_lies_outside(run, samples: Path) -> None:
+    def rows(*arguments: str) -> list[dict]:
+        done = run("decode", samples / "clean.mcap", "--format", "jsonl", *arguments)
+        assert done.returncode == 0, done.stderr
+        return [json.loads(line) for line in done.stdout.splitlines()]
+
+    every = rows()
+    start, end = "2026-01-31T12:00:10", "2026-01-31T12:00:20"
+    expected = [row for row in every if start <= row["time"] < end]
+    assert 0 < len(expected) < len(every)
+    assert rows("--from", f"{start}Z", "--to", f"{end}Z") == expected
+    assert rows("--from", "12:00:10", "--to", "12:00:20") == expected
+    last = rows("--from", "-1s")
+    assert 0 < len(last) < 100
+    assert every[-len(last) :] == last
+
+
+def test_logs_have_no_times(run, samples: Path) -> None:
+    done = run("decode", samples / "clean.raw", "--from", "2026-01-31")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].endswith("has no times; --from and --to need a recording")
+
+
+def test_a_folder_and_a_pattern_stand_for_their_recordings(run, samples: Path) -> None:
+    named = sorted(samples.glob("*.mcap"))
+    texts = [
+        run("decode", *given, "--format", "csv").stdout
+        for given in ([samples], [samples / "*.mcap"], named, reversed(named))
+    ]
+    assert texts[0]
+    assert len(set(texts)) == 1
+
+
+def test_an_empty_folder_is_told(run, tmp_path: Path) -> None:
+    done = run("decode", tmp_path)
+    assert done.returncode == 4
+    assert "there is no recording (*.mcap) in this folder" in done.stderr
