@@ -117,11 +117,16 @@ class ColumnBatch:
 
     def wanted(self, row_filter: RowFilter) -> ColumnBatch:
         """Only those that the filter wants."""
-        return ColumnBatch(self.held.parted(row_filter.among(self.held).to_numpy()))
+        mask = row_filter.among(self.held).to_numpy()
+        return ColumnBatch(self.held.parted(mask, self.held.events))
 
     def first(self, count: int) -> ColumnBatch:
         """Only so many of them."""
-        return self if count >= len(self) else ColumnBatch(self.held.parted(slice(count)))
+        return (
+            self
+            if count >= len(self)
+            else ColumnBatch(self.held.parted(slice(count), self.held.events))
+        )
 
     def rows(self) -> list[Row]:
         """As objects."""

@@ -134,4 +134,5 @@ def _record(output: Path | None, decoding: _Decoding, *, force: bool) -> None:
     words = Words()
     with file_output(output, OutputFormat.MCAP, force=force) as path:
         ports = [port for one in decoding.inputs for port in one.ports]
-        write_recording(path, ports, (batch.columns(words) for batch in decoding))
+        facts = {name: fact for one in decoding.inputs for name, fact in one.facts.items()}
+        write_recording(path, ports, (batch.columns(words) for batch in decoding), facts)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BufferedReader, FileIO
 from pathlib import Path
@@ -104,6 +104,11 @@ class Input(Protocol):
         """The ports that it names before it is read."""
         ...
 
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """What it says about itself beside the ports: the host, the clock."""
+        ...
+
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, batch by batch.
 
@@ -193,6 +198,15 @@ class RecordingInput:
         """The ports that the file names."""
         return self.reader.ports
 
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """What the file says about itself, but not who wrote it."""
+        from fte_sniff.recording.facts import PROGRAM
+
+        told = self.reader.metadata.get(PROGRAM, {})
+        own = ("library", "port.")
+        return {name: fact for name, fact in told.items() if not name.startswith(own)}
+
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, many thousands side by side; see `Input`."""
         from fte_sniff.recording.span import EVERYTHING
@@ -201,7 +215,7 @@ class RecordingInput:
         troubles: Counter[PortEventKind] = Counter()
         for columns in self.reader.batches(span=span or EVERYTHING):
             troubles.update(event.kind for event in columns.events)
-            if len(columns):
+            if len(columns) or columns.events:
                 yield ColumnBatch(columns)
         for kind in TROUBLES:
             if troubles[kind]:
@@ -230,6 +244,11 @@ class LogInput:
         from fte_sniff.recording.facts import PortFacts
 
         return [PortFacts(self.name)]
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """A log says nothing."""
+        return {}
 
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, some thousands at once; see `Input`."""

@@ -14,9 +14,12 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from fte_sniff.errors import FileError
 from fte_sniff.protocol import FRAME_LENGTH, Damage, Fault, Frame, PortEvent, Row
 
 Array = npt.NDArray[Any]
+
+_TIMES = range(2**63)
 
 ARRAYS = ("t_ns", "offset", "delay_ns", "length", "port", "faults", "framed", "delayed", "raw")
 """The names of the arrays of `RowColumns`."""
@@ -104,9 +107,18 @@ class RowColumns:
 
     @classmethod
     def of_rows(cls, words: Words, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> Self:
-        """The columns of rows that are there already."""
+        """The columns of rows that are there already.
+
+        Raises:
+            FileError: a row has no time that a recording can hold.
+        """
         columns = cls.blank(words, len(rows))
         for place, row in enumerate(rows):
+            if row.t_ns is None or row.t_ns not in _TIMES:
+                raise FileError(
+                    f"{row.port!r}, offset {row.offset}, has no time since 1970, and a recording "
+                    "needs one; write another format"
+                )
             columns.put(place, row)
         return columns.parted(slice(None), tuple(events))
 

@@ -39,7 +39,7 @@ _TYPES |= {"TYPE_SFIXED32": "<i4", "TYPE_FLOAT": "<f4", "TYPE_DOUBLE": "<f8"}
 class Columns:
     """What differs between the messages of one form, a value for each row."""
 
-    channel: int
+    channel: int | NDArray[np.int64]
     sequences: NDArray[np.uint32]
     times: NDArray[np.int64]
     offsets: NDArray[np.int64]
@@ -79,6 +79,11 @@ class Model:
 
     def records(self, columns: Columns) -> list[bytes]:
         """The message records of these rows."""
+        found: list[bytes] = self.lines(columns).tolist()
+        return found
+
+    def lines(self, columns: Columns) -> NDArray[np.void]:
+        """The same as an array, whose items are the records."""
         lines = np.tile(self._bytes, (len(columns.times), 1))
         table = lines.view(self._type)[:, 0]
         table["channel"] = columns.channel
@@ -90,7 +95,7 @@ class Model:
         for field in self._fields:
             cut = np.ascontiguousarray(columns.raws[:, field.start : field.start + field.size])
             table[field.name] = cut.view(f">{'i' if field.signed else 'u'}{field.size}")[:, 0]
-        found: list[bytes] = lines.view(f"V{self.length}")[:, 0].tolist()
+        found: NDArray[np.void] = lines.view(f"V{self.length}")[:, 0]
         return found
 
 

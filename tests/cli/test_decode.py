@@ -5,6 +5,7 @@ import io
 import json
 from pathlib import Path
 
+import polars
 import pytest
 
 from fte_sniff.protocol import COLUMN_BY_NAME
@@ -176,3 +177,45 @@ def test_lines_of_hex_without_end(run, tmp_path: Path) -> None:
     done = run("decode", "long.hex", "--format", "jsonl", "--filter", "NOT reset")
     assert done.stdout == ""
     assert "50,000 rows read, 0 written" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["clean", "damaged", "idle", "midstream"])
+def test_a_recording_of_a_recording_holds_the_same(
+    run, samples: Path, tmp_path: Path, name: str
+) -> None:
+    copy = tmp_path / "copy.mcap"
+    done = run("decode", samples / f"{name}.mcap", "--format", "mcap", "-o", copy)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    original, again = (
+        run("decode", path, "--format", "jsonl").stdout for path in (samples / f"{name}.mcap", copy)
+    )
+    assert again == original
+    assert list(tmp_path.iterdir()) == [copy]
+
+
+def test_parquet_and_mcap_need_a_file(run, samples: Path) -> None:
+    for form in ("parquet", "mcap"):
+        done = run("decode", samples / "clean.mcap", "--format", form)
+        assert done.returncode == 2
+        assert f"{form} is no text: name a file to write it to with -o" in done.stderr
+
+
+def test_a_parquet_file_holds_what_is_asked_for(run, samples: Path, tmp_path: Path) -> None:
+    path = tmp_path / "rows.parquet"
+    done = run(
+        "decode", samples / "clean.mcap", "--format", "parquet", "-o", path, "--filter", "motor = 1"
+    )
+    assert done.returncode == 0, done.stderr
+    frame = polars.read_parquet(path)
+    assert frame.columns == list(COLUMN_BY_NAME)
+    assert set(frame["motor"]) == {1}
+    assert f"{frame.height} written" in done.stderr
+
+
+def test_what_has_no_times_cannot_become_a_recording(run, samples: Path, tmp_path: Path) -> None:
+    path = tmp_path / "new.mcap"
+    done = run("decode", samples / "clean.raw", "--format", "mcap", "-o", path)
+    assert done.returncode == 4
+    assert "has no time since 1970, and a recording needs one" in done.stderr
+    assert list(tmp_path.iterdir()) == []
