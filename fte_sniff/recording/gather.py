@@ -76,6 +76,7 @@ class _Gathering:
         self._events: list[tuple[int, PortEvent]] = []
         self._losses: list[str] = []
         self._first, self._last = 2**64, -1
+        self._usual: list[tuple[Readers, Array]] = []
         self._channels: Array = _at_every_byte(records, "<u2", _CHANNEL_PLACE)[starts]
 
     def gathered(self) -> Gathered:
@@ -94,6 +95,7 @@ class _Gathering:
                     self._take_each(readers, same)
                 else:
                     self._take(readers, same, length)
+        self._take_usual()
         self._events.sort(key=lambda placed: placed[0])
         events = tuple(event for _, event in self._events)
         columns = self._rows.parted(slice(None), events)
@@ -129,6 +131,9 @@ class _Gathering:
             side = _Side(self._records, self._starts[rows], length)
             for layout in reader.layouts.of_length(length):
                 fits = side.fits(layout)
+                if fits is None and _is_usual(layout):
+                    self._usual.append((readers, rows))
+                    return
                 if fits is None:
                     rows = rows[self._take_side(readers, reader, rows, side, layout)]
                     break
@@ -140,6 +145,44 @@ class _Gathering:
                 if not len(rows):
                     break
         self._take_each(readers, rows)
+
+    def _take_usual(self) -> None:
+        """Sound frames of whatever schema have all that makes the row at the same places.
+
+        So they are laid side by side once more, all together, and need not be brought into order.
+        """
+        if not self._usual:
+            return
+        rows = np.concatenate([own for _, own in self._usual])
+        whole = len(rows) == len(self._starts)
+        rows = np.arange(len(rows)) if whole else np.sort(rows)
+        front = _at_every_byte(self._records, _FRONT, MESSAGE_HEAD - _TIMES)[
+            self._starts if whole else self._starts[rows]
+        ]
+        times, offsets = front["log_time"].copy(), front["offset"].copy()
+        raw = front["raw"].copy().view(np.uint8).reshape(-1, FRAME_LENGTH)
+        sound = _is_sound(raw, True, FRAME_LENGTH)
+        if times.min() < 0 or offsets.min() < 0 or not sound.all():
+            sound &= (times >= 0) & (offsets >= 0)
+            odd = rows[~sound]
+            for readers, own in self._usual:
+                self._take_each(readers, np.intersect1d(own, odd))
+            rows, front, whole = rows[sound], front[sound], False
+            times, offsets, raw = times[sound], offsets[sound], raw[sound]
+            if not len(rows):
+                return
+        self._stretch(int(times.min()), int(times.max()))
+        every = {
+            channel: reader for readers, _ in self._usual for channel, reader in readers.items()
+        }
+        at: Any = slice(None) if whole else rows
+        columns = self._rows
+        self._kept[at] = True
+        columns.t_ns[at] = times
+        columns.offset[at] = offsets
+        columns.delay_ns[at] = front["delay"]
+        columns.raw.view(_RAW).reshape(-1)[at] = raw.view(_RAW).reshape(-1)
+        columns.port[at] = self._ports(every, at)
 
     def _take_side(
         self, readers: Readers, reader: MessageReader, rows: Array, side: _Side, layout: Layout
@@ -219,7 +262,7 @@ class _Gathering:
         except ValueError:
             return -1
 
-    def _ports(self, readers: Readers, rows: Array) -> Any:
+    def _ports(self, readers: Readers, rows: Any) -> Any:
         ports = {channel: reader.port for channel, reader in readers.items() if reader is not None}
         codes = {channel: self._words.port_code(port) for channel, port in ports.items()}
         if len(set(codes.values())) == 1:
@@ -252,6 +295,23 @@ class _Gathering:
 
 
 _RAW = np.dtype(f"V{FRAME_LENGTH}")
+_USUAL_OFFSET, _USUAL_DELAY, _USUAL_RAW = 1, 10, 20
+_FRONT = np.dtype(
+    {
+        "names": ["log_time", "offset", "delay", "raw"],
+        "formats": ["<i8", "<i8", "<i8", _RAW],
+        "offsets": [0, _TIMES + _USUAL_OFFSET, _TIMES + _USUAL_DELAY, _TIMES + _USUAL_RAW],
+        "itemsize": _TIMES + _USUAL_RAW + FRAME_LENGTH,
+    }
+)
+"""A usual message to the end of its raw bytes, its times before it."""
+
+
+def _is_usual(layout: Layout) -> bool:
+    """Whether these are sound frames with everything at its usual place."""
+    places = (layout.offset, layout.delay, layout.raw)
+    plain = layout.time is None and layout.framed is None and not layout.fault_count
+    return plain and places == (_USUAL_OFFSET, _USUAL_DELAY, _USUAL_RAW)
 
 
 def _is_sound(raw: Array, framed: Any, length: int) -> Any:
@@ -355,7 +415,7 @@ def _guard(layout: Layout, lead: int) -> tuple[Array, Array]:
     )
 
 
-def _at_every_byte(records: bytes, kind: str, first: int) -> Array:
+def _at_every_byte(records: bytes, kind: str | np.dtype[Any], first: int) -> Array:
     """What stands `first` bytes behind every byte, as overlapping values of that kind."""
     size = np.dtype(kind).itemsize
     count = max(0, len(records) - first - size + 1)

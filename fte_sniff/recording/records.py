@@ -223,7 +223,7 @@ def unpack(body: bytes) -> bytes:
         (length,) = _LENGTH.unpack_from(body, place)
     except struct.error as error:
         raise RecordError("a chunk without its head") from error
-    packed = body[place + _LENGTH.size :]
+    packed = memoryview(body)[place + _LENGTH.size :]
     if len(packed) != length:
         raise RecordError("a chunk whose lengths contradict each other")
     if size > LARGEST:
@@ -236,10 +236,10 @@ def unpack(body: bytes) -> bytes:
     return records
 
 
-def _unpacked(compression: bytes, packed: bytes, size: int) -> bytes:
+def _unpacked(compression: bytes, packed: memoryview, size: int) -> bytes:
     match compression:
         case b"":
-            return packed
+            return bytes(packed)
         case b"zstd":
             return _unpacked_zstd(packed, size)
         case b"lz4":
@@ -247,7 +247,7 @@ def _unpacked(compression: bytes, packed: bytes, size: int) -> bytes:
     raise RecordError("a chunk that is packed neither with zstd nor with lz4")
 
 
-def _unpacked_zstd(packed: bytes, size: int) -> bytes:
+def _unpacked_zstd(packed: memoryview, size: int) -> bytes:
     try:
         if zstandard.get_frame_parameters(packed).content_size not in (size, _UNKNOWN_SIZE):
             raise RecordError("a chunk that does not unpack to what it claims")
@@ -256,7 +256,7 @@ def _unpacked_zstd(packed: bytes, size: int) -> bytes:
         raise RecordError("a chunk that does not unpack") from error
 
 
-def _unpacked_lz4(packed: bytes, size: int) -> bytes:
+def _unpacked_lz4(packed: memoryview, size: int) -> bytes:
     try:
         with lz4.frame.LZ4FrameDecompressor() as unpacker:
             return bytes(unpacker.decompress(packed, max_length=size + 1))

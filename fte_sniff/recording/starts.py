@@ -29,10 +29,9 @@ def indexed_places(indexes: Sequence[bytes]) -> Array | None:
     """
     found = []
     for body in indexes:
-        entries = body[_INDEX_HEAD:]
-        if len(entries) % (2 * _ENTRY.itemsize):
+        if (len(body) - _INDEX_HEAD) % (2 * _ENTRY.itemsize) or len(body) < _INDEX_HEAD:
             return None
-        found.append(np.frombuffer(entries, _ENTRY)[1::2])
+        found.append(np.frombuffer(body, _ENTRY, offset=_INDEX_HEAD)[1::2])
     return np.sort(np.concatenate(found)).view(np.int64) if found else None
 
 

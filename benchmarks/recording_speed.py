@@ -1,0 +1,233 @@
+"""Measures reading and writing recordings by columns against other readers and writers.
+
+    python -m benchmarks.recording_speed [--frames 5000000] [--rounds 3] [--memory 50000000]
+
+Everything reads the same file in the same run; each number is the best of the rounds, taken in turn
+so that noise meets each alike. The Rust reader is built if there is a cargo. `--memory` writes a
+recording of so many rows, and one of a tenth, and tells how much `decode --format csv` needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from fte_sniff.analysis.table import table_frame
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
+from fte_sniff.recording.bulk_writer import write_recording
+from fte_sniff.recording.columns import RowColumns, Words
+from fte_sniff.recording.facts import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.records import RecordStream, unpack
+
+RUST = Path(__file__).parent / "rust_reader"
+BATCH = 1 << 18
+POOL = 1 << 16
+"""Different frames; a recording holds each many times, at other times and offsets."""
+SLOW_PART = 200_000
+"""Messages that the mcap package's writer gets."""
+PORTS = [PortFacts("/dev/ttyUSB0", 115_200), PortFacts("/dev/ttyUSB1", 115_200)]
+START_NS = 1_770_000_000 * 10**9
+FRAME_NS = 868_056
+
+
+def frame_pool() -> np.ndarray:
+    """Sound frames of every kind, feedback more often than control, as on two full wires."""
+    random = Random(1)
+    weights = [10 if kind.direction == "feedback" else 3 for kind in KINDS]
+    given = {"motor": (1, 4), "error": (0, 0), "online": (15, 15)}
+    frames = []
+    for kind in random.choices(KINDS, weights, k=POOL):
+        limits = {field.name: given.get(field.name, (-2000, 2000)) for field in kind.fields}
+        frames.append(encode(kind, {name: random.randint(*ends) for name, ends in limits.items()}))
+    return np.frombuffer(b"".join(frames), np.uint8).reshape(-1, FRAME_LENGTH)
+
+
+def batches(frames: int) -> Iterator[RowColumns]:
+    """So many rows of two ports, at line rate, read every few milliseconds."""
+    pool, random, words = frame_pool(), np.random.default_rng(2), Words()
+    ports = [words.port_code(port.name) for port in PORTS]
+    for start in range(0, frames, BATCH):
+        count = min(BATCH, frames - start)
+        at = np.arange(start, start + count)
+        rows = RowColumns.blank(words, count)
+        rows.t_ns[:] = START_NS + at // 2 * FRAME_NS + at % 2 * 400_000
+        rows.offset[:] = at // 2 * FRAME_LENGTH
+        rows.delay_ns[:] = random.integers(0, 16_000_000, count)
+        rows.port[:] = np.array(ports)[at % 2]
+        rows.raw[:] = pool[random.integers(0, POOL, count)]
+        yield rows
+
+
+def seconds(work: Callable[[], object]) -> float:
+    began = perf_counter()
+    work()
+    return perf_counter() - began
+
+
+def read_columns(path: Path) -> None:
+    """What was recorded, side by side, all checksums checked."""
+    for _ in RecordingReader(path).batches():
+        pass
+
+
+def read_frames(path: Path) -> None:
+    """All columns of the row contract as polars frames, the bytes as hex text."""
+    for columns in RecordingReader(path).batches():
+        table_frame(columns)
+
+
+def read_messages(path: Path) -> None:
+    """The mcap package's message loop, which decodes nothing."""
+    with path.open("rb") as file:
+        for _ in make_reader(file, validate_crcs=True).iter_messages():
+            pass
+
+
+def chunk_bodies(path: Path) -> list[bytes]:
+    with path.open("rb") as stream:
+        return [record.body for record in RecordStream(stream) if record.opcode == Opcode.CHUNK]
+
+
+def unpack_all(bodies: list[bytes], threads: int) -> None:
+    """Only unpacking, with the checksums, from memory."""
+    with ThreadPoolExecutor(threads) as pool:
+        for body in pool.map(unpack, bodies):
+            del body
+
+
+def rust_reader(folder: Path) -> Path | None:
+    if shutil.which("cargo") is None:
+        return None
+    target = folder / "target"
+    command = ["cargo", "build", "--release", "--quiet", "--target-dir", str(target)]
+    subprocess.run(command, cwd=RUST, check=True)
+    return target / "release" / "rust-reader"
+
+
+def rust_seconds(program: Path, path: Path) -> float:
+    done = subprocess.run([program, path], capture_output=True, text=True, check=True)
+    return float(done.stdout.split()[2])
+
+
+def write_columns(rows: list[RowColumns], path: Path) -> None:
+    write_recording(path, PORTS, rows)
+
+
+def write_messages(messages: list[tuple[int, int, int, bytes]], path: Path) -> None:
+    """The mcap package's writer, given messages that are encoded already."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("bench", "protobuf", b"")
+        channels = {
+            channel: writer.register_channel(f"/bench/{channel}", "protobuf", schema)
+            for channel in {channel for channel, *_ in messages}
+        }
+        for channel, sequence, time, data in messages:
+            writer.add_message(channels[channel], time, data, time, sequence)
+        writer.finish()
+
+
+def first_messages(path: Path, count: int) -> list[tuple[int, int, int, bytes]]:
+    with path.open("rb") as file:
+        found = make_reader(file).iter_messages()
+        return [
+            (channel.id, message.sequence, message.log_time, message.data)
+            for _, (_, channel, message) in zip(range(count), found, strict=False)
+        ]
+
+
+def compare(frames: int, rounds: int, folder: Path) -> None:
+    path, out = folder / "bench.mcap", folder / "out.mcap"
+    rows = list(batches(frames))
+    rust = rust_reader(folder)
+    write_columns(rows, path)
+    bodies, messages = chunk_bodies(path), first_messages(path, min(frames, SLOW_PART))
+    cores = len(os.sched_getaffinity(0))
+    work: dict[str, Callable[[], float]] = {
+        "read columns": lambda: seconds(lambda: read_columns(path)) / frames,
+        "read frames": lambda: seconds(lambda: read_frames(path)) / frames,
+        "unpack, all cores": lambda: seconds(lambda: unpack_all(bodies, cores)) / frames,
+        "unpack, one core": lambda: seconds(lambda: unpack_all(bodies, 1)) / frames,
+        "write columns": lambda: seconds(lambda: write_columns(rows, out)) / frames,
+        "mcap.writer.Writer": lambda: (
+            seconds(lambda: write_messages(messages, out)) / len(messages)
+        ),
+    }
+    if rust is not None:
+        work["Rust message loop"] = lambda: rust_seconds(rust, path) / frames
+    found = {name: min(times) for name, times in _in_turn(work, rounds).items()}
+    found["iter_messages"] = seconds(lambda: read_messages(path)) / frames
+    print(f"{frames:,} frames, {path.stat().st_size / frames:.1f} bytes each; {cores} cores")
+    for name, each in found.items():
+        print(f"  {name:<20} {each * 1e9:9.1f} ns a row {1 / each / 1e6:8.2f} million rows/s")
+    claims = [
+        ("read columns", "iter_messages", "80"),
+        ("read columns", "Rust message loop", "1.5"),
+        ("read columns", "unpack, all cores", "0.5"),
+        ("read columns", "unpack, one core", ""),
+        ("read frames", "iter_messages", ""),
+        ("write columns", "mcap.writer.Writer", "8"),
+    ]
+    for fast, slow, wanted in claims:
+        if slow in found:
+            ratio = found[slow] / found[fast]
+            print(f"{fast} against {slow:<20} {ratio:8.2f}  {wanted and f'(wanted: {wanted})'}")
+
+
+def _in_turn(work: dict[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
+    times: dict[str, list[float]] = {name: [] for name in work}
+    for _ in range(rounds):
+        for name, measure in work.items():
+            times[name].append(measure())
+    return times
+
+
+def memory(rows: int, folder: Path) -> None:
+    """The most memory that decoding to CSV took, for a tenth of the rows and for all."""
+    for count in (rows // 10, rows):
+        path = folder / "memory.mcap"
+        write_recording(path, PORTS, batches(count))
+        decode = [sys.executable, "-m", "fte_sniff", "decode", str(path), "--format=csv"]
+        decode += ["-o", "/dev/null"]
+        began = perf_counter()
+        process = subprocess.Popen(decode, stderr=subprocess.DEVNULL)
+        _, code, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(code)
+        took = perf_counter() - began
+        size = path.stat().st_size / 1e6
+        most = usage.ru_maxrss / 1024
+        print(f"{count:,} rows ({size:,.0f} MB) to CSV: exit {process.returncode}, {took:.1f} s")
+        print(f"  {most:.0f} MiB of memory at most (wanted: 400)")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=5_000_000)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--memory", type=int, default=0)
+    chosen = parser.parse_args()
+    with TemporaryDirectory() as folder:
+        if chosen.frames:
+            compare(chosen.frames, chosen.rounds, Path(folder))
+        if chosen.memory:
+            memory(chosen.memory, Path(folder))
+
+
+if __name__ == "__main__":
+    main()
