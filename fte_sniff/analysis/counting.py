@@ -5,11 +5,22 @@ It must not know where the rows come from. What it counts, and when, the tally s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from fte_sniff.analysis.packing import PackedRows
 from fte_sniff.analysis.table import SideBySide, kind_codes
 from fte_sniff.analysis.tally import Tally
-from fte_sniff.protocol import KINDS, status_of
+from fte_sniff.protocol import KINDS, Row, status_of
+
+
+def count_rows(tally: Tally, rows: Sequence[Row]) -> None:
+    """Count rows, one by one or many at once, whichever they allow."""
+    if isinstance(rows, PackedRows):
+        count_columns(tally, rows)
+    else:
+        tally.add(rows)
 
 
 def count_columns(tally: Tally, rows: SideBySide) -> None:

@@ -12,8 +12,8 @@ nothing: `unpack(pack(row))` is the row, whatever it holds.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +43,8 @@ DELAYED: Final = 4
 """Bit of `form`: `delay_ns` holds the read delay; without it the row has none."""
 UNORDERED: Final = 8
 """Bit of `form`: the row's place among other ports' rows is not certain."""
+
+_UNPACKED_AT_ONCE: Final = 4096
 
 Packed = npt.NDArray[Any]
 """An array of `ROW_TYPE`."""
@@ -78,6 +80,8 @@ class Codebook:
 
 def pack(rows: Sequence[Row], codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
     """The rows as an array, and the bytes of those longer than ten, by place in `rows`."""
+    if isinstance(rows, PackedRows):
+        return rows.packed_for(codebook)
     packed: Packed = np.zeros(len(rows), ROW_TYPE)
     raws = [row.raw for row in rows]
     lengths = [len(raw) for raw in raws]
@@ -127,3 +131,95 @@ def unpack(
             )
         )
     return rows
+
+
+class PackedRows(Sequence[Row]):
+    """Rows that are packed already, in place of a list of them: all of them have times.
+
+    Whoever asks for rows gets them made anew; whoever knows better takes the arrays.
+    """
+
+    def __init__(self, packed: Packed, long: Mapping[int, bytes], codebook: Codebook) -> None:
+        self._packed = packed
+        self.long = long
+        """The bytes of rows longer than ten, by place."""
+        self.words = codebook
+        """What the numbers of `port` and `faults` stand for."""
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+    @overload
+    def __getitem__(self, at: int) -> Row: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[Row]: ...
+    def __getitem__(self, at: int | slice) -> Row | list[Row]:
+        places = range(len(self))[at]
+        if isinstance(places, int):
+            return unpack(self._packed[places : places + 1], self.long, self.words, places)[0]
+        return [self[place] for place in places]
+
+    def __iter__(self) -> Iterator[Row]:
+        for start in range(0, len(self), _UNPACKED_AT_ONCE):
+            part = self._packed[start : start + _UNPACKED_AT_ONCE]
+            yield from unpack(part, self.long, self.words, start)
+
+    @property
+    def t_ns(self) -> Packed:
+        """Nanoseconds since 1970 UTC."""
+        return self._packed["t_ns"]
+
+    @property
+    def offset(self) -> Packed:
+        """Of the first byte."""
+        return self._packed["offset"]
+
+    @property
+    def length(self) -> Packed:
+        """Bytes of the row."""
+        return self._packed["length"]
+
+    @property
+    def port(self) -> Packed:
+        """Number of the port."""
+        return self._packed["port"]
+
+    @property
+    def faults(self) -> Packed:
+        """Number of the faults."""
+        return self._packed["faults"]
+
+    @property
+    def framed(self) -> Packed:
+        """Whether the row is a Frame."""
+        return (self._packed["form"] & FRAMED).astype(np.bool_)
+
+    @property
+    def raw(self) -> Packed:
+        """The first ten bytes."""
+        return self._packed["raw"]
+
+    def packed_for(self, codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
+        """The same as `pack` gives, with the numbers of another codebook."""
+        if codebook is self.words:
+            return self._packed, dict(self.long)
+        packed = self._packed.copy()
+        ports = np.array([codebook.port_code(port) for port in self.words.ports], np.uint16)
+        faults = np.array([codebook.fault_code(found) for found in self.words.faults], np.uint32)
+        packed["port"] = ports[packed["port"]]
+        packed["faults"] = faults[packed["faults"]]
+        return packed, dict(self.long)
+
+    @classmethod
+    def joined(cls, parts: Sequence[PackedRows]) -> PackedRows:
+        """One behind the other; one at least."""
+        if len(parts) == 1:
+            return parts[0]
+        codebook, long, start = parts[0].words, dict[int, bytes](), 0
+        arrays = []
+        for part in parts:
+            packed, own = part.packed_for(codebook)
+            arrays.append(packed)
+            long.update((start + at, raw) for at, raw in own.items())
+            start += len(part)
+        return cls(np.concatenate(arrays), long, codebook)

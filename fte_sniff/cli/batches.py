@@ -42,6 +42,10 @@ class Batch(Protocol):
         """As objects."""
         ...
 
+    def sequence(self) -> Sequence[Row]:
+        """For a view: objects, or what takes their place and is cheaper."""
+        ...
+
     def write_to(self, writer: RowWriter) -> None:
         """Write them, in the way that is fastest."""
         ...
@@ -79,6 +83,10 @@ class RowBatch:
     def rows(self) -> list[Row]:
         """As objects."""
         return list(self.held)
+
+    def sequence(self) -> Sequence[Row]:
+        """The objects."""
+        return self.held
 
     def write_to(self, writer: RowWriter) -> None:
         """Write them one by one."""
@@ -131,6 +139,12 @@ class ColumnBatch:
     def rows(self) -> list[Row]:
         """As objects."""
         return list(self.held.rows())
+
+    def sequence(self) -> Sequence[Row]:
+        """Packed."""
+        from fte_sniff.session.packed import packed_rows
+
+        return packed_rows(self.held)
 
     def write_to(self, writer: RowWriter) -> None:
         """Write them at once where the format can."""

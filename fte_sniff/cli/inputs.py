@@ -100,6 +100,11 @@ class Input(Protocol):
         ...
 
     @property
+    def count(self) -> int | None:
+        """How many rows and events it holds, as far as that can be told before it is read."""
+        ...
+
+    @property
     def ports(self) -> Sequence[PortFacts]:
         """The ports that it names before it is read."""
         ...
@@ -194,6 +199,11 @@ class RecordingInput:
         return self.reader.times
 
     @property
+    def count(self) -> int | None:
+        """How many messages the file tells of."""
+        return self.reader.count
+
+    @property
     def ports(self) -> Sequence[PortFacts]:
         """The ports that the file names."""
         return self.reader.ports
@@ -236,6 +246,11 @@ class LogInput:
     @property
     def times(self) -> None:
         """Nothing tells the times of a log before it is read."""
+        return
+
+    @property
+    def count(self) -> None:
+        """Nothing tells how many rows a log has before it is read."""
         return
 
     @property

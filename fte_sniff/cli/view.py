@@ -6,7 +6,7 @@ It must not know how files are read or how a screen looks; it shows the one what
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -14,15 +14,12 @@ import click
 
 from fte_sniff.cli.batches import Batch
 from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import STDIN, check_inputs, input_arguments, opened
+from fte_sniff.cli.inputs import STDIN, Input, check_inputs, input_arguments, opened
 from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.units import bench_of, units_options
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.formats.kinds import InputKind
-from fte_sniff.protocol import Row
-
-_ROWS_AT_ONCE = 4096
 
 
 @click.command(name="view", short_help="Look at files on the screen that live has.")
@@ -63,7 +60,8 @@ def command(
     span = span_of(since, until, [one.times for one in inputs])
     batches = chain.from_iterable(one.batches(span, notes.append) for one in inputs)
     # What cannot be read at all is told before the screen opens, not on it.
-    session = ReplaySession(_handed_on(_begun(batches)), " ".join(map(str, files)))
+    rows = (batch.sequence() for batch in _begun(batches))
+    session = ReplaySession(rows, " ".join(map(str, files)), None if span else _total(inputs))
     code = run_screen(session, AtEnd.STAY, wanted, keep_rows, bench=bench)
     for note in notes:
         click.echo(f"fte-sniff: {shown(note)}", err=True)
@@ -78,8 +76,7 @@ def _begun(batches: Iterator[Batch]) -> Iterator[Batch]:
     return batches if first is None else chain([first], batches)
 
 
-def _handed_on(batches: Iterator[Batch]) -> Iterator[list[Row]]:
-    for batch in batches:
-        rows = batch.rows()
-        for start in range(0, len(rows), _ROWS_AT_ONCE):
-            yield rows[start : start + _ROWS_AT_ONCE]
+def _total(inputs: Sequence[Input]) -> int | None:
+    """How many rows there will be; None where one input cannot tell."""
+    counts = [one.count for one in inputs if one.count is not None]
+    return sum(counts) if len(counts) == len(inputs) else None

@@ -40,6 +40,8 @@ _ROW_TYPES = {
     "raw": FieldDescriptor.TYPE_BYTES,
     "faults": FieldDescriptor.TYPE_ENUM,
 }
+_RARE = frozenset({"order_uncertain"})
+"""Fields that most messages lack; those that have one are read one by one."""
 _OPTIONAL_TYPES = {"time_ns": FieldDescriptor.TYPE_FIXED64, "framed": FieldDescriptor.TYPE_BOOL}
 
 
@@ -131,7 +133,7 @@ class _Builder:
         self._raw_length, self._faults = raw_length, faults
         absent = {"time_ns": not timed, "read_delay_ns": not delayed, "faults": not faults}
         for field in fields:
-            if not absent.get(field.name, False):
+            if not absent.get(field.name, field.name in _RARE):
                 self._add(field)
 
     def layout(self) -> Layout:

@@ -85,6 +85,12 @@ class RecordingReader:
         return self._times
 
     @property
+    def count(self) -> int | None:
+        """How many messages the summary tells of; None where there is none to be trusted."""
+        statistics = self._summary and self._summary.statistics
+        return statistics.message_count if statistics else None
+
+    @property
     def ending(self) -> str:
         """How the file ends, where it does not end as it should; else empty."""
         return self._ending

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
+from fte_sniff.analysis.packing import PackedRows
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Row
 
@@ -17,7 +18,10 @@ MOST_BATCHES_AHEAD = 16
 """Batches that are read ahead of the view at most."""
 
 MOST_ROWS_A_POLL = 65_536
-"""Rows that one poll hands over at most, so that a screen can still draw between two."""
+"""Rows that one poll hands over at most, more or less, so that a screen can draw between two."""
+
+MOST_PACKED_A_POLL = 200_000
+"""The same where the rows come packed, and cost a view next to nothing."""
 
 
 class ReplaySession:
@@ -26,26 +30,30 @@ class ReplaySession:
     error: FteSniffError | None = None
     """Why reading stopped before the end, if it did."""
 
-    def __init__(self, batches: Iterable[list[Row]], title: str) -> None:
+    def __init__(
+        self, batches: Iterable[Sequence[Row]], title: str, total: int | None = None
+    ) -> None:
         """Start reading.
 
         Args:
-            batches: the rows; iterated in a thread of its own.
+            batches: the rows, each time all packed or all not; iterated in a thread of its own.
             title: the name of the file, to be shown.
+            total: how many rows there will be, more or less; None where nobody knows.
         """
+        self._total = total
         self._batches = batches
         self._title = title
         self._rows = 0
         self._stop = threading.Event()
-        self._read: queue.Queue[list[Row] | None] = queue.Queue(MOST_BATCHES_AHEAD)
+        self._read: queue.Queue[Sequence[Row] | None] = queue.Queue(MOST_BATCHES_AHEAD)
         self._running = True
         self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
         self._thread.start()
 
     def poll(self) -> FeedUpdate:
         """What was read since the poll before; returns at once."""
-        rows: list[Row] = []
-        while self._running and len(rows) < MOST_ROWS_A_POLL:
+        taken: list[Sequence[Row]] = []
+        while self._running and _has_room(taken):
             try:
                 batch = self._read.get_nowait()
             except queue.Empty:
@@ -53,7 +61,8 @@ class ReplaySession:
             if batch is None:
                 self._running = False
             else:
-                rows += batch
+                taken.append(batch)
+        rows = _joined(taken)
         self._rows += len(rows)
         return FeedUpdate(self._state(), rows)
 
@@ -65,8 +74,16 @@ class ReplaySession:
         ended = None
         if not self._running:
             ended = str(self.error) if self.error else None
+        progress = None
+        if self._running and self._total:
+            progress = min(1.0, self._rows / self._total)
         return FeedState(
-            title=self._title, running=self._running, ended=ended, live=False, rows=self._rows
+            title=self._title,
+            running=self._running,
+            ended=ended,
+            live=False,
+            rows=self._rows,
+            progress=progress,
         )
 
     def _run(self) -> None:
@@ -78,7 +95,7 @@ class ReplaySession:
             self.error = error
         self._put(None)
 
-    def _put(self, batch: list[Row] | None) -> bool:
+    def _put(self, batch: Sequence[Row] | None) -> bool:
         while not self._stop.is_set():
             try:
                 self._read.put(batch, timeout=0.1)
@@ -86,3 +103,15 @@ class ReplaySession:
                 continue
             return True
         return False
+
+
+def _has_room(taken: list[Sequence[Row]]) -> bool:
+    packed = all(isinstance(rows, PackedRows) for rows in taken)
+    return sum(map(len, taken)) < (MOST_PACKED_A_POLL if packed else MOST_ROWS_A_POLL)
+
+
+def _joined(taken: list[Sequence[Row]]) -> Sequence[Row]:
+    packed = [rows for rows in taken if isinstance(rows, PackedRows)]
+    if packed and len(packed) == len(taken):
+        return PackedRows.joined(packed)
+    return [row for rows in taken for row in rows]

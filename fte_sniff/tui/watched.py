@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from fte_sniff.analysis.counting import count_rows
 from fte_sniff.analysis.feed import Feed, FeedState
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.store import RowStore
@@ -59,7 +60,7 @@ class Watched:
         self.state = update.state
         if update.rows:
             self.store.append(update.rows)
-            self._tally.add(update.rows)
+            count_rows(self._tally, update.rows)
         self._line_errors += sum(
             event.count for event in update.events if event.kind is PortEventKind.LINE_ERROR
         )

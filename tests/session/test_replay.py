@@ -8,6 +8,8 @@ from time import monotonic
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, Row
+from fte_sniff.recording.columns import RowColumns, Words
+from fte_sniff.session.packed import packed_rows
 from fte_sniff.session.replay import MOST_BATCHES_AHEAD, ReplaySession
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
@@ -75,3 +77,22 @@ def test_stop_ends_the_reading() -> None:
     session.stop()
     session._thread.join(20)
     assert not session._thread.is_alive()
+
+
+def test_packed_rows_come_in_order_and_tell_how_far_they_are() -> None:
+    rows: list[Row] = [Frame("f", place * 10, FRAME, place) for place in range(1000)]
+    words = Words()
+    parts = [RowColumns.of_rows(words, rows[at : at + 100]) for at in range(0, 1000, 100)]
+    session = ReplaySession(map(packed_rows, parts), "file", 1000)
+    found: list[Row] = []
+    told = []
+    deadline = monotonic() + 60
+    while monotonic() < deadline:
+        update = session.poll()
+        found += update.rows
+        if not update.state.running:
+            break
+        told.append((update.state.progress, len(found) / 1000))
+    assert found == rows
+    assert all(progress == share for progress, share in told)
+    assert session.poll().state.progress is None
