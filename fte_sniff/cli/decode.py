@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 def command(
     files: tuple[Path, ...],
     kind: InputKind | None,
+    topic: str | None,
     form: OutputFormat,
     output: Path | None,
     force: bool,
@@ -63,7 +64,7 @@ def command(
     """
     check_inputs(files, output)
     wanted = row_filter(filter_text)
-    inputs = opened(files, kind)
+    inputs = opened(files, kind, topic)
     span = span_of(since, until, [one.times for one in inputs])
     decoding = _Decoding(inputs, span, wanted, limit)
     _write(form, output, decoding, force=force)

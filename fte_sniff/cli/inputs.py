@@ -57,7 +57,7 @@ Note = Callable[[str], None]
 
 
 def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The FILE... argument and the `--input` option, as every command that reads files has them."""
+    """The FILE... argument, `--input` and `--topic`, as every command that reads files has them."""
     files = click.argument(
         "files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path)
     )
@@ -68,7 +68,12 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
         callback=lambda _context, _option, word: InputKind(word) if word else None,
         help="What the files hold, where their names do not tell.",
     )
-    return files(kind(command))
+    topic = click.option(
+        "--topic",
+        metavar="NAME",
+        help="Of MCAP files by other programs: the topic that holds the serial bytes.",
+    )
+    return files(kind(topic(command)))
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
@@ -129,7 +134,7 @@ class Input(Protocol):
         ...
 
 
-def opened(files: Sequence[Path], kind: InputKind | None) -> list[Input]:
+def opened(files: Sequence[Path], kind: InputKind | None, topic: str | None = None) -> list[Input]:
     """What the files are: each itself, a folder's recordings, a pattern's matches.
 
     Recordings come in order of their first times, if there is nothing but recordings.
@@ -137,12 +142,13 @@ def opened(files: Sequence[Path], kind: InputKind | None) -> list[Input]:
     Args:
         files: as the user named them.
         kind: what they hold; None to go by name or content.
+        topic: of MCAP files, the topic that holds serial bytes; None where they are recordings.
 
     Raises:
         FileError: one cannot be read, or is not what it should be, or there is none.
         UsageError: nothing tells what one holds.
     """
-    inputs = [_opened(path, kind) for named in files for path in _meant(named)]
+    inputs = [_opened(path, kind, topic) for named in files for path in _meant(named)]
     recordings = [one for one in inputs if isinstance(one, RecordingInput)]
     if len(recordings) < len(inputs):
         return inputs
@@ -160,7 +166,9 @@ def _meant(named: Path) -> list[Path]:
     return list(files_of(named))
 
 
-def _opened(path: Path, kind: InputKind | None) -> Input:
+def _opened(path: Path, kind: InputKind | None, topic: str | None) -> Input:
+    if topic is not None:
+        return _topic(path, topic)
     if path == STDIN:
         return _stdin(kind)
     chosen = kind or kind_of_file(path)
@@ -169,6 +177,14 @@ def _opened(path: Path, kind: InputKind | None) -> Input:
 
         return RecordingInput(RecordingReader(path))
     return LogInput(raw_chunks(path) if chosen is InputKind.RAW else hex_chunks(path), str(path))
+
+
+def _topic(path: Path, topic: str) -> Input:
+    if path == STDIN or kind_of_file(path) is not InputKind.MCAP:
+        raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
+    from fte_sniff.recording.topic import topic_chunks
+
+    return LogInput(topic_chunks(path, topic), topic)
 
 
 def _stdin(kind: InputKind | None) -> Input:

@@ -31,6 +31,7 @@ from fte_sniff.formats.kinds import InputKind
 def command(
     files: tuple[Path, ...],
     kind: InputKind | None,
+    topic: str | None,
     filter_text: str | None,
     since: str | None,
     until: str | None,
@@ -56,7 +57,7 @@ def command(
 
     wanted = row_filter(filter_text)
     notes: list[str] = []
-    inputs = opened(files, kind)
+    inputs = opened(files, kind, topic)
     span = span_of(since, until, [one.times for one in inputs])
     batches = chain.from_iterable(one.batches(span, notes.append) for one in inputs)
     # What cannot be read at all is told before the screen opens, not on it.

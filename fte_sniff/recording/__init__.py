@@ -7,6 +7,7 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     topics     which row goes to which topic, derived from the frame table
     schema     the protobuf schema of each topic, derived from the frame table
     messages   one row or event to the bytes of its message, and back
+    channels   the numbers of schemas and channels
     model      where values stand in the bytes of sound frames' messages
     batch      many rows and events to the messages of one chunk
     tail       data end, summary, footer, magic, wherever they are put
@@ -22,7 +23,18 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     recorder   Recorder: one capture into one file, or as many as it takes
     records    the records of any MCAP file, cut, damaged or hostile as it may be
     summary    what a file's summary tells before its rows are read
-    reader     RecordingReader: the rows and events of a file
+    reading    one pass over the records, one by one
+    columns    rows side by side, in numpy arrays
+    layout     where fields stand in messages that are equally long
+    starts     where the messages of a chunk begin
+    gather     many messages to columns at once
+    span       a part of time
+    bulk       one pass over the records by columns, on all cores
+    reader     RecordingReader: the rows and events of a file, one by one or by columns
+    files      which files a folder or a pattern means, and their order
+    topic      the bytes that another program recorded on a topic of its own
+    bulk_packing  columns to the messages of a chunk
+    bulk_writer   columns to a whole recording
     salvage    what is whole in a damaged file
     repair     a damaged file to a whole one
     refusals   the lines that tell why a recording cannot begin, or came to stop

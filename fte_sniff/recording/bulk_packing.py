@@ -107,7 +107,9 @@ class ColumnPacker:
         head = rows.raw[:, 0] | rows.raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)
         forms: Array = _FORM_CODES[head]
         clean = np.array([not faults for faults in rows.words.faults])
-        plain = rows.framed & rows.delayed & clean[rows.faults] & (rows.t_ns == times)
+        plain = (
+            rows.framed & rows.delayed & ~rows.unordered & clean[rows.faults] & (rows.t_ns == times)
+        )
         forms[~plain] = _NO_FORM
         named = np.zeros((_NO_FORM + 1,), np.bool_)
         named[[code for code, (kind, _) in enumerate(_FORMS) if kind.names_motor]] = True

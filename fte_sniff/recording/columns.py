@@ -21,7 +21,18 @@ Array = npt.NDArray[Any]
 
 _TIMES = range(2**63)
 
-ARRAYS = ("t_ns", "offset", "delay_ns", "length", "port", "faults", "framed", "delayed", "raw")
+ARRAYS = (
+    "t_ns",
+    "offset",
+    "delay_ns",
+    "length",
+    "port",
+    "faults",
+    "framed",
+    "delayed",
+    "unordered",
+    "raw",
+)
 """The names of the arrays of `RowColumns`."""
 
 
@@ -79,6 +90,8 @@ class RowColumns:
     """Whether the row is a Frame, bool; otherwise it is a Damage."""
     delayed: Array
     """Whether the row tells its read delay, bool."""
+    unordered: Array
+    """Whether the row's place among other ports' rows is not certain, bool."""
     raw: Array
     """The first ten bytes, zeros behind them; uint8, one row of ten for each."""
     long: dict[int, bytes] = field(default_factory=dict)
@@ -102,6 +115,7 @@ class RowColumns:
             np.zeros(rows, np.uint16),
             np.ones(rows, np.bool_),
             np.ones(rows, np.bool_),
+            np.zeros(rows, np.bool_),
             np.zeros((rows, FRAME_LENGTH), np.uint8),
         )
 
@@ -129,6 +143,7 @@ class RowColumns:
         self.offset[place] = row.offset
         self.delayed[place] = row.read_delay_ns is not None
         self.delay_ns[place] = row.read_delay_ns or 0
+        self.unordered[place] = row.order_uncertain
         self.length[place] = len(row.raw)
         self.port[place] = self.words.port_code(row.port)
         self.faults[place] = self.words.fault_code(row.faults)
@@ -165,9 +180,8 @@ class RowColumns:
         """The rows one by one, as they were recorded."""
         raws = self.raw.tobytes()
         scalars = zip(*(getattr(self, name).tolist() for name in ARRAYS[:-1]), strict=True)
-        for place, (t_ns, offset, delay, length, port, faults, framed, delayed) in enumerate(
-            scalars
-        ):
+        for place, scalar in enumerate(scalars):
+            t_ns, offset, delay, length, port, faults, framed, delayed, unordered = scalar
             first = place * FRAME_LENGTH
             long = length > FRAME_LENGTH
             yield (Frame if framed else Damage)(
@@ -177,4 +191,5 @@ class RowColumns:
                 t_ns,
                 self.words.faults[faults],
                 delay if delayed else None,
+                unordered,
             )

@@ -227,6 +227,8 @@ class _Gathering:
             columns.delay_ns[rows] = side.number(layout.delay, "<i8")
         if framed is not True:
             columns.framed[rows] = framed
+        if layout.unordered is not None:
+            columns.unordered[rows] = side.number(layout.unordered, "u1").astype(np.bool_)
         if layout.raw_length != FRAME_LENGTH:
             columns.length[rows] = layout.raw_length
         if layout.fault_count:
@@ -310,7 +312,7 @@ _FRONT = np.dtype(
 def _is_usual(layout: Layout) -> bool:
     """Whether these are sound frames with everything at its usual place."""
     places = (layout.offset, layout.delay, layout.raw)
-    plain = layout.time is None and layout.framed is None and not layout.fault_count
+    plain = layout.time is layout.framed is layout.unordered is None and not layout.fault_count
     return plain and places == (_USUAL_OFFSET, _USUAL_DELAY, _USUAL_RAW)
 
 

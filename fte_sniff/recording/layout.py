@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import compress, product
 from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
@@ -40,9 +40,17 @@ _ROW_TYPES = {
     "raw": FieldDescriptor.TYPE_BYTES,
     "faults": FieldDescriptor.TYPE_ENUM,
 }
-_RARE = frozenset({"order_uncertain"})
-"""Fields that most messages lack; those that have one are read one by one."""
-_OPTIONAL_TYPES = {"time_ns": FieldDescriptor.TYPE_FIXED64, "framed": FieldDescriptor.TYPE_BOOL}
+_OPTIONAL_TYPES = {
+    "time_ns": FieldDescriptor.TYPE_FIXED64,
+    "framed": FieldDescriptor.TYPE_BOOL,
+    "order_uncertain": FieldDescriptor.TYPE_BOOL,
+}
+_MAY_LACK = {
+    "order_uncertain": (True, False),
+    "time_ns": (True, False),
+    "read_delay_ns": (False, True),
+}
+"""The fields that a message may lack, and whether it does; what is most usual stands first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +74,8 @@ class Layout:
     """Place of the row's own time; None where that is the log time."""
     framed: int | None
     """Place of the byte that tells frames from damage; None where all are frames."""
+    unordered: int | None
+    """Place of the byte that tells whether the order is uncertain; None where it is certain."""
 
 
 class Layouts:
@@ -77,7 +87,11 @@ class Layouts:
         self._tells_framed = "framed" in descriptor.fields_by_name
         self._usable = _is_usable(descriptor)
         self._found: dict[int, tuple[Layout, ...]] = {}
-        self._times = (False, True) if "time_ns" in descriptor.fields_by_name else (False,)
+        names = [name for name in _MAY_LACK if name in descriptor.fields_by_name]
+        self._lacking = [
+            frozenset(compress(names, lacks))
+            for lacks in product(*(_MAY_LACK[name] for name in names))
+        ]
 
     def of_length(self, length: int) -> tuple[Layout, ...]:
         """The layouts that make a message so long, the most usual first."""
@@ -88,22 +102,19 @@ class Layouts:
         return self._found[length]
 
     def _layouts(self, length: int) -> Iterator[Layout]:
-        for faults, timed, delayed in product(range(MOST_FAULTS + 1), self._times, (True, False)):
-            layout = self._layout(length, faults, timed=timed, delayed=delayed)
+        for faults, lacking in product(range(MOST_FAULTS + 1), self._lacking):
+            layout = self._layout(length, faults, lacking)
             if layout is not None:
                 yield layout
 
-    def _layout(self, length: int, faults: int, *, timed: bool, delayed: bool) -> Layout | None:
-        bare = _Builder(self._fields, 0, faults, timed=timed, delayed=delayed)
-        raw_length = length - len(bare.mask)
+    def _layout(self, length: int, faults: int, lacking: frozenset[str]) -> Layout | None:
+        raw_length = length - len(_Builder(self._fields, 0, faults, lacking).mask)
         if raw_length >= _MORE_FOLLOWS:
             raw_length -= 1
             if raw_length < _MORE_FOLLOWS:
                 return None
         fits = 0 < raw_length < _MOST_IN_TWO if self._tells_framed else raw_length == FRAME_LENGTH
-        if not fits:
-            return None
-        return _Builder(self._fields, raw_length, faults, timed=timed, delayed=delayed).layout()
+        return _Builder(self._fields, raw_length, faults, lacking).layout() if fits else None
 
 
 def _is_usable(descriptor: Any) -> bool:
@@ -126,14 +137,13 @@ class _Builder:
     """Lays the fields of a message one behind the other."""
 
     def __init__(
-        self, fields: list[Any], raw_length: int, faults: int, *, timed: bool, delayed: bool
+        self, fields: list[Any], raw_length: int, faults: int, lacking: frozenset[str]
     ) -> None:
         self.mask, self.expected = bytearray(), bytearray()
         self._places: dict[str, int] = {}
         self._raw_length, self._faults = raw_length, faults
-        absent = {"time_ns": not timed, "read_delay_ns": not delayed, "faults": not faults}
         for field in fields:
-            if not absent.get(field.name, field.name in _RARE):
+            if field.name not in lacking and (faults or field.name != "faults"):
                 self._add(field)
 
     def layout(self) -> Layout:
@@ -149,6 +159,7 @@ class _Builder:
             places.get("read_delay_ns"),
             places.get("time_ns"),
             places.get("framed"),
+            places.get("order_uncertain"),
         )
 
     def _add(self, field: Any) -> None:

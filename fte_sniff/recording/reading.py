@@ -224,5 +224,5 @@ def without_our_topics(path: Path, topics: Iterable[str]) -> FileError:
     more = f" and {len(names) - _MOST_TOPICS} more" if len(names) > _MOST_TOPICS else ""
     return FileError(
         f"{path} is an MCAP, but holds nothing of fte-sniff's (topics /fte/...): "
-        f"it has {listed}{more}"
+        f"it has {listed}{more}; if one of them holds serial bytes, name it with --topic"
     )

@@ -17,20 +17,19 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from mcap.records import Channel, Metadata, Schema
-from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.batch import Batch, Packer
+from fte_sniff.recording.channels import Channels
 from fte_sniff.recording.container import McapFile
 from fte_sniff.recording.facts import PROGRAM, PortFacts, library_name, recording_facts
 from fte_sniff.recording.messages import plain
 from fte_sniff.recording.outlet import opened
 from fte_sniff.recording.place import Existing
 from fte_sniff.recording.refusals import stopped, taken_away
-from fte_sniff.recording.schema import schema_data, schema_name
-from fte_sniff.recording.topics import TOPICS, Topic
+from fte_sniff.recording.topics import Topic
 
 METADATA_NAME = PROGRAM
 """The name of the file's metadata record."""
@@ -79,9 +78,8 @@ class RecordingWriter:
         self._last_of_port: dict[str, int] = {}
         self._last_time = 0
         self._packer = Packer(self._channel_id)
-        self._channel_ids: dict[tuple[str, str], int] = {}
-        self._schema_ids = _schema_ids()
-        channels = [channel for port in ports for channel in self._channels_of(port)]
+        self._channels = Channels()
+        channels = [channel for port in ports for channel in self._channels.of_port(port)]
         self._notes: list[Metadata] = []
         self._place, growing = opened(path, existing)
         self._closed = False
@@ -90,7 +88,7 @@ class RecordingWriter:
                 growing,
                 library_name(),
                 Metadata(METADATA_NAME, _plain_items(recording_facts(tuple(ports), facts or {}))),
-                _schemas(self._schema_ids),
+                self._channels.schemas(),
                 channels,
             )
             self._place.settle()
@@ -262,39 +260,13 @@ class RecordingWriter:
         return self._packer.pack([taken for _, taken in pending], times)
 
     def _channel_id(self, port: str, topic: Topic) -> int:
-        if (port, topic.name) not in self._channel_ids:
-            for channel in self._channels_of(PortFacts(port)):
-                self._file.add_channel(channel)
-        return self._channel_ids[port, topic.name]
-
-    def _channels_of(self, port: PortFacts) -> list[Channel]:
-        """One channel for each topic, now that this port has come."""
-        metadata = {"port": plain(port.name)}
-        if port.baud is not None:
-            metadata["baud"] = str(port.baud)
-        channels = []
-        for topic in TOPICS:
-            id_ = self._channel_ids[port.name, topic.name] = len(self._channel_ids) + 1
-            schema_id = self._schema_ids[topic.schema]
-            channels.append(Channel(id_, topic.name, MessageEncoding.Protobuf, metadata, schema_id))
-        return channels
+        for channel in self._channels.of_port(PortFacts(port)):
+            self._file.add_channel(channel)
+        return self._channels.id_of(port, topic)
 
 
 def _time_of(waiting: tuple[int, Row | PortEvent]) -> int:
     return waiting[0]
-
-
-def _schema_ids() -> dict[str, int]:
-    names = dict.fromkeys(topic.schema for topic in TOPICS)
-    return {name: id_ for id_, name in enumerate(names, 1)}
-
-
-def _schemas(ids: Mapping[str, int]) -> list[Schema]:
-    named = {topic.schema: topic for topic in TOPICS}
-    return [
-        Schema(id_, schema_data(name), SchemaEncoding.Protobuf, schema_name(named[name]))
-        for name, id_ in ids.items()
-    ]
 
 
 def _plain_items(facts: Mapping[str, str]) -> dict[str, str]:

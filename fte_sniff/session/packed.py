@@ -7,7 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from fte_sniff.analysis.packing import DELAYED, FRAMED, ROW_TYPE, TIMED, Codebook, PackedRows
+from fte_sniff.analysis.packing import (
+    DELAYED,
+    FRAMED,
+    ROW_TYPE,
+    TIMED,
+    UNORDERED,
+    Codebook,
+    PackedRows,
+)
 from fte_sniff.recording.columns import RowColumns
 
 
@@ -23,4 +31,5 @@ def packed_rows(columns: RowColumns) -> PackedRows:
         packed[name] = getattr(columns, name)
     packed["form"] = columns.framed * np.uint8(FRAMED) | np.uint8(TIMED)
     packed["form"] |= columns.delayed * np.uint8(DELAYED)
+    packed["form"] |= columns.unordered * np.uint8(UNORDERED)
     return PackedRows(packed, columns.long, codebook)

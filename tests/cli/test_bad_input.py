@@ -85,7 +85,7 @@ def test_files_that_cannot_be_read(run, tmp_path: Path) -> None:
     refused(run("decode", "none.mcap"), 4, "none.mcap")
     refused(run("decode", "none.raw"), 4, "none.raw", "no such file")
     (tmp_path / "folder.mcap").mkdir()
-    refused(run("decode", "folder.mcap"), 4, "folder.mcap", "no recording")
+    refused(run("decode", "folder.mcap"), 4, "folder.mcap", "directory")
     (tmp_path / "folder.raw").mkdir()
     refused(run("decode", "folder.raw"), 4, "folder.raw", "directory")
 

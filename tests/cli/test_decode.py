@@ -7,6 +7,7 @@ from pathlib import Path
 
 import polars
 import pytest
+from mcap.writer import Writer
 
 from fte_sniff.protocol import COLUMN_BY_NAME
 
@@ -219,3 +220,26 @@ def test_what_has_no_times_cannot_become_a_recording(run, samples: Path, tmp_pat
     assert done.returncode == 4
     assert "has no time since 1970, and a recording needs one" in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_serial_bytes_on_the_topic_of_another_program(run, samples: Path, tmp_path: Path) -> None:
+    path = tmp_path / "robot.mcap"
+    content = (samples / "clean.raw").read_bytes()
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/uart", "", 0)
+        for at in range(0, len(content), 25):
+            writer.add_message(channel, 10**18 + at * 86_800, content[at : at + 25], 0)
+        writer.finish()
+
+    def rows(*arguments: object) -> list[dict]:
+        done = run("decode", *arguments, "--format", "jsonl")
+        assert done.returncode == 0, done.stderr
+        return [row | {"time": None, "port": None} for row in jsonl(done.stdout)]
+
+    assert rows(path, "--topic", "/uart") == rows(samples / "clean.raw")
+    refusal = run("decode", path)
+    assert refusal.returncode == 4
+    assert "'/uart'; if one of them holds serial bytes, name it with --topic" in refusal.stderr
+    assert run("decode", samples / "clean.raw", "--topic", "/uart").returncode == 2

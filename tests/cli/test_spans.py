@@ -109,4 +109,4 @@ def test_a_folder_and_a_pattern_stand_for_their_recordings(run, samples: Path) -
 def test_an_empty_folder_is_told(run, tmp_path: Path) -> None:
     done = run("decode", tmp_path)
     assert done.returncode == 4
-    assert "there is no recording (*.mcap) in this folder" in done.stderr
+    assert "there is no recording (*.mcap) in it" in done.stderr

@@ -40,16 +40,25 @@ def _rows(draw: st.DrawFn) -> list[Row]:
     rows: list[Row] = []
     for number in range(draw(st.integers(1, 40))):
         t_ns = draw(st.sampled_from([number * 1000, number * 1000 - 3000, 2**62])) % 2**62
+        uncertain = draw(st.booleans())
         delay = draw(st.sampled_from([None, 0, -1, 2**40]))
         faults = tuple(draw(st.lists(st.sampled_from(list(Fault)), max_size=6)))
         if draw(st.booleans()):
             kind = draw(st.sampled_from(KINDS))
             values = {field.name: draw(st.integers(field.low, field.high)) for field in kind.fields}
-            rows.append(Frame("p", number, encode(kind, values), t_ns, faults, delay))
+            rows.append(Frame("p", number, encode(kind, values), t_ns, faults, delay, uncertain))
         else:
             size = draw(st.sampled_from([1, 9, 10, 11, 127, 128, 129, 1024]))
             rows.append(
-                Damage("p", number, bytes([draw(st.integers(0, 255))]) * size, t_ns, faults, delay)
+                Damage(
+                    "p",
+                    number,
+                    bytes([draw(st.integers(0, 255))]) * size,
+                    t_ns,
+                    faults,
+                    delay,
+                    uncertain,
+                )
             )
     return rows
 
@@ -67,7 +76,9 @@ def test_any_row_comes_back_as_it_was(
     found, _ = _columns(path)
     assert found == one_by_one
     assert sorted(found, key=lambda row: row.offset) == rows
-    assert [row.read_delay_ns for row in found] == [row.read_delay_ns for row in one_by_one]
+    assert [(row.read_delay_ns, row.order_uncertain) for row in found] == [
+        (row.read_delay_ns, row.order_uncertain) for row in one_by_one
+    ]
 
 
 def test_columns_hold_the_rows_and_the_events(recorded: Recorded, told: Told) -> None:

@@ -50,6 +50,7 @@ def _rows(draw: st.DrawFn) -> list[Row]:
         now += draw(st.sampled_from([0, 1, 868_000]))
         port = draw(st.sampled_from(["one", "two"]))
         faults = tuple(draw(st.lists(st.sampled_from(list(Fault)), max_size=3)))
+        uncertain = draw(st.booleans())
         delay = draw(st.sampled_from([None, 0, -5, 2**40]))
         kind = draw(st.sampled_from(KINDS))
         raw = encode(kind, {f.name: draw(st.integers(f.low, f.high)) for f in kind.fields})
@@ -63,9 +64,9 @@ def _rows(draw: st.DrawFn) -> list[Row]:
             case 1:
                 cmd, num = draw(st.integers(0, 255)), draw(st.integers(0, 255))
                 odd = raw[:1] + bytes([cmd, num]) + raw[3:]
-                rows.append(Frame(port, offset, odd, now, faults, delay))
+                rows.append(Frame(port, offset, odd, now, faults, delay, uncertain))
             case 2:
-                rows.append(Frame(port, offset, raw, now, faults, delay))
+                rows.append(Frame(port, offset, raw, now, faults, delay, uncertain))
             case _:
                 rows.append(Frame(port, offset, raw, now, (), 5))
     return rows

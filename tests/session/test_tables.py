@@ -89,7 +89,7 @@ def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
     ("name", "told"),
     [
         ("absent.mcap", "there is no such file"),
-        ("", "there is no recording (*.mcap) in this folder"),
+        ("", "there is no recording (*.mcap) in it"),
         ("*.mcap", "no file matches this pattern"),
         ("text.mcap", "is not an MCAP recording"),
     ],
