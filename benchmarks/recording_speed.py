@@ -3,7 +3,8 @@
     python -m benchmarks.recording_speed [--frames 5000000] [--rounds 3] [--memory 50000000]
 
 Everything reads the same file in the same run; each number is the best of the rounds, taken in turn
-so that noise meets each alike. The Rust reader is built if there is a cargo. `--memory` writes a
+so that noise meets each alike; where other programs take the cores, the time of all cores is
+the better measure. The Rust reader is built if there is a cargo. `--memory` writes a
 recording of so many rows, and one of a tenth, and tells how much `decode --format csv` needs.
 """
 
@@ -19,7 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -73,10 +74,15 @@ def batches(frames: int) -> Iterator[RowColumns]:
         yield rows
 
 
-def seconds(work: Callable[[], object]) -> float:
-    began = perf_counter()
+Cost = tuple[float, float]
+"""Seconds on the wall, and seconds of all cores together."""
+
+
+def cost(work: Callable[[], object], rows: int) -> Cost:
+    """What a row costs."""
+    began, used = perf_counter(), process_time()
     work()
-    return perf_counter() - began
+    return (perf_counter() - began) / rows, (process_time() - used) / rows
 
 
 def read_columns(path: Path) -> None:
@@ -119,9 +125,14 @@ def rust_reader(folder: Path) -> Path | None:
     return target / "release" / "rust-reader"
 
 
-def rust_seconds(program: Path, path: Path) -> float:
-    done = subprocess.run([program, path], capture_output=True, text=True, check=True)
-    return float(done.stdout.split()[2])
+def rust_cost(program: Path, path: Path, rows: int) -> Cost:
+    process = subprocess.Popen([program, path], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    told = process.stdout.read().split()
+    _, _, usage = os.wait4(process.pid, 0)
+    process.returncode = 0
+    process.stdout.close()
+    return float(told[2]) / rows, (usage.ru_utime + usage.ru_stime) / rows
 
 
 def write_columns(rows: list[RowColumns], path: Path) -> None:
@@ -159,43 +170,47 @@ def compare(frames: int, rounds: int, folder: Path) -> None:
     write_columns(rows, path)
     bodies, messages = chunk_bodies(path), first_messages(path, min(frames, SLOW_PART))
     cores = len(os.sched_getaffinity(0))
-    work: dict[str, Callable[[], float]] = {
-        "read columns": lambda: seconds(lambda: read_columns(path)) / frames,
-        "read frames": lambda: seconds(lambda: read_frames(path)) / frames,
-        "unpack, all cores": lambda: seconds(lambda: unpack_all(bodies, cores)) / frames,
-        "unpack, one core": lambda: seconds(lambda: unpack_all(bodies, 1)) / frames,
-        "write columns": lambda: seconds(lambda: write_columns(rows, out)) / frames,
-        "mcap.writer.Writer": lambda: (
-            seconds(lambda: write_messages(messages, out)) / len(messages)
-        ),
+    work: dict[str, Callable[[], Cost]] = {
+        "read columns": lambda: cost(lambda: read_columns(path), frames),
+        "read frames": lambda: cost(lambda: read_frames(path), frames),
+        "unpack, all cores": lambda: cost(lambda: unpack_all(bodies, cores), frames),
+        "unpack, one core": lambda: cost(lambda: unpack_all(bodies, 1), frames),
+        "write columns": lambda: cost(lambda: write_columns(rows, out), frames),
+        "mcap.writer.Writer": lambda: cost(lambda: write_messages(messages, out), len(messages)),
     }
     if rust is not None:
-        work["Rust message loop"] = lambda: rust_seconds(rust, path) / frames
-    found = {name: min(times) for name, times in _in_turn(work, rounds).items()}
-    found["iter_messages"] = seconds(lambda: read_messages(path)) / frames
+        work["Rust message loop"] = lambda: rust_cost(rust, path, frames)
+    found = _in_turn(work, rounds)
+    found["iter_messages"] = cost(lambda: read_messages(path), frames)
     print(f"{frames:,} frames, {path.stat().st_size / frames:.1f} bytes each; {cores} cores")
-    for name, each in found.items():
-        print(f"  {name:<20} {each * 1e9:9.1f} ns a row {1 / each / 1e6:8.2f} million rows/s")
+    print("  ns a row               wall  all cores")
+    for name, (wall, used) in found.items():
+        print(f"  {name:<18} {wall * 1e9:8.0f} {used * 1e9:10.0f}")
+    print("times faster" + " " * 33 + "wall  all cores")
     claims = [
         ("read columns", "iter_messages", "80"),
         ("read columns", "Rust message loop", "1.5"),
         ("read columns", "unpack, all cores", "0.5"),
-        ("read columns", "unpack, one core", ""),
         ("read frames", "iter_messages", ""),
         ("write columns", "mcap.writer.Writer", "8"),
     ]
     for fast, slow, wanted in claims:
         if slow in found:
-            ratio = found[slow] / found[fast]
-            print(f"{fast} against {slow:<20} {ratio:8.2f}  {wanted and f'(wanted: {wanted})'}")
+            wall, used = (old / new for old, new in zip(found[slow], found[fast], strict=True))
+            told = wanted and f"   (wanted: {wanted})"
+            print(f"{fast:>13} against {slow:<20} {wall:8.2f} {used:10.2f}{told}")
 
 
-def _in_turn(work: dict[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
-    times: dict[str, list[float]] = {name: [] for name in work}
+def _in_turn(work: dict[str, Callable[[], Cost]], rounds: int) -> dict[str, Cost]:
+    """The least that each has cost."""
+    costs: dict[str, list[Cost]] = {name: [] for name in work}
     for _ in range(rounds):
         for name, measure in work.items():
-            times[name].append(measure())
-    return times
+            costs[name].append(measure())
+    return {
+        name: (min(wall for wall, _ in own), min(used for _, used in own))
+        for name, own in costs.items()
+    }
 
 
 def memory(rows: int, folder: Path) -> None:

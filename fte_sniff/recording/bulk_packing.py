@@ -144,13 +144,16 @@ class ColumnPacker:
 
     def _count(self, channels: Array, order: Array) -> Array:
         """The sequence number of each message: they count up on each channel, and wrap."""
-        sequences = np.empty(len(channels), np.uint64)
-        in_order = channels[order]
-        for channel in np.flatnonzero(np.bincount(channels)).tolist():
-            own = order[in_order == channel]
+        in_order = channels[order].astype(np.uint16)
+        by_channel = np.argsort(in_order, kind="stable")
+        counts = np.bincount(in_order)
+        firsts = np.cumsum(counts) - counts
+        for channel in np.flatnonzero(counts).tolist():
             start = self._sequences.get(channel, 0)
-            sequences[own] = np.arange(start, start + len(own), dtype=np.uint64)
-            self._sequences[channel] = start + len(own)
+            firsts[channel] -= start
+            self._sequences[channel] = start + int(counts[channel])
+        sequences = np.empty(len(channels), np.int64)
+        sequences[order[by_channel]] = np.arange(len(channels)) - firsts[in_order[by_channel]]
         return sequences.astype(np.uint32)
 
     def _lines(

@@ -156,9 +156,9 @@ class _Gathering:
         rows = np.concatenate([own for _, own in self._usual])
         whole = len(rows) == len(self._starts)
         rows = np.arange(len(rows)) if whole else np.sort(rows)
-        front = _at_every_byte(self._records, _FRONT, MESSAGE_HEAD - _TIMES)[
-            self._starts if whole else self._starts[rows]
-        ]
+        fronts = _at_every_byte(self._records, f"V{_FRONT.itemsize}", MESSAGE_HEAD - _TIMES)
+        # By opaque bytes first: picking out structured items would copy field by field.
+        front = fronts[self._starts if whole else self._starts[rows]].view(_FRONT)
         times, offsets = front["log_time"].copy(), front["offset"].copy()
         raw = front["raw"].copy().view(np.uint8).reshape(-1, FRAME_LENGTH)
         sound = _is_sound(raw, True, FRAME_LENGTH)
