@@ -116,13 +116,11 @@ def unpack_all(bodies: list[bytes], threads: int) -> None:
             del body
 
 
-def rust_reader(folder: Path) -> Path | None:
+def rust_reader() -> Path | None:
     if shutil.which("cargo") is None:
         return None
-    target = folder / "target"
-    command = ["cargo", "build", "--release", "--quiet", "--target-dir", str(target)]
-    subprocess.run(command, cwd=RUST, check=True)
-    return target / "release" / "rust-reader"
+    subprocess.run(["cargo", "build", "--release", "--quiet"], cwd=RUST, check=True)
+    return RUST / "target" / "release" / "rust-reader"
 
 
 def rust_cost(program: Path, path: Path, rows: int) -> Cost:
@@ -166,7 +164,7 @@ def first_messages(path: Path, count: int) -> list[tuple[int, int, int, bytes]]:
 def compare(frames: int, rounds: int, folder: Path) -> None:
     path, out = folder / "bench.mcap", folder / "out.mcap"
     rows = list(batches(frames))
-    rust = rust_reader(folder)
+    rust = rust_reader()
     write_columns(rows, path)
     bodies, messages = chunk_bodies(path), first_messages(path, min(frames, SLOW_PART))
     cores = len(os.sched_getaffinity(0))

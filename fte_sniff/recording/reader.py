@@ -31,6 +31,8 @@ from fte_sniff.recording.summary import Summary, read_summary
 from fte_sniff.recording.topics import TOPIC_BY_NAME
 
 _MOST_BAUD_DIGITS = 9
+_BUFFER = 128 * 1024
+"""Bytes read ahead: enough for the message indexes between two chunks."""
 _HEAD_ENDS = frozenset({Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.FOOTER})
 
 
@@ -165,7 +167,7 @@ class RecordingReader:
     def _open(self) -> Iterator[BinaryIO]:
         path = self._path if self._copy is None else Path(self._copy.name)
         try:
-            with path.open("rb") as stream:
+            with path.open("rb", _BUFFER) as stream:
                 yield stream
         except OSError as error:
             raise unreadable(self._path, error) from error

@@ -164,14 +164,17 @@ class RecordStream:
 
     def _read(self, length: int) -> bytes:
         """Up to `length` bytes, by blocks, so that no claimed length takes memory by itself."""
-        blocks = []
-        while length and (block := self._stream.read(min(length, _BLOCK))):
-            blocks.append(block)
-            length -= len(block)
-            self._position += len(block)
-            if self._crc is not None:
-                self._crc = zlib.crc32(block, self._crc)
+        blocks = [self._block(min(length, _BLOCK))]
+        while len(blocks[-1]) == _BLOCK and (length := length - _BLOCK):
+            blocks.append(self._block(min(length, _BLOCK)))
         return blocks[0] if len(blocks) == 1 else b"".join(blocks)
+
+    def _block(self, length: int) -> bytes:
+        block = self._stream.read(length)
+        self._position += len(block)
+        if self._crc is not None:
+            self._crc = zlib.crc32(block, self._crc)
+        return block
 
     def _next_start(self, position: int) -> int | None:
         place = bisect_right(self._starts, position)
