@@ -90,7 +90,6 @@ class Packer:
                 type(entry) is not Frame
                 or entry.faults
                 or entry.read_delay_ns is None
-                or entry.order_uncertain
                 or entry.t_ns != time
             ):
                 odd.append(place)
