@@ -206,7 +206,9 @@ def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int, ben
             code = run_screen(session, at_end, wanted, keep_rows, _ending(plan), bench)
     finally:
         # The screen hears signals in its own way, and forgets ours.
-        with signals_call(session.stop, _ending(plan)):
+        with signals_call(session.stop, _ending(plan)) as ask:
+            # Nor may a terminal that stands still hold up the end.
+            ask()
             session.close()
             _leave(session)
     sys.exit(code)

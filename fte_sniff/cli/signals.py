@@ -20,12 +20,13 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 @contextmanager
 def signals_call(
     stop: Callable[[], None], numbers: Sequence[signal.Signals] = ENDING
-) -> Iterator[None]:
+) -> Iterator[Callable[[], None]]:
     """While in this context, Ctrl-C, SIGTERM and a closed terminal ask for the end.
 
     Asking more often is asking once, also behind this context: once asked, the program ends, and
     nothing that hurries it can cut that short. In return nothing holds it up: some seconds later
-    blocked outputs are abandoned, and `stop` is called again, every second.
+    blocked outputs are abandoned, and `stop` is called again, every second. What the context gives
+    asks for the end too.
     """
     asked = False
 
@@ -43,7 +44,7 @@ def signals_call(
     alarm_before = signal.signal(signal.SIGALRM, press)
     before = [signal.signal(number, ask) for number in numbers]
     try:
-        yield
+        yield ask
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, signal.SIG_IGN if asked else handler)

@@ -16,9 +16,11 @@ from fte_sniff.cli.batches import Batch
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import STDIN, Input, check_inputs, input_arguments, opened
 from fte_sniff.cli.keeping import keep_rows_option
+from fte_sniff.cli.signals import signals_call
 from fte_sniff.cli.spans import span_of, span_options
+from fte_sniff.cli.telling import tell
 from fte_sniff.cli.units import bench_of, units_options
-from fte_sniff.errors import UsageError, shown
+from fte_sniff.errors import UsageError
 from fte_sniff.formats.kinds import InputKind
 
 
@@ -64,8 +66,11 @@ def command(
     rows = (batch.sequence() for batch in _begun(batches))
     session = ReplaySession(rows, " ".join(map(str, files)), None if span else _total(inputs))
     code = run_screen(session, AtEnd.STAY, wanted, keep_rows, bench=bench)
-    for note in notes:
-        click.echo(f"fte-sniff: {shown(note)}", err=True)
+    with signals_call(session.stop) as ask:
+        # A terminal that stands still may not hold up the end.
+        ask()
+        for note in notes:
+            tell(f"fte-sniff: {note}")
     if session.error is not None:
         raise session.error
     sys.exit(code)

@@ -29,6 +29,9 @@ from fte_sniff.session.run import Run
 _SWITCH_EVERY_S = 0.0005
 """How long the thread that frames and records may keep the one that reads from its bytes."""
 
+_DEAF_TO = (signal.SIGINT, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""What a terminal tells all that runs on it."""
+
 _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -42,8 +45,10 @@ def capture(plan: CapturePlan, view: Connection) -> None:
     # Whoever asks who has the port open shall read a name that says something.
     with suppress(OSError):
         Path("/proc/self/comm").write_text(PROGRAM)
-    # Ctrl-C reaches every process of the terminal; here only the view decides what it means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C and Ctrl-Z reach every process of the terminal; here only the view decides what they
+    # mean. A capture that stood still would lose what comes meanwhile.
+    for number in _DEAF_TO:
+        signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(_SWITCH_EVERY_S)
     clock = Clock.tied()
     try:

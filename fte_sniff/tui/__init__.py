@@ -21,6 +21,8 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
       picking.py     over it too: a list from which one thing is picked
       choosing.py    the same for the table's columns
 
+    terminal.py      the terminal under it: its loss, Ctrl-Z, coming back
+    outflow.py       text on its way there, for which nobody waits
     app.py           puts it together: the timer and the end
     actions/         what the keys do, one topic a file
     keys.py          every key, once

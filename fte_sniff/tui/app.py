@@ -17,6 +17,8 @@ from typing import ClassVar
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import BindingType
+from textual.driver import Driver
+from textual.drivers.linux_driver import LinuxDriver
 from textual.filter import LineFilter
 from textual.widgets import Footer
 
@@ -51,6 +53,7 @@ from fte_sniff.tui.prompt.search import SearchField
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.terminal import Terminal
 from fte_sniff.tui.themes import OWN
 from fte_sniff.tui.title import TitleLine, mode_of
 from fte_sniff.tui.watched import Watched
@@ -149,6 +152,11 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         if action not in TABLE_ACTIONS:
             return True
         return len(self.screen_stack) == 1 and not isinstance(self.focused, Line)
+
+    def get_driver_class(self) -> type[Driver]:
+        """Ours, where Textual would take the terminal itself."""
+        usual = super().get_driver_class()
+        return Terminal if usual is LinuxDriver else usual
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """What every line drawn goes through last."""

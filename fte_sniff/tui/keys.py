@@ -89,6 +89,7 @@ UNDERSTANDING: tuple[Binding, ...] = (
 LEAVING: tuple[Binding, ...] = (
     _key("question_mark", "help", "Help", "this page", "?"),
     _key("q", "leave", "Quit", "end, and say where the recording lies", "q"),
+    _key("ctrl+z", "suspend_process", "", "to the shell until `fg`; a capture goes on", "^z"),
 )
 """Keys that lead away; first in the footer, so that they stand on the smallest terminal."""
 

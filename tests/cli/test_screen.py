@@ -2,81 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
-import pty
-import select
-import struct
-import subprocess
-import termios
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from time import monotonic
 
 import pytest
 
 from tests.cli.conftest import SAMPLES
-from tests.cli.processes import BOUND_S, PROGRAM
-
-
-class Terminal:
-    """The program in a terminal of a given size, and all it has drawn so far."""
-
-    def __init__(self, far: int, process: subprocess.Popen[bytes]) -> None:
-        self.process = process
-        self._far = far
-        self.drawn = b""
-
-    def type(self, keys: str) -> None:
-        os.write(self._far, keys.encode())
-
-    def until(self, wanted: str) -> None:
-        """Wait until something is drawn."""
-        start, deadline = len(self.drawn), monotonic() + BOUND_S
-        while wanted.encode() not in self.drawn[start:]:
-            assert self._draw(deadline - monotonic()), self.drawn[-2000:]
-
-    def ended(self) -> int:
-        """Wait for the end; the exit code."""
-        deadline = monotonic() + BOUND_S
-        while self._draw(deadline - monotonic()):
-            pass
-        return self.process.wait(BOUND_S)
-
-    def _draw(self, timeout_s: float) -> bool:
-        if timeout_s <= 0 or not select.select([self._far], [], [], timeout_s)[0]:
-            return False
-        try:
-            more = os.read(self._far, 1 << 16)
-        except OSError:  # the terminal's other side is closed: the program has ended
-            return False
-        self.drawn += more
-        return bool(more)
-
-
-@contextmanager
-def terminal(
-    environment: dict[str, str], folder: Path, *arguments: str, size: tuple[int, int] = (80, 24)
-) -> Iterator[Terminal]:
-    far, near = pty.openpty()
-    fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-    with subprocess.Popen(
-        [*PROGRAM, *arguments],
-        stdin=near,
-        stdout=near,
-        stderr=near,
-        env=environment,
-        cwd=folder,
-        start_new_session=True,
-    ) as process:
-        os.close(near)
-        try:
-            yield Terminal(far, process)
-        finally:
-            if process.poll() is None:
-                process.kill()
-            os.close(far)
+from tests.cli.terminals import terminal
 
 
 @pytest.mark.parametrize("size", [(40, 10), (80, 24), (200, 60)])

@@ -1,0 +1,192 @@
+"""Owns the terminal while the screen is on it: its loss, its standstill, Ctrl-Z and coming back.
+
+It must not know what is drawn, nor what happens at the end. To it a terminal that is gone is what
+it is to the system: SIGHUP. Whatever the terminal does, the screen's own thread never waits for it.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+import sys
+from codecs import getincrementaldecoder
+from contextlib import suppress
+from enum import Enum, auto
+from typing import Any, cast
+
+from textual._xterm_parser import XTermParser
+from textual.app import App
+from textual.drivers.linux_driver import LinuxDriver
+
+from fte_sniff.tui.outflow import Outflow
+
+PATIENCE_S = 2.0
+"""How long what the terminal is still to take may hold up leaving it, seconds."""
+
+_SETTLE_S = 0.1
+"""How long other signals that came during a stop have to be obeyed first, seconds."""
+
+_LOOK_S = 0.1
+"""How often the thread that reads keys thinks of the end, seconds."""
+
+_END_OF_DRAWING = "\x1b[?2026l"
+"""Synchronized output ends: its beginning may be written already, its end is dropped."""
+
+
+class _State(Enum):
+    """What the terminal is to the screen."""
+
+    OFF = auto()
+    ON = auto()
+    SUSPENDED = auto()
+    """It belongs to the shell, until this program comes to the foreground again."""
+
+
+class Terminal(LinuxDriver):
+    """Textual's driver, for terminals that stop, go and come back.
+
+    The screen goes to standard output, of which the command line knows that it is a terminal.
+    """
+
+    def __init__(
+        self,
+        app: App[object],
+        *,
+        debug: bool = False,
+        mouse: bool = True,
+        size: tuple[int, int] | None = None,
+    ) -> None:
+        """A terminal that is still left alone; the arguments are Textual's."""
+        super().__init__(app, debug=debug, mouse=mouse, size=size)
+        self._state = _State.OFF
+        self._gone = False
+        self._outflow: Outflow | None = None
+        self._obey_job_control()
+
+    def write(self, data: str) -> None:
+        """Draw, where the terminal is ours."""
+        if self._writer_thread is not None:
+            super().write(data)
+
+    def start_application_mode(self) -> None:
+        """Take the terminal; waits for the foreground."""
+        if self._in_background():
+            self._state = _State.SUSPENDED
+            self._sleep()
+            return
+        self._state = _State.ON
+        assert sys.__stdout__ is not None
+        self._outflow = Outflow(
+            sys.__stdout__.fileno(), sys.__stdout__.encoding, self._lose, self._draw_anew
+        )
+        self._file = cast(Any, self._outflow)
+        super().start_application_mode()  # type: ignore[no-untyped-call]
+        # Giving the terminal back in the background would else stop the program, half ended.
+        signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+        if self._key_thread is None or not self._key_thread.is_alive():
+            self._lose()
+
+    def stop_application_mode(self) -> None:
+        """Give the terminal back as it was, where it is not the shell's already."""
+        if self._state is not _State.ON:
+            return
+        self._state = _State.OFF
+        assert self._outflow is not None
+        if self._outflow.forget():
+            self.write(_END_OF_DRAWING)
+        if self._in_background():
+            self.attrs_before = None
+        super().stop_application_mode()
+
+    def close(self) -> None:
+        """Wait until the terminal has taken what it was sent, but not for ever."""
+        super().close()
+        self._writer_thread = None
+        if self._outflow is not None:
+            self._outflow.close(PATIENCE_S)
+            self._outflow = None
+
+    def run_input_thread(self) -> None:
+        """Read keys until told to end, or until the terminal is gone."""
+        parser = XTermParser(self._debug)
+        decode = getincrementaldecoder("utf-8")(errors="replace").decode
+        with selectors.SelectSelector() as selector:
+            selector.register(self.fileno, selectors.EVENT_READ)
+            while not self.exit_event.is_set():
+                if selector.select(_LOOK_S):
+                    data = self._read()
+                    if not data:
+                        self._lose()
+                        return
+                    for message in parser.feed(decode(data)):
+                        self.process_message(message)
+                for message in parser.tick():
+                    self.process_message(message)
+
+    def _read(self) -> bytes:
+        try:
+            return os.read(self.fileno, 4096)
+        except OSError:
+            return b""
+
+    def _lose(self) -> None:
+        """The terminal is gone; may be called from any thread, and repeatedly."""
+        with suppress(RuntimeError):  # the loop has ended already
+            self._loop.call_soon_threadsafe(self._hang_up)
+
+    def _hang_up(self) -> None:
+        if self._gone or self._state is _State.OFF:
+            return
+        self._gone = True
+        if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+            # Whoever wants a program to outlive its terminal cannot mean the screen on it.
+            signal.signal(signal.SIGHUP, signal.SIG_DFL)
+        signal.raise_signal(signal.SIGHUP)
+
+    def _draw_anew(self) -> None:
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._app.refresh)
+
+    def _obey_job_control(self) -> None:
+        # Textual's own handlers run amid anything, also amid a write, and then wait for it.
+        self._loop.add_signal_handler(signal.SIGTSTP, self._suspend)
+        self._loop.add_signal_handler(signal.SIGCONT, self._come_back)
+
+    def _in_background(self) -> bool:
+        """Whether the terminal is another job's; where it rules no jobs, it is ours."""
+        try:
+            return os.tcgetpgrp(self.fileno) not in (0, os.getpgrp())
+        except OSError:
+            return False
+
+    def _suspend(self) -> None:
+        if self._state is _State.ON:
+            self.suspend_application_mode()
+            self._state = _State.SUSPENDED
+            self._sleep()
+
+    def _sleep(self) -> None:
+        """Stop as Ctrl-Z stops a job; where nobody could continue it, the system does nothing."""
+        for number in (signal.SIGTSTP, signal.SIGCONT):
+            self._loop.remove_signal_handler(number)
+        # All of the job, also a shell script around it; a capture is deaf to this.
+        os.killpg(os.getpgrp(), signal.SIGTSTP)
+        self._obey_job_control()
+        self._loop.call_later(_SETTLE_S, self._resume)
+
+    def _come_back(self) -> None:
+        """Something continued the program; whatever stopped it, the shell was here meanwhile."""
+        if self._state is not _State.OFF:
+            self._loop.call_later(_SETTLE_S, self._resume)
+
+    def _resume(self) -> None:
+        if self._state is _State.OFF or self._app._exit:
+            return
+        if self._in_background():
+            self._sleep()
+            return
+        if self._state is _State.ON:
+            self.suspend_application_mode()
+        self.start_application_mode()
+        self._app.refresh(layout=True)
