@@ -6,13 +6,14 @@ Whatever it is: the program ends when it should, the recording is whole, and not
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.cli.processes import holding, wait_until
+from tests.cli.processes import PROGRAM, holding, wait_until
 from tests.cli.terminals import Terminal, in_session, ruling, silent, terminal
 
 LIVE = ("live", "sim://?rate=1000", "-o", "x.mcap")
@@ -33,7 +34,7 @@ def draws_much(screen: Terminal) -> None:
 
 def stands_still(recording: Path) -> None:
     """Wait, without reading the terminal, until far more was to be drawn than it can take."""
-    enough = recording.stat().st_size + 150_000
+    enough = recording.stat().st_size + 60_000
     wait_until(lambda: recording.stat().st_size > enough)
 
 
@@ -153,6 +154,45 @@ def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
         assert screen.ended() == 0
         assert screen.attributes == before
         assert_all_is_well(run, screen, recording)
+
+
+def asked(screen: Terminal, keys: str) -> bytes:
+    """What is drawn upon these keys, until the shell asks for more."""
+    start = len(screen.drawn)
+    screen.type(keys)
+    screen.until("<ready>")
+    return screen.drawn[start:]
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs a shell with jobs")
+@pytest.mark.parametrize("ends", ["q", "kill", "close"])
+def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
+    run, environment, tmp_path: Path, ends: str
+) -> None:
+    recording = tmp_path / "x.mcap"
+    environment = environment | {"PS1": "<ready>", "PS2": "", "HISTFILE": ""}
+    bash = ("bash", "--norc", "--noprofile", "--noediting", "-i")
+    with terminal(environment, tmp_path, manner=ruling, program=bash) as screen:
+        screen.until("<ready>")
+        screen.type(" ".join([*PROGRAM, *(f"'{word}'" for word in LIVE)]) + "\r")
+        screen.until(ROWS)
+        for _ in range(2):
+            assert NORMAL_SCREEN.encode() in asked(screen, "\x1a")
+            stands_still(recording)
+            asked(screen, "bg\r")
+            assert b"\nicanon" in asked(screen, "stty -a | tr ' ' '\\n' | grep icanon\r")
+            screen.type("fg\r")
+            screen.until(ROWS)
+        if ends == "q":
+            assert b"recorded to x.mcap" in asked(screen, "q")
+        else:
+            asked(screen, "\x1a")
+        if ends == "kill":
+            screen.type("kill %1\r")
+            screen.until("recorded to x.mcap")
+        screen.close()
+        wait_until(lambda: in_session(screen.process.pid) == [])
+        assert_whole(run, recording)
 
 
 def test_where_nobody_could_continue_it_ctrl_z_does_not_stop_it(
