@@ -1,0 +1,58 @@
+"""Owns the language of the screen: which there are, which is spoken, and the look-up of a text.
+
+It must not know any text. The texts stand in English where they are used, in `_(...)`; catalogues
+of gettext (`locale/`, made by `docs/catalogues.py`) say them in other languages. Names of the row
+contract, fault words and kinds are never translated: people filter and search by them.
+"""
+
+from __future__ import annotations
+
+import gettext
+from collections.abc import Mapping
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Final
+
+from fte_sniff.errors import UsageError
+
+DOMAIN: Final = "fte-sniff"
+"""The name of the catalogues."""
+
+CATALOGUES: Final = Path(__file__).parent / "locale"
+"""The folder of the catalogues."""
+
+LANGUAGES: Final[Mapping[str, str]] = {"en": "English", "zh": "中文"}
+"""What can be spoken, by the word for it on the command line."""
+
+_spoken: ContextVar[gettext.NullTranslations] = ContextVar("spoken")
+_ENGLISH: Final = gettext.NullTranslations()
+
+
+def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
+    """The language to speak: the one that is wanted, else the one of the locale, else English.
+
+    Args:
+        wanted: a word of `LANGUAGES`; None or `auto` for that of the locale.
+        environment: holds the locale, in `LC_ALL`, `LC_MESSAGES` or `LANG`.
+
+    Raises:
+        UsageError: that language is not spoken.
+    """
+    if wanted not in (None, "auto"):
+        if wanted not in LANGUAGES:
+            known = ", ".join(LANGUAGES)
+            raise UsageError(f"the screen does not speak {wanted!r}; it speaks {known}")
+        return str(wanted)
+    names = (environment.get(name) for name in ("LC_ALL", "LC_MESSAGES", "LANG"))
+    locale = next(filter(None, names), "")
+    return next((word for word in LANGUAGES if locale.lower().startswith(word)), "en")
+
+
+def speak(language: str) -> None:
+    """Say everything in this language from now on, in this context and what begins in it."""
+    _spoken.set(gettext.translation(DOMAIN, CATALOGUES, [language], fallback=True))
+
+
+def _(text: str) -> str:
+    """The text in the language that is spoken."""
+    return _spoken.get(_ENGLISH).gettext(text)
