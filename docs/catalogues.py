@@ -1,0 +1,129 @@
+"""Makes the catalogues of the screen's languages: `python docs/catalogues.py [--check]`.
+
+Texts are found where they are used, in `_("...")`, and in the tables that the screen shows: keys,
+meanings of fields, faults and columns, examples of filters. New ones are put into each catalogue's
+`.po` file, to be translated there by hand; the `.mo` file beside it is what the program reads.
+`--check` changes nothing, and fails where a text is not translated, a translation lacks one of its
+text's values in braces, or a file is not current.
+"""
+
+import argparse
+import io
+import string
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from babel.messages.catalog import Catalog
+from babel.messages.extract import extract_from_dir
+from babel.messages.mofile import read_mo, write_mo
+from babel.messages.pofile import read_po, write_po
+
+from fte_sniff.analysis.filter import EXAMPLES
+from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
+from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.language import CATALOGUES, DOMAIN, LANGUAGES
+
+SCREEN = CATALOGUES.parent
+
+
+def table_texts() -> Iterator[str]:
+    """What the screen shows out of tables, and so says nowhere in `_("...")`."""
+    for heading, keys in SECTIONS:
+        yield heading
+        for key in keys:
+            yield from (key.description, key.tooltip)
+    for kind in KINDS:
+        yield from (field.meaning for field in kind.fields)
+    yield from FAULT_MEANINGS.values()
+    yield from (column.meaning for column in COLUMNS)
+    yield from (meaning for _, meaning in EXAMPLES)
+
+
+def template() -> Catalog:
+    """Every text there is, in the order of the files and tables."""
+    found = Catalog(project=DOMAIN, fuzzy=False)
+    for file, _, text, comments, _ in extract_from_dir(SCREEN, comment_tags=("Translators:",)):
+        found.add(text, locations=[(file, 0)], auto_comments=comments)
+    for text in table_texts():
+        if text:
+            found.add(text)
+    return found
+
+
+def updated(language: str, texts: Catalog) -> Catalog:
+    """The catalogue of a language with all the texts, and no others."""
+    path = _path(language, "po")
+    if path.exists():
+        with path.open("rb") as file:
+            catalogue = read_po(file, locale=language, domain=DOMAIN)
+    else:
+        catalogue = Catalog(locale=language, domain=DOMAIN)
+    catalogue.update(texts, no_fuzzy_matching=True, update_creation_date=False)
+    catalogue.obsolete.clear()
+    return catalogue
+
+
+def faults_of(catalogue: Catalog) -> Iterator[str]:
+    """What is wrong with the translations."""
+    for message in catalogue:
+        if message.id and not message.string:
+            yield f"not translated: {message.id!r}"
+        elif message.id and _values(message.id) != _values(message.string):
+            yield f"other values in braces: {message.id!r} and {message.string!r}"
+
+
+def _values(text: object) -> list[str]:
+    return sorted(name for _, name, _, _ in string.Formatter().parse(str(text)) if name is not None)
+
+
+def _written(catalogue: Catalog) -> bytes:
+    # Without a header: it would say when, and with which version, and so be new each time.
+    po = io.BytesIO()
+    write_po(po, catalogue, width=100, omit_header=True, sort_output=True, no_location=True)
+    return po.getvalue()
+
+
+def _spoken(path: Path) -> dict[str, str]:
+    """What the program would say."""
+    if not path.exists():
+        return {}
+    with path.open("rb") as file:
+        return {str(message.id): str(message.string) for message in read_mo(file) if message.id}
+
+
+def _said(catalogue: Catalog) -> dict[str, str]:
+    return {str(each.id): str(each.string) for each in catalogue if each.id and each.string}
+
+
+def _path(language: str, ending: str) -> Path:
+    return CATALOGUES / language / "LC_MESSAGES" / f"{DOMAIN}.{ending}"
+
+
+def main() -> None:
+    """Write the catalogues, or check them."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--check", action="store_true", help="change nothing, fail where needed")
+    check = parser.parse_args().check
+    wrong = []
+    for language in LANGUAGES:
+        if language == "en":
+            continue
+        catalogue = updated(language, template())
+        wrong += [f"{language}: {fault}" for fault in faults_of(catalogue)]
+        po, mo = _path(language, "po"), _path(language, "mo")
+        written = _written(catalogue)
+        if po.exists() and po.read_bytes() == written and _spoken(mo) == _said(catalogue):
+            continue
+        if check:
+            wrong.append(f"{language}: not current; run python docs/catalogues.py")
+            continue
+        po.parent.mkdir(parents=True, exist_ok=True)
+        po.write_bytes(written)
+        with mo.open("wb") as file:
+            write_mo(file, catalogue)
+    sys.exit("\n".join(wrong) or 0)
+
+
+if __name__ == "__main__":
+    main()
