@@ -207,6 +207,7 @@ def _screen(rows: int, text: str) -> None:
     from fte_sniff.analysis.filter import RowFilter
     from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
     from fte_sniff.tui.app import run_screen
+    from fte_sniff.tui.opening import Opening
 
     raws = [
         encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 4, "rpm": number % 2000 - 1000})
@@ -239,9 +240,8 @@ def _screen(rows: int, text: str) -> None:
         def stop(self) -> None:
             return
 
-    run_screen(
-        Coming(), row_filter=RowFilter.parse(text) if text else None, keep_rows=rows + 10 * MILLION
-    )
+    wanted = RowFilter.parse(text) if text else None
+    run_screen(Coming(), Opening(row_filter=wanted, keep_rows=rows + 10 * MILLION))
 
 
 if __name__ == "__main__":

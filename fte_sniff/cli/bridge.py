@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.capturing import capture_options, run_capture
+from fte_sniff.cli.remembered import remembered
 
 if TYPE_CHECKING:
     from fte_sniff.capture.bridge.wiring import Bridge
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 @click.argument("port")
 @click.option("--link", type=click.Path(path_type=Path), help="Make this link for host programs.")
 @capture_options
-def command(port: str, link: Path | None, no_reconnect: bool, **options: Any) -> None:
+def command(
+    port: str, link: Path | None, no_reconnect: bool, config: Path | None, **options: Any
+) -> None:
     """Sit between a host program and the controller at PORT; record and watch both directions.
 
     A pseudo-terminal is made, and its name told, for the host program to open instead of PORT;
@@ -40,4 +43,4 @@ def command(port: str, link: Path | None, no_reconnect: bool, **options: Any) ->
 
         return Bridge(port, settings, link, reconnect=not no_reconnect)
 
-    run_capture(bridge, **options)
+    run_capture(bridge, (port,), remembered(config), **options)

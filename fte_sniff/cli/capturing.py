@@ -20,9 +20,10 @@ import click
 from fte_sniff.cli.filtering import filter_option, row_filter, selection
 from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.cli.recording_options import keeping_of, recording_options
+from fte_sniff.cli.remembered import Remembered, config_option
 from fte_sniff.cli.signals import ENDING, signals_call
 from fte_sniff.cli.telling import nobody_reads, tell
-from fte_sniff.cli.units import bench_of, units_options
+from fte_sniff.cli.units import remembered_bench, units_options
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD
 
@@ -52,7 +53,7 @@ class _Seconds(click.FloatRange):
 _DURATION = _Seconds(min=0, min_open=True)
 
 _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
-    click.option("--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s."),
+    click.option("--baud", type=click.INT, help=f"Bits/s.  [default: {DEFAULT_BAUD}]"),
     click.option("--dtr", type=_LINE_WORDS, default="off", show_default=True, help="Set DTR."),
     click.option("--rts", type=_LINE_WORDS, default="off", show_default=True, help="Set RTS."),
     click.option("-o", "--output", type=click.Path(path_type=Path), help="Record to this file."),
@@ -66,6 +67,7 @@ _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
     filter_option,
     keep_rows_option(1_000_000),
     units_options,
+    config_option,
     click.option(
         "--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it."
     ),
@@ -77,15 +79,18 @@ _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
 def capture_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """The options of a command that captures.
 
-    All but `no_reconnect`, which the wiring is to know, go on to `run_capture`.
+    `config` is for `remembered`; all others but `no_reconnect`, which the wiring is to know, go on
+    to `run_capture`.
     """
     return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
 
 
 def run_capture(
     wiring_with: Callable[[PortSettings], Wiring],
+    ports: Sequence[str],
+    settings: Remembered,
     *,
-    baud: int,
+    baud: int | None,
     dtr: str,
     rts: str,
     output: Path | None,
@@ -104,7 +109,9 @@ def run_capture(
     """Capture, record and show or print, until the end.
 
     Args:
-        wiring_with: the wiring, given how its ports are to be opened; the others are the options,
+        wiring_with: the wiring, given how its ports are to be opened.
+        ports: what the user calls them.
+        settings: what holds where no option says otherwise; the others are the options,
             `recording` those of `recording_options`.
 
     Raises:
@@ -120,7 +127,9 @@ def run_capture(
         raise UsageError(
             "--keep-recording and --no-record: there is nothing to keep; leave one out"
         )
-    bench = bench_of(resolution, gear_ratio, baud)
+    if baud is None:
+        baud = settings.defaults(ports, "baud").baud or DEFAULT_BAUD
+    bench = remembered_bench(settings, ports, resolution, gear_ratio, baud)
     row_filter(recording["trigger"])
     existing = Existing.REPLACE if force else Existing.REFUSE
     plan = CapturePlan(
@@ -138,7 +147,7 @@ def run_capture(
     elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         _print_lines(plan, filter_text)
     else:
-        _show_screen(plan, filter_text, keep_rows, bench)
+        _show_screen(plan, filter_text, keep_rows, bench, settings)
 
 
 def _is_stdout(output: Path | None) -> bool:
@@ -189,13 +198,28 @@ def _fill_stdout(plan: CapturePlan) -> None:
             raise session.error
 
 
-def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int, bench: Bench) -> None:
+def _show_screen(
+    plan: CapturePlan,
+    filter_text: str | None,
+    keep_rows: int,
+    bench: Bench,
+    settings: Remembered,
+) -> None:
     wanted = row_filter(filter_text)
     from fte_sniff.session.live import LiveSession
-    from fte_sniff.tui.app import AtEnd, run_screen
+    from fte_sniff.tui.app import run_screen
+    from fte_sniff.tui.opening import AtEnd, Opening
 
     bounded = plan.duration_s is not None or plan.count is not None
-    at_end = AtEnd.LEAVE if bounded else AtEnd.STAY
+    opening = Opening(
+        AtEnd.LEAVE if bounded else AtEnd.STAY,
+        wanted,
+        keep_rows,
+        tuple(_ending(plan)),
+        bench,
+        settings.choices,
+        settings.keep,
+    )
     code = 0
     session = LiveSession(plan)
     with signals_call(session.stop, _ending(plan)):
@@ -203,7 +227,7 @@ def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int, ben
         _tell_who_goes_on(plan, session)
     try:
         if not session.stopping:
-            code = run_screen(session, at_end, wanted, keep_rows, _ending(plan), bench)
+            code = run_screen(session, opening)
     finally:
         # The screen hears signals in its own way, and forgets ours.
         with signals_call(session.stop, _ending(plan)) as ask:

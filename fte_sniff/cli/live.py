@@ -5,11 +5,13 @@ It must not know how a capture runs or is shown; it says which ports there are.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from fte_sniff.cli.capturing import capture_options, run_capture
+from fte_sniff.cli.remembered import remembered
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,9 +22,11 @@ _MOST_PORTS = 2
 
 
 @click.command(name="live", short_help="Capture a port, record it and watch it.")
-@click.argument("ports", nargs=-1, required=True, metavar="PORT [PORT]")
+@click.argument("ports", nargs=-1, metavar="PORT [PORT]")
 @capture_options
-def command(ports: tuple[str, ...], no_reconnect: bool, **options: Any) -> None:
+def command(
+    ports: tuple[str, ...], no_reconnect: bool, config: Path | None, **options: Any
+) -> None:
     """Capture PORT, record it and watch it; a second PORT is the other wire.
 
     PORT is a device, or what else pyserial opens: socket://host:port, rfc2217://host:port, loop://,
@@ -31,13 +35,20 @@ def command(ports: tuple[str, ...], no_reconnect: bool, **options: Any) -> None:
     unless -o names it ('-' is standard output) or --no-record does without. The filter is for the
     eyes: all is recorded, unless --trigger asks for what surrounds certain rows.
     A device or a server that is lost is waited for, and found again by its link, USB serial or
-    place.
+    place. Without PORT, those that the settings name are opened.
 
     \b
     fte-sniff live /dev/ttyUSB0
     fte-sniff live /dev/ttyUSB0 /dev/ttyUSB1
     fte-sniff live sim:// --plain --count 20 --no-record
     """
+    settings = remembered(config)
+    ports = ports or settings.settings.ports
+    if not ports:
+        raise UsageError(
+            "live needs a PORT: `fte-sniff ports` lists them; or name it in "
+            f'[live] of {settings.path}: ports = ["/dev/ttyUSB0"]'
+        )
     if len(ports) > _MOST_PORTS:
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
 
@@ -46,4 +57,4 @@ def command(ports: tuple[str, ...], no_reconnect: bool, **options: Any) -> None:
 
         return Tap(ports, settings, reconnect=not no_reconnect)
 
-    run_capture(tap, **options)
+    run_capture(tap, ports, settings, **options)

@@ -4,7 +4,8 @@ It must not know what a setting does: commands and the screen take the values fr
 
     [screen]
     theme = "textual-light"
-    columns = ["time", "kind", "motor", "rpm", "faults"]
+    columns = ["time", "kind", "values", "faults"]
+    widths = { time = 15 }
     language = "zh"
 
     [port."/dev/ttyUSB0"]           # or under its lasting name, /dev/serial/by-id/...
@@ -24,7 +25,7 @@ from __future__ import annotations
 import os
 import tempfile
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -32,12 +33,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
-from fte_sniff.errors import FileError, unreadable, unwritable
-from fte_sniff.protocol.columns import COLUMN_BY_NAME
+from fte_sniff.errors import FileError, reason_of, unreadable
+from fte_sniff.tui.language import AUTO, LANGUAGES
+from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
+from fte_sniff.tui.theme_names import THEMES
 
 VARIABLE: Final = "FTE_SNIFF_CONFIG"
 """The environment's word for another settings file."""
 
+_COLUMNS: Final = (*ORDER, VALUES)
 _WAY_OUT = "mend the file, or move it away"
 
 
@@ -47,7 +51,9 @@ class ScreenSettings:
 
     theme: str | None = None
     columns: tuple[str, ...] | None = None
-    """Row names, in the order in which they stand."""
+    """Names of the table's columns, in the order in which they stand; at least one."""
+    widths: Mapping[str, int] | None = None
+    """Cells of the columns that have another width than their own."""
     language: str | None = None
 
 
@@ -57,8 +63,8 @@ class PortDefaults:
 
     baud: int | None = None
     """Bits per second, at least 1."""
-    resolution: int | None = None
-    """Pulses for one turn of the motor's shaft, at least 1."""
+    resolution: float | None = None
+    """Pulses for one turn of the motor's shaft, above 0."""
     gear_ratio: float | None = None
     """Turns of the motor's shaft for one of the wheel, above 0."""
 
@@ -142,17 +148,40 @@ def _ports(value: Any) -> tuple[str, ...]:
 
 
 def _columns(value: Any) -> tuple[str, ...]:
-    known = (
-        isinstance(value, list) and value and all(name in list(COLUMN_BY_NAME) for name in value)
-    )
+    known = isinstance(value, list) and value and all(name in list(_COLUMNS) for name in value)
     if not known or len(set(value)) < len(value):
-        raise ValueError(f"a list of different names out of {', '.join(COLUMN_BY_NAME)}")
+        raise ValueError(f"a list of different names out of {', '.join(_COLUMNS)}")
     return tuple(value)
 
 
-_SCREEN: Mapping[str, _Convert] = {"theme": _text, "columns": _columns, "language": _text}
+def _widths(value: Any) -> Mapping[str, int]:
+    if isinstance(value, dict) and all(name in _COLUMNS for name in value):
+        with suppress(ValueError):
+            cells = {name: _whole(width) for name, width in value.items()}
+            if all(LEAST <= width <= MOST for width in cells.values()):
+                return MappingProxyType(cells)
+    raise ValueError(f"a table of columns with {LEAST} to {MOST} cells each")
+
+
+def _word(words: Collection[str]) -> _Convert:
+    """One of these words."""
+
+    def convert(value: Any) -> str:
+        if value not in list(words):
+            raise ValueError(f"one of {', '.join(words)}")
+        return str(value)
+
+    return convert
+
+
+_SCREEN: Mapping[str, _Convert] = {
+    "theme": _word(THEMES),
+    "columns": _columns,
+    "widths": _widths,
+    "language": _word((*LANGUAGES, AUTO)),
+}
 _LIVE: Mapping[str, _Convert] = {"ports": _ports}
-_PORT: Mapping[str, _Convert] = {"baud": _whole, "resolution": _whole, "gear-ratio": _ratio}
+_PORT: Mapping[str, _Convert] = {"baud": _whole, "resolution": _ratio, "gear-ratio": _ratio}
 _TABLES = ("screen", "live", "port")
 
 
@@ -219,14 +248,25 @@ def keep_screen(path: Path, settings: ScreenSettings) -> None:
         for name in _SCREEN:
             value = getattr(settings, name)
             if value is not None:
-                screen[name] = list(value) if isinstance(value, tuple) else value
+                screen[name] = _toml(value)
             elif name in screen:
                 del screen[name]
         _replace(path, tomlkit.dumps(document))
     except (TOMLKitError, UnicodeDecodeError, TypeError) as error:
         raise FileError(f"{path} is not TOML: {error}; {_WAY_OUT}") from error
     except OSError as error:
-        raise unwritable(path, error) from error
+        raise FileError(f"{path} cannot be written: {reason_of(error)}") from error
+
+
+def _toml(value: Any) -> Any:
+    """The value as the file holds it."""
+    import tomlkit
+
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table()
+        table.update(value)
+        return table
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _replace(path: Path, text: str) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any
 
 import click
 
 from fte_sniff.analysis.bench import Bench
+from fte_sniff.cli.remembered import Remembered
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
 
@@ -45,6 +46,25 @@ def units_options(command: Callable[..., Any]) -> Callable[..., Any]:
         help="Turns of a motor in one turn of its output; 1 by default.",
     )
     return resolution(gear_ratio(command))
+
+
+def remembered_bench(
+    settings: Remembered,
+    ports: Sequence[str],
+    resolution: float | None,
+    gear_ratio: float | None,
+    baud: int = DEFAULT_BAUD,
+) -> Bench:
+    """The set-up that the options tell, and where they do not, the settings of these ports.
+
+    Raises:
+        UsageError: the settings contradict each other, or there is a gear ratio, but no resolution.
+    """
+    if resolution is None:
+        resolution = settings.defaults(ports, "resolution").resolution
+    if resolution is not None and gear_ratio is None:
+        gear_ratio = settings.defaults(ports, "gear_ratio").gear_ratio
+    return bench_of(resolution, gear_ratio, baud)
 
 
 def bench_of(resolution: float | None, gear_ratio: float | None, baud: int = DEFAULT_BAUD) -> Bench:

@@ -16,10 +16,11 @@ from fte_sniff.cli.batches import Batch
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import STDIN, Input, check_inputs, input_arguments, opened
 from fte_sniff.cli.keeping import keep_rows_option
+from fte_sniff.cli.remembered import config_option, remembered
 from fte_sniff.cli.signals import signals_call
 from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.telling import tell
-from fte_sniff.cli.units import bench_of, units_options
+from fte_sniff.cli.units import remembered_bench, units_options
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.kinds import InputKind
 
@@ -30,6 +31,7 @@ from fte_sniff.formats.kinds import InputKind
 @span_options
 @keep_rows_option(10_000_000)
 @units_options
+@config_option
 def command(
     files: tuple[Path, ...],
     kind: InputKind | None,
@@ -40,6 +42,7 @@ def command(
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
+    config: Path | None,
 ) -> None:
     """Look at recordings, raw bytes or hex text on the screen that `live` has.
 
@@ -52,20 +55,30 @@ def command(
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     if STDIN in files:
         raise UsageError("view reads files only, since the keys come from standard input")
-    bench = bench_of(resolution, gear_ratio)
+    settings = remembered(config)
     check_inputs(files)
     from fte_sniff.session.replay import ReplaySession
-    from fte_sniff.tui.app import AtEnd, run_screen
+    from fte_sniff.tui.app import run_screen
+    from fte_sniff.tui.opening import Opening
 
     wanted = row_filter(filter_text)
     notes: list[str] = []
     inputs = opened(files, kind, topic)
+    ports = [port.name for one in inputs for port in one.ports]
+    bench = remembered_bench(settings, ports, resolution, gear_ratio)
     span = span_of(since, until, [one.times for one in inputs])
     batches = chain.from_iterable(one.batches(span, notes.append) for one in inputs)
     # What cannot be read at all is told before the screen opens, not on it.
     rows = (batch.sequence() for batch in _begun(batches))
     session = ReplaySession(rows, " ".join(map(str, files)), None if span else _total(inputs))
-    code = run_screen(session, AtEnd.STAY, wanted, keep_rows, bench=bench)
+    opening = Opening(
+        row_filter=wanted,
+        keep_rows=keep_rows,
+        bench=bench,
+        choices=settings.choices,
+        keep=settings.keep,
+    )
+    code = run_screen(session, opening)
     with signals_call(session.stop) as ask:
         # A terminal that stands still may not hold up the end.
         ask()

@@ -24,6 +24,7 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
     terminal.py      the terminal under it: its loss, Ctrl-Z, coming back
     outflow.py       text on its way there, for which nobody waits
     app.py           puts it together: the timer and the end
+    opening.py       what it is opened with, and what the user may choose anew
     actions/         what the keys do, one topic a file
     keys.py          every key, once
     watched.py       the feed's rows, their numbers, and ways to a row; knows no Textual
@@ -32,6 +33,7 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
     quantities.py    numbers with units in few cells
     fitting.py       text to a width in cells
     colourless.py    the screen without colours
-    themes.py        the themes one can switch between
+    themes.py        the themes that are our own; theme_names.py has the names of all
+    language.py      the language of all the texts
     clips.py         what was copied, for terminals that do not take it
 """

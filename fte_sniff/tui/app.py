@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import signal
 from collections.abc import Sequence
-from enum import Enum
 from time import monotonic_ns
 from typing import ClassVar
 
@@ -22,11 +20,9 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.filter import LineFilter
 from textual.widgets import Footer
 
-from fte_sniff.analysis.bench import NO_BENCH, Bench
 from fte_sniff.analysis.feed import Feed
-from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.paging import BlockSource
-from fte_sniff.analysis.store import DEFAULT_BOUND, RowStore
+from fte_sniff.analysis.store import RowStore
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.session.saving import Saving
 from fte_sniff.tui.actions.filtering import Filtering
@@ -44,6 +40,7 @@ from fte_sniff.tui.keys import (
     bindings,
 )
 from fte_sniff.tui.notices import NoticeLine
+from fte_sniff.tui.opening import USUAL, AtEnd, Choices, Opening
 from fte_sniff.tui.panes import Panes
 from fte_sniff.tui.prompt.field import Line
 from fte_sniff.tui.prompt.filter import FilterField
@@ -52,8 +49,10 @@ from fte_sniff.tui.prompt.save import SaveField
 from fte_sniff.tui.prompt.search import SearchField
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
+from fte_sniff.tui.table.look import Look
 from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.terminal import Terminal
+from fte_sniff.tui.theme_names import THEMES
 from fte_sniff.tui.themes import OWN
 from fte_sniff.tui.title import TitleLine, mode_of
 from fte_sniff.tui.watched import Watched
@@ -66,18 +65,6 @@ LOW = 16
 
 TALL = 40
 """Lines from which on a pane leaves the table more than the few rows it must."""
-
-ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
-"""Signals upon which the screen closes and leaves the terminal as it was."""
-
-
-class AtEnd(Enum):
-    """What the screen does when its feed has ended."""
-
-    STAY = "stay"
-    """The rows can still be looked at."""
-    LEAVE = "leave"
-    """The screen closes by itself."""
 
 
 class SniffApp(Filtering, Seeking, Looking, Leaving):
@@ -93,38 +80,30 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
     ]
 
     def __init__(
-        self,
-        feed: Feed,
-        at_end: AtEnd = AtEnd.STAY,
-        row_filter: RowFilter | None = None,
-        keep_rows: int = DEFAULT_BOUND,
-        signals: Sequence[signal.Signals] = ENDING_SIGNALS,
-        bench: Bench = NO_BENCH,
-        source: BlockSource | None = None,
+        self, feed: Feed, opening: Opening = USUAL, source: BlockSource | None = None
     ) -> None:
         """A screen that has not begun.
 
         Args:
             feed: where rows come from.
-            at_end: what to do when no more rows can come.
-            row_filter: shows only the rows that it wants, until the user says otherwise.
-            keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
-            signals: upon which the screen closes; others do what they did before.
+            opening: how it begins.
             source: gives the feed's rows again, so that not all need to lie in memory.
-            bench: what the user said about the set-up.
         """
         super().__init__()
         for theme in OWN:
             self.register_theme(theme)
+        self.theme = opening.choices.theme or THEMES[0]
         self.animation_level = "none"
         self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low"), (TALL, "-tall")]
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
-        self._watched = Watched(feed, row_filter, RowStore(keep_rows, source=source))
-        self._at_end, self._signals = at_end, signals
+        self._opening = opening
+        row_filter = opening.row_filter
+        self._watched = Watched(feed, row_filter, RowStore(opening.keep_rows, source=source))
         self._title_line, self._header = TitleLine(), TableHeader()
-        self._table = RowTable(self._watched.store, self._header)
-        self._panes = Panes(self._watched.store, self._table, bench)
+        look = Look(choice=opening.choices.columns)
+        self._table = RowTable(self._watched.store, self._header, look)
+        self._panes = Panes(self._watched.store, self._table, opening.bench)
         self._notice = NoticeLine()
         self._filter_field = FilterField(row_filter, self._set_filter)
         self._search_field = SearchField(self._search)
@@ -132,6 +111,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._filters_before: list[str] = []
         self._saving: Saving | None = None
         self._status_line = StatusLine()
+        self.choices_before = self.choices
 
     def compose(self) -> ComposeResult:
         """The screen from top to bottom."""
@@ -170,7 +150,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             self._table.action_first()
         self.set_interval(TICK_S, self.tick)
         loop = asyncio.get_running_loop()
-        for number in self._signals:
+        for number in self._opening.signals:
             # Off the main thread there are no signal handlers; whoever runs it there ends it.
             with contextlib.suppress(RuntimeError, ValueError):
                 loop.add_signal_handler(number, self.exit)
@@ -180,9 +160,14 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         if self._saving is not None:
             self._saving.abandon()
         loop = asyncio.get_running_loop()
-        for number in self._signals:
+        for number in self._opening.signals:
             with contextlib.suppress(RuntimeError, ValueError):
                 loop.remove_signal_handler(number)
+
+    @property
+    def choices(self) -> Choices:
+        """What the user has chosen by now."""
+        return Choices(self.theme, self._table.look.choice)
 
     def tick(self) -> None:
         """Look at the feed, and draw what changed."""
@@ -197,7 +182,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             self._notice.tell_event(event)
         if news.trouble:
             self._notice.tell(shown(news.trouble), worry=True)
-        if news.ended and self._at_end is AtEnd.LEAVE:
+        if news.ended and self._opening.at_end is AtEnd.LEAVE:
             self.exit()
         elif news.ended and self._watched.state.ended:
             self._notice.tell(f"ended: {shown(self._watched.state.ended)}", worry=True)
@@ -229,25 +214,13 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._panes.follow_cursor()
 
 
-def run_screen(
-    feed: Feed,
-    at_end: AtEnd = AtEnd.STAY,
-    row_filter: RowFilter | None = None,
-    keep_rows: int = DEFAULT_BOUND,
-    signals: Sequence[signal.Signals] = ENDING_SIGNALS,
-    bench: Bench = NO_BENCH,
-    source: BlockSource | None = None,
-) -> int:
+def run_screen(feed: Feed, opening: Opening = USUAL, source: BlockSource | None = None) -> int:
     """Show the feed until the user ends it, or a signal does; the feed is then asked to stop.
 
     Args:
         feed: where rows come from.
-        at_end: what to do when no more rows can come.
-        row_filter: shows only the rows that it wants, until the user says otherwise.
-        keep_rows: rows that can be looked at, at least 1; the oldest leave the screen first.
-        signals: upon which the screen closes; others do what they did before.
+        opening: how the screen begins.
         source: gives the feed's rows again, so that not all need to lie in memory.
-        bench: what the user said about the set-up.
 
     Returns:
         0, or another number where the screen itself broke, which then has been said.
@@ -255,11 +228,13 @@ def run_screen(
     Raises:
         FteSniffError: the feed failed; the terminal is as it was before.
     """
-    app = SniffApp(feed, at_end, row_filter, keep_rows, signals, bench, source)
+    app = SniffApp(feed, opening, source)
     try:
         app.run()
     finally:
         feed.stop()
+    if app.choices != app.choices_before:
+        opening.keep(app.choices)
     if app.failure is not None:
         raise app.failure
     return app.return_code or 0

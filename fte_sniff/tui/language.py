@@ -24,6 +24,9 @@ CATALOGUES: Final = Path(__file__).parent / "locale"
 LANGUAGES: Final[Mapping[str, str]] = {"en": "English", "zh": "中文"}
 """What can be spoken, by the word for it on the command line."""
 
+AUTO: Final = "auto"
+"""The language of the locale."""
+
 _spoken: ContextVar[gettext.NullTranslations] = ContextVar("spoken")
 _ENGLISH: Final = gettext.NullTranslations()
 
@@ -32,13 +35,13 @@ def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
     """The language to speak: the one that is wanted, else the one of the locale, else English.
 
     Args:
-        wanted: a word of `LANGUAGES`; None or `auto` for that of the locale.
+        wanted: a word of `LANGUAGES`; None or `AUTO` for that of the locale.
         environment: holds the locale, in `LC_ALL`, `LC_MESSAGES` or `LANG`.
 
     Raises:
         UsageError: that language is not spoken.
     """
-    if wanted not in (None, "auto"):
+    if wanted not in (None, AUTO):
         if wanted not in LANGUAGES:
             known = ", ".join(LANGUAGES)
             raise UsageError(f"the screen does not speak {wanted!r}; it speaks {known}")

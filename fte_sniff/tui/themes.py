@@ -1,4 +1,4 @@
-"""Owns the themes one can switch between, and which of the table's palettes goes with each.
+"""Owns the themes that are our own, and which of the table's palettes goes with each.
 
 It must not know what is drawn. All palettes keep to hues that colour-blind people can tell apart.
 """
@@ -11,9 +11,10 @@ from rich.style import Style
 from textual.theme import Theme
 
 from fte_sniff.tui.table.palette import DARK, LIGHT, Palette
+from fte_sniff.tui.theme_names import CONTRAST_DARK, CONTRAST_LIGHT
 
-CONTRAST_DARK = Theme(
-    "contrast-dark",
+_DARK = Theme(
+    CONTRAST_DARK,
     primary="#6cb8ff",
     warning="#ffd24a",
     error="#ff9a6b",
@@ -25,8 +26,8 @@ CONTRAST_DARK = Theme(
     dark=True,
     variables={"primary-background": "#003a66"},
 )
-CONTRAST_LIGHT = Theme(
-    "contrast-light",
+_LIGHT = Theme(
+    CONTRAST_LIGHT,
     primary="#003f80",
     warning="#6b4a00",
     error="#8a2500",
@@ -38,24 +39,15 @@ CONTRAST_LIGHT = Theme(
     dark=False,
     variables={"primary-background": "#b8d8f8"},
 )
-OWN = (CONTRAST_DARK, CONTRAST_LIGHT)
+OWN = (_DARK, _LIGHT)
 """Themes that are to be made known to Textual."""
 
-THEMES = ("textual-dark", "textual-light", *(theme.name for theme in OWN), "nord")
-"""The names of all themes, in the order in which one is switched for the next."""
-
 _PALETTES = {
-    CONTRAST_DARK.name: replace(DARK, muted=Style(color="#ffffff")),
-    CONTRAST_LIGHT.name: replace(LIGHT, muted=Style(color="#000000")),
+    CONTRAST_DARK: replace(DARK, muted=Style(color="#ffffff")),
+    CONTRAST_LIGHT: replace(LIGHT, muted=Style(color="#000000")),
 }
 
 
 def palette_of(theme: Theme) -> Palette:
     """The table's colours under a theme."""
     return _PALETTES.get(theme.name, DARK if theme.dark else LIGHT)
-
-
-def theme_after(name: str) -> str:
-    """The theme behind the one of that name; the first where there is none."""
-    at = THEMES.index(name) + 1 if name in THEMES else 0
-    return THEMES[at % len(THEMES)]

@@ -18,10 +18,18 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture
-def environment() -> dict[str, str]:
+def settings_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the program looks for its settings; there is no such file yet."""
+    return tmp_path_factory.mktemp("settings") / "config.toml"
+
+
+@pytest.fixture
+def environment(settings_file: Path) -> dict[str, str]:
     """Ours, with nothing in it that changes how the program writes."""
-    kept = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "COLUMNS")}
-    return kept | {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color"}
+    dropped = ("NO_COLOR", "COLUMNS", "LC_ALL", "LC_MESSAGES")
+    kept = {key: value for key, value in os.environ.items() if key not in dropped}
+    own = {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color", "LANG": "C.UTF-8"}
+    return kept | own | {"FTE_SNIFF_CONFIG": str(settings_file)}
 
 
 @pytest.fixture

@@ -13,13 +13,15 @@ from fte_sniff.cli.settings import (
     settings_path,
 )
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import COLUMNS
+from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
+from fte_sniff.tui.theme_names import THEMES
 
 WHOLE = """
 # mine
 [screen]
 theme = "textual-light"       # at noon
-columns = ["time", "kind", "rpm"]
+columns = ["time", "kind", "values"]
+widths = { time = 15 }
 language = "zh"
 
 [live]
@@ -31,11 +33,12 @@ resolution = 500
 gear-ratio = 30
 """
 
-names = st.sampled_from([column.name for column in COLUMNS])
+names = st.sampled_from([*ORDER, VALUES])
 screens = st.builds(
     ScreenSettings,
-    theme=st.none() | st.text(min_size=1),
+    theme=st.none() | st.sampled_from(THEMES),
     columns=st.none() | st.lists(names, min_size=1, unique=True).map(tuple),
+    widths=st.none() | st.dictionaries(names, st.integers(LEAST, MOST), min_size=1),
     language=st.none() | st.sampled_from(["en", "zh"]),
 )
 
@@ -57,7 +60,9 @@ def test_no_file_says_nothing(file: Path) -> None:
 
 def test_everything_that_can_be_said(file: Path) -> None:
     settings = read_settings(written(file, WHOLE))
-    assert settings.screen == ScreenSettings("textual-light", ("time", "kind", "rpm"), "zh")
+    assert settings.screen == ScreenSettings(
+        "textual-light", ("time", "kind", "values"), {"time": 15}, "zh"
+    )
     assert settings.ports == ("/dev/ttyUSB0", "/dev/ttyUSB1")
     assert settings.of_port("/dev/ttyUSB0") == PortDefaults(57_600, 500, 30.0)
     assert settings.of_port("/dev/ttyUSB9") == PortDefaults()
@@ -76,10 +81,15 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
     ("text", "says"),
     [
         ("[screen", "is not TOML"),
-        ("[screen]\ntheme = 3\n", "theme in [screen] must be a text, not 3"),
+        ("[screen]\ntheme = 3\n", "theme in [screen] must be one of textual-dark"),
         ('[screen]\ncolums = ["time"]\n', "did you mean columns?"),
         ('[screen]\ncolumns = ["moter"]\n', "columns in [screen] must be a list"),
         ('[screen]\ncolumns = ["time", "time"]\n', "different names"),
+        ('[screen]\ntheme = "pink"\n', "theme in [screen] must be one of textual-dark"),
+        ('[screen]\nlanguage = "tlh"\n', "language in [screen] must be one of en, zh, auto"),
+        ("[screen]\nwidths = 3\n", "widths in [screen] must be a table of columns"),
+        ("[screen]\nwidths = { time = 1 }\n", "with 3 to 200 cells each"),
+        ("[screen]\nwidths = { moter = 9 }\n", "widths in [screen] must be a table of columns"),
         ("[screen]\ncolumns = [[]]\n", "columns in [screen] must be a list"),
         ("screen = 1\n", "[screen] must be a table"),
         ("port = 1\n", "[port] must be a table"),
@@ -123,7 +133,7 @@ def test_what_is_kept_is_read_again(
 
 def test_keeping_leaves_the_rest_as_it_was_written(file: Path) -> None:
     written(file, WHOLE)
-    keep_screen(file, ScreenSettings("textual-dark", ("time",), "zh"))
+    keep_screen(file, ScreenSettings("textual-dark", ("time",), None, "zh"))
     text = file.read_text()
     assert "# mine" in text
     assert text.endswith(WHOLE[WHOLE.index("[live]") :])

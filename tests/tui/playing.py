@@ -12,7 +12,8 @@ from textual import events
 from textual.pilot import Pilot
 
 from fte_sniff.protocol import Row
-from fte_sniff.tui.app import AtEnd, SniffApp
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.opening import AtEnd, Opening
 from fte_sniff.tui.table.widget import RowTable
 
 CHARACTERS = {
@@ -33,10 +34,14 @@ Scenario = Callable[[SniffApp, Pilot[None]], Awaitable[None]]
 
 
 def play(
-    feed: Any, scenario: Scenario, size: tuple[int, int] = (80, 24), at_end: AtEnd = AtEnd.STAY
+    feed: Any,
+    scenario: Scenario,
+    size: tuple[int, int] = (80, 24),
+    at_end: AtEnd = AtEnd.STAY,
+    opening: Opening | None = None,
 ) -> SniffApp:
     """Run the screen without a terminal, and the scenario on it."""
-    app = SniffApp(feed, at_end)
+    app = SniffApp(feed, opening or Opening(at_end))
 
     async def run() -> None:
         async with app.run_test(size=size) as pilot:

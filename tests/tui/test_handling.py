@@ -15,7 +15,7 @@ from fte_sniff.tui.choosing import ColumnChooser
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.picking import Picker
 from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.themes import THEMES
+from fte_sniff.tui.theme_names import THEMES
 from tests.tui.playing import (
     Rows,
     lines,

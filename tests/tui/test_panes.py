@@ -15,6 +15,7 @@ from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.bytes import BytesPane
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.motors.widget import MotorsPane
+from fte_sniff.tui.opening import Opening
 from fte_sniff.tui.pane import Pane
 from fte_sniff.tui.statistics.widget import StatisticsPane
 
@@ -141,7 +142,7 @@ def test_the_window_of_time_is_made_longer_and_shorter(feed: Any) -> None:
 def test_turns_stand_beside_pulses_in_the_detail_and_the_motors(feed: Any) -> None:
     raw = encode(KIND_BY_NAME["position_feedback"], {"motor": 2, "pulses": 5000})
     feed.give([Frame("p", 0, raw, NOON_NS)])
-    app = SniffApp(feed, bench=Bench(resolution=500, gear_ratio=20))
+    app = SniffApp(feed, Opening(bench=Bench(resolution=500, gear_ratio=20)))
 
     async def scenario(pilot: Pilot[None]) -> None:
         await settle(app, pilot)

@@ -17,9 +17,10 @@ from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.tui import notices
-from fte_sniff.tui.app import AtEnd, SniffApp
+from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.opening import AtEnd, Opening
 from fte_sniff.tui.prompt.field import Field
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.playing import (
@@ -229,7 +230,7 @@ def test_a_filter_that_hides_everything_says_so(feed: Any, speed_rows: Rows) -> 
 
 
 def test_begins_with_a_filter_that_was_asked_for(feed: Any, speed_rows: Rows) -> None:
-    app = SniffApp(feed, row_filter=RowFilter.parse("motor = 2"))
+    app = SniffApp(feed, Opening(row_filter=RowFilter.parse("motor = 2")))
     feed.give(speed_rows(400))
 
     async def run() -> None:
@@ -246,7 +247,7 @@ def test_begins_with_a_filter_that_was_asked_for(feed: Any, speed_rows: Rows) ->
 
 
 def test_rows_beyond_the_bound_leave_and_the_cursors_row_stays(feed: Any, speed_rows: Rows) -> None:
-    app = SniffApp(feed, keep_rows=1000)
+    app = SniffApp(feed, Opening(keep_rows=1000))
     feed.give(speed_rows(1000))
 
     async def run() -> None:

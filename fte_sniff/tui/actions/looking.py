@@ -16,7 +16,7 @@ from fte_sniff.tui.table.columns import column_of
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.look import TimeStyle
 from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.themes import theme_after
+from fte_sniff.tui.theme_names import theme_after
 
 
 class Looking(Parts):

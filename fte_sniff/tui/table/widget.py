@@ -64,10 +64,10 @@ class RowTable(Scrolling, can_focus=True):
             super().__init__()
             self.failure = failure
 
-    def __init__(self, store: RowStore, header: TableHeader) -> None:
+    def __init__(self, store: RowStore, header: TableHeader, look: Look) -> None:
         super().__init__()
         self.viewport = Viewport()
-        self.look = Look()
+        self.look = look
         """How the user wants it to look."""
         self.marks = Marks()
         self.selecting_from: int | None = None

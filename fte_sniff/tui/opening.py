@@ -1,0 +1,70 @@
+"""Owns what the screen is opened with beside its rows, and what of it the user may choose anew.
+
+It must not know options, nor where choices are kept.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, TypeAlias
+
+from fte_sniff.analysis.bench import NO_BENCH, Bench
+from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.analysis.store import DEFAULT_BOUND
+from fte_sniff.tui.table.look import ColumnChoice
+
+ENDING_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+"""Signals upon which the screen closes and leaves the terminal as it was."""
+
+
+class AtEnd(Enum):
+    """What the screen does when its feed has ended."""
+
+    STAY = "stay"
+    """The rows can still be looked at."""
+    LEAVE = "leave"
+    """The screen closes by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """What the user chooses on the screen, and would choose again the next time."""
+
+    theme: str | None = None
+    """A name of `theme_names`; None for the usual one."""
+    columns: ColumnChoice | None = None
+    """None where the width of the window decides."""
+
+
+Keep: TypeAlias = Callable[[Choices], None]
+"""Keeps what was chosen, for the next time."""
+
+
+def keep_nothing(_choices: Choices) -> None:
+    """The next screen begins as this one did."""
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """How the screen begins, and what holds while it is open."""
+
+    at_end: AtEnd = AtEnd.STAY
+    row_filter: RowFilter | None = None
+    """Only the rows that it wants are shown, until the user says otherwise."""
+    keep_rows: int = DEFAULT_BOUND
+    """Rows that can be looked at, at least 1; the oldest leave the screen first."""
+    signals: tuple[signal.Signals, ...] = ENDING_SIGNALS
+    """Upon which the screen closes; others do what they did before."""
+    bench: Bench = NO_BENCH
+    """What the user said about the set-up."""
+    choices: Choices = Choices()
+    """What was chosen before."""
+    keep: Keep = keep_nothing
+    """Is told at the end what was chosen, where that differs from `choices`."""
+
+
+USUAL: Final = Opening()
+"""Nobody said anything."""
