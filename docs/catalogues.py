@@ -1,8 +1,9 @@
 """Makes the catalogues of the screen's languages: `python docs/catalogues.py [--check]`.
 
-Texts are found where they are used, in `_("...")`, and in the tables that the screen shows: keys,
-meanings of fields, faults and columns, examples of filters. New ones are put into each catalogue's
-`.po` file, to be translated there by hand; the `.mo` file beside it is what the program reads.
+Texts are found where they are said, in `_("...")`, `later("...")` and `Said("...")`, and in the
+tables that the screen shows: keys, meanings of fields, faults and columns, examples of filters. New
+ones are put into each catalogue's `.po` file, to be translated there by hand; the `.mo` file beside
+it is what the program reads.
 `--check` changes nothing, and fails where a text is not translated, a translation lacks one of its
 text's values in braces, or a file is not current.
 """
@@ -20,11 +21,20 @@ from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
 from fte_sniff.analysis.filter import EXAMPLES
-from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
+from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, anatomy
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.language import CATALOGUES, DOMAIN, LANGUAGES
+from fte_sniff.tui.notices import event_words
+from fte_sniff.tui.table.look import TimeStyle
+from fte_sniff.tui.table.painter import Sign
+from fte_sniff.tui.title import Mode
 
 SCREEN = CATALOGUES.parent
+
+EXPLANATIONS = Path(anatomy.__file__).parent
+
+KEYWORDS = {"_": None, "later": None, "Said": None}
+"""What is called with a text that is to be translated."""
 
 
 def table_texts() -> Iterator[str]:
@@ -34,20 +44,27 @@ def table_texts() -> Iterator[str]:
         for key in keys:
             yield from (key.description, key.tooltip)
     for kind in KINDS:
+        yield kind.meaning
         yield from (field.meaning for field in kind.fields)
     yield from FAULT_MEANINGS.values()
     yield from (column.meaning for column in COLUMNS)
     yield from (meaning for _, meaning in EXAMPLES)
+    yield from Mode
+    yield from (event_words(kind) for kind in PortEventKind)
+    for style in TimeStyle:
+        yield from (style, style.meaning)
+    yield from (sign.meaning for sign in Sign)
 
 
 def template() -> Catalog:
     """Every text there is, in the order of the files and tables."""
     found = Catalog(project=DOMAIN, fuzzy=False)
-    for file, _, text, comments, _ in extract_from_dir(SCREEN, comment_tags=("Translators:",)):
-        found.add(text, locations=[(file, 0)], auto_comments=comments)
+    for folder in (SCREEN, EXPLANATIONS):
+        for file, _, text, _, _ in extract_from_dir(folder, keywords=KEYWORDS):
+            found.add(text, locations=[(file, 0)])
     for text in table_texts():
         if text:
-            found.add(text)
+            found.add(str(text))
     return found
 
 

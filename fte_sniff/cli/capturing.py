@@ -20,7 +20,7 @@ import click
 from fte_sniff.cli.filtering import filter_option, row_filter, selection
 from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.cli.recording_options import keeping_of, recording_options
-from fte_sniff.cli.remembered import Remembered, config_option
+from fte_sniff.cli.remembered import Remembered, config_option, lang_option
 from fte_sniff.cli.signals import ENDING, signals_call
 from fte_sniff.cli.telling import nobody_reads, tell
 from fte_sniff.cli.units import remembered_bench, units_options
@@ -28,11 +28,11 @@ from fte_sniff.errors import UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.bench import Bench
     from fte_sniff.capture.items import Wiring
     from fte_sniff.capture.ports import PortSettings
     from fte_sniff.session.live import LiveSession
     from fte_sniff.session.plan import CapturePlan
+    from fte_sniff.tui.opening import Opening
 
 _STDOUT = Path("-")
 _LINE_WORDS = click.Choice(["on", "off", "leave"])
@@ -68,6 +68,7 @@ _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
     keep_rows_option(1_000_000),
     units_options,
     config_option,
+    lang_option,
     click.option(
         "--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it."
     ),
@@ -90,6 +91,7 @@ def run_capture(
     ports: Sequence[str],
     settings: Remembered,
     *,
+    lang: str | None,
     baud: int | None,
     dtr: str,
     rts: str,
@@ -147,7 +149,19 @@ def run_capture(
     elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         _print_lines(plan, filter_text)
     else:
-        _show_screen(plan, filter_text, keep_rows, bench, settings)
+        from fte_sniff.tui.opening import AtEnd, Opening
+
+        opening = Opening(
+            AtEnd.STAY if duration is None and count is None else AtEnd.LEAVE,
+            row_filter(filter_text),
+            keep_rows,
+            tuple(_ending(plan)),
+            bench,
+            settings.language(lang),
+            settings.choices,
+            settings.keep,
+        )
+        _show_screen(plan, opening)
 
 
 def _is_stdout(output: Path | None) -> bool:
@@ -198,28 +212,10 @@ def _fill_stdout(plan: CapturePlan) -> None:
             raise session.error
 
 
-def _show_screen(
-    plan: CapturePlan,
-    filter_text: str | None,
-    keep_rows: int,
-    bench: Bench,
-    settings: Remembered,
-) -> None:
-    wanted = row_filter(filter_text)
+def _show_screen(plan: CapturePlan, opening: Opening) -> None:
     from fte_sniff.session.live import LiveSession
     from fte_sniff.tui.app import run_screen
-    from fte_sniff.tui.opening import AtEnd, Opening
 
-    bounded = plan.duration_s is not None or plan.count is not None
-    opening = Opening(
-        AtEnd.LEAVE if bounded else AtEnd.STAY,
-        wanted,
-        keep_rows,
-        tuple(_ending(plan)),
-        bench,
-        settings.choices,
-        settings.keep,
-    )
     code = 0
     session = LiveSession(plan)
     with signals_call(session.stop, _ending(plan)):

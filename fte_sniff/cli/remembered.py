@@ -1,4 +1,4 @@
-"""Owns `--config`: which settings hold for a command, and how a screen's choices go back there.
+"""Owns `--config` and `--lang`: which settings hold, and how a screen's choices go back there.
 
 It must not know how the file is read, nor what a setting does. A settings file that nobody named
 never stops a command: what is wrong with it is told, and the command goes on without.
@@ -6,6 +6,7 @@ never stops a command: what is wrong with it is told, and the command goes on wi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from fte_sniff.cli.settings import (
 )
 from fte_sniff.cli.telling import tell
 from fte_sniff.errors import FteSniffError, UsageError, unreadable
+from fte_sniff.tui.language import AUTO, LANGUAGES, language_of
 
 if TYPE_CHECKING:
     from fte_sniff.tui.opening import Choices
@@ -37,6 +39,15 @@ def config_option(command: Callable[..., Any]) -> Callable[..., Any]:
         type=click.Path(path_type=Path),
         metavar="FILE",
         help="Settings; by default config.toml in your folder for settings.",
+    )(command)
+
+
+def lang_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The `--lang` option; the command hands it to `Remembered.language`."""
+    return click.option(
+        "--lang",
+        type=click.Choice([*LANGUAGES, AUTO]),
+        help="Language of the screen; by default that of the settings, or of the locale.",
     )(command)
 
 
@@ -64,6 +75,10 @@ class Remembered:
                 )
             found[name] = next(iter(said), None)
         return PortDefaults(**found)
+
+    def language(self, lang: str | None) -> str:
+        """The language of the screen, given what `--lang` says of it."""
+        return language_of(lang or self.settings.screen.language, os.environ)
 
     @property
     def choices(self) -> Choices:

@@ -6,7 +6,7 @@ It must not know what a setting does: commands and the screen take the values fr
     theme = "textual-light"
     columns = ["time", "kind", "values", "faults"]
     widths = { time = 15 }
-    language = "zh"
+    language = "zh"                 # or en, or auto: that of the locale
 
     [port."/dev/ttyUSB0"]           # or under its lasting name, /dev/serial/by-id/...
     baud = 115200

@@ -16,7 +16,7 @@ from fte_sniff.cli.batches import Batch
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import STDIN, Input, check_inputs, input_arguments, opened
 from fte_sniff.cli.keeping import keep_rows_option
-from fte_sniff.cli.remembered import config_option, remembered
+from fte_sniff.cli.remembered import config_option, lang_option, remembered
 from fte_sniff.cli.signals import signals_call
 from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.telling import tell
@@ -32,6 +32,7 @@ from fte_sniff.formats.kinds import InputKind
 @keep_rows_option(10_000_000)
 @units_options
 @config_option
+@lang_option
 def command(
     files: tuple[Path, ...],
     kind: InputKind | None,
@@ -43,6 +44,7 @@ def command(
     resolution: float | None,
     gear_ratio: float | None,
     config: Path | None,
+    lang: str | None,
 ) -> None:
     """Look at recordings, raw bytes or hex text on the screen that `live` has.
 
@@ -75,6 +77,7 @@ def command(
         row_filter=wanted,
         keep_rows=keep_rows,
         bench=bench,
+        language=settings.language(lang),
         choices=settings.choices,
         keep=settings.keep,
     )

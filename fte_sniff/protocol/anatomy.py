@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from fte_sniff.protocol.columns import spaced_hex
 from fte_sniff.protocol.rows import Fault
+from fte_sniff.protocol.said import Said
 from fte_sniff.protocol.structure import HEADER_BYTES
 from fte_sniff.protocol.table import (
     CMD_PLACE,
@@ -24,8 +25,8 @@ from fte_sniff.protocol.table import (
 )
 
 _WAY = {
-    Direction.CONTROL: "control, host to controller",
-    Direction.FEEDBACK: "feedback, controller to host",
+    Direction.CONTROL: Said("header: control, host to controller"),
+    Direction.FEEDBACK: Said("header: feedback, controller to host"),
 }
 HEADERS_TEXT = " or ".join(f"{header:02X}" for header in HEADER_BYTES)
 
@@ -69,8 +70,8 @@ def framed_parts(raw: bytes, kind: FrameKind | None) -> Iterator[Part]:
     yield header_part(raw[0])
     yield _cmd(raw[0], raw[CMD_PLACE])
     if kind is None:
-        yield part_of(raw, NUM_PLACE, NUM_PLACE + 1, "num", meaning="unknown under this CMD")
-        yield part_of(raw, 3, FRAME_LENGTH - 1, "payload", meaning="unknown under this CMD")
+        yield part_of(raw, NUM_PLACE, NUM_PLACE + 1, "num", meaning=Said("unknown under this CMD"))
+        yield part_of(raw, 3, FRAME_LENGTH - 1, "payload", meaning=Said("unknown under this CMD"))
     else:
         for places, field in layout(kind):
             yield _content(raw, places, field)
@@ -97,11 +98,16 @@ def header_part(byte: int) -> Part:
     """The first byte of a frame, right or wrong."""
     direction = DIRECTION_OF_HEADER.get(byte)
     if direction is None:
-        note = f"expected {HEADERS_TEXT}, found {byte:02X}"
+        note = Said("expected {wanted}, found {found}", wanted=HEADERS_TEXT, found=f"{byte:02X}")
         return Part(
-            range(1), bytes([byte]), "header", meaning="header", fault=Fault.BAD_HEADER, note=note
+            range(1),
+            bytes([byte]),
+            "header",
+            meaning=Said("header"),
+            fault=Fault.BAD_HEADER,
+            note=note,
         )
-    return Part(range(1), bytes([byte]), "header", direction.value, f"header: {_WAY[direction]}")
+    return Part(range(1), bytes([byte]), "header", direction.value, _WAY[direction])
 
 
 def _cmd(header: int, cmd: int) -> Part:
@@ -112,9 +118,20 @@ def _cmd(header: int, cmd: int) -> Part:
             sorted(f"{c:02X}" for h, c in KIND_BY_HEADER_AND_CMD if h == header or header == -1)
         )
         way = DIRECTION_OF_HEADER[header].value
-        note = f"the protocol has no CMD {cmd:02X} for {way}; it has {legal}"
+        note = Said(
+            "the protocol has no CMD {cmd} for {way}; it has {legal}",
+            cmd=f"{cmd:02X}",
+            way=way,
+            legal=legal,
+        )
         return Part(places, bytes([cmd]), "cmd", str(cmd), "CMD", Fault.UNKNOWN_CMD, note)
-    return Part(places, bytes([cmd]), "cmd", str(cmd), f"CMD: {kind.name}, {kind.meaning}")
+    return Part(
+        places,
+        bytes([cmd]),
+        "cmd",
+        str(cmd),
+        Said("CMD: {kind}, {meaning}", kind=kind.name, meaning=kind.meaning),
+    )
 
 
 def layout(kind: FrameKind) -> Iterator[tuple[range, Field | None]]:
@@ -136,11 +153,15 @@ def _content(raw: bytes, places: range, field: Field | None) -> Part:
         return _value(raw, field)
     own = raw[places.start : places.stop]
     if places.start == NUM_PLACE:
-        return Part(places, own, "num", str(own[0]), "NUM: any value, it means nothing here")
+        return Part(places, own, "num", str(own[0]), Said("NUM: any value, it means nothing here"))
     if any(own):
-        note = f"expected {spaced_hex(bytes(len(own)))} as in all examples, found {spaced_hex(own)}"
-        return Part(places, own, "reserve", "", "reserve", Fault.RESERVED_NONZERO, note)
-    return Part(places, own, "reserve", "", "reserve, always 00 in the protocol's examples")
+        note = Said(
+            "expected {wanted} as in all examples, found {found}",
+            wanted=spaced_hex(bytes(len(own))),
+            found=spaced_hex(own),
+        )
+        return Part(places, own, "reserve", "", Said("reserve"), Fault.RESERVED_NONZERO, note)
+    return Part(places, own, "reserve", "", Said("reserve, always 00 in the protocol's examples"))
 
 
 def _value(raw: bytes, field: Field) -> Part:
@@ -148,17 +169,20 @@ def _value(raw: bytes, field: Field) -> Part:
     own = raw[field.start : field.start + field.size]
     if field.defined_bits is not None:
         return _flags(own[0], field)
-    meaning = f"{field.meaning} ({field.range_text})"
+    meaning = Said("{meaning} ({range})", meaning=field.meaning, range=field.range_text)
     fault, note = None, ""
     if not field.low <= value <= field.high:
-        fault, note = Fault.BAD_MOTOR, f"expected {field.range_text}, found {value}"
+        fault, note = (
+            Fault.BAD_MOTOR,
+            Said("expected {wanted}, found {found}", wanted=field.range_text, found=value),
+        )
     text = f"{value} {field.unit}".rstrip()
     return Part(field.places, own, field.name, text, meaning, fault, note)
 
 
 def _flags(byte: int, field: Field) -> Part:
     undefined = byte & ~(field.defined_bits or 0)
-    note = f"bits that the protocol does not define are set: {undefined:#04x}" if undefined else ""
+    note = Said("bits that the protocol does not define are set: {bits}", bits=f"{undefined:#04x}")
     return Part(
         field.places,
         bytes([byte]),
@@ -166,7 +190,7 @@ def _flags(byte: int, field: Field) -> Part:
         f"0x{byte:02X}",
         field.meaning,
         Fault.UNDEFINED_FLAGS if undefined else None,
-        note,
+        note if undefined else "",
         tuple(
             Bit(number, bool(byte >> number & 1), *_bit_meaning(field, number))
             for number in range(8)
@@ -177,19 +201,27 @@ def _flags(byte: int, field: Field) -> Part:
 def _bit_meaning(field: Field, number: int) -> tuple[str, str]:
     """A label and a sentence."""
     if field.defined_bits is not None and not field.defined_bits >> number & 1:
-        return "undefined", "undefined"
+        return Said("undefined"), Said("undefined")
     if field.name == "online":
-        motor = f"motor {number + 1}"
+        motor = Said("motor {number}", number=number + 1)
         return (
             motor,
-            f"{motor} online (assumption: the protocol does not say which bit is who)",
+            Said(
+                "{motor} online (assumption: the protocol does not say which bit is who)",
+                motor=motor,
+            ),
         )
-    return "unknown", "meaning unknown: the protocol does not say"
+    return Said("unknown"), Said("meaning unknown: the protocol does not say")
 
 
 def tail_part(raw: bytes, place: int) -> Part:
     """The last byte of a frame, right or wrong."""
     fault, note = None, ""
     if raw[place] != TAIL:
-        fault, note = Fault.BAD_TAIL, f"expected {TAIL:02X}, found {raw[place]:02X}"
-    return part_of(raw, place, place + 1, "tail", meaning="tail", fault=fault, note=note)
+        fault, note = (
+            Fault.BAD_TAIL,
+            Said(
+                "expected {wanted}, found {found}", wanted=f"{TAIL:02X}", found=f"{raw[place]:02X}"
+            ),
+        )
+    return part_of(raw, place, place + 1, "tail", meaning=Said("tail"), fault=fault, note=note)

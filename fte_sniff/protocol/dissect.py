@@ -10,6 +10,7 @@ from __future__ import annotations
 from fte_sniff.protocol.anatomy import Bit, Part, framed_parts
 from fte_sniff.protocol.patterns import DIVIDING
 from fte_sniff.protocol.rows import FAULT_MEANINGS, Fault, Frame, Row
+from fte_sniff.protocol.said import Said
 from fte_sniff.protocol.structure import HEADER_BYTES
 from fte_sniff.protocol.table import FRAME_LENGTH, TAIL
 from fte_sniff.protocol.wreckage import damaged_parts
@@ -26,24 +27,43 @@ def dissect(row: Row) -> list[Part]:
 
 def explain(row: Row) -> list[str]:
     """One sentence for each fault of the row: what it means; empty where nothing is wrong."""
-    return [f"{fault}: {FAULT_MEANINGS[fault]}{_more(fault, row)}" for fault in row.faults]
+    return [_explained(fault, row) for fault in row.faults]
 
 
-def _more(fault: Fault, row: Row) -> str:
-    """What the row's own bytes tell about a doubt."""
-    if fault is not Fault.AMBIGUOUS:
-        return ""
+def _explained(fault: Fault, row: Row) -> Said:
+    plain = Said("{fault}: {meaning}", fault=fault.value, meaning=FAULT_MEANINGS[fault])
+    return _doubt(plain, row) if fault is Fault.AMBIGUOUS else plain
+
+
+def _doubt(plain: Said, row: Row) -> Said:
+    """With what the row's own bytes tell about the doubt."""
     divided = DIVIDING.search(row.raw, 1, FRAME_LENGTH - 1)
     if divided:
         place = next(at for at in range(divided.start(), FRAME_LENGTH) if _is_header(row.raw, at))
-        return f" (a frame could end before the {row.raw[place]:02X} at {place}, and another begin)"
+        return Said(
+            "{doubt} (a frame could end before the {byte} at {place}, and another begin)",
+            doubt=plain,
+            byte=f"{row.raw[place]:02X}",
+            place=place,
+        )
     if TAIL in row.raw[1 : FRAME_LENGTH - 1]:
         place = row.raw.index(TAIL, 1)
-        return f" (a frame could end with the {TAIL:02X} at {place})"
+        return Said(
+            "{doubt} (a frame could end with the {byte} at {place})",
+            doubt=plain,
+            byte=f"{TAIL:02X}",
+            place=place,
+        )
     headers = [place for place in range(1, FRAME_LENGTH) if _is_header(row.raw, place)]
     if headers:
-        return f" (a frame could begin with the {row.raw[headers[0]]:02X} at {headers[0]})"
-    return " (by what stands beside them)"
+        byte = f"{row.raw[headers[0]]:02X}"
+        return Said(
+            "{doubt} (a frame could begin with the {byte} at {place})",
+            doubt=plain,
+            byte=byte,
+            place=headers[0],
+        )
+    return Said("{doubt} (by what stands beside them)", doubt=plain)
 
 
 def _is_header(raw: bytes, place: int) -> bool:

@@ -5,7 +5,8 @@ It must not know how it is shown, nor decode any value: no damage shows a number
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from functools import reduce
 
 from fte_sniff.protocol.anatomy import (
     HEADERS_TEXT,
@@ -16,6 +17,7 @@ from fte_sniff.protocol.anatomy import (
     tail_part,
 )
 from fte_sniff.protocol.rows import Damage, Fault
+from fte_sniff.protocol.said import Said
 from fte_sniff.protocol.structure import HEADER_BYTES, Split, split_damaged
 from fte_sniff.protocol.table import (
     CMD_PLACE,
@@ -45,20 +47,21 @@ def _in_step(raw: bytes) -> Iterator[Part]:
     kind = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_PLACE]))
     yield header_part(raw[0])
     if kind is None:
-        yield part_of(raw, CMD_PLACE, NUM_PLACE, "cmd", meaning="CMD")
-        yield part_of(raw, NUM_PLACE, NUM_PLACE + 1, "num", meaning="NUM")
+        yield part_of(raw, CMD_PLACE, NUM_PLACE, "cmd", meaning=Said("CMD"))
+        yield part_of(raw, NUM_PLACE, NUM_PLACE + 1, "num", meaning=Said("NUM"))
         yield part_of(raw, 3, FRAME_LENGTH - 1, "payload", meaning=_payload_guess(raw))
     else:
-        yield part_of(raw, CMD_PLACE, NUM_PLACE, "cmd", meaning=f"CMD: {kind.name}")
+        yield part_of(raw, CMD_PLACE, NUM_PLACE, "cmd", meaning=Said("CMD: {kind}", kind=kind.name))
         yield from (_undecoded(raw, places, field) for places, field in layout(kind))
     yield tail_part(raw, FRAME_LENGTH - 1)
 
 
 def _payload_guess(raw: bytes) -> str:
     if raw[0] in DIRECTION_OF_HEADER:
-        return "unknown under this CMD"
+        return Said("unknown under this CMD")
     fitting = [kind.name for kind in KINDS if raw[CMD_PLACE] in kind.cmds]
-    return f"not decoded; by its CMD it was {' or '.join(fitting)}" if fitting else "not decoded"
+    kinds = Said("not decoded; by its CMD it was {kinds}", kinds=" or ".join(fitting))
+    return kinds if fitting else Said("not decoded")
 
 
 def _undecoded(raw: bytes, places: range, field: Field | None, shift: int = 0) -> Part:
@@ -66,9 +69,9 @@ def _undecoded(raw: bytes, places: range, field: Field | None, shift: int = 0) -
     if field is not None:
         name, meaning = field.name, field.meaning
     elif places.start == NUM_PLACE:
-        name, meaning = "num", "NUM"
+        name, meaning = "num", Said("NUM")
     else:
-        name, meaning = "reserve", "reserve"
+        name, meaning = "reserve", Said("reserve")
     return part_of(raw, places.start + shift, places.stop + shift, name, meaning=meaning)
 
 
@@ -81,12 +84,22 @@ def _spliced(raw: bytes, split: Split) -> Iterator[Part]:
     found = FRAME_LENGTH - split.rest
     if shift < 0:
         lost = f"DATA[{head}]" if found - head == 1 else f"DATA[{head}:{found}]"
-        note = f"{lost} missing: {-shift} of a frame's {FRAME_LENGTH} bytes, or others in its place"
+        note = Said(
+            "{place} missing: {count} of a frame's {length} bytes, or others in its place",
+            place=lost,
+            count=-shift,
+            length=FRAME_LENGTH,
+        )
         yield Part(
             range(head, head), b"", "missing", meaning=note, fault=Fault.TRUNCATED, note=_end(raw)
         )
     else:
-        note = f"{shift} bytes too many, here or nearby: {len(raw)} where a frame has 10"
+        note = Said(
+            "{count} bytes too many, here or nearby: {all} where a frame has {length}",
+            count=shift,
+            all=len(raw),
+            length=FRAME_LENGTH,
+        )
         extra = range(head, head + shift)
         yield part_of(
             raw,
@@ -103,8 +116,17 @@ def _spliced(raw: bytes, split: Split) -> Iterator[Part]:
 def _end(raw: bytes) -> str:
     """Why the bytes are no whole frame."""
     if raw[-1] != TAIL:
-        return f"expected the tail {TAIL:02X} at the end, found {raw[-1]:02X}"
-    return f"the tail {TAIL:02X} is at {len(raw) - 1}, not at {FRAME_LENGTH - 1}"
+        return Said(
+            "expected the tail {wanted} at the end, found {found}",
+            wanted=f"{TAIL:02X}",
+            found=f"{raw[-1]:02X}",
+        )
+    return Said(
+        "the tail {byte} is at {place}, not at {wanted}",
+        byte=f"{TAIL:02X}",
+        place=len(raw) - 1,
+        wanted=FRAME_LENGTH - 1,
+    )
 
 
 def _why_overlong(raw: bytes) -> str:
@@ -112,10 +134,26 @@ def _why_overlong(raw: bytes) -> str:
     front, back = raw[FRAME_LENGTH - 1], raw[-FRAME_LENGTH]
     reasons = []
     if front != TAIL:
-        reasons.append(f"the first ten bytes end with {front:02X}, not {TAIL:02X}")
+        reasons.append(
+            Said(
+                "the first ten bytes end with {found}, not {wanted}",
+                found=f"{front:02X}",
+                wanted=f"{TAIL:02X}",
+            )
+        )
     if back not in HEADER_BYTES:
-        reasons.append(f"the last ten begin with {back:02X}, not {HEADERS_TEXT}")
-    return "; ".join(reasons) or "neither the first nor the last ten bytes fit as well"
+        reasons.append(
+            Said(
+                "the last ten begin with {found}, not {wanted}",
+                found=f"{back:02X}",
+                wanted=HEADERS_TEXT,
+            )
+        )
+    return (
+        _together(reasons)
+        if reasons
+        else Said("neither the first nor the last ten bytes fit as well")
+    )
 
 
 def _unfitting(raw: bytes, fault: Fault) -> Iterator[Part]:
@@ -124,7 +162,11 @@ def _unfitting(raw: bytes, fault: Fault) -> Iterator[Part]:
     tailed = raw[-1] == TAIL and len(raw) > 1
     stop = len(raw) - tailed
     note = _end(raw) if fault is Fault.TRUNCATED else _why_overlong(raw)
-    meaning = f"{len(raw)} bytes where a frame has {FRAME_LENGTH}; no kind of frame fits them"
+    meaning = Said(
+        "{count} bytes where a frame has {length}; no kind of frame fits them",
+        count=len(raw),
+        length=FRAME_LENGTH,
+    )
     name = "missing" if stop == 1 else "payload"
     yield part_of(raw, 1, stop, name, meaning=meaning, fault=fault, note=note)
     if tailed:
@@ -135,10 +177,10 @@ def _pieces(raw: bytes, kind: FrameKind | None, places: range, shift: int) -> It
     """The parts of a frame that fall into `places`, cut to them; `shift` places later in `raw`."""
     inner = [(range(2, 3), None), (range(3, 9), None)] if kind is None else list(layout(kind))
     whole: list[tuple[range, Field | None, str]] = [
-        (range(1), None, "header"),
-        (range(1, 2), None, "cmd"),
+        (range(1), None, Said("header")),
+        (range(1, 2), None, Said("cmd")),
         *((r, field, "") for r, field in inner),
-        (range(9, 10), None, "tail"),
+        (range(9, 10), None, Said("tail")),
     ]
     for own, field, name in whole:
         cut = range(max(own.start, places.start), min(own.stop, places.stop))
@@ -147,7 +189,9 @@ def _pieces(raw: bytes, kind: FrameKind | None, places: range, shift: int) -> It
         if name:
             yield part_of(raw, cut.start + shift, cut.stop + shift, name, meaning=name)
         elif kind is None and own.start > NUM_PLACE:
-            yield part_of(raw, cut.start + shift, cut.stop + shift, "payload", meaning="payload")
+            yield part_of(
+                raw, cut.start + shift, cut.stop + shift, "payload", meaning=Said("payload")
+            )
         else:
             part = _undecoded(raw, own, field)
             yield part_of(raw, cut.start + shift, cut.stop + shift, part.name, meaning=part.meaning)
@@ -157,19 +201,43 @@ def _why_noise(raw: bytes) -> str:
     """Why no frame was read here: what each header byte in the noise lacks."""
     places = [place for place, byte in enumerate(raw) if byte in HEADER_BYTES]
     if not places:
-        return f"no header ({HEADERS_TEXT}) in these {len(raw)} bytes"
+        return Said(
+            "no header ({headers}) in these {count} bytes", headers=HEADERS_TEXT, count=len(raw)
+        )
     shown = [_why_not(raw, place) for place in places[:4]]
-    more = f"; and {len(places) - 4} more headers" if len(places) > 4 else ""
-    return "; ".join(shown) + more
+    if len(places) > len(shown):
+        shown.append(Said("and {count} more headers", count=len(places) - len(shown)))
+    return _together(shown)
 
 
-def _why_not(raw: bytes, place: int) -> str:
-    header = f"{raw[place]:02X} at {place}"
+def _together(reasons: Sequence[Said]) -> Said:
+    """Several reasons in one line."""
+    return reduce(lambda one, other: Said("{one}; {other}", one=one, other=other), reasons)
+
+
+def _why_not(raw: bytes, place: int) -> Said:
+    header = Said("{byte} at {place}", byte=f"{raw[place]:02X}", place=place)
     if place + FRAME_LENGTH > len(raw):
-        return f"{header}: only {len(raw) - place} bytes before the next row"
+        return Said(
+            "{header}: only {count} bytes before the next row",
+            header=header,
+            count=len(raw) - place,
+        )
     own = raw[place : place + FRAME_LENGTH]
     if own[-1] != TAIL:
-        return f"{header}: no tail {TAIL:02X} nine bytes on (found {own[-1]:02X})"
+        return Said(
+            "{header}: no tail {wanted} nine bytes on (found {found})",
+            header=header,
+            wanted=f"{TAIL:02X}",
+            found=f"{own[-1]:02X}",
+        )
     if (own[0], own[CMD_PLACE]) not in KIND_BY_HEADER_AND_CMD:
-        return f"{header}: CMD {own[CMD_PLACE]:02X} unknown, and not in step with frames beside it"
-    return f"{header}: ten bytes that look like a frame, but out of step with the frames beside it"
+        return Said(
+            "{header}: CMD {cmd} unknown, and not in step with frames beside it",
+            header=header,
+            cmd=f"{own[CMD_PLACE]:02X}",
+        )
+    return Said(
+        "{header}: ten bytes that look like a frame, but out of step with the frames beside it",
+        header=header,
+    )

@@ -38,7 +38,9 @@ from fte_sniff.tui.keys import (
     TABLE_ACTIONS,
     UNDERSTANDING,
     bindings,
+    say_keys,
 )
+from fte_sniff.tui.language import _, speak
 from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.opening import USUAL, AtEnd, Choices, Opening
 from fte_sniff.tui.panes import Panes
@@ -90,6 +92,8 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             source: gives the feed's rows again, so that not all need to lie in memory.
         """
         super().__init__()
+        speak(opening.language)
+        say_keys(self)
         for theme in OWN:
             self.register_theme(theme)
         self.theme = opening.choices.theme or THEMES[0]
@@ -185,7 +189,8 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         if news.ended and self._opening.at_end is AtEnd.LEAVE:
             self.exit()
         elif news.ended and self._watched.state.ended:
-            self._notice.tell(f"ended: {shown(self._watched.state.ended)}", worry=True)
+            why = shown(self._watched.state.ended)
+            self._notice.tell(_("ended: {reason}").format(reason=why), worry=True)
         if news.changed:
             self._table.set_look(ports=self._watched.ports)
             self._table.start_ns = self._watched.start_ns

@@ -17,12 +17,13 @@ from rich.text import Text
 
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.protocol import Row, Status
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.pane import Pane, Sight
 from fte_sniff.tui.table.palette import Palette
 
-TITLE: Final = "bytes around offset {offset:,}"
-HINT: Final = "[ ] row   | next row   J K: scroll   esc: close"
-NO_ROW: Final = "no row"
+TITLE: Final = later("bytes around offset {offset:,}")
+HINT: Final = later("[ ] row   | next row   J K: scroll   esc: close")
+NO_ROW: Final = later("no row")
 
 LINES_AROUND: Final = 6
 """Lines before the row's first one, and behind its last one."""
@@ -163,7 +164,7 @@ class BytesPane(Pane):
         """Dump what stands around the cursor's row, unless that is what stands there."""
         if sight.row is None or sight.index is None:
             self._shown = None
-            self.draw(Text(NO_ROW))
+            self.draw(Text(_(NO_ROW)))
             return
         width = self.room.width
         reach = LINES_AROUND * ABREAST[0]
@@ -172,5 +173,5 @@ class BytesPane(Pane):
         if now == self._shown:
             return
         self._shown = now
-        self.entitle(TITLE.format(offset=sight.row.offset))
+        self.entitle(_(TITLE).format(offset=sight.row.offset))
         self.draw(dump(sight.row, rows, width, sight.palette))

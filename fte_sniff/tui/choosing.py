@@ -14,13 +14,14 @@ from textual.containers import Vertical
 from textual.screen import ModalScreen
 
 from fte_sniff.protocol import COLUMN_BY_NAME
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.picking import Lines
 from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES, TableColumn
 from fte_sniff.tui.table.look import ColumnChoice
 
-VALUES_MEANING = "all values of a row by their short names, as far as there is room"
+VALUES_MEANING = later("all values of a row by their short names, as far as there is room")
 
-KEYS = "space: show, K J: move, < >: width, r: as it was, enter, esc"
+KEYS = later("space: show, K J: move, < >: width, r: as it was, enter, esc")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +73,8 @@ class ColumnChooser(ModalScreen[Chosen | None]):
 
     def _show(self) -> None:
         box = self.query_one("#picker")
-        box.border_title = "columns"
-        box.border_subtitle = KEYS
+        box.border_title = _("columns")
+        box.border_subtitle = _(KEYS)
         self._list.show([(_words(line), f"{line.width:>3}") for line in self._lines], self._at)
 
     def on_key(self, event: events.Key) -> None:
@@ -139,4 +140,4 @@ class ColumnChooser(ModalScreen[Chosen | None]):
 
 def _words(line: _Line) -> str:
     meaning = VALUES_MEANING if line.name == VALUES else COLUMN_BY_NAME[line.name].meaning
-    return f"[{'x' if line.wanted else ' '}] {line.name:<10} {meaning}"
+    return f"[{'x' if line.wanted else ' '}] {line.name:<10} {_(meaning)}"

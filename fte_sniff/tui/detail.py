@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from textwrap import wrap
 
+from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
@@ -18,17 +18,19 @@ from fte_sniff.errors import shown
 from fte_sniff.formats.layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
 from fte_sniff.protocol.dissect import Bit, Part, dissect, explain
+from fte_sniff.tui.fitting import padded, wrap
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.pane import Pane, Sight
 from fte_sniff.tui.quantities import turns_text
 from fte_sniff.tui.table.layout import MARKS
 from fte_sniff.tui.table.palette import Palette
 
-TITLE = "the row, byte by byte"
-HINT = "J K: scroll   esc: close"
-NO_ROW = "no row"
+TITLE = later("the row, byte by byte")
+HINT = later("J K: scroll   esc: close")
+NO_ROW = later("no row")
 TURNS = "{pulses}, {turns}"
-BIT = "bit {number} is {value}: {meaning}"
-BITS = "bits 7-0: {bits}"
+BIT = later("bit {number} is {value}: {meaning}")
+BITS = later("bits 7-0: {bits}")
 BIT_RUN = "{label} {digits}"
 
 BYTES_BESIDE = 4
@@ -43,7 +45,9 @@ BESIDE_CELLS = 30
 ROOMY_LINES = 40
 """Lines of the terminal from which on each bit of a flag byte has a line of its own."""
 
-UNCERTAIN_ORDER = "a row of the other port may have come first: their times are too close to tell"
+UNCERTAIN_ORDER = later(
+    "a row of the other port may have come first: their times are too close to tell"
+)
 """What the sign of an uncertain order means."""
 
 _HEX_WIDTH = 3 * BYTES_BESIDE
@@ -67,11 +71,11 @@ def detail_text(row: Row, palette: Palette, room: Room, bench: Bench = NO_BENCH)
     lines = _heading(row, palette, room)
     wrong = palette.statuses[row.status]
     for said in explain(row):
-        first, *more = _wrap(said, room.width - 2)
+        first, *more = wrap(_(said), room.width - 2)
         lines.append(Text(f"{MARKS[row.status]} {first}", style=wrong))
         lines += [Text(f"  {line}", style=wrong) for line in more]
     if row.order_uncertain:
-        words = _wrap(UNCERTAIN_ORDER, room.width - 2)
+        words = wrap(_(UNCERTAIN_ORDER), room.width - 2)
         marks = (ORDER_MARK, *(" " * (len(words) - 1)))
         lines += [Text(f"{mark} {line}") for mark, line in zip(marks, words, strict=True)]
     parts = [_with_turns(part, bench) for part in dissect(row)]
@@ -85,9 +89,11 @@ def detail_text(row: Row, palette: Palette, room: Room, bench: Bench = NO_BENCH)
 
 def _heading(row: Row, palette: Palette, room: Room) -> list[Text]:
     kind = row.kind if isinstance(row, Frame) else None
-    name = kind.name if kind else "unknown frame" if isinstance(row, Frame) else "damage"
-    time = "no time" if row.t_ns is None else iso_time(row.t_ns)
-    where = f"offset {row.offset:,}  {len(row.raw)} bytes  {shown(row.port)}"
+    name = kind.name if kind else _("unknown frame") if isinstance(row, Frame) else _("damage")
+    time = _("no time") if row.t_ns is None else iso_time(row.t_ns)
+    where = _("offset {offset:,}  {length} bytes  {port}").format(
+        offset=row.offset, length=len(row.raw), port=shown(row.port)
+    )
     style = palette.of_kind(row) if kind else palette.statuses[row.status]
     lines = [Text(name, style=style + Style(bold=True))]
     for words in (time, where):
@@ -123,9 +129,9 @@ def _part_lines(part: Part, palette: Palette, room: Room, values: int) -> Iterat
         (mark, wrong),
         f" {spaced_hex(part.raw) if beside else '':<{_HEX_WIDTH}}",
         (f"{part.name:<{_NAME_WIDTH}} ", wrong + Style(bold=True)),
-        f"{value:<{values}} " if values else "",
+        f"{padded(value, values)} " if values else "",
     )
-    here, *more = _wrapped_beside(part.meaning, len(line), room)
+    here, *more = _wrapped_beside(_(part.meaning), line.cell_len, room)
     line.append(here, palette.muted)
     line.rstrip()
     yield line
@@ -133,12 +139,12 @@ def _part_lines(part: Part, palette: Palette, room: Room, values: int) -> Iterat
         yield Text(below, style=palette.muted)
     for digits in [] if beside else _hex_lines(part.raw, BYTES_BELOW):
         yield Text.assemble((mark, wrong), f" {digits}")
-    yield from _indented(part.note, wrong, room)
+    yield from _indented(_(part.note), wrong, room)
     if not room.bits:
         yield from _indented(_bits_in_a_line(part.bits), palette.muted, room)
         return
     for bit in part.bits:
-        said = BIT.format(number=bit.number, value="01"[bit.is_set], meaning=bit.meaning)
+        said = _(BIT).format(number=bit.number, value="01"[bit.is_set], meaning=_(bit.meaning))
         yield from _indented(said, Style.null() if bit.is_set else palette.muted, room)
 
 
@@ -146,29 +152,25 @@ def _bits_in_a_line(bits: Sequence[Bit]) -> str:
     """Every bit from the highest down; those of one name together."""
     runs = groupby(reversed(bits), key=lambda bit: bit.label)
     told = [
-        BIT_RUN.format(label=label, digits="".join("01"[bit.is_set] for bit in run))
+        BIT_RUN.format(label=_(label), digits="".join("01"[bit.is_set] for bit in run))
         for label, run in runs
     ]
-    return BITS.format(bits=", ".join(told)) if told else ""
+    return _(BITS).format(bits=", ".join(told)) if told else ""
 
 
 def _wrapped_beside(words: str, start: int, room: Room) -> list[str]:
     """The words from cell `start` on, its other lines indented; all below where that is narrow."""
     if not words:
         return [""]
-    if room.width - start >= BESIDE_CELLS or room.width - start >= len(words):
-        first, *more = _wrap(words, room.width - start)
+    if room.width - start >= BESIDE_CELLS or room.width - start >= cell_len(words):
+        first, *more = wrap(words, room.width - start)
         return [first, *(" " * start + line for line in more)]
-    return ["", *(_INDENT + line for line in _wrap(words, room.width - len(_INDENT)))]
+    return ["", *(_INDENT + line for line in wrap(words, room.width - len(_INDENT)))]
 
 
 def _indented(words: str, style: Style, room: Room) -> list[Text]:
-    lines = _wrap(words, room.width - len(_INDENT))
+    lines = wrap(words, room.width - len(_INDENT))
     return [Text(_INDENT + line, style=style) for line in lines]
-
-
-def _wrap(words: str, width: int) -> list[str]:
-    return wrap(words, max(1, width), break_on_hyphens=False)
 
 
 def _hex_lines(raw: bytes, width: int) -> list[str]:
@@ -184,10 +186,10 @@ class DetailPane(Pane):
 
     def see(self, sight: Sight) -> None:
         """Explain the cursor's row, if it is not the one explained."""
-        self.entitle(TITLE)
+        self.entitle(_(TITLE))
         if sight.row is None:
             self._shown = None
-            self.draw(Text(NO_ROW))
+            self.draw(Text(_(NO_ROW)))
             return
         roomy = self.app.size.height >= ROOMY_LINES
         now = (sight.row, sight.palette, Room(self.room.width, roomy), sight.bench)

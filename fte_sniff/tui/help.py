@@ -7,9 +7,9 @@ columns from the vocabulary of rows, examples of filters from the filter.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from textwrap import wrap
 from typing import ClassVar, TypeAlias
 
+from rich.cells import cell_len
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -21,7 +21,9 @@ from fte_sniff.analysis.filter import EXAMPLES
 from fte_sniff.formats.layout import ORDER_MARK
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, Status, status_of
 from fte_sniff.tui.detail import UNCERTAIN_ORDER
+from fte_sniff.tui.fitting import padded, wrap
 from fte_sniff.tui.keys import SECTIONS, key_names
+from fte_sniff.tui.language import _
 from fte_sniff.tui.table.layout import MARKS
 from fte_sniff.tui.table.look import TimeStyle
 from fte_sniff.tui.table.painter import Sign
@@ -33,18 +35,22 @@ Pair: TypeAlias = tuple[str, str]
 def help_pairs() -> Iterator[tuple[str, list[Pair]]]:
     """The page's sections: a heading, and what stands under it."""
     for heading, keys in SECTIONS:
-        yield heading, [(key_names(key), key.tooltip) for key in keys]
+        yield _(heading), [(key_names(key), _(key.tooltip)) for key in keys]
     signs = [(MARKS[status], status.value) for status in Status]
-    signs.append((ORDER_MARK, UNCERTAIN_ORDER))
-    signs += [(sign, sign.meaning) for sign in Sign if sign.meaning]
-    yield "Signs before a row", signs
-    yield "Times", [(style, style.meaning) for style in TimeStyle]
+    signs.append((ORDER_MARK, _(UNCERTAIN_ORDER)))
+    signs += [(sign, _(sign.meaning)) for sign in Sign if sign.meaning]
+    yield _("Signs before a row"), signs
+    yield _("Times"), [(_(style), _(style.meaning)) for style in TimeStyle]
     yield (
-        "Faults",
-        [(f"{MARKS[status_of((fault,))]} {fault}", said) for fault, said in FAULT_MEANINGS.items()],
+        _("Faults"),
+        [
+            (f"{MARKS[status_of((fault,))]} {fault}", _(said))
+            for fault, said in FAULT_MEANINGS.items()
+        ],
     )
-    yield "Columns, and names in a filter", [(column.name, column.meaning) for column in COLUMNS]
-    yield "Filters", list(EXAMPLES)
+    columns = [(column.name, _(column.meaning)) for column in COLUMNS]
+    yield _("Columns, and names in a filter"), columns
+    yield _("Filters"), [(example, _(meaning)) for example, meaning in EXAMPLES]
 
 
 def help_text(width: int) -> Text:
@@ -52,7 +58,7 @@ def help_text(width: int) -> Text:
     lines = []
     for heading, pairs in help_pairs():
         lines.append(Text(heading, style="bold"))
-        names = min(max(len(left) for left, _ in pairs), width // 2)
+        names = min(max(cell_len(left) for left, _words in pairs), width // 2)
         for pair in pairs:
             lines += _pair_lines(pair, names, width)
         lines.append(Text())
@@ -64,9 +70,9 @@ def _pair_lines(pair: Pair, names: int, width: int) -> Iterator[Text]:
     left, right = pair
     indent = " " * (names + 4)
     words = wrap(right, max(8, width - len(indent)))
-    if len(left) <= names:
+    if cell_len(left) <= names:
         first = words.pop(0) if words else ""
-        yield Text.assemble("  ", (f"{left:<{names}}", "bold"), "  ", first)
+        yield Text.assemble("  ", (padded(left, names), "bold"), "  ", first)
     else:
         yield from (Text("  " + line, style="bold") for line in wrap(left, max(8, width - 2)))
     yield from (Text(indent + line) for line in words)
@@ -93,7 +99,7 @@ class HelpPage(ModalScreen[None]):
         self._text = Static()
         # Kept by name: what comes after the page is put away finds nothing on the screen.
         self._page = VerticalScroll(self._text, id="help", can_focus=False)
-        self._page.border_title = "Keys and signs"
+        self._page.border_title = _("Keys and signs")
 
     def compose(self) -> ComposeResult:
         """One page that can be moved up and down."""
@@ -112,8 +118,8 @@ class HelpPage(ModalScreen[None]):
     def _tell_more(self) -> None:
         page = self._page
         below = round(page.max_scroll_y - page.scroll_y)
-        more = f"{below} more lines: down, pgdn, end   " if below > 0 else ""
-        page.border_subtitle = f"{more}esc: back"
+        more = _("{count} more lines: down, pgdn, end   esc: back").format(count=below)
+        page.border_subtitle = more if below > 0 else _("esc: back")
 
     def action_scroll(self, by: int) -> None:
         """Move the page by lines, when it is laid out: the key may have come before."""

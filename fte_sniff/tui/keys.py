@@ -7,9 +7,13 @@ keys typed ahead of the screen go to the field that an earlier one of them opene
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import cast
 
 from textual.binding import Binding, BindingType
+from textual.dom import DOMNode
+
+from fte_sniff.tui.language import _
 
 
 def _key(keys: str, action: str, short: str, meaning: str, display: str | None = None) -> Binding:
@@ -125,3 +129,13 @@ def key_names(binding: Binding) -> str:
 def bindings(*groups: tuple[Binding, ...]) -> list[BindingType]:
     """The groups as Textual wants them."""
     return [cast(BindingType, binding) for group in groups for binding in group]
+
+
+def say_keys(node: DOMNode) -> None:
+    """Let the footer tell a widget's keys in the language that is spoken now."""
+    keys = node._bindings.key_to_bindings
+    for key, known in keys.items():
+        # A new list: the old one is that of the class.
+        keys[key] = [
+            replace(one, description=_(one.description), tooltip=_(one.tooltip)) for one in known
+        ]

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from fte_sniff.errors import UsageError
+from fte_sniff.protocol.said import Said
 
 DOMAIN: Final = "fte-sniff"
 """The name of the catalogues."""
@@ -57,5 +58,17 @@ def speak(language: str) -> None:
 
 
 def _(text: str) -> str:
-    """The text in the language that is spoken."""
-    return _spoken.get(_ENGLISH).gettext(text)
+    """The text in the language that is spoken; one with values in it, with the values too."""
+    if isinstance(text, Said):
+        values = {
+            name: _(value) if isinstance(value, str) else value
+            for name, value in text.values.items()
+        }
+        return _(text.form).format(**values)
+    # To gettext, the empty text is the name of a catalogue's header.
+    return _spoken.get(_ENGLISH).gettext(text) if text else ""
+
+
+def later(text: str) -> str:
+    """The same text, for the catalogues to find; `_` says it in its language where it is shown."""
+    return text

@@ -11,6 +11,7 @@ from textual.widgets import Static
 
 from fte_sniff.errors import shown
 from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.tui.language import _
 from fte_sniff.tui.table.cells import clock_text
 
 GOOD = frozenset(
@@ -32,8 +33,13 @@ _MILLISECONDS = 3
 def event_text(event: PortEvent) -> str:
     """The event in one line."""
     when = clock_text(event.t_ns, _MILLISECONDS)
-    what = f"{event.port} {event.kind.replace('_', ' ')}"
+    what = f"{event.port} {_(event_words(event.kind))}"
     return shown(f"{when}  {what}: {event.detail}" if event.detail else f"{when}  {what}")
+
+
+def event_words(kind: PortEventKind) -> str:
+    """What happened, in English."""
+    return kind.replace("_", " ")
 
 
 class NoticeLine(Static):

@@ -60,6 +60,8 @@ class Opening:
     """Upon which the screen closes; others do what they did before."""
     bench: Bench = NO_BENCH
     """What the user said about the set-up."""
+    language: str = "en"
+    """A word of `language.LANGUAGES`."""
     choices: Choices = Choices()
     """What was chosen before."""
     keep: Keep = keep_nothing

@@ -20,6 +20,7 @@ from fte_sniff.analysis.bench import Bench
 from fte_sniff.analysis.following import Following
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.protocol import Row
+from fte_sniff.tui.language import _
 from fte_sniff.tui.table.palette import Palette
 
 _CORNERS = 4
@@ -76,7 +77,7 @@ class Pane(VerticalScroll, can_focus=False):
 
     def entitle(self, title: str) -> None:
         """Put a title over the page."""
-        both = f"{title}   {self._hint}"
+        both = f"{title}   {_(self._hint)}"
         line = both if cell_len(both) + _CORNERS <= self.size.width else title
         self.border_title = escape(line)
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 from textual import events
@@ -20,6 +21,7 @@ from textual.screen import ModalScreen
 from textual.widget import Widget
 
 from fte_sniff.tui.fitting import fit
+from fte_sniff.tui.language import _
 
 Picked = TypeVar("Picked")
 
@@ -70,7 +72,7 @@ class Lines(Widget):
         width, top = self.size.width, self.top
         made = []
         for at, (words, aside) in enumerate(self._lines[top : top + self.size.height], top):
-            room = max(0, width - 2 - (len(aside) + 1 if aside else 0))
+            room = max(0, width - 2 - (cell_len(aside) + 1 if aside else 0))
             line = f"{'>' if at == self.cursor else ' '} {fit(words, room)}"
             line = fit(f"{line} {aside}" if aside else line, width)
             made.append(Text(line, CURSOR if at == self.cursor else "", end=""))
@@ -123,10 +125,11 @@ class Picker(ModalScreen[Picked | None], Generic[Picked]):
         self._at = min(max(0, self._at), max(0, len(shown) - 1))
         box = self.query_one("#picker")
         box.border_title = self._heading
-        box.border_subtitle = (
-            f"{self._typed}_" if self._typed else "type to find, enter picks, esc goes back"
-        )
-        lines = [(entry.words, entry.aside) for entry in shown] or [("nothing is called that", "")]
+        hint = _("type to find, enter picks, esc goes back")
+        box.border_subtitle = f"{self._typed}_" if self._typed else hint
+        lines = [(entry.words, entry.aside) for entry in shown] or [
+            (_("nothing is called that"), "")
+        ]
         self._lines.show(lines, self._at)
 
     def on_key(self, event: events.Key) -> None:

@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from typing import Final
 
 from fte_sniff.analysis.bench import Bench
+from fte_sniff.tui.language import _, later
 
 UNKNOWN: Final = "–"
 """Stands for what was never told or cannot be."""
 
-TURNS: Final = "{turns:,.3f} turns"
+TURNS: Final = later("{turns:,.3f} turns")
 
 _SPANS: Final = (
     (1_000, 1, "{:.0f} ns"),
@@ -36,7 +37,7 @@ def span_text(ns: float | None) -> str:
         # What rounds up to the next unit is told in that.
         if ns < below * 0.9995:
             return _plain(form, ns / unit)
-    return f"{ns / _DAYS:,.0f} days"
+    return _("{days:,.0f} days").format(days=ns / _DAYS)
 
 
 def _plain(form: str, number: float) -> str:
@@ -70,7 +71,7 @@ def short_number(value: float) -> str:
 def turns_text(pulses: int, bench: Bench) -> str:
     """A position in turns; empty where nobody said how many pulses a turn has."""
     turns = bench.turns(pulses)
-    return "" if turns is None else TURNS.format(turns=turns)
+    return "" if turns is None else _(TURNS).format(turns=turns)
 
 
 def sparkline(values: Sequence[float], width: int, full: float | None = None) -> str:

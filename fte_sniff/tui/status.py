@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rich.cells import cell_len
 from rich.text import Text
 from textual.widget import Widget
 
 from fte_sniff.tui.fitting import fit
+from fte_sniff.tui.language import _
 
 ROOMY = 72
 """Cells from which on there is room for whole words."""
@@ -44,31 +46,37 @@ def status_text(numbers: Numbers, width: int) -> str:
     """The line in exactly `width` cells; where it is narrow, the last parts are left out first."""
     parts = _parts(numbers) if width >= ROOMY else _short_parts(numbers)
     if numbers.line_errors:
-        parts.append(f"{numbers.line_errors:,} line errors")
+        parts.append(_("{count:,} line errors").format(count=numbers.line_errors))
     if numbers.not_shown:
-        parts.append(f"{numbers.not_shown:,} too fast to show")
-    parts.append(f"row {numbers.place:,}" if numbers.place else "no row shown")
+        parts.append(_("{count:,} too fast to show").format(count=numbers.not_shown))
+    place = _("row {number:,}").format(number=numbers.place)
+    parts.append(place if numbers.place else _("no row shown"))
     if not numbers.following:
-        parts.append(f"{numbers.below:,} below")
+        parts.append(_("{count:,} below").format(count=numbers.below))
     line = parts[0]
     for part in parts[1:]:
-        if len(line) + len(part) + 2 > width:
+        if cell_len(line) + cell_len(part) + 2 > width:
             break
         line += "  " + part
     return fit(line, width)
 
 
 def _parts(numbers: Numbers) -> list[str]:
-    rate = [] if numbers.frames_per_s is None else [f"{numbers.frames_per_s:>6,.0f} frames/s"]
-    malformed = f"{numbers.malformed:>6,} malformed {_share(numbers, 2):>6}"
-    return [f"{numbers.rows:>9,} rows", *rate, malformed]
+    per_s = numbers.frames_per_s
+    rate = [] if per_s is None else [_("{rate:>6,.0f} frames/s").format(rate=per_s)]
+    malformed = _("{count:>6,} malformed {share:>6}").format(
+        count=numbers.malformed, share=_share(numbers, 2)
+    )
+    return [_("{count:>9,} rows").format(count=numbers.rows), *rate, malformed]
 
 
 def _short_parts(numbers: Numbers) -> list[str]:
     """The same in few cells, the rate last."""
     rate = [] if numbers.frames_per_s is None else [f"{numbers.frames_per_s:>5,.0f}/s"]
-    malformed = f"{numbers.malformed:>5,} bad {_share(numbers, 1):>5}"
-    return [f"{numbers.rows:>9,} rows", malformed, *rate]
+    malformed = _("{count:>5,} bad {share:>5}").format(
+        count=numbers.malformed, share=_share(numbers, 1)
+    )
+    return [_("{count:>9,} rows").format(count=numbers.rows), malformed, *rate]
 
 
 def _share(numbers: Numbers, digits: int) -> str:

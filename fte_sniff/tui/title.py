@@ -14,12 +14,13 @@ from textual.widget import Widget
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import shown
 from fte_sniff.tui.fitting import fit, fit_path
+from fte_sniff.tui.language import _
 
 NAME = "fte-sniff"
 
 
 class Mode(StrEnum):
-    """The word for what the view does."""
+    """The word for what the view does, in English."""
 
     LOADING = "LOADING"
     LIVE = "LIVE"
@@ -45,30 +46,37 @@ def mode_of(state: FeedState, paused: bool, following: bool) -> Mode:
     return Mode.LOADING if state.running else Mode.FILE
 
 
+def badge_text(state: FeedState, mode: Mode, unseen: int) -> str:
+    """The state at the line's end."""
+    words = _(mode)
+    if mode is Mode.PAUSED:
+        words = _("PAUSED, {count:,} new").format(count=unseen)
+    elif mode is Mode.SCROLLED:
+        words = _("SCROLLED +{count:,}").format(count=unseen)
+    elif mode is Mode.LOADING and state.progress is not None:
+        words = _("LOADING {share:4.0%}").format(share=state.progress)
+    return f" {words} "
+
+
 def title_text(state: FeedState, mode: Mode, unseen: int, width: int) -> str:
     """The line in exactly `width` cells; names are cut before the state is.
 
     `unseen` is the number of rows that came since a pause, or are below the window.
     """
-    badge = f" {mode} "
-    if mode is Mode.PAUSED:
-        badge = f" {mode}, {unseen:,} new "
-    elif mode is Mode.SCROLLED:
-        badge = f" {mode} +{unseen:,} "
-    elif mode is Mode.LOADING and state.progress is not None:
-        badge = f" {mode} {state.progress:4.0%} "
+    badge = badge_text(state, mode, unseen)
     room = max(0, width - cell_len(badge))
     names = f" {shown(state.title)}"
     if cell_len(names) + cell_len(NAME) + 2 < room:
         names = f" {NAME} {names}"
     if state.recording is not None:
-        rest = room - cell_len(names) - len("  rec ") - 1
+        lead = f"  {_('rec')} "
+        rest = room - cell_len(names) - cell_len(lead) - 1
         path = shown(state.recording)
         shortest = min(cell_len(path), 16)
         if rest < shortest:
-            names = fit(names, max(0, room - len("  rec ") - 1 - shortest)).rstrip()
-            rest = room - cell_len(names) - len("  rec ") - 1
-        names += f"  rec {fit_path(path, rest)}"
+            names = fit(names, max(0, room - cell_len(lead) - 1 - shortest)).rstrip()
+            rest = room - cell_len(names) - cell_len(lead) - 1
+        names += f"{lead}{fit_path(path, rest)}"
     return fit(names, room) + badge
 
 
@@ -97,5 +105,5 @@ class TitleLine(Widget):
         state, mode, unseen = self._shown
         line = title_text(state, mode, unseen, self.size.width)
         text = Text(line, no_wrap=True, overflow="crop")
-        text.stylize("bold reverse", max(0, line.rfind(f" {mode}")))
+        text.stylize("bold reverse", max(0, len(line) - len(badge_text(state, mode, unseen))))
         return text

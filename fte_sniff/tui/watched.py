@@ -14,6 +14,7 @@ from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.analysis.tally import Rate, Tally
 from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.tui.language import _
 from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToOffset, ToRow, ToShare, ToTime
 from fte_sniff.tui.status import Numbers
 from fte_sniff.tui.table.viewport import Viewport
@@ -108,17 +109,22 @@ class Watched:
         """How many rows the filter lets through; empty where there is none."""
         if self.store.filter is None:
             return ""
-        words = f"{self.store.shown_count:,} of {len(self.store):,} rows"
-        return f"{words}, {self.store.pending:,} to go" if self.store.pending else words
+        form = _("{shown:,} of {all:,} rows")
+        if self.store.pending:
+            form = _("{shown:,} of {all:,} rows, {pending:,} to go")
+        count, pending = self.store.shown_count, self.store.pending
+        return form.format(shown=count, all=len(self.store), pending=pending)
 
     @property
     def empty_words(self) -> str:
         """Why there is nothing to see, where nothing is shown."""
         if self.store.pending:
-            return "filtering ..."
+            return _("filtering ...")
         if len(self.store):
-            return f"the filter hides all {len(self.store):,} rows; F shows them again"
-        return "nothing came yet" if self.state.running else "nothing came"
+            return _("the filter hides all {count:,} rows; F shows them again").format(
+                count=len(self.store)
+            )
+        return _("nothing came yet") if self.state.running else _("nothing came")
 
     def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
         """Show only what the filter lets through, the rows near that index first."""

@@ -10,7 +10,7 @@ import pytest
 
 from fte_sniff.cli.settings import read_settings
 from tests.cli.conftest import SAMPLES
-from tests.cli.test_screen import terminal
+from tests.cli.terminals import terminal
 
 CLEAN = str(SAMPLES / "clean.mcap")
 DOTS = "sim://?seed=1&rate=500"
@@ -164,5 +164,32 @@ def test_turns_come_from_the_settings_of_the_port_in_a_recording(
         screen.until("speed_feed")
         screen.type("GM")
         screen.until(" turns")
+        screen.type("q")
+        assert screen.ended() == 0
+
+
+@pytest.mark.parametrize(
+    ("said", "options", "locale", "shows"),
+    [
+        ("", ("--lang", "zh"), "C.UTF-8", "帮助"),
+        ("", (), "zh_CN.UTF-8", "帮助"),
+        ('language = "zh"', (), "C.UTF-8", "帮助"),
+        ('language = "zh"', ("--lang", "en"), "zh_CN.UTF-8", "Help"),
+        ('language = "zh"', ("--lang", "auto"), "C.UTF-8", "Help"),
+    ],
+)
+def test_the_screen_speaks_what_is_asked_for(
+    environment,
+    settings_file: Path,
+    tmp_path: Path,
+    said: str,
+    options: tuple[str, ...],
+    locale: str,
+    shows: str,
+) -> None:
+    settings_file.write_text(f"[screen]\n{said}\n")
+    environment = environment | {"LANG": locale}
+    with terminal(environment, tmp_path, "view", CLEAN, *options) as screen:
+        screen.until(shows)
         screen.type("q")
         assert screen.ended() == 0

@@ -11,6 +11,7 @@ from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.filter_cells import CellFilter, both, cell_filters
 from fte_sniff.errors import shown
 from fte_sniff.tui.actions.parts import Parts
+from fte_sniff.tui.language import _
 from fte_sniff.tui.picking import Entry, Picker
 
 
@@ -42,15 +43,15 @@ class Filtering(Parts):
         if self._filters_before:
             self._hold_filter(self._filters_before.pop())
         else:
-            self._tell("no other filter stood before")
+            self._tell(_("no other filter stood before"))
 
     def action_only(self) -> None:
         """Show only rows that are like the cursor's in one cell."""
-        self._pick_cell("only rows with", lambda cell: cell.only)
+        self._pick_cell(_("only rows with"), lambda cell: cell.only)
 
     def action_without(self) -> None:
         """Hide rows that are like the cursor's in one cell."""
-        self._pick_cell("hide rows with", lambda cell: cell.without)
+        self._pick_cell(_("hide rows with"), lambda cell: cell.without)
 
     def _pick_cell(self, title: str, said: Callable[[CellFilter], str]) -> None:
         row = self._table.cursor_row

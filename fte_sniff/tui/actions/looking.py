@@ -11,6 +11,7 @@ from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.choosing import Chosen, ColumnChooser
 from fte_sniff.tui.help import HelpPage
 from fte_sniff.tui.keys import COMMANDS, key_names
+from fte_sniff.tui.language import _
 from fte_sniff.tui.picking import Entry, Picker
 from fte_sniff.tui.table.columns import column_of
 from fte_sniff.tui.table.header import TableHeader
@@ -37,7 +38,7 @@ class Looking(Parts):
         at = styles.index(now) if now in styles else 0
         style = styles[(at + by) % len(styles)]
         self._table.set_look(times=style)
-        self._tell(style.meaning)
+        self._tell(_(style.meaning))
 
     def action_columns(self) -> None:
         """Choose columns, their order and widths."""
@@ -58,7 +59,7 @@ class Looking(Parts):
         """Switch to the next theme."""
         self.theme = theme_after(self.theme)
         self._table.sync()
-        self._tell(f"theme {self.theme}")
+        self._tell(_("theme {name}").format(name=self.theme))
 
     def action_pane(self, name: str) -> None:
         """Show the pane of that name, or close it; to explain one row is to stay on it."""
@@ -86,8 +87,8 @@ class Looking(Parts):
 
     def action_palette(self) -> None:
         """Pick what to do from a list of all that can be done."""
-        entries = [Entry(key.tooltip, key.action, key_names(key)) for key in COMMANDS]
-        self.push_screen(Picker("do", entries), self._do)
+        entries = [Entry(_(key.tooltip), key.action, key_names(key)) for key in COMMANDS]
+        self.push_screen(Picker(_("do"), entries), self._do)
 
     async def _do(self, action: str | None) -> None:
         if action is not None and not await self.run_action(action, self):

@@ -6,6 +6,7 @@ It must not know what is done with them.
 from __future__ import annotations
 
 from fte_sniff.tui.actions.parts import Parts
+from fte_sniff.tui.language import _
 
 
 class Marking(Parts):
@@ -23,11 +24,11 @@ class Marking(Parts):
         if self._table.jump_to_mark(by):
             return
         if not self._table.marks:
-            self._tell("no row is marked; m marks one")
+            self._tell(_("no row is marked; m marks one"))
         elif by > 0:
-            self._tell("no marked row is shown below this one")
+            self._tell(_("no marked row is shown below this one"))
         else:
-            self._tell("no marked row is shown above this one")
+            self._tell(_("no marked row is shown above this one"))
 
     def action_select(self) -> None:
         """Begin a selection at the cursor's row, or end it."""
@@ -37,7 +38,7 @@ class Marking(Parts):
             self._table.stay()
             self._table.selecting_from = self._table.index_here
             self._table.sync()
-            self._tell("selecting: move, then y or Y copies, w saves, esc ends it")
+            self._tell(_("selecting: move, then y or Y copies, w saves, esc ends it"))
 
     def _unselect(self) -> bool:
         """End the selection; whether there was one."""

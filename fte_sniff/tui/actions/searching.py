@@ -15,6 +15,7 @@ from time import monotonic
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.tui.actions.parts import Parts
+from fte_sniff.tui.language import _
 
 AT_ONCE_S = 0.05
 """How long the search may hold up the screen before it goes on beside it."""
@@ -46,7 +47,7 @@ class Searching(Parts):
         """Go to the next row that has it, or to the one before."""
         search = self._table.search
         if search is None:
-            self._tell("nothing was looked for yet; / begins")
+            self._tell(_("nothing was looked for yet; / begins"))
         else:
             self._seek(search, self._table.index_here + by, by)
 
@@ -72,8 +73,9 @@ class Searching(Parts):
     async def _go_on(self, search: Search, steps: Iterator[Look]) -> None:
         while (look := self._step(search, steps)) is not None:
             share = look.seen / max(1, len(self._watched.store))
+            words = _("looking for {text}: {share:.0%} seen, esc ends it")
             self._notice.tell_progress(
-                f"looking for {shown(search.typed)}: {min(share, 1):.0%} seen, esc ends it"
+                words.format(text=shown(search.typed), share=min(share, 1.0))
             )
             await asyncio.sleep(0)
 
@@ -113,17 +115,18 @@ class Searching(Parts):
 
     def _show_found(self, look: Look) -> None:
         if look.found is None or not self._table.jump_to_index(look.found):
-            self._tell("the next row that has it came after the pause; space goes on")
+            self._tell(_("the next row that has it came after the pause; space goes on"))
         elif look.around:
-            self._tell("there was no further one: it went on from the other end")
+            self._tell(_("there was no further one: it went on from the other end"))
 
     def _tell_none(self, search: Search) -> None:
         if self._watched.store.pending:
-            self._tell(f"no row so far has {shown(search.typed)}; the filter is still at work")
+            words = _("no row so far has {text}; the filter is still at work")
         elif self._watched.store.filter is None:
-            self._tell(f"no row has {shown(search.typed)}")
+            words = _("no row has {text}")
         else:
-            self._tell(f"no row that the filter shows has {shown(search.typed)}")
+            words = _("no row that the filter shows has {text}")
+        self._tell(words.format(text=shown(search.typed)))
 
     @property
     def _searching(self) -> bool:

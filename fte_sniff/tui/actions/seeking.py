@@ -6,6 +6,7 @@ It must not know how rows are found; the watched rows and the store do.
 from __future__ import annotations
 
 from fte_sniff.tui.actions.parts import Parts
+from fte_sniff.tui.language import _
 from fte_sniff.tui.prompt.goto import ToOffset, parse_goal
 
 
@@ -18,15 +19,17 @@ class Seeking(Parts):
         goal = parse_goal(line)
         row = self._watched.row_of(goal, self._table.viewport.cursor)
         if row is None and isinstance(goal, ToOffset):
-            self._tell(f"no row that is shown has byte {goal.offset:,} of its stream")
+            words = _("no row that is shown has byte {offset:,} of its stream")
+            self._tell(words.format(offset=goal.offset))
         elif row is None:
-            self._tell("no row here has a time to go by")
+            self._tell(_("no row here has a time to go by"))
         if row is None:
             return
         last = self._table.viewport.count - 1
         self._table.jump(row)
         if row > last >= 0:
-            self._tell(f"there is no row {row + 1:,}; this is the last")
+            words = _("there is no row {number:,}; this is the last")
+            self._tell(words.format(number=row + 1))
 
     def action_goto(self) -> None:
         """Ask where to go."""
@@ -37,6 +40,6 @@ class Seeking(Parts):
         if self._table.jump_to_fault(by):
             return
         if by > 0:
-            self._tell("no row with a fault below this one")
+            self._tell(_("no row with a fault below this one"))
         else:
-            self._tell("no row with a fault above this one")
+            self._tell(_("no row with a fault above this one"))

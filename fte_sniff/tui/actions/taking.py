@@ -19,6 +19,7 @@ from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.session.saving import Saving, Target
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.clips import keep_copy, short_path
+from fte_sniff.tui.language import _
 
 MOST_COPIED = 10_000
 """Rows that can be copied at once: a terminal takes about a megabyte."""
@@ -58,9 +59,8 @@ class Taking(Parts):
             return None if row is None else [row]
         start, end = store.position_of(selected.start), store.position_of(selected.stop)
         if end - start > MOST_COPIED:
-            self._tell(
-                f"{end - start:,} rows are too many to copy (at most {MOST_COPIED:,}); w saves them"
-            )
+            words = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
+            self._tell(words.format(count=end - start, most=MOST_COPIED))
             return None
         return [row for _, row in store.shown_slice(start, end)]
 
@@ -68,11 +68,9 @@ class Taking(Parts):
         text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
         self.copy_to_clipboard(text)
         kept = keep_copy(text)
-        first = text.partition("\n")[0] if rows == 1 else f"{rows:,} rows"
-        if kept is None:
-            self._tell(f"copied {shown(first)}")
-        else:
-            self._tell(f"copied {shown(first)}  (also in {shown(short_path(kept))})")
+        first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows").format(count=rows)
+        form = _("copied {what}") if kept is None else _("copied {what}  (also in {file})")
+        self._tell(form.format(what=shown(first), file=shown(short_path(kept)) if kept else ""))
         self._unselect()
 
     def action_interrupt(self) -> None:
@@ -86,9 +84,10 @@ class Taking(Parts):
     def action_save(self) -> None:
         """Ask for the file that the selected rows, or all that are shown, are saved to."""
         if self._saving is not None:
-            self._tell(f"{shown(str(self._saving.path))} is still being saved; esc ends that")
+            words = _("{file} is still being saved; esc ends that")
+            self._tell(words.format(file=shown(str(self._saving.path))))
         elif not self._watched.store.shown_count:
-            self._tell("no row is shown that could be saved")
+            self._tell(_("no row is shown that could be saved"))
         else:
             self._tell_what_is_saved()
             self._save_field.ask()
@@ -97,9 +96,10 @@ class Taking(Parts):
         store, selected = self._watched.store, self._table.selected
         if selected:
             count = store.position_of(selected.stop) - store.position_of(selected.start)
-            self._tell(f"{count:,} rows are selected, and are saved")
+            self._tell(_("{count:,} rows are selected, and are saved").format(count=count))
         else:
-            self._tell(f"{store.shown_count:,} rows are shown, and are saved")
+            count = store.shown_count
+            self._tell(_("{count:,} rows are shown, and are saved").format(count=count))
 
     def _save(self, line: str) -> None:
         if not line:
@@ -124,9 +124,8 @@ class Taking(Parts):
                 rows, at = store.select(at, wanted.stop, row_filter)
                 saving.write(rows)
                 share = (at - wanted.start) / len(wanted)
-                self._notice.tell_progress(
-                    f"saving to {shown(str(saving.path))}: {share:.0%}, esc ends it"
-                )
+                words = _("saving to {file}: {share:.0%}, esc ends it")
+                self._notice.tell_progress(words.format(file=shown(str(saving.path)), share=share))
                 await asyncio.sleep(0)
             saving.finish()
         except FteSniffError as error:
@@ -134,7 +133,8 @@ class Taking(Parts):
             self._notice.tell(str(error), worry=True)
         else:
             self._saving = None
-            self._tell(f"saved {saving.rows:,} rows to {shown(str(saving.path))}")
+            words = _("saved {count:,} rows to {file}")
+            self._tell(words.format(count=saving.rows, file=shown(str(saving.path))))
             self._unselect()
 
     def _end_saving(self) -> bool:
@@ -145,5 +145,5 @@ class Taking(Parts):
         self.workers.cancel_group(self, GROUP)
         # The work may not have begun, and then does not hear that it is to end.
         saving.abandon()
-        self._tell(f"{shown(str(saving.path))} was not saved")
+        self._tell(_("{file} was not saved").format(file=shown(str(saving.path))))
         return True

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
@@ -24,38 +25,40 @@ from fte_sniff.analysis.fields import subject
 from fte_sniff.analysis.motors import Flags, MotorState
 from fte_sniff.analysis.traces import QUANTITIES
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Field, FrameKind, Status
+from fte_sniff.tui.fitting import padded
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.motors.look import SECOND_NS, MotorsLook
 from fte_sniff.tui.motors.plot import Strokes, dots_across, plot
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, span_text, turns_text
 from fte_sniff.tui.table.cells import clock_text
 from fte_sniff.tui.table.palette import Palette
 
-MOTOR: Final = "motor {number}"
+MOTOR: Final = later("motor {number}")
 MOTOR_BRIEF: Final = "{number}"
-ONLINE: Final = "online"
-OFFLINE: Final = "OFFLINE"
-ONLINE_UNKNOWN: Final = "online –"
-ERROR: Final = "error {byte:02X}"
-ERROR_UNKNOWN: Final = "error –"
-ERROR_CHANGED: Final = "bit {bit} {time}"
-ERROR_CHANGED_SHORT: Final = "b{bit} {time}"
-ERROR_BIT: Final = "  error bit {bit} is {value} since {time}"
-NO_ERROR_BIT: Final = "  no error bit ever changed"
-ONLINE_SINCE: Final = "  ONLINE bit {bit} is {value} since {time}"
-NO_ONLINE_CHANGE: Final = "  ONLINE bit {bit} never changed"
-TARGET: Final = "target"
-NOW: Final = "now"
+ONLINE: Final = later("online")
+OFFLINE: Final = later("OFFLINE")
+ONLINE_UNKNOWN: Final = later("online –")
+ERROR: Final = later("error {byte:02X}")
+ERROR_UNKNOWN: Final = later("error –")
+ERROR_CHANGED: Final = later("bit {bit} {time}")
+ERROR_CHANGED_SHORT: Final = later("b{bit} {time}")
+ERROR_BIT: Final = later("  error bit {bit} is {value} since {time}")
+NO_ERROR_BIT: Final = later("  no error bit ever changed")
+ONLINE_SINCE: Final = later("  ONLINE bit {bit} is {value} since {time}")
+NO_ONLINE_CHANGE: Final = later("  ONLINE bit {bit} never changed")
+TARGET: Final = later("target")
+NOW: Final = later("now")
 NEVER_ASKED: Final = "–"
-AGO: Final = "{span} ago"
+AGO: Final = later("{span} ago")
 COMMANDS: Final = (
-    "{rate} commands, {unanswered:,} of {all:,} unanswered",
-    "{rate} commands, {unanswered:,} unanswered",
+    later("{rate} commands, {unanswered:,} of {all:,} unanswered"),
+    later("{rate} commands, {unanswered:,} unanswered"),
 )
-WAITING: Final = "{rate} commands, no answer for {span}"
+WAITING: Final = later("{rate} commands, no answer for {span}")
 FEEDBACK: Final = (
-    "{rate} feedback, {p50} after the command (99 %: {p99})",
-    "{rate} feedback, {p50} after, p99 {p99}",
-    "{rate} feedback, {p50} p99 {p99}",
+    later("{rate} feedback, {p50} after the command (99 %: {p99})"),
+    later("{rate} feedback, {p50} after, p99 {p99}"),
+    later("{rate} feedback, {p50} p99 {p99}"),
 )
 CAPTION: Final = "{kind} [{unit}]"
 
@@ -130,14 +133,14 @@ def plots(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette)
 
 def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> Iterator[Text]:
     yield _title(state, size.width, palette)
-    yield Text.assemble(_label(TARGET, palette), *_target(look, state, palette))
+    yield Text.assemble(_label(_(TARGET), palette), *_target(look, state, palette))
     first = _asked_for(state)
     names = [first, *(name for name in QUANTITIES if name != first)]
     readings = [_reading(look, state, name, palette) for name in names]
     if size.roomy:
-        yield from (_label(NOW, palette) + reading for reading in readings)
+        yield from (_label(_(NOW), palette) + reading for reading in readings)
     else:
-        yield _label(NOW, palette) + Text("  ").join(readings)
+        yield _label(_(NOW), palette) + Text("  ").join(readings)
     yield _commands(look, state, size.width, palette)
     yield _feedback(state, size.width)
     if size.roomy:
@@ -145,7 +148,7 @@ def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette
 
 
 def _label(word: str, palette: Palette) -> Text:
-    return Text.assemble((f"{word:<{_LABEL}}", palette.muted))
+    return Text.assemble((padded(word, _LABEL), palette.muted))
 
 
 def _head(form: str, state: MotorState, palette: Palette) -> Text:
@@ -153,25 +156,25 @@ def _head(form: str, state: MotorState, palette: Palette) -> Text:
     wrong = palette.statuses[Status.MALFORMED] + _BOLD
     text = Text.assemble((form.format(number=state.motor), _BOLD))
     if state.online is None:
-        text.append(f" {ONLINE_UNKNOWN}", palette.muted)
+        text.append(f" {_(ONLINE_UNKNOWN)}", palette.muted)
     else:
-        said, style = (ONLINE, _PLAIN) if state.online else (OFFLINE, wrong)
+        said, style = (_(ONLINE), _PLAIN) if state.online else (_(OFFLINE), wrong)
         text.append(f" {said}", style)
     error = state.flags.get("error")
     if error is None:
-        return text.append(f" {ERROR_UNKNOWN}", palette.muted)
-    return text.append(f" {ERROR.format(byte=error.byte)}", wrong if error.byte else _PLAIN)
+        return text.append(f" {_(ERROR_UNKNOWN)}", palette.muted)
+    return text.append(f" {_(ERROR).format(byte=error.byte)}", wrong if error.byte else _PLAIN)
 
 
 def _title(state: MotorState, width: int, palette: Palette) -> Text:
     """The head with the latest change of the error byte, if it ever changed."""
-    text, error = _head(MOTOR, state, palette), state.flags.get("error")
+    text, error = _head(_(MOTOR), state, palette), state.flags.get("error")
     changes = _changes(error) if error is not None else []
     if changes:
         t_ns, bit = changes[0]
-        whole = ERROR_CHANGED.format(bit=bit, time=clock_text(t_ns, _MILLISECONDS))
-        short = ERROR_CHANGED_SHORT.format(bit=bit, time=clock_text(t_ns, 0).rstrip("."))
-        fits = text.cell_len + len(whole) < width
+        whole = _(ERROR_CHANGED).format(bit=bit, time=clock_text(t_ns, _MILLISECONDS))
+        short = _(ERROR_CHANGED_SHORT).format(bit=bit, time=clock_text(t_ns, 0).rstrip("."))
+        fits = text.cell_len + cell_len(whole) < width
         text.append(f" {whole if fits else short}", palette.muted)
     return text
 
@@ -223,13 +226,13 @@ def _age(look: MotorsLook, t_ns: int | None, palette: Palette) -> Text:
     age = look.ago_ns(t_ns)
     if age is None or age < STALE_NS:
         return Text()
-    return Text(" " + AGO.format(span=span_text(age)), style=palette.muted)
+    return Text(" " + _(AGO).format(span=span_text(age)), style=palette.muted)
 
 
 def _commands(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
     rate, waits = rate_text(state.commands_per_s), look.ago_ns(state.waiting_since_ns)
     if waits is not None and waits >= STALE_NS:
-        words = WAITING.format(rate=rate, span=span_text(waits))
+        words = _(WAITING).format(rate=rate, span=span_text(waits))
         return Text(words, style=palette.statuses[Status.SUSPECT])
     every = state.answered + state.unanswered
     return _fitting(COMMANDS, width, rate=rate, unanswered=state.unanswered, all=every)
@@ -242,8 +245,8 @@ def _feedback(state: MotorState, width: int) -> Text:
 
 def _fitting(forms: Sequence[str], width: int, **values: object) -> Text:
     """The first of some sentences that has room; the last where none has."""
-    told = [form.format(**values) for form in forms]
-    return Text(next((words for words in told if len(words) <= width), told[-1]))
+    told = [_(form).format(**values) for form in forms]
+    return Text(next((words for words in told if cell_len(words) <= width), told[-1]))
 
 
 def _bits(state: MotorState, palette: Palette) -> Iterator[Text]:
@@ -254,18 +257,18 @@ def _bits(state: MotorState, palette: Palette) -> Iterator[Text]:
         for t_ns, bit in changes[:MOST_BITS]:
             yield _bit(ERROR_BIT, bit, error.byte, t_ns)
         if not changes:
-            yield Text(NO_ERROR_BIT, style=palette.muted)
+            yield Text(_(NO_ERROR_BIT), style=palette.muted)
     if state.online is not None:
         bit = state.motor - MOTORS[0]
         if state.online_changed_ns is None:
-            yield Text(NO_ONLINE_CHANGE.format(bit=bit), style=palette.muted)
+            yield Text(_(NO_ONLINE_CHANGE).format(bit=bit), style=palette.muted)
         else:
             yield _bit(ONLINE_SINCE, bit, state.online << bit, state.online_changed_ns)
 
 
 def _bit(form: str, bit: int, byte: int, t_ns: int) -> Text:
     when = clock_text(t_ns, _MILLISECONDS)
-    return Text(form.format(bit=bit, value=byte >> bit & 1, time=when))
+    return Text(_(form).format(bit=bit, value=byte >> bit & 1, time=when))
 
 
 def _asked_for(state: MotorState) -> str:

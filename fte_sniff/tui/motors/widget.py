@@ -13,15 +13,16 @@ from rich.text import Text
 
 from fte_sniff.analysis.motors import Motors, MotorState
 from fte_sniff.analysis.traces import Traces
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.motors.card import WORD_LINES, CardSize, brief, plots, words
 from fte_sniff.tui.motors.look import DEFAULT_WINDOW, WINDOWS_NS, MotorsLook, zoomed
 from fte_sniff.tui.pane import Pane, Sight
 from fte_sniff.tui.quantities import span_text
 from fte_sniff.tui.table.palette import Palette
 
-TITLE: Final = "motors, {span}: line told, dots asked"
-HINT: Final = "z Z: time   J K: scroll   esc: close"
-BEHIND: Final = "reading: {rows:,} rows to go"
+TITLE: Final = later("motors, {span}: line told, dots asked")
+HINT: Final = later("z Z: time   J K: scroll   esc: close")
+BEHIND: Final = later("reading: {rows:,} rows to go")
 
 FOUR_ABREAST: Final = 160
 """Cells from which on all motors stand side by side."""
@@ -95,10 +96,10 @@ class MotorsPane(Pane):
 
     def see(self, sight: Sight) -> None:
         """Draw the motors as they were when the cursor's row had come."""
-        self.entitle(TITLE.format(span=span_text(WINDOWS_NS[self._window])))
+        self.entitle(_(TITLE).format(span=span_text(WINDOWS_NS[self._window])))
         look = self._look(sight)
         if look is None:
-            self.draw(Text(BEHIND.format(rows=sight.models.behind)))
+            self.draw(Text(_(BEHIND).format(rows=sight.models.behind)))
             return
         room = self.room
         self.draw(grid(look, room.width, room.height, sight.palette))

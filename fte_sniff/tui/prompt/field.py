@@ -18,6 +18,8 @@ from textual.widget import Widget
 from textual.widgets import Input, Static
 
 from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.tui.keys import say_keys
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.history import History
 
 Check = Callable[[str], object]
@@ -34,11 +36,11 @@ class Line(Input):
     """The line being typed, with the lines before it on the arrow keys."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up", "older(-1)", "Older", show=False),
-        Binding("down", "older(1)", "Newer", show=False),
-        Binding("tab,shift+tab", "complete", "Complete", show=False),
-        Binding("enter", "submit", "Apply", key_display="enter"),
-        Binding("escape", "leave", "Back", key_display="esc"),
+        Binding("up", "older(-1)", later("Older"), show=False),
+        Binding("down", "older(1)", later("Newer"), show=False),
+        Binding("tab,shift+tab", "complete", later("Complete"), show=False),
+        Binding("enter", "submit", later("Apply"), key_display="enter"),
+        Binding("escape", "leave", later("Back"), key_display="esc"),
     ]
 
     def __init__(
@@ -49,6 +51,7 @@ class Line(Input):
         leave: Callable[[], None],
     ) -> None:
         super().__init__(placeholder=hint, compact=True, suggester=suggester)
+        say_keys(self)
         self.history = History()
         self.can_focus = False
         self.asking = False
@@ -107,6 +110,16 @@ class Field(Vertical):
         good: str,
         suggester: Suggester | None = None,
     ) -> None:
+        """The field.
+
+        Args:
+            label: what is asked for, in English, as errors begin with it.
+            check: reads a line while one types.
+            take: is given the line.
+            hint: an example; stands in the empty field.
+            good: what the keys do, while nothing is wrong.
+            suggester: completes the line.
+        """
         super().__init__()
         self._label, self._check, self._take, self._good = label, check, take, good
         self._line = Line(hint, suggester, self._give, self.fall_back)
@@ -119,7 +132,7 @@ class Field(Vertical):
     def compose(self) -> ComposeResult:
         """The label, the line and, below, the verdict."""
         with Horizontal(classes="asked"):
-            yield Static(Text(f" {self._label} "), classes="label")
+            yield Static(Text(f" {_(self._label)} "), classes="label")
             yield self._line
         yield self._verdict
 

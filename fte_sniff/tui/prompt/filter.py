@@ -5,11 +5,13 @@ It must not know the filter's language; `analysis` does.
 
 from __future__ import annotations
 
+from rich.cells import cell_len
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.widgets import Static
 
 from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.complete import WordSuggester
 from fte_sniff.tui.prompt.field import Field, Take
 
@@ -20,11 +22,11 @@ class FilterField(Field):
     def __init__(self, row_filter: RowFilter | None, take: Take) -> None:
         """The field, with the filter that already holds, and what is done with another."""
         super().__init__(
-            "filter",
+            later("filter"),
             RowFilter.parse,
             take,
             "motor = 1 AND rpm > 500",
-            "enter applies, an empty line shows all; esc goes back; up: earlier ones",
+            _("enter applies, an empty line shows all; esc goes back; up: earlier ones"),
             WordSuggester(),
         )
         self._shown = Static(classes="shown")
@@ -51,6 +53,6 @@ class FilterField(Field):
         words = "" if self.asking else words
         if words != self._words:
             # Laid out anew only where it has another width: numbers run all the time.
-            moved = len(words) != len(self._words)
+            moved = cell_len(words) != cell_len(self._words)
             self._words = words
             self._shown.update(Text(words), layout=moved)

@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from fte_sniff.analysis.filter_values import time_ns
 from fte_sniff.errors import InputTextError
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Field, Take
 
 _NS = {
@@ -108,9 +109,11 @@ def parse_goal(text: str) -> Goal:
         ns = int(whole_text) * scale + int(fraction or 0) * scale // 10 ** len(fraction)
         return ToDistance(-ns if sign == "-" else ns)
     if _NO_UNIT.fullmatch(text):
-        raise InputTextError(f"{text} of what? say it with a unit: {text}s, {text}ms, {text}us")
+        raise InputTextError(
+            _("{text} of what? say it with a unit: {text}s, {text}ms, {text}us").format(text=text)
+        )
     raise InputTextError(
-        "a row (1200), 50%, a time, UTC (12:00:03.5), a distance (+2s, -50ms) or a byte (@8190)"
+        _("a row (1200), 50%, a time, UTC (12:00:03.5), a distance (+2s, -50ms) or a byte (@8190)")
     )
 
 
@@ -119,9 +122,9 @@ class GotoField(Field):
 
     def __init__(self, take: Take) -> None:
         super().__init__(
-            "go to",
+            later("go to"),
             parse_goal,
             take,
             "1200, 50%, 12:00:03.5, +2s, -50ms, @8190",
-            "enter goes there, esc stays here",
+            _("enter goes there, esc stays here"),
         )

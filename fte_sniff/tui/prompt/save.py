@@ -6,6 +6,7 @@ It must not know which rows, nor how they are written.
 from __future__ import annotations
 
 from fte_sniff.session.saving import EXAMPLE, FORMS, Target
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Field, Take
 
 
@@ -14,9 +15,11 @@ class SaveField(Field):
 
     def __init__(self, take: Take) -> None:
         super().__init__(
-            "save to",
+            later("save to"),
             Target.parse,
             take,
             EXAMPLE,
-            f"enter saves, esc goes back; the name's end is the form: {' '.join(FORMS)}",
+            _("enter saves, esc goes back; the name's end is the form: {forms}").format(
+                forms=" ".join(FORMS)
+            ),
         )

@@ -6,6 +6,7 @@ It must not know how a search is meant; `analysis` does.
 from __future__ import annotations
 
 from fte_sniff.analysis.search import Search
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Field, Take
 
 
@@ -14,9 +15,9 @@ class SearchField(Field):
 
     def __init__(self, take: Take) -> None:
         super().__init__(
-            "search",
+            later("search"),
             Search.parse,
             take,
             "rpm=1000, AA 01, hex:AA ?? 03",
-            "enter finds the next row from here on, then n and N; up: earlier ones",
+            _("enter finds the next row from here on, then n and N; up: earlier ones"),
         )

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
@@ -25,29 +26,31 @@ from fte_sniff.analysis.statistics import (
 from fte_sniff.errors import shown
 from fte_sniff.protocol import status_of
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
+from fte_sniff.tui.language import _, later
+from fte_sniff.tui.notices import event_words
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text, sparkline
 from fte_sniff.tui.table.cells import clock_text
 from fte_sniff.tui.table.layout import MARKS
 from fte_sniff.tui.table.palette import Palette
 
-PORT_ROWS: Final = "{rows:,} rows, {bytes:,} bytes"
-PORT_USE: Final = "  {share} of the time used, at {baud:,} baud"
-PORT_USE_OVER_TIME: Final = "  use over time, at most {most}"
-SILENCES: Final = "  silences: "
-SILENCE: Final = "{count:,} < {span}"
-SILENCE_LAST: Final = "{count:,} longer"
-LONGEST: Final = "  longest silence {span}, until {time}"
-NO_SILENCE: Final = "  never silent"
-EVENT: Final = "{event} {count:,} (last {time})"
-EVENTS: Final = "  port events: {events}"
-NO_EVENTS: Final = "  port events: none"
-NO_FAULTS: Final = "no faults"
-FAULTS: Final = "faults"
-PER_CELL: Final = "over time, from {start} to {end}"
-NO_ROWS: Final = "nothing came"
-NO_TIMES: Final = "  these rows have no times: no rates, no silences"
-BEHIND: Final = "reading: {rows:,} rows to go"
-MISSED: Final = "{rows:,} rows came too fast to be counted here"
+PORT_ROWS: Final = later("{rows:,} rows, {bytes:,} bytes")
+PORT_USE: Final = later("  {share} of the time used, at {baud:,} baud")
+PORT_USE_OVER_TIME: Final = later("  use over time, at most {most}")
+SILENCES: Final = later("  silences: ")
+SILENCE: Final = later("{count:,} < {span}")
+SILENCE_LAST: Final = later("{count:,} longer")
+LONGEST: Final = later("  longest silence {span}, until {time}")
+NO_SILENCE: Final = later("  never silent")
+EVENT: Final = later("{event} {count:,} (last {time})")
+EVENTS: Final = later("  port events: {events}")
+NO_EVENTS: Final = later("  port events: none")
+NO_FAULTS: Final = later("no faults")
+FAULTS: Final = later("faults")
+PER_CELL: Final = later("over time, from {start} to {end}")
+NO_ROWS: Final = later("nothing came")
+NO_TIMES: Final = later("  these rows have no times: no rates, no silences")
+BEHIND: Final = later("reading: {rows:,} rows to go")
+MISSED: Final = later("{rows:,} rows came too fast to be counted here")
 
 STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
 """The durations by which silences are told apart."""
@@ -76,13 +79,13 @@ def _longest_at(numbers: StreamNumbers) -> str:
 
 
 COLUMNS: Final = (
-    _Column("frames", 9, lambda numbers: f"{numbers.count:,}"),
-    _Column("lately", 8, lambda numbers: rate_text(numbers.lately_per_s)),
-    _Column("mean", 8, lambda numbers: rate_text(numbers.per_s)),
-    _Column("period", 8, _at(50)),
-    _Column("jitter", 8, lambda numbers: span_text(numbers.jitter_ns)),
-    _Column("longest", 8, lambda numbers: span_text(numbers.periods.longest_ns)),
-    _Column("until", 12, _longest_at),
+    _Column(later("frames"), 9, lambda numbers: f"{numbers.count:,}"),
+    _Column(later("lately"), 8, lambda numbers: rate_text(numbers.lately_per_s)),
+    _Column(later("mean"), 8, lambda numbers: rate_text(numbers.per_s)),
+    _Column(later("period"), 8, _at(50)),
+    _Column(later("jitter"), 8, lambda numbers: span_text(numbers.jitter_ns)),
+    _Column(later("longest"), 8, lambda numbers: span_text(numbers.periods.longest_ns)),
+    _Column(later("until"), 12, _longest_at),
     _Column("5 %", 8, _at(5)),
     _Column("95 %", 8, _at(95)),
     _Column("99 %", 8, _at(99)),
@@ -90,7 +93,7 @@ COLUMNS: Final = (
 """What is told of a stream, the most useful first: the period is the median, the jitter the
 distance of the 5 percent shortest to the 5 percent longest periods."""
 
-STREAMS_HEAD: Final = "kind and motor"
+STREAMS_HEAD: Final = later("kind and motor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,12 +119,12 @@ def page(told: Told, width: int, palette: Palette) -> Text:
 
 def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
     if told.behind:
-        yield Text(BEHIND.format(rows=told.behind), style=palette.muted)
+        yield Text(_(BEHIND).format(rows=told.behind), style=palette.muted)
     if told.missed:
-        yield Text(MISSED.format(rows=told.missed), style=palette.muted)
+        yield Text(_(MISSED).format(rows=told.missed), style=palette.muted)
     ports, streams = told.statistics.ports(), told.statistics.streams(told.now_ns)
     if not ports:
-        yield Text(NO_ROWS, style=palette.muted)
+        yield Text(_(NO_ROWS), style=palette.muted)
         return
     for port in ports:
         yield from _port(port, told.bench, width, palette)
@@ -133,53 +136,53 @@ def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
 
 
 def _port(port: PortNumbers, bench: Bench, width: int, palette: Palette) -> Iterator[Text]:
-    rows = PORT_ROWS.format(rows=port.rows, bytes=port.bytes)
-    name = fit_path(shown(port.port), max(8, width - len(rows) - 2))
+    rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
+    name = fit_path(shown(port.port), max(8, width - cell_len(rows) - 2))
     yield Text.assemble((name, _BOLD), "  ", rows)
     if port.share is None:
-        yield Text(NO_TIMES, style=palette.muted)
+        yield Text(_(NO_TIMES), style=palette.muted)
     else:
-        yield Text(PORT_USE.format(share=share_text(port.share), baud=bench.baud))
+        yield Text(_(PORT_USE).format(share=share_text(port.share), baud=bench.baud))
         yield _use_over_time(port.share_over_time, width, palette)
         yield from _silences(port.silences, width)
     if port.events:
         said = (
-            EVENT.format(
-                event=event.kind.replace("_", " "),
+            _(EVENT).format(
+                event=_(event_words(event.kind)),
                 count=event.count,
                 time=clock_text(event.last_ns, _MILLISECONDS),
             )
             for event in port.events
         )
-        yield Text(EVENTS.format(events=", ".join(said)))
+        yield Text(_(EVENTS).format(events=", ".join(said)))
     else:
-        yield Text(NO_EVENTS, style=palette.muted)
+        yield Text(_(NO_EVENTS), style=palette.muted)
 
 
 def _use_over_time(use: OverTime, width: int, palette: Palette) -> Text:
     most = max(use.values, default=0.0)
-    words = PORT_USE_OVER_TIME.format(most=share_text(most)) + " "
-    line = sparkline(use.values, width - len(words))
+    words = _(PORT_USE_OVER_TIME).format(most=share_text(most)) + " "
+    line = sparkline(use.values, width - cell_len(words))
     return Text.assemble(words, (line, Style(color=palette.kinds["speed"].color)))
 
 
 def _silences(silences: Durations, width: int) -> Iterator[Text]:
     if silences.longest_ns is None or silences.longest_at_ns is None:
-        yield Text(NO_SILENCE)
+        yield Text(_(NO_SILENCE))
         return
     when = clock_text(silences.longest_at_ns, _MILLISECONDS)
-    yield Text(LONGEST.format(span=span_text(silences.longest_ns), time=when))
+    yield Text(_(LONGEST).format(span=span_text(silences.longest_ns), time=when))
     told, low = [], 0
     for high in STEPS_NS:
-        told.append(SILENCE.format(count=silences.between(low, high), span=span_text(high)))
+        told.append(_(SILENCE).format(count=silences.between(low, high), span=span_text(high)))
         low = high
-    told.append(SILENCE_LAST.format(count=silences.between(low, 2.0**63)))
-    line = SILENCES
+    told.append(_(SILENCE_LAST).format(count=silences.between(low, 2.0**63)))
+    line = lead = _(SILENCES)
     for place, one in enumerate(told):
         end = "" if place == len(told) - 1 else ", "
-        if len(line) + len(one + end) > width:
+        if cell_len(line + one + end) > width:
             yield Text(line)
-            line = " " * len(SILENCES)
+            line = " " * cell_len(lead)
         line += one + end
     yield Text(line)
 
@@ -191,8 +194,8 @@ def _streams(streams: Sequence[StreamNumbers], width: int, palette: Palette) -> 
         if room < 0:
             break
         columns.append(column)
-    head = "".join(f" {fit_right(column.head, column.width)}" for column in columns)
-    yield Text(f"  {fit(STREAMS_HEAD, _NAME_WIDTH)}{head}", style=palette.muted)
+    head = "".join(f" {fit_right(_(column.head), column.width)}" for column in columns)
+    yield Text(f"  {fit(_(STREAMS_HEAD), _NAME_WIDTH)}{head}", style=palette.muted)
     for stream in streams:
         name = stream.kind.name if stream.motor is None else f"{stream.kind.name} {stream.motor}"
         cells = "".join(f" {fit_right(column.cell(stream), column.width)}" for column in columns)
@@ -202,15 +205,15 @@ def _streams(streams: Sequence[StreamNumbers], width: int, palette: Palette) -> 
 
 def _faults(faults: Sequence[FaultNumbers], width: int, palette: Palette) -> Iterator[Text]:
     if not faults:
-        yield Text(NO_FAULTS)
+        yield Text(_(NO_FAULTS))
         return
     over_time = faults[0].over_time
-    head = f"{fit(FAULTS, _NAME_WIDTH + 2)} {fit_right('rows', COLUMNS[0].width)}"
+    head = f"{fit(_(FAULTS), _NAME_WIDTH + 2)} {fit_right(_('rows'), COLUMNS[0].width)}"
     line = Text(head, style=_BOLD)
-    room = width - len(head) - 2
+    room = width - cell_len(head) - 2
     if over_time.values:
         end = over_time.start_ns + over_time.slot_ns * len(over_time.values)
-        words = PER_CELL.format(start=clock_text(over_time.start_ns, 0)[:8],
+        words = _(PER_CELL).format(start=clock_text(over_time.start_ns, 0)[:8],
                                 end=clock_text(end, 0)[:8])  # fmt: skip
         line.append(f"  {words}", palette.muted)
     yield line

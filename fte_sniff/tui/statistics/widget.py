@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from typing import Final
 
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.pane import Pane, Sight
 from fte_sniff.tui.statistics.page import Told, page
 
-TITLE: Final = "statistics of all rows"
-HINT: Final = "J K: scroll   esc: close"
+TITLE: Final = later("statistics of all rows")
+HINT: Final = later("J K: scroll   esc: close")
 
 
 class StatisticsPane(Pane):
@@ -24,7 +25,7 @@ class StatisticsPane(Pane):
 
     def see(self, sight: Sight) -> None:
         """Draw the numbers as they are now."""
-        self.entitle(TITLE)
+        self.entitle(_(TITLE))
         models = sight.models
         told = Told(models.statistics, sight.newest_ns, sight.bench, models.behind, models.missed)
         self.draw(page(told, self.room.width, sight.palette))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from fte_sniff.errors import shown
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, VALUE_FIELDS, Field, Value
 from fte_sniff.tui.fitting import fit, fit_right
+from fte_sniff.tui.language import _
 from fte_sniff.tui.table.cells import bytes_text, clock_text, kind_text, span_text
 from fte_sniff.tui.table.look import Look, TimeStyle
 from fte_sniff.tui.table.ports import short_names
@@ -80,7 +81,8 @@ class TableColumn:
     @property
     def head_cell(self) -> str:
         """The column's name, set as its cells are."""
-        return (fit_right if self.number else fit)(self.head, self.width)
+        head = _(self.head) if self.name == "time" else self.head
+        return (fit_right if self.number else fit)(head, self.width)
 
     def sized(self, width: int) -> TableColumn:
         """The same column with another width."""

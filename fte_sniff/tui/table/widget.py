@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
+from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual import events
@@ -23,7 +24,7 @@ from fte_sniff.analysis.store import RowStore
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Row
 from fte_sniff.tui.fitting import fit
-from fte_sniff.tui.keys import MOVING, bindings
+from fte_sniff.tui.keys import MOVING, bindings, say_keys
 from fte_sniff.tui.table.columns import TableColumn
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.layout import layout_for
@@ -66,6 +67,7 @@ class RowTable(Scrolling, can_focus=True):
 
     def __init__(self, store: RowStore, header: TableHeader, look: Look) -> None:
         super().__init__()
+        say_keys(self)
         self.viewport = Viewport()
         self.look = look
         """How the user wants it to look."""
@@ -204,7 +206,7 @@ class RowTable(Scrolling, can_focus=True):
         if y < len(self._places):
             return self._paint.row(self._places[y], self._line_style(y))
         if not self.viewport.count and y == self.viewport.height // 2:
-            return Strip([Segment(fit(self._empty_words.center(width), width), base)], width)
+            return Strip([Segment(fit(_centred(self._empty_words, width), width), base)], width)
         return Strip.blank(width, base)
 
     def _line_style(self, y: int) -> Style:
@@ -289,3 +291,7 @@ class RowTable(Scrolling, can_focus=True):
         self.viewport.paused = not self.viewport.paused
         self._paused_index = self._store.next
         self.sync()
+
+
+def _centred(words: str, width: int) -> str:
+    return " " * ((width - cell_len(words)) // 2) + words

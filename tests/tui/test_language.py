@@ -1,0 +1,199 @@
+"""The screen in Chinese: everything it says, in cells that hold it; names of the contract stay."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from textwrap import wrap as wrapped_ascii
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+from textual.pilot import Pilot
+
+from fte_sniff.analysis.feed import FeedState
+from fte_sniff.errors import UsageError
+from fte_sniff.protocol.dissect import dissect, explain
+from fte_sniff.protocol.said import Said
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.fitting import wrap
+from fte_sniff.tui.help import help_text
+from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.language import _, language_of, speak
+from fte_sniff.tui.opening import Opening
+from fte_sniff.tui.status import Numbers, status_text
+from fte_sniff.tui.title import Mode, badge_text, title_text
+from tests.tui.playing import Rows, Scenario, lines, page, play, press, settle, type_line
+
+CHINESE = Opening(language="zh")
+CHARACTER = re.compile("[\u4e00-\u9fff]")
+
+
+@pytest.fixture(autouse=True)
+def alone() -> Iterator[None]:
+    """What is spoken here is not spoken in other tests."""
+    yield
+    speak("en")
+
+
+def play_chinese(feed: Any, scenario: Scenario, size: tuple[int, int] = (80, 24)) -> None:
+    play(feed, scenario, size, opening=CHINESE)
+
+
+def squeezed(app: SniffApp) -> str:
+    """What stands on the screen, without spaces: in pictures, footers have none."""
+    return page(app).replace(" ", "")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "environment", "spoken"),
+    [
+        (None, {}, "en"),
+        (None, {"LANG": "zh_CN.UTF-8"}, "zh"),
+        ("auto", {"LANG": "zh_TW"}, "zh"),
+        (None, {"LANG": "de_DE.UTF-8"}, "en"),
+        (None, {"LC_ALL": "C", "LANG": "zh_CN.UTF-8"}, "en"),
+        (None, {"LC_ALL": "", "LC_MESSAGES": "zh_CN", "LANG": "en_US"}, "zh"),
+        ("en", {"LANG": "zh_CN.UTF-8"}, "en"),
+        ("zh", {"LANG": "C"}, "zh"),
+    ],
+)
+def test_what_is_wanted_comes_before_the_locale(
+    wanted: str | None, environment: Mapping[str, str], spoken: str
+) -> None:
+    assert language_of(wanted, environment) == spoken
+
+
+def test_a_language_that_is_not_spoken_is_one_line() -> None:
+    with pytest.raises(UsageError, match="does not speak 'tlh'; it speaks en, zh"):
+        language_of("tlh", {})
+
+
+def test_no_text_is_no_text_in_any_language() -> None:
+    speak("zh")
+    assert _("") == ""
+
+
+def test_title_status_and_footer(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(300))
+        await settle(app, pilot)
+        text = squeezed(app)
+        for words in ("实时", "300行", "帧/秒", "第300行", "?帮助", "q退出", "f过滤", "G跟随"):
+            assert words in text
+        assert "kind" in text
+        await press(app, pilot, "space")
+        assert "已暂停，新增0" in squeezed(app)
+        await press(app, pilot, "ctrl+t")
+        assert "配色textual-light" in squeezed(app)
+
+    play_chinese(feed, scenario)
+
+
+def test_help_has_every_key_in_chinese_and_every_name_as_it_is(feed: Any) -> None:
+    speak("zh")
+    text = help_text(76).plain
+    for _heading, keys in SECTIONS:
+        for key in keys:
+            assert key.tooltip not in text
+    for name in ("vx_cm_s", "reserved_nonzero", "motor = 1 AND rpm > 500", "suspect"):
+        assert name in text
+    assert max(map(cell_len, text.splitlines())) <= 76
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "question_mark")
+        assert "按键与标记" in page(app)
+
+    play_chinese(feed, scenario)
+
+
+def test_what_is_wrong_with_a_filter_stays_english(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "xy")
+        assert "unknown name 'xy'" in page(app)
+        assert "过滤xy" in squeezed(app)
+        assert "enter应用" in squeezed(app)
+
+    play_chinese(feed, scenario)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (40, 10), (200, 60)])
+@pytest.mark.parametrize(
+    "keys",
+    [(), ("i",), ("b",), ("M",), ("S",), ("C",), ("ctrl+p",), ("f",), ("w",), ("colon",), ("x",)],
+    ids=" ".join,
+)
+def test_nothing_is_wider_than_the_screen(
+    feed: Any, odd_rows: list[Any], speed_rows: Rows, size: tuple[int, int], keys: tuple[str, ...]
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([*speed_rows(50), *odd_rows])
+        await settle(app, pilot)
+        await press(app, pilot, *keys)
+        for _tick in range(3):
+            await settle(app, pilot)
+        assert max(cell_len(line.rstrip()) for line in lines(app)) <= size[0]
+        assert not re.search(r"\{[a-z0-9_]+[:}]", page(app))
+
+    play_chinese(feed, scenario, size)
+
+
+def test_explanations_of_frames_and_damage_are_chinese(odd_rows: list[Any]) -> None:
+    speak("zh")
+    for row in odd_rows:
+        for text in (*explain(row), *(part.meaning for part in dissect(row)), *_notes(row)):
+            assert text.startswith(("CMD", "NUM")) or not text or CHARACTER.search(_(text)), text
+
+
+def _notes(row: Any) -> list[str]:
+    return [part.note for part in dissect(row)]
+
+
+def test_a_sentence_keeps_its_values() -> None:
+    text = Said("expected {wanted}, found {found}", wanted="1..4", found=9)
+    assert text == "expected 1..4, found 9"
+    assert _(text) == text
+    speak("zh")
+    assert _(text) == "应为 1..4，实为 9"
+
+
+@given(
+    st.text(alphabet=st.sampled_from("ab c，。（）帧头错误-"), max_size=60),
+    st.integers(min_value=4, max_value=30),
+)
+def test_wrapped_text_fits_and_loses_nothing_but_spaces(text: str, width: int) -> None:
+    wrapped = wrap(text, width)
+    assert all(cell_len(line) <= width for line in wrapped)
+    assert "".join(wrapped).replace(" ", "") == text.replace(" ", "")
+
+
+@given(st.text(alphabet="ab -", max_size=60), st.integers(min_value=1, max_value=30))
+def test_ascii_is_wrapped_between_words(text: str, width: int) -> None:
+    assert wrap(text, width) == wrapped_ascii(text, width, break_on_hyphens=False)
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize("width", [30, 80, 120])
+def test_the_title_has_its_width_and_ends_with_the_state(width: int, mode: Mode) -> None:
+    speak("zh")
+    state = FeedState("/dev/ttyUSB0", "/tmp/记录/a-long-name-of-a-recording.mcap", progress=0.5)
+    title = title_text(state, mode, 1_234, width)
+    assert cell_len(title) == width
+    assert title.endswith(badge_text(state, mode, 1_234))
+
+
+@pytest.mark.parametrize("width", [30, 40, 72, 80, 120])
+def test_the_line_of_numbers_has_its_width_in_any_language(width: int) -> None:
+    speak("zh")
+    numbers = Numbers(12_345, 800.0, 7, 0.01, 5, 12, False, 99, 3)
+    assert cell_len(status_text(numbers, width)) == width
+
+
+def test_modes_have_words_of_their_own() -> None:
+    speak("zh")
+    said: Callable[[str], str] = _
+    assert len({said(mode) for mode in Mode}) == len(Mode)
