@@ -9,6 +9,7 @@ text's values in braces, or a file is not current.
 """
 
 import argparse
+import ast
 import io
 import string
 import sys
@@ -16,12 +17,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from babel.messages.catalog import Catalog
-from babel.messages.extract import extract_from_dir
 from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
 from fte_sniff.analysis.filter import EXAMPLES
-from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, anatomy
+from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.language import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.tui.notices import event_words
@@ -29,11 +29,12 @@ from fte_sniff.tui.table.look import TimeStyle
 from fte_sniff.tui.table.painter import Sign
 from fte_sniff.tui.title import Mode
 
-SCREEN = CATALOGUES.parent
+# Not the installed package: that has no `.po` files, and is not what is to be changed.
+PACKAGE = Path(__file__).parents[1] / "fte_sniff"
 
-EXPLANATIONS = Path(anatomy.__file__).parent
+SCREEN, EXPLANATIONS = PACKAGE / "tui", PACKAGE / "protocol"
 
-KEYWORDS = {"_": None, "later": None, "Said": None}
+KEYWORDS = ("_", "later", "Said")
 """What is called with a text that is to be translated."""
 
 
@@ -56,12 +57,21 @@ def table_texts() -> Iterator[str]:
     yield from (sign.meaning for sign in Sign)
 
 
+def said_in(folder: Path) -> Iterator[str]:
+    """The texts that stand in the code, also those inside of f-strings."""
+    for path in sorted(folder.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            match node:
+                case ast.Call(func=ast.Name(id=name), args=[ast.Constant(value=str(text)), *_]):
+                    if name in KEYWORDS:
+                        yield text
+
+
 def template() -> Catalog:
-    """Every text there is, in the order of the files and tables."""
+    """Every text there is."""
     found = Catalog(project=DOMAIN, fuzzy=False)
-    for folder in (SCREEN, EXPLANATIONS):
-        for file, _, text, _, _ in extract_from_dir(folder, keywords=KEYWORDS):
-            found.add(text, locations=[(file, 0)])
+    for text in (*said_in(SCREEN), *said_in(EXPLANATIONS)):
+        found.add(text)
     for text in table_texts():
         if text:
             found.add(str(text))
@@ -114,7 +124,7 @@ def _said(catalogue: Catalog) -> dict[str, str]:
 
 
 def _path(language: str, ending: str) -> Path:
-    return CATALOGUES / language / "LC_MESSAGES" / f"{DOMAIN}.{ending}"
+    return SCREEN / CATALOGUES.name / language / "LC_MESSAGES" / f"{DOMAIN}.{ending}"
 
 
 def main() -> None:

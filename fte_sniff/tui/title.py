@@ -69,7 +69,7 @@ def title_text(state: FeedState, mode: Mode, unseen: int, width: int) -> str:
     if cell_len(names) + cell_len(NAME) + 2 < room:
         names = f" {NAME} {names}"
     if state.recording is not None:
-        lead = f"  {_('rec')} "
+        lead = "  " + _("rec") + " "
         rest = room - cell_len(names) - cell_len(lead) - 1
         path = shown(state.recording)
         shortest = min(cell_len(path), 16)

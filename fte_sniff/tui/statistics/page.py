@@ -46,6 +46,7 @@ EVENTS: Final = later("  port events: {events}")
 NO_EVENTS: Final = later("  port events: none")
 NO_FAULTS: Final = later("no faults")
 FAULTS: Final = later("faults")
+ROWS: Final = later("rows")
 PER_CELL: Final = later("over time, from {start} to {end}")
 NO_ROWS: Final = later("nothing came")
 NO_TIMES: Final = later("  these rows have no times: no rates, no silences")
@@ -208,7 +209,7 @@ def _faults(faults: Sequence[FaultNumbers], width: int, palette: Palette) -> Ite
         yield Text(_(NO_FAULTS))
         return
     over_time = faults[0].over_time
-    head = f"{fit(_(FAULTS), _NAME_WIDTH + 2)} {fit_right(_('rows'), COLUMNS[0].width)}"
+    head = f"{fit(_(FAULTS), _NAME_WIDTH + 2)} {fit_right(_(ROWS), COLUMNS[0].width)}"
     line = Text(head, style=_BOLD)
     room = width - cell_len(head) - 2
     if over_time.values:
