@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, Self
 
 from fte_sniff.formats.writers import FrameWriter, RowWriter
-from fte_sniff.protocol import Row
+from fte_sniff.protocol import PortEvent, Row
 
 if TYPE_CHECKING:
     import polars as pl
@@ -44,6 +44,11 @@ class Batch(Protocol):
 
     def sequence(self) -> Sequence[Row]:
         """For a view: objects, or what takes their place and is cheaper."""
+        ...
+
+    @property
+    def events(self) -> Sequence[PortEvent]:
+        """What happened to ports among them."""
         ...
 
     def write_to(self, writer: RowWriter) -> None:
@@ -87,6 +92,11 @@ class RowBatch:
     def sequence(self) -> Sequence[Row]:
         """The objects."""
         return self.held
+
+    @property
+    def events(self) -> Sequence[PortEvent]:
+        """None: a log tells of no port."""
+        return ()
 
     def write_to(self, writer: RowWriter) -> None:
         """Write them one by one."""
@@ -145,6 +155,11 @@ class ColumnBatch:
         from fte_sniff.session.packed import packed_rows
 
         return packed_rows(self.held)
+
+    @property
+    def events(self) -> Sequence[PortEvent]:
+        """What happened to ports among them."""
+        return self.held.events
 
     def write_to(self, writer: RowWriter) -> None:
         """Write them at once where the format can."""

@@ -59,7 +59,7 @@ def command(
         raise UsageError("view reads files only, since the keys come from standard input")
     settings = remembered(config)
     check_inputs(files)
-    from fte_sniff.session.replay import ReplaySession
+    from fte_sniff.session.replay import Read, ReplaySession
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.opening import Opening
 
@@ -71,8 +71,8 @@ def command(
     span = span_of(since, until, [one.times for one in inputs])
     batches = chain.from_iterable(one.batches(span, notes.append) for one in inputs)
     # What cannot be read at all is told before the screen opens, not on it.
-    rows = (batch.sequence() for batch in _begun(batches))
-    session = ReplaySession(rows, " ".join(map(str, files)), None if span else _total(inputs))
+    read = (Read(batch.sequence(), batch.events) for batch in _begun(batches))
+    session = ReplaySession(read, " ".join(map(str, files)), None if span else _total(inputs))
     opening = Opening(
         row_filter=wanted,
         keep_rows=keep_rows,

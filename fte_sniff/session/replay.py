@@ -8,11 +8,12 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.packing import PackedRows
 from fte_sniff.errors import FteSniffError
-from fte_sniff.protocol import Row
+from fte_sniff.protocol import PortEvent, Row
 
 MOST_BATCHES_AHEAD = 16
 """Batches that are read ahead of the view at most."""
@@ -24,19 +25,28 @@ MOST_PACKED_A_POLL = 200_000
 """The same where the rows come packed, and cost a view next to nothing."""
 
 
+@dataclass(frozen=True, slots=True)
+class Read:
+    """What was read of a file at once."""
+
+    rows: Sequence[Row]
+    events: Sequence[PortEvent] = ()
+    """What happened to ports meanwhile."""
+
+
 class ReplaySession:
     """Rows that are there already, as a feed for one view."""
 
     error: FteSniffError | None = None
     """Why reading stopped before the end, if it did."""
 
-    def __init__(
-        self, batches: Iterable[Sequence[Row]], title: str, total: int | None = None
-    ) -> None:
-        """Start reading.
+    def __init__(self, batches: Iterable[Read], title: str, total: int | None = None) -> None:
+        """Start reading: one batch at first, and the others once the view has taken it.
+
+        So nothing keeps a screen that opens from drawing its first rows.
 
         Args:
-            batches: the rows, each time all packed or all not; iterated in a thread of its own.
+            batches: each time with all rows packed or none; iterated in a thread of its own.
             title: the name of the file, to be shown.
             total: how many rows there will be, more or less; None where nobody knows.
         """
@@ -45,14 +55,18 @@ class ReplaySession:
         self._title = title
         self._rows = 0
         self._stop = threading.Event()
-        self._read: queue.Queue[Sequence[Row] | None] = queue.Queue(MOST_BATCHES_AHEAD)
+        self._onward = threading.Event()
+        self._begun = False
+        self._read: queue.Queue[Read | None] = queue.Queue(MOST_BATCHES_AHEAD)
         self._running = True
         self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
         self._thread.start()
 
     def poll(self) -> FeedUpdate:
         """What was read since the poll before; returns at once."""
-        taken: list[Sequence[Row]] = []
+        if self._begun:
+            self._onward.set()
+        taken: list[Read] = []
         while self._running and _has_room(taken):
             try:
                 batch = self._read.get_nowait()
@@ -62,13 +76,15 @@ class ReplaySession:
                 self._running = False
             else:
                 taken.append(batch)
-        rows = _joined(taken)
+        self._begun |= bool(taken)
+        rows = _joined([read.rows for read in taken])
         self._rows += len(rows)
-        return FeedUpdate(self._state(), rows)
+        return FeedUpdate(self._state(), rows, [event for read in taken for event in read.events])
 
     def stop(self) -> None:
         """End reading; returns at once."""
         self._stop.set()
+        self._onward.set()
 
     def _state(self) -> FeedState:
         ended = None
@@ -91,11 +107,12 @@ class ReplaySession:
             for batch in self._batches:
                 if not self._put(batch):
                     return
+                self._onward.wait()
         except FteSniffError as error:
             self.error = error
         self._put(None)
 
-    def _put(self, batch: Sequence[Row] | None) -> bool:
+    def _put(self, batch: Read | None) -> bool:
         while not self._stop.is_set():
             try:
                 self._read.put(batch, timeout=0.1)
@@ -105,9 +122,10 @@ class ReplaySession:
         return False
 
 
-def _has_room(taken: list[Sequence[Row]]) -> bool:
-    packed = all(isinstance(rows, PackedRows) for rows in taken)
-    return sum(map(len, taken)) < (MOST_PACKED_A_POLL if packed else MOST_ROWS_A_POLL)
+def _has_room(taken: list[Read]) -> bool:
+    packed = all(isinstance(read.rows, PackedRows) for read in taken)
+    rows = sum(len(read.rows) for read in taken)
+    return rows < (MOST_PACKED_A_POLL if packed else MOST_ROWS_A_POLL)
 
 
 def _joined(taken: list[Sequence[Row]]) -> Sequence[Row]:

@@ -182,7 +182,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             self.exit()
             return
         self._panes.tell_events(news.events)
-        for event in news.events:
+        for event in news.events if self._watched.state.live else ():
             self._notice.tell_event(event)
         if news.trouble:
             self._notice.tell(shown(news.trouble), worry=True)
@@ -191,6 +191,8 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         elif news.ended and self._watched.state.ended:
             why = shown(self._watched.state.ended)
             self._notice.tell(_("ended: {reason}").format(reason=why), worry=True)
+        elif news.ended and self._watched.events_words:
+            self._notice.tell(self._watched.events_words, worry=False)
         if news.changed:
             self._table.set_look(ports=self._watched.ports)
             self._table.start_ns = self._watched.start_ns

@@ -21,13 +21,13 @@ from fte_sniff.tui.statistics.widget import StatisticsPane
 from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.themes import palette_of
 
-STEP_ROWS: Final = 8_192
+STEP_ROWS: Final = 16_384
 """Rows that the models look at in one go."""
 
 SEEN_S: Final = 0.03
 """How long the models may take at one tick while somebody looks, seconds; the screen waits."""
 
-UNSEEN_S: Final = 0.008
+UNSEEN_S: Final = 0.015
 """The same while nobody does: a file then loads the faster."""
 
 UNSEEN_ROWS: Final = 4_096

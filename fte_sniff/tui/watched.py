@@ -5,6 +5,7 @@ It must not know Textual, the window, or the clock; the time comes with each loo
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -47,6 +48,7 @@ class Watched:
         self._rate = Rate()
         self._frames = 0
         self._line_errors = 0
+        self._events: Counter[PortEventKind] = Counter()
         self._per_second: float | None = None
 
     def look(self, now_ns: int) -> News:
@@ -62,6 +64,8 @@ class Watched:
         if update.rows:
             self.store.append(update.rows)
             count_rows(self._tally, update.rows)
+        for event in update.events:
+            self._events[event.kind] += 1
         self._line_errors += sum(
             event.count for event in update.events if event.kind is PortEventKind.LINE_ERROR
         )
@@ -103,6 +107,16 @@ class Watched:
             below=view.below,
             line_errors=self._line_errors,
         )
+
+    @property
+    def events_words(self) -> str:
+        """What a file tells of its ports beside their rows; empty where it tells nothing."""
+        if self.state.live or not self._events:
+            return ""
+        told = ", ".join(
+            f"{kind.replace('_', ' ')} {count:,}" for kind, count in self._events.items()
+        )
+        return f"port events while it was recorded: {told}; S tells more"
 
     @property
     def shown_words(self) -> str:

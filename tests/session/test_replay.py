@@ -7,17 +7,18 @@ from collections.abc import Iterator
 from time import monotonic
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import Frame, Row
+from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
 from fte_sniff.recording.columns import RowColumns, Words
 from fte_sniff.session.packed import packed_rows
-from fte_sniff.session.replay import MOST_BATCHES_AHEAD, ReplaySession
+from fte_sniff.session.replay import MOST_BATCHES_AHEAD, Read, ReplaySession
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
 
 
-def batches(count: int, size: int = 10) -> list[list[Row]]:
+def batches(count: int, size: int = 10) -> list[Read]:
     return [
-        [Frame("f", (b * size + i) * 10, FRAME, None) for i in range(size)] for b in range(count)
+        Read([Frame("f", (b * size + i) * 10, FRAME, None) for i in range(size)])
+        for b in range(count)
     ]
 
 
@@ -35,7 +36,7 @@ def all_of(session: ReplaySession) -> list[Row]:
 def test_all_rows_come_in_order() -> None:
     made = batches(100)
     session = ReplaySession(made, "file")
-    assert all_of(session) == [row for batch in made for row in batch]
+    assert all_of(session) == [row for batch in made for row in batch.rows]
     assert session.poll().state.ended is None
     assert session.poll().rows == []
 
@@ -44,7 +45,7 @@ def test_reading_waits_for_the_view() -> None:
     read = []
     enough = threading.Event()
 
-    def reading() -> Iterator[list[Row]]:
+    def reading() -> Iterator[Read]:
         for number, batch in enumerate(batches(1000)):
             read.append(number)
             if len(read) > MOST_BATCHES_AHEAD:
@@ -52,13 +53,51 @@ def test_reading_waits_for_the_view() -> None:
             yield batch
 
     session = ReplaySession(reading(), "file")
-    assert enough.wait(20)
-    assert len(read) <= MOST_BATCHES_AHEAD + 1
-    assert len(all_of(session)) == 10_000
+    rows = first_of(session)
+    rows += session.poll().rows
+    assert enough.wait(60)
+    assert len(read) <= MOST_BATCHES_AHEAD + 3
+    assert len(rows) + len(all_of(session)) == 10_000
+
+
+def test_no_more_than_the_first_batch_is_read_before_it_was_taken() -> None:
+    read = []
+
+    def reading() -> Iterator[Read]:
+        for number, batch in enumerate(batches(3)):
+            read.append(number)
+            yield batch
+
+    session = ReplaySession(reading(), "file")
+    assert len(first_of(session)) == 10
+    assert read == [0]
+    assert len(all_of(session)) == 20
+
+
+def first_of(session: ReplaySession) -> list[Row]:
+    deadline = monotonic() + 60
+    while monotonic() < deadline:
+        if rows := session.poll().rows:
+            return list(rows)
+    raise AssertionError("nothing comes")
+
+
+def test_port_events_come_with_the_rows_among_which_they_stand() -> None:
+    lost = PortEvent(5, "f", PortEventKind.LOST, "")
+    made = batches(2)
+    session = ReplaySession([made[0], Read(made[1].rows, [lost])], "file")
+    events: list[PortEvent] = []
+    deadline = monotonic() + 60
+    while monotonic() < deadline:
+        update = session.poll()
+        events += update.events
+        if not update.state.running:
+            break
+    assert events == [lost]
 
 
 def test_what_cannot_be_read_ends_it_after_what_could() -> None:
-    def reading() -> Iterator[list[Row]]:
+    def reading() -> Iterator[Read]:
         yield from batches(3)
         raise FileError("file: broken here")
 
@@ -69,7 +108,7 @@ def test_what_cannot_be_read_ends_it_after_what_could() -> None:
 
 
 def test_stop_ends_the_reading() -> None:
-    def endless() -> Iterator[list[Row]]:
+    def endless() -> Iterator[Read]:
         while True:
             yield from batches(1)
 
@@ -83,7 +122,7 @@ def test_packed_rows_come_in_order_and_tell_how_far_they_are() -> None:
     rows: list[Row] = [Frame("f", place * 10, FRAME, place) for place in range(1000)]
     words = Words()
     parts = [RowColumns.of_rows(words, rows[at : at + 100]) for at in range(0, 1000, 100)]
-    session = ReplaySession(map(packed_rows, parts), "file", 1000)
+    session = ReplaySession((Read(packed_rows(part)) for part in parts), "file", 1000)
     found: list[Row] = []
     told = []
     deadline = monotonic() + 60

@@ -1,0 +1,117 @@
+"""Owns the figures for `view` on very large recordings: first rows, loading, models, memory.
+
+    python -m benchmarks.view_load [--rows 1000000 10000000]
+
+`fte-sniff view` runs as a process of its own on a pseudo-terminal of 80 by 24 and is measured from
+the other end, as a terminal sees it; each is also given as a ratio to reading the same file by
+columns, or to a `view` of a recording of a few rows, in the same run. Loading ends when the title
+says so, and the models have caught up when the page of statistics no longer tells of rows to go.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.recording_speed import PORTS, batches
+from benchmarks.screen_speed import Terminal
+from fte_sniff.recording.bulk_writer import write_recording
+from fte_sniff.recording.reader import RecordingReader
+
+FEW = 1_000
+_ROW = re.compile(rb"[0-9]{2}:[0-9]{2}:[0-9]{2}\.[0-9]{3}")
+_LOADED = b" FILE "
+_TO_GO = b"rows to go"
+_LONGEST_S = 600
+
+
+def main() -> None:
+    """Measure each size, and print a line for it."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--rows", type=int, nargs="+", default=[1_000_000, 10_000_000])
+    parser.add_argument("--keep", type=int, help="rows that the screen keeps", default=None)
+    parser.add_argument("--folder", type=Path, help="where the recordings go for the while")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+        first_s, _, _, base_mb, _ = _viewed(_recording(Path(folder), FEW), options.keep)
+        print(f"a view of {FEW:,} rows: first rows {first_s:.2f} s, {base_mb:.0f} MB")
+        print(
+            "      rows  first rows s  to few   rows/s loading  to reading   models s"
+            "     MB  bytes/row  G, g ms"
+        )
+        for rows in options.rows:
+            print(_line(_recording(Path(folder), rows), rows, options.keep, first_s, base_mb))
+
+
+def _line(path: Path, rows: int, keep: int | None, few_s: float, base_mb: float) -> str:
+    began = time.perf_counter()
+    for _ in RecordingReader(path).batches():
+        pass
+    reading_s = time.perf_counter() - began
+    first_s, loading_s, models_s, held_mb, jumps_ms = _viewed(path, keep)
+    return (
+        f"{rows:>10,} {first_s:>13.2f} {first_s / few_s:>7.2f} {rows / loading_s:>16,.0f}"
+        f" {loading_s / reading_s:>11.2f} {models_s:>10.2f} {held_mb:>6.0f}"
+        f" {(held_mb - base_mb) * 2**20 / rows:>10.1f}  {jumps_ms[0]:.0f}, {jumps_ms[1]:.0f}"
+    )
+
+
+def _recording(folder: Path, rows: int) -> Path:
+    path = folder / f"{rows}.mcap"
+    write_recording(path, PORTS, batches(rows))
+    return path
+
+
+def _viewed(path: Path, keep: int | None) -> tuple[float, float, float, float, list[float]]:
+    """Seconds to the first row, from there until all is loaded, from there until all is counted."""
+    kept = [] if keep is None else ["--keep-rows", f"{keep}"]
+    began = time.monotonic()
+    terminal = Terminal([sys.executable, "-m", "fte_sniff", "view", *kept, str(path)])
+    drawn = bytearray()
+
+    def see(seconds: float) -> bytes:
+        drawn.extend(terminal.read(seconds))
+        return bytes(drawn)
+
+    while not _ROW.search(see(0.01)):
+        _check(began)
+    first = time.monotonic()
+    while _LOADED not in see(0.02):
+        _check(began)
+        drawn[: -len(_LOADED)] = b""
+    loaded = time.monotonic()
+    terminal.press(b"S")
+    _wait_for_models(terminal)
+    counted = time.monotonic()
+    held = terminal.usage()[1]
+    terminal.press(b"S")
+    jumps = []
+    for key in (b"G", b"g"):
+        terminal.read(0.5)
+        terminal.press(key)
+        jumps.append(1000 * terminal.wait_for(lambda seen: bool(_ROW.search(seen)), 30))
+    terminal.end()
+    return first - began, loaded - first, counted - loaded, held, jumps
+
+
+def _wait_for_models(terminal: Terminal) -> None:
+    """Until a redrawn page of statistics tells no rows to go."""
+    began = time.monotonic()
+    terminal.read(0.5)
+    terminal.press(b"SS")
+    while _TO_GO in terminal.read(0.5):
+        _check(began)
+        terminal.press(b"SS")
+
+
+def _check(began: float) -> None:
+    if time.monotonic() - began > _LONGEST_S:
+        raise TimeoutError("the screen does not come so far")
+
+
+if __name__ == "__main__":
+    main()

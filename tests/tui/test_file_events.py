@@ -1,0 +1,34 @@
+"""What a file tells of its ports beside their rows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from textual.pilot import Pilot
+
+from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.tui.app import SniffApp
+from tests.tui.conftest import NOON_NS
+from tests.tui.playing import Rows, page, play, press, settle
+
+
+def test_port_events_of_a_file_are_told_once_and_calmly(feed: Any, speed_rows: Rows) -> None:
+    feed.state = replace(feed.state, live=False)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        for at in range(300):
+            feed.tell(PortEvent(NOON_NS + at, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "", 1))
+        feed.tell(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LOST, "gone"))
+        await settle(app, pilot)
+        assert "lost" not in page(app)
+        feed.end("")
+        await settle(app, pilot)
+        words = page(app)
+        assert "i port events while it was recorded: line error 300, lost 1" in words
+        await press(app, pilot, "S")
+        await settle(app, pilot)
+        assert "line error 300" in page(app)
+
+    play(feed, scenario, size=(120, 40))
