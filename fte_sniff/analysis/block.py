@@ -30,6 +30,8 @@ class Block:
         self.dropped = False
         """Whether its rows are not in memory; all else of it stays."""
         self.count = 0
+        self.faulty = False
+        """Whether any of its rows has a fault; known also while they are not in memory."""
         self.long: dict[int, bytes] = {}
         """The bytes of rows longer than ten, by place in the block."""
         self.judged = 0

@@ -36,6 +36,9 @@ BLOCK_ROWS: Final = 32_768
 DEFAULT_BOUND: Final = 1_000_000
 """Rows that a store keeps where nobody says otherwise."""
 
+ENDLESS: Final = 2**62
+"""The bound of a store from which no row leaves."""
+
 SELECT_ROWS: Final = 4096
 """Rows that one `select` looks at, at most: they take a few hundredths of a second to unpack."""
 
@@ -106,12 +109,14 @@ class RowStore:
         """Take rows in; under a filter they are judged at once."""
         packed, long = pack(rows, self._codebook)
         done, touched = 0, []
+        clean = self._codebook.fault_code(())
         while done < len(packed):
             block = self._tail()
             piece = packed[done : done + block.room]
             if block.judged == block.count and block not in self._pending:
                 touched.append(block)
             block.append(piece, long, done)
+            block.faulty |= bool((piece["faults"] != clean).any())
             self._pages.bring(block)
             done += len(piece)
             self._next += len(piece)
@@ -167,7 +172,7 @@ class RowStore:
         """The same as `rows`, packed and in pieces, to be read at once and never written."""
         start, end = max(start, self._first), min(end, self._next)
         while start < end:
-            block = self._blocks[self._block_of(start)]
+            block = self._pages.bring(self._blocks[self._block_of(start)])
             stop = min(end - block.start, block.count)
             yield block.rows[start - block.start : stop]
             start = block.start + stop
@@ -281,7 +286,19 @@ class RowStore:
         def faulty(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
             return np.asarray(packed["faults"] != clean)
 
-        return self._nearest(faulty, index + by, by)
+        step = Step(None, index + by)
+        while step.found is None and step.onward is not None:
+            step = self.find_step(faulty, self._past_clean(step.onward, by), by)
+        return step.found
+
+    def _past_clean(self, index: int, by: int) -> int:
+        """The index at which a look for faults goes on, without blocks that have none."""
+        while self._first <= index < self._next:
+            block = self._blocks[self._block_of(index)]
+            if block.faulty:
+                break
+            index = block.end if by > 0 else block.start - 1
+        return index
 
     def offset_index(self, port: str, offset: int) -> int | None:
         """Index of the first shown row that holds that byte of a port's stream, or None."""

@@ -6,7 +6,7 @@ framed here, and side by side from recordings; a command need not know which.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, Self
 
@@ -123,6 +123,8 @@ class ColumnBatch:
     """Rows side by side."""
 
     held: RowColumns
+    again: Callable[[], RowColumns] | None = None
+    """Reads the same rows again, where that can be done."""
 
     def __len__(self) -> int:
         return len(self.held)

@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import BufferedReader, FileIO
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -239,10 +240,10 @@ class RecordingInput:
 
         path = self.reader.path
         troubles: Counter[PortEventKind] = Counter()
-        for columns in self.reader.batches(span=span or EVERYTHING):
+        for passage, columns in self.reader.passages(span=span or EVERYTHING):
             troubles.update(event.kind for event in columns.events)
             if len(columns) or columns.events:
-                yield ColumnBatch(columns)
+                yield ColumnBatch(columns, partial(self.reader.again, passage))
         for kind in TROUBLES:
             if troubles[kind]:
                 times = f"{troubles[kind]:,} times"

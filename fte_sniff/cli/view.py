@@ -9,12 +9,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.batches import Batch
+from fte_sniff.cli.batches import Batch, ColumnBatch
 from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import STDIN, Input, check_inputs, input_arguments, opened
+from fte_sniff.cli.inputs import STDIN, Input, RecordingInput, check_inputs, input_arguments, opened
 from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.cli.remembered import config_option, lang_option, remembered
 from fte_sniff.cli.signals import signals_call
@@ -23,6 +24,10 @@ from fte_sniff.cli.telling import tell
 from fte_sniff.cli.units import remembered_bench, units_options
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.kinds import InputKind
+
+if TYPE_CHECKING:
+    from fte_sniff.session.pages import RecordedPages
+    from fte_sniff.session.replay import Read
 
 
 @click.command(name="view", short_help="Look at files on the screen that live has.")
@@ -59,7 +64,8 @@ def command(
         raise UsageError("view reads files only, since the keys come from standard input")
     settings = remembered(config)
     check_inputs(files)
-    from fte_sniff.session.replay import Read, ReplaySession
+    from fte_sniff.session.pages import RecordedPages
+    from fte_sniff.session.replay import ReplaySession
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.opening import Opening
 
@@ -71,8 +77,10 @@ def command(
     span = span_of(since, until, [one.times for one in inputs])
     batches = chain.from_iterable(one.batches(span, notes.append) for one in inputs)
     # What cannot be read at all is told before the screen opens, not on it.
-    read = (Read(batch.sequence(), batch.events) for batch in _begun(batches))
-    session = ReplaySession(read, " ".join(map(str, files)), None if span else _total(inputs))
+    pages = RecordedPages() if _recordings_only(inputs) else None
+    session = ReplaySession(
+        _read(_begun(batches), pages), " ".join(map(str, files)), None if span else _total(inputs)
+    )
     opening = Opening(
         row_filter=wanted,
         keep_rows=keep_rows,
@@ -81,7 +89,7 @@ def command(
         choices=settings.choices,
         keep=settings.keep,
     )
-    code = run_screen(session, opening)
+    code = run_screen(session, opening, pages)
     with signals_call(session.stop) as ask:
         # A terminal that stands still may not hold up the end.
         ask()
@@ -96,6 +104,20 @@ def _begun(batches: Iterator[Batch]) -> Iterator[Batch]:
     """The same batches, the first of which is read now."""
     first = next(batches, None)
     return batches if first is None else chain([first], batches)
+
+
+def _read(batches: Iterator[Batch], pages: RecordedPages | None) -> Iterator[Read]:
+    """The batches for a view; where their rows can be read again, the pages learn how."""
+    from fte_sniff.session.replay import Read
+
+    for batch in batches:
+        if pages is not None and isinstance(batch, ColumnBatch) and batch.again is not None:
+            pages.add(batch.again, len(batch))
+        yield Read(batch.sequence(), batch.events)
+
+
+def _recordings_only(inputs: Sequence[Input]) -> bool:
+    return all(isinstance(one, RecordingInput) for one in inputs)
 
 
 def _total(inputs: Sequence[Input]) -> int | None:

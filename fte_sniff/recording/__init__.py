@@ -29,6 +29,7 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     starts     where the messages of a chunk begin
     gather     many messages to columns at once
     span       a part of time
+    passage    some rows by where they stand in the file, to be read again
     bulk       one pass over the records by columns, on all cores
     reader     RecordingReader: the rows and events of a file, one by one or by columns
     files      which files a folder or a pattern means, and their order

@@ -23,6 +23,7 @@ from mcap.opcode import Opcode
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.columns import Array, RowColumns, Words
 from fte_sniff.recording.gather import Gathered, Readers, gather
+from fte_sniff.recording.passage import Passage, Range, ranges_of
 from fte_sniff.recording.reading import Reading
 from fte_sniff.recording.records import (
     HEAD,
@@ -60,6 +61,8 @@ class _Part:
     chunk: RawRecord | None
     indexes: list[bytes] = field(default_factory=list)
     loose: bytearray = field(default_factory=bytearray)
+    ranges: list[Range] = field(default_factory=list)
+    """Where its records stand in the file."""
 
     @property
     def size(self) -> int:
@@ -107,8 +110,10 @@ class BulkReading:
         self._jobs: deque[_Job] = deque()
         self._ahead = _cores() + 1
 
-    def batches(self, records: RecordStream) -> Iterator[RowColumns]:
+    def passages(self, records: RecordStream) -> Iterator[tuple[Passage, RowColumns]]:
         """The rows and events of the records, in their order, many thousands at once.
+
+        Each time with what it takes to read them again.
 
         Raises:
             FileError: the file has none of our topics, or none that can be read.
@@ -118,15 +123,29 @@ class BulkReading:
                 for parts in self._jobs_of(records):
                     size = sum(part.size for part in parts)
                     while self._jobs and not self._has_room(size):
-                        yield from self._finished(self._jobs.popleft())
+                        yield from self._placed(self._jobs.popleft())
                     outcome = threads.submit(self._outcome, parts, *self._known())
                     self._jobs.append(_Job(parts, size, outcome))
                 while self._jobs:
-                    yield from self._finished(self._jobs.popleft())
+                    yield from self._placed(self._jobs.popleft())
             finally:
                 for job in self._jobs:
                     job.outcome.cancel()
         self._reading.check_topics(cut=bool(records.ending))
+
+    def again(self, records: Iterable[RawRecord]) -> Iterator[RowColumns]:
+        """The rows and events of a few records, in their order and without threads."""
+        for parts in self._jobs_of(records):
+            outcome: Future[_Outcome | None] = Future()
+            outcome.set_result(self._outcome(parts, *self._known()))
+            yield from self._finished(_Job(parts, 0, outcome))
+
+    def _placed(self, job: _Job) -> Iterator[tuple[Passage, RowColumns]]:
+        known, skipped = self._reading.definitions, 0
+        ranges = ranges_of(one for part in job.parts for one in part.ranges)
+        for columns in self._finished(job):
+            yield Passage(known, ranges, self._span, skipped, len(columns)), columns
+            skipped += len(columns)
 
     def _has_room(self, size: int) -> bool:
         """Whether one more job may be under way, for its number and for what it may take up."""
@@ -148,11 +167,12 @@ class BulkReading:
                 yield parts
                 parts, size, enough = [], 0, JOB
             if record.opcode == Opcode.CHUNK:
-                parts.append(_Part(record))
+                parts.append(_Part(record, ranges=[_range(record)]))
                 size += parts[-1].size
             elif record.opcode == Opcode.MESSAGE_INDEX:
                 if parts:
                     parts[-1].indexes.append(record.body)
+                    parts[-1].ranges.append(_range(record))
             elif record.opcode == Opcode.MESSAGE or record.opcode in _DEFINITIONS:
                 size += self._take_loose(record, parts)
         if parts:
@@ -166,6 +186,7 @@ class BulkReading:
             return 0
         if not parts or parts[-1].chunk is not None:
             parts.append(_Part(None))
+        parts[-1].ranges.append(_range(record))
         parts[-1].loose += HEAD.pack(record.opcode, len(record.body)) + record.body
         return HEAD.size + len(record.body)
 
@@ -202,6 +223,10 @@ class BulkReading:
             return None
         columns = RowColumns.joined([piece.columns for piece in gathered])
         return _Outcome(version, gathered, self._span.part_of(columns), definitions)
+
+
+def _range(record: RawRecord) -> Range:
+    return record.position, record.position + HEAD.size + len(record.body)
 
 
 def _pieces(parts: list[_Part]) -> Iterator[tuple[bytes, Array | None]]:

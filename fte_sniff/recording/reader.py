@@ -8,6 +8,7 @@ told by `ending` and `losses`, and never made up: a chunk counts only if its che
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,8 +25,17 @@ from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.bulk import BulkReading
 from fte_sniff.recording.columns import RowColumns, Words
 from fte_sniff.recording.facts import PortFacts
+from fte_sniff.recording.passage import Passage
 from fte_sniff.recording.reading import Reading, without_our_topics
-from fte_sniff.recording.records import MAGIC, RawRecord, RecordError, RecordStream, parse
+from fte_sniff.recording.records import (
+    HEAD,
+    MAGIC,
+    RawRecord,
+    RecordError,
+    RecordStream,
+    parse,
+    records_in,
+)
 from fte_sniff.recording.span import EVERYTHING, Span
 from fte_sniff.recording.summary import Summary, read_summary
 from fte_sniff.recording.topics import TOPIC_BY_NAME
@@ -59,6 +69,7 @@ class RecordingReader:
         self._copy: IO[bytes] | None = None
         self._copy = self._copy_of_pipe()
         with self._open() as stream:
+            self._identity = _identity(stream)
             self._look(stream)
 
     @property
@@ -141,12 +152,48 @@ class RecordingReader:
         Raises:
             FileError: as iteration over rows.
         """
+        return (columns for _, columns in self.passages(words, span))
+
+    def passages(
+        self, words: Words | None = None, span: Span = EVERYTHING
+    ) -> Iterator[tuple[Passage, RowColumns]]:
+        """The same as `batches`, each with the place at which `again` finds its rows."""
         reading = Reading(self._path, self._port_of)
         wanted = None if span.everything else span.touches
         with self._open() as stream:
             records = RecordStream(stream, self._starts(), wanted)
-            yield from BulkReading(reading, words or Words(), span).batches(records)
+            yield from BulkReading(reading, words or Words(), span).passages(records)
         self._finish(reading, records, whole=span.everything)
+
+    def again(self, passage: Passage) -> RowColumns:
+        """The rows of a passage of this file once more, with words of their own.
+
+        Raises:
+            FileError: the file cannot be read any more, or is not what it was.
+        """
+        reading = Reading(self._path, self._port_of, passage.known)
+        try:
+            records = list(self._records(passage))
+        except RecordError as error:
+            raise self._changed() from error
+        parts = list(BulkReading(reading, Words(), passage.span).again(records))
+        end = passage.skipped + passage.count
+        if sum(map(len, parts)) < end:
+            raise self._changed()
+        return RowColumns.joined(parts).parted(slice(passage.skipped, end))
+
+    def _records(self, passage: Passage) -> Iterator[RawRecord]:
+        with self._open() as stream:
+            if _identity(stream) != self._identity:
+                raise self._changed()
+            for start, end in passage.ranges:
+                stream.seek(start)
+                for opcode, body in records_in(stream.read(end - start)):
+                    yield RawRecord(start, opcode, body)
+                    start += HEAD.size + len(body)
+
+    def _changed(self) -> FileError:
+        return FileError(f"{self._path}: has changed since it was read; open it again")
 
     def _starts(self) -> Sequence[int]:
         return self._summary.starts if self._summary else ()
@@ -232,3 +279,9 @@ class RecordingReader:
         baud = channel.metadata.get("baud", "")
         legible = baud.isascii() and baud.isdecimal() and len(baud) <= _MOST_BAUD_DIGITS
         return PortFacts(name, int(baud) if legible else None)
+
+
+def _identity(stream: BinaryIO) -> tuple[int, int]:
+    """Tells whether it is the same file, though it may have grown."""
+    found = os.fstat(stream.fileno())
+    return found.st_dev, found.st_ino

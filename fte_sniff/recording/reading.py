@@ -24,6 +24,7 @@ from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.facts import PROGRAM, PortFacts
 from fte_sniff.recording.messages import MessageReader
+from fte_sniff.recording.passage import Definitions
 from fte_sniff.recording.records import (
     RawRecord,
     RecordError,
@@ -44,16 +45,23 @@ _Definition = TypeVar("_Definition", Schema, Channel)
 class Reading:
     """One pass; what it found is valid when `entries` has come to its end."""
 
-    def __init__(self, path: Path, port_of: Callable[[Channel], PortFacts]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        port_of: Callable[[Channel], PortFacts],
+        known: Definitions | None = None,
+    ) -> None:
         """Begin a pass.
 
         Args:
             path: the file, for messages.
             port_of: the port that a channel's rows belong to.
+            known: what is known of the channels where it does not begin with the file.
         """
         self._path, self._port_of = path, port_of
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, Schema] = dict(known.schemas) if known else {}
+        self._channels: dict[int, Channel] = dict(known.channels) if known else {}
+        self._definitions: tuple[int, Definitions] | None = None
         self._readers: dict[int, MessageReader | None] = {}
         self._refused: FileError | None = None
         self._ours = False
@@ -71,6 +79,14 @@ class Reading:
         return tuple(
             text if count == 1 else f"{text} ({count} times)" for text, count in self._lost.items()
         )
+
+    @property
+    def definitions(self) -> Definitions:
+        """What is known of the channels so far."""
+        if self._definitions is None or self._definitions[0] != self.version:
+            known = Definitions(dict(self._schemas), dict(self._channels))
+            self._definitions = self.version, known
+        return self._definitions[1]
 
     def entries(self, records: RecordStream) -> Iterator[Row | PortEvent]:
         """The rows and events of the records, in their order.

@@ -22,7 +22,7 @@ from textual.widgets import Footer
 
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.paging import BlockSource
-from fte_sniff.analysis.store import RowStore
+from fte_sniff.analysis.store import BLOCK_ROWS, ENDLESS, RowStore
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.session.saving import Saving
 from fte_sniff.tui.actions.filtering import Filtering
@@ -103,7 +103,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         """Why the screen had to close, where the feed failed."""
         self._opening = opening
         row_filter = opening.row_filter
-        self._watched = Watched(feed, row_filter, RowStore(opening.keep_rows, source=source))
+        self._watched = Watched(feed, row_filter, _store(opening.keep_rows, source))
         self._title_line, self._header = TitleLine(), TableHeader()
         look = Look(choice=opening.choices.columns)
         self._table = RowTable(self._watched.store, self._header, look)
@@ -210,6 +210,14 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._filter_field.tell_shown(watched.shown_words)
         self._table.tell_empty(watched.empty_words)
 
+    def _handle_exception(self, error: Exception) -> None:
+        """Rows that cannot be read any more end the screen with a reason, whoever wants them."""
+        if isinstance(error, FteSniffError):
+            self.failure = error
+            self.exit()
+        else:
+            super()._handle_exception(error)
+
     @on(RowTable.Failed)
     def _fail(self, event: RowTable.Failed) -> None:
         self.failure = event.failure
@@ -221,7 +229,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._panes.follow_cursor()
 
 
-def run_screen(feed: Feed, opening: Opening = USUAL, source: BlockSource | None = None) -> int:
+from fte_sniff.analysis.store import BLOCK_ROWS, ENDLESS, RowStore
     """Show the feed until the user ends it, or a signal does; the feed is then asked to stop.
 
     Args:

@@ -33,7 +33,7 @@ class Rereading:
 def few_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks of a hundred rows, of which two stay."""
 
-    def small(bound: int, source: Any) -> RowStore:
+    def small(bound: int, source: Any, most_blocks: int) -> RowStore:
         return RowStore(bound, 100, source, 2)
 
     monkeypatch.setattr(apps, "RowStore", small)
