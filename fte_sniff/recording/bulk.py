@@ -118,6 +118,7 @@ class BulkReading:
         Raises:
             FileError: the file has none of our topics, or none that can be read.
         """
+        begun = False
         with ThreadPoolExecutor(_cores(), "unpacks chunks") as threads:
             try:
                 for parts in self._jobs_of(records):
@@ -126,6 +127,10 @@ class BulkReading:
                         yield from self._placed(self._jobs.popleft())
                     outcome = threads.submit(self._outcome, parts, *self._known())
                     self._jobs.append(_Job(parts, size, outcome))
+                    if not begun:
+                        # Whoever waits for the first rows shall not share the cores with the next.
+                        begun = True
+                        yield from self._placed(self._jobs.popleft())
                 while self._jobs:
                     yield from self._placed(self._jobs.popleft())
             finally:
