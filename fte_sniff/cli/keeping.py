@@ -1,4 +1,4 @@
-"""Owns `--keep-rows`: how many rows can be looked at on the screen. It knows no screen."""
+"""Owns `--keep-rows`: how many rows a screen has in memory. It knows no screen."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ from typing import Any
 import click
 
 
-def keep_rows_option(default: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+LEAVE = "Rows that the screen keeps; the oldest leave it first, never the file."
+REREAD = (
+    "Rows that the screen keeps in memory; others of recordings are read again when they "
+    "are looked at, others of raw bytes and hex text leave the screen, the oldest first."
+)
+
+
+def keep_rows_option(
+    default: int, meaning: str = LEAVE
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """The `--keep-rows` option; a row takes some 60 bytes of memory."""
     return click.option(
         "--keep-rows",
@@ -16,5 +25,5 @@ def keep_rows_option(default: int) -> Callable[[Callable[..., Any]], Callable[..
         default=default,
         show_default=True,
         metavar="N",
-        help="Rows that the screen keeps; the oldest leave it first, never the file.",
+        help=meaning,
     )

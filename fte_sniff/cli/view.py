@@ -16,7 +16,7 @@ import click
 from fte_sniff.cli.batches import Batch, ColumnBatch
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import STDIN, Input, RecordingInput, check_inputs, input_arguments, opened
-from fte_sniff.cli.keeping import keep_rows_option
+from fte_sniff.cli.keeping import REREAD, keep_rows_option
 from fte_sniff.cli.remembered import config_option, lang_option, remembered
 from fte_sniff.cli.signals import signals_call
 from fte_sniff.cli.spans import span_of, span_options
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 @input_arguments
 @filter_option
 @span_options
-@keep_rows_option(10_000_000)
+@keep_rows_option(10_000_000, REREAD)
 @units_options
 @config_option
 @lang_option
