@@ -7,7 +7,6 @@ from typing import Any
 
 import click
 
-
 LEAVE = "Rows that the screen keeps; the oldest leave it first, never the file."
 REREAD = (
     "Rows that the screen keeps in memory; others of recordings are read again when they "
