@@ -11,6 +11,8 @@ It must not know what shows the rows, nor how any of the rooms below does its wo
     outbox     the bounded way out of the capture process, so that no view can hold it up
     live       the view's end of a capture process
     replay     the same for a file that is being read
+    packed     a recording's columns to the packed rows of a view
+    pages      a recording's rows once more, by their number
     doctor     a look at machine, folder and ports, and at what one line carries
     surroundings, verdicts   its words on the folder and the terminal, and on a line's bytes
     saving     rows of the view to a new file

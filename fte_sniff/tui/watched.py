@@ -22,6 +22,9 @@ from fte_sniff.tui.table.viewport import Viewport
 
 DAY_NS = 86_400 * 1_000_000_000
 
+ORDINARY = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
+"""Events that every recording has, and that are worth no word."""
+
 
 @dataclass(frozen=True, slots=True)
 class News:
@@ -110,11 +113,13 @@ class Watched:
 
     @property
     def events_words(self) -> str:
-        """What a file tells of its ports beside their rows; empty where it tells nothing."""
-        if self.state.live or not self._events:
+        """What a file tells of its ports beside their rows; empty where nothing is out of order."""
+        if self.state.live or self._events.keys() <= ORDINARY:
             return ""
         told = ", ".join(
-            f"{kind.replace('_', ' ')} {count:,}" for kind, count in self._events.items()
+            f"{kind.replace('_', ' ')} {count:,}"
+            for kind, count in self._events.items()
+            if kind not in ORDINARY
         )
         return f"port events while it was recorded: {told}; S tells more"
 

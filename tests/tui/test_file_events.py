@@ -21,6 +21,7 @@ def test_port_events_of_a_file_are_told_once_and_calmly(feed: Any, speed_rows: R
         for at in range(300):
             feed.tell(PortEvent(NOON_NS + at, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "", 1))
         feed.tell(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LOST, "gone"))
+        feed.tell(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.CLOSED, ""))
         await settle(app, pilot)
         assert "lost" not in page(app)
         feed.end("")
@@ -30,5 +31,19 @@ def test_port_events_of_a_file_are_told_once_and_calmly(feed: Any, speed_rows: R
         await press(app, pilot, "S")
         await settle(app, pilot)
         assert "line error 300" in page(app)
+
+    play(feed, scenario, size=(120, 40))
+
+
+def test_what_every_recording_has_is_worth_no_word(feed: Any, speed_rows: Rows) -> None:
+    feed.state = replace(feed.state, live=False)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        feed.tell(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.OPENED, ""))
+        feed.tell(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.CLOSED, ""))
+        feed.end("")
+        await settle(app, pilot)
+        assert "port events" not in page(app)
 
     play(feed, scenario, size=(120, 40))
