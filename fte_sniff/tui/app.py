@@ -229,7 +229,13 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._panes.follow_cursor()
 
 
-from fte_sniff.analysis.store import BLOCK_ROWS, ENDLESS, RowStore
+def _store(keep_rows: int, source: BlockSource | None) -> RowStore:
+    if source is None:
+        return RowStore(keep_rows)
+    return RowStore(ENDLESS, source=source, most_blocks=max(2, keep_rows // BLOCK_ROWS))
+
+
+def run_screen(feed: Feed, opening: Opening = USUAL, source: BlockSource | None = None) -> int:
     """Show the feed until the user ends it, or a signal does; the feed is then asked to stop.
 
     Args:

@@ -121,7 +121,7 @@ class Watched:
             for kind, count in self._events.items()
             if kind not in ORDINARY
         )
-        return f"port events while it was recorded: {told}; S tells more"
+        return _("port events while it was recorded: {told}; S tells more").format(told=told)
 
     @property
     def shown_words(self) -> str:
