@@ -1,76 +1,168 @@
-"""Owns the pictures of the screen in the README: the real screen on a real capture of sim://.
+"""Owns the pictures of the screen: `python docs/picture.py [NAME ...]`.
 
-    python docs/picture.py
-
-The rows come from the simulator with a fixed seed: a picture changes only when the screen does.
+They are made of the real screen on a capture of `sim://` with a fixed seed, by a clock that stands
+still once the capture has run for a while: a picture changes only when the screen does. Two of them
+stand in the README; all are what the tests hold the screen against.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+import os
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from time import monotonic
+
+from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.simulator import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.tui.app import SniffApp
 
-PICTURES = {
-    "screen.svg": ((118, 30), 3400, ("E", "enter")),
-    "motors.svg": ((118, 40), 2650, ("M",)),
-}
-"""Each picture's size in cells, the frames before it, and the keys that lead to it."""
+FOLDER = Path(__file__).with_name("pictures")
+"""Where the pictures lie."""
 
+PORT = "/dev/ttyUSB0"
 RATE = 200
 QUERY = f"seed=6&rate={RATE}&drop=0.01&flip=0.01&noise=0.01"
 START_NS = 1_769_860_800_000_000_000  # 2026-01-31T12:00:00Z
+LOOKS = 80
+LOOK_NS = 50_000_000
+MORE_LOOKS = 5
+"""After the last row, for the panes to have shown it."""
+MOST_ROUNDS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A screen, and how to come to it."""
+
+    size: tuple[int, int]
+    """Columns and lines."""
+    keys: Sequence[str] = ()
+    """What is pressed, by Textual's names; text in quotes is typed."""
+    shows: str = ""
+    """What stands on it once it is drawn whole."""
+    frames: int = 3400
+    """That the wire has brought."""
+    environment: Mapping[str, str] | None = None
+
+
+PICTURES: Mapping[str, Picture] = {
+    "screen": Picture((118, 30), ("E", "enter"), "byte by byte"),
+    "motors": Picture((118, 40), ("M",), "motor 4", frames=2650),
+    "small": Picture((80, 24), (), "LIVE"),
+    "narrow": Picture((40, 16), (), "LIVE"),
+    "statistics": Picture((200, 60), ("S",), "jitter"),
+    "bytes": Picture((110, 30), ("E", "b"), "around offset"),
+    "filter-wrong": Picture((80, 24), ("f", "'moter = 1'"), "did you mean motor"),
+    "filter-empty": Picture((80, 24), ("f", "'rpm > 9000'", "enter"), "hides all"),
+    "search": Picture(
+        (100, 24), ("slash", "'hex:AA 01 ?? 00'", "enter", "m", "n", "n"), "SCROLLED"
+    ),
+    "help": Picture((100, 40), ("question_mark",), "Keys and signs"),
+    "columns": Picture((100, 30), ("C",), "which way the frame goes"),
+    "light": Picture((118, 30), ("space", "v", "up", "up", "m", "ctrl+t"), "PAUSED"),
+    "colourless": Picture((100, 30), ("E", "enter"), "byte by byte", environment={"NO_COLOR": "1"}),
+}
+"""Every picture, by the name of its file."""
 
 
 class Capture:
-    """A capture that has run for a while and goes on at its own rate, as a feed."""
+    """A capture that has run for a while, as a feed with a clock of its own."""
 
-    def __init__(self, rows: list[Row], coming: int) -> None:
+    def __init__(self, rows: list[Row]) -> None:
         self._rows = rows
         self._given = 0
-        self._due = len(rows) - coming
-        self._begun = monotonic()
+        self._looks = 0
+
+    @property
+    def now_ns(self) -> int:
+        """What the clock says."""
+        return self._looks * LOOK_NS
+
+    def go_on(self) -> None:
+        """Let as much time pass as between two looks of the screen."""
+        self._looks += 1
 
     def poll(self) -> FeedUpdate:
-        """The rows that have come since the poll before."""
-        due = self._due + int((monotonic() - self._begun) * RATE)
+        """Most rows at the first look, the rest at the pace at which they came."""
+        due = len(self._rows) - max(0, LOOKS - self._looks) * RATE * LOOK_NS // 10**9
         rows = self._rows[self._given : due]
         self._given += len(rows)
-        recording = "fte-sniff-20260131T120000Z.mcap"
-        state = FeedState(title="/dev/ttyUSB0", recording=recording, rows=self._given)
+        state = FeedState(PORT, "fte-sniff-20260131T120000Z.mcap", rows=self._given)
         return FeedUpdate(state, rows)
 
     def stop(self) -> None:
         """There is nothing to stop."""
 
 
+class Pictured(SniffApp):
+    """The screen, by the clock of its capture."""
+
+    def __init__(self, capture: Capture) -> None:
+        super().__init__(capture)
+        self._capture = capture
+
+    def now_ns(self) -> int:
+        """The time of the capture."""
+        return self._capture.now_ns
+
+
 def rows(frames: int) -> list[Row]:
     """What the simulated wire brings with so many frames."""
-    framer = Framer("/dev/ttyUSB0", DEFAULT_BAUD)
+    framer = Framer(PORT, DEFAULT_BAUD)
     found: list[Row] = []
     for timed in simulate(parse_parameters(f"{QUERY}&frames={frames}")):
-        found += framer.feed(Chunk("/dev/ttyUSB0", START_NS + timed.t_ns, timed.data))
+        found += framer.feed(Chunk(PORT, START_NS + timed.t_ns, timed.data))
     return found
 
 
-async def take(size: tuple[int, int], frames: int, keys: Sequence[str]) -> str:
-    """The screen as SVG, after these keys."""
-    app = SniffApp(Capture(rows(frames), coming=8 * RATE))
-    async with app.run_test(size=size) as pilot:
-        # The rate is told over two seconds, which the first rows must have left behind.
-        await pilot.pause(2.6)
-        await pilot.press(*keys)
-        await pilot.pause(0.4)
-        return app.export_screenshot(title="fte-sniff live /dev/ttyUSB0")
+async def _take(picture: Picture, capture: Capture) -> str:
+    app = Pictured(capture)
+    async with app.run_test(size=picture.size) as pilot:
+        for look in range(LOOKS + MORE_LOOKS):
+            capture.go_on()
+            app.tick()
+            await pilot.pause()
+            if look == LOOKS // 2:
+                for keys in picture.keys:
+                    await pilot.press(*(keys[1:-1] if keys.startswith("'") else [keys]))
+        return await _settled(app, pilot, picture.shows)
+
+
+async def _settled(app: Pictured, pilot: Pilot[None], shows: str) -> str:
+    """The screen once it shows this, and no more changes."""
+    before, wanted = "", shows.replace(" ", "&#160;")
+    for _ in range(MOST_ROUNDS):
+        await pilot.pause(0.02)
+        now = app.export_screenshot(title=f"fte-sniff live {PORT}")
+        if now == before and wanted in now:
+            return now
+        before = now
+    raise SystemExit(f"the screen never came to show {shows!r}")
+
+
+def drawn(name: str) -> str:
+    """The picture of that name as SVG, made anew."""
+    picture = PICTURES[name]
+    kept = dict(os.environ)
+    with tempfile.TemporaryDirectory() as empty:
+        # Neither the settings nor the language of whoever makes it are to be seen on it.
+        os.environ |= {"XDG_CONFIG_HOME": empty, "XDG_CACHE_HOME": empty, "LC_ALL": "C.UTF-8"}
+        os.environ.pop("NO_COLOR", None)
+        os.environ |= picture.environment or {}
+        try:
+            return asyncio.run(_take(picture, Capture(rows(picture.frames))))
+        finally:
+            os.environ.clear()
+            os.environ.update(kept)
 
 
 if __name__ == "__main__":
-    for name, (size, frames, keys) in PICTURES.items():
-        picture = asyncio.run(take(size, frames, keys))
-        Path(__file__).with_name(name).write_text(picture, encoding="utf-8")
+    FOLDER.mkdir(exist_ok=True)
+    for each in sys.argv[1:] or PICTURES:
+        (FOLDER / f"{each}.svg").write_text(drawn(each), encoding="utf-8")

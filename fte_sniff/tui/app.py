@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Sequence
+from pathlib import Path
 from time import monotonic_ns
 from typing import ClassVar
 
@@ -72,7 +73,7 @@ TALL = 40
 class SniffApp(Filtering, Seeking, Looking, Leaving):
     """The screen over one feed."""
 
-    CSS_PATH = "screen.tcss"
+    CSS_PATH = Path(__file__).with_name("screen.tcss")
     TITLE = "fte-sniff"
     ENABLE_COMMAND_PALETTE = False
     """Textual's palette fails on very small terminals and on keys that are typed ahead."""
@@ -173,10 +174,14 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         """What the user has chosen by now."""
         return Choices(self.theme, self._table.look.choice)
 
+    def now_ns(self) -> int:
+        """The time of a look at the feed, by a rising clock."""
+        return monotonic_ns()
+
     def tick(self) -> None:
         """Look at the feed, and draw what changed."""
         try:
-            news = self._watched.look(monotonic_ns())
+            news = self._watched.look(self.now_ns())
         except FteSniffError as failure:
             self.failure = failure
             self.exit()
@@ -199,7 +204,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             self._table.sync()
         self._show_state()
         state = self._watched.state
-        self._panes.tick(monotonic_ns(), state.live and state.running)
+        self._panes.tick(self.now_ns(), state.live and state.running)
 
     def _show_state(self) -> None:
         """Draw the lines above and below the table, where they changed."""
