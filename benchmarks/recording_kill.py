@@ -2,11 +2,13 @@
 
 python -m benchmarks.recording_kill [--kills 200] [--every 1.0] [--folder FOLDER]
 python -m benchmarks.recording_kill --stress        flush after flush, without a rest
+python -m benchmarks.recording_kill --stress --seams        and a new file every few flushes
 
 A child records two wires at full line rate, and tells each flush after it returned. It is killed at
 a random moment once it has begun. Then the file must open as it is in the mcap package's
 seeking reader, all checksums checked, and hold every row whose flush was told; what it lacks of the
 rows that were written is at most what came since. `--beside` runs so many children at once.
+With `--seams` all files of the sequence must open so, and hold those rows together.
 """
 
 from __future__ import annotations
@@ -28,11 +30,13 @@ from mcap.reader import make_reader
 
 from benchmarks.recorded_rows import PORTS, rows_a_second, rows_of
 from fte_sniff.recording.facts import PortFacts
+from fte_sniff.recording.keeping import DEFAULT_MOST_INDEX, Keeping
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.recorder import Recorder
 
 _PACE_S = 0.02
 _LONGEST_S = 5.0
+_SEAM_INDEX = 9_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +53,8 @@ class Left:
     """Rows in the file."""
     since_flush_s: float
     """From its last flush to its death."""
+    files: int
+    """Files that it had begun."""
 
     @property
     def missing(self) -> int:
@@ -56,12 +62,13 @@ class Left:
         return max(0, self.told - self.found)
 
 
-def record(path: Path, every_s: float) -> None:
+def record(path: Path, every_s: float, most_index: int | None) -> None:
     """Record for ever; `every_s` 0 flushes after each write. Tells `w ROWS` and `f ROWS`."""
     a_second = rows_a_second()
     step = max(1, int(a_second * _PACE_S))
     ready = [rows_of(first, step) for first in range(0, a_second * 8, step)]
-    writer = RecordingWriter(path, [PortFacts(port, 115_200) for port in PORTS])
+    ports = [PortFacts(port, 115_200) for port in PORTS]
+    writer = Recorder(path, ports, keeping=Keeping(most_index=most_index))
     begun = flushed = time.monotonic()
     count = 0
     for rows in ready if every_s else _endless(step * 50):
@@ -84,9 +91,10 @@ def _endless(step: int) -> Iterator[list[object]]:
         first += step
 
 
-def kill_one(path: Path, every_s: float, after_s: float) -> Left:
+def kill_one(path: Path, every_s: float, after_s: float, *, seams: bool = False) -> Left:
     """Let a child record to `path`, kill it `after_s` seconds after its first rows, and look."""
     command = [sys.executable, "-m", "benchmarks.recording_kill", "--record", str(path)]
+    command += ["--seams"] if seams else []
     with subprocess.Popen(
         [*command, "--every", str(every_s)], stdout=subprocess.PIPE, text=True
     ) as child:
@@ -106,8 +114,10 @@ def kill_one(path: Path, every_s: float, after_s: float) -> Left:
         counts[word] = int(count)
         if at:
             flushed_s = float(at[0])
-    problem, found = opened(path)
-    return Left(problem, counts["f"], counts["w"], found, killed_s - flushed_s)
+    looked = [opened(one) for one in sorted(path.parent.glob(f"{path.stem}[._]*mcap"))]
+    problem, found = next((one for one, _ in looked if one), ""), sum(count for _, count in looked)
+    waited_s = killed_s - flushed_s
+    return Left(problem, counts["f"], counts["w"], found, waited_s, len(looked))
 
 
 def opened(path: Path) -> tuple[str, int]:
@@ -135,7 +145,8 @@ def report(found: list[Left], every_s: float) -> None:
     lost = sorted(left.written - left.found for left in found)
     print(f"{len(found)} kills, a flush every {every_s:g} s")
     print(f"{'opened as they are, seeking, checksums on':<48} {len(found) - problems.total()}")
-    print(f"{'files that lack flushed rows':<48} {sum(left.missing > 0 for left in found)}")
+    print(f"{'files of them all':<48} {sum(left.files for left in found)}")
+    print(f"{'kills that cost flushed rows':<48} {sum(left.missing > 0 for left in found)}")
     print(f"{'rows not flushed, and lost: median':<48} {lost[len(lost) // 2]}")
     print(f"{'rows not flushed, and lost: most':<48} {lost[-1]}")
     waited_s = max(left.since_flush_s for left in found)
@@ -150,13 +161,14 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--every", type=float, default=1.0)
     parser.add_argument("--stress", action="store_true")
+    parser.add_argument("--seams", action="store_true")
     parser.add_argument("--beside", type=int, default=8)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--record", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     every_s = 0.0 if options.stress else options.every
     if options.record:
-        record(options.record, every_s)
+        record(options.record, every_s, _SEAM_INDEX if options.seams else DEFAULT_MOST_INDEX)
         return
     rng = random.Random()
     with (
@@ -169,6 +181,7 @@ def main() -> None:
                 Path(name) / f"{number}.mcap",
                 every_s,
                 rng.uniform(0, 0.3 if options.stress else _LONGEST_S),
+                seams=options.seams,
             )
             for number in range(options.kills)
         ]

@@ -6,11 +6,13 @@ It must not know how a capture runs or how a screen looks; it starts the one and
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import reduce
+from glob import escape
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -250,8 +252,17 @@ def _tell_who_goes_on(plan: CapturePlan, session: LiveSession) -> None:
 def _leave(session: LiveSession) -> None:
     """Say where the recording lies; raise what went wrong, if something did."""
     if session.recording is not None:
-        first = session.first_recording
-        several = f"{first} to " if first != session.recording else ""
-        tell(f"recorded to {several}{session.recording}")
+        first = session.recordings[0]
+        before = f"{first} to " if first != session.recording else ""
+        tell(f"recorded to {before}{session.recording}")
+        there = sum(path.exists() for path in session.recordings)
+        if there > 1:
+            tell(f"{there} files; all of them: fte-sniff decode {_pattern(first)}")
     if session.error is not None:
         raise session.error
+
+
+def _pattern(first: Path) -> str:
+    """What opens all files of a sequence, for a shell."""
+    stem = first.stem.removesuffix("00001")
+    return shlex.quote(str(first.with_name(f"{escape(stem)}*{first.suffix}")))

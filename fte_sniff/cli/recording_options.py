@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +27,19 @@ _LEAST_FILE = 100_000
 _LEAST_SECONDS = 1.0
 
 
-Told = int | float | None
-"""Bytes as an int, seconds as a float, or neither."""
+class Rotate(Enum):
+    """What `--rotate` can say but a size or a time."""
+
+    AUTO = "auto"
+    """Begin the next file before the index of one gets too long to be there at every moment."""
+    NONE = "none"
+    """One file, however long."""
+
+
+_ROTATE_WORDS = {word.value: word for word in Rotate}
+
+Told = int | float | Rotate | None
+"""Bytes as an int, seconds as a float, what `--rotate` says in a word, or nothing."""
 
 
 def _size(text: str) -> int | None:
@@ -48,12 +60,16 @@ def _time(text: str) -> float:
     return float(found[1]) * _SECONDS[found[2].lower()]
 
 
-def _size_or_time(text: str) -> int | float | None:
+def _rotate(text: str) -> int | float | Rotate | None:
+    if text.lower() in _ROTATE_WORDS:
+        return _ROTATE_WORDS[text.lower()]
     if _TIME.fullmatch(text):
         return _time(text)
     if _SIZE.fullmatch(text):
         return _size(text)
-    raise click.BadParameter(f"{text!r} is no size and no time; say for example 512MB or 1h")
+    raise click.BadParameter(
+        f"{text!r} is no size and no time; say for example 512MB or 1h, auto or none"
+    )
 
 
 def _read_by(parse: Callable[[str], Told]) -> Callable[..., Told]:
@@ -65,16 +81,19 @@ _OPTIONS = (
     click.option(
         "--flush-every",
         type=click.FloatRange(min=0.05, max=60),
-        default=0.5,
+        default=1.0,
         show_default=True,
         metavar="S",
         help="Seconds that rows wait for the disk.",
     ),
     click.option(
         "--rotate",
-        callback=_read_by(_size_or_time),
-        metavar="SIZE|TIME",
-        help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ...",
+        callback=_read_by(_rotate),
+        default=Rotate.AUTO.value,
+        show_default=True,
+        metavar="SIZE|TIME|auto|none",
+        help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ...; "
+        "auto: after about an hour, so that each is indexed at every moment; none: never.",
     ),
     click.option(
         "--max-size",
@@ -128,7 +147,7 @@ def keeping_of(
     output: Path | None,
     *,
     flush_every: float,
-    rotate: int | float | None,
+    rotate: int | float | Rotate | None,
     max_size: int | None,
     min_free: int | None,
     on_full: str,
@@ -141,7 +160,7 @@ def keeping_of(
     Raises:
         UsageError: they contradict each other.
     """
-    from fte_sniff.recording.keeping import Keeping, OnFull, Surroundings
+    from fte_sniff.recording.keeping import DEFAULT_MOST_INDEX, Keeping, OnFull, Surroundings
     from fte_sniff.recording.outlet import is_outlet
 
     if trigger is None and (before is not None or after is not None):
@@ -152,13 +171,18 @@ def keeping_of(
         raise UsageError(f"--rotate: a file spans at least {_LEAST_SECONDS:g} s; say more")
     if isinstance(rotate, int) and max_size is not None and max_size < 2 * rotate:
         raise UsageError("--max-size must have room for two files of --rotate; raise it")
-    sequence = rotate is not None or on_full == OnFull.ROTATE_OLDEST
+    if rotate is Rotate.NONE and on_full == OnFull.ROTATE_OLDEST:
+        raise UsageError(
+            "--on-full rotate-oldest deletes files of several; leave --rotate none out"
+        )
+    sequence = isinstance(rotate, int | float) or on_full == OnFull.ROTATE_OLDEST
     if sequence and output is not None and is_outlet(output):
         raise UsageError(f"{output} cannot be rotated: it is no file; leave --rotate out")
     around = Surroundings(10.0 if before is None else before, 5.0 if after is None else after)
     return Keeping(
         flush_every_s=flush_every,
         rotate_bytes=rotate if isinstance(rotate, int) else None,
+        most_index=DEFAULT_MOST_INDEX if rotate is Rotate.AUTO else None,
         rotate_s=rotate if isinstance(rotate, float) else None,
         on_full=OnFull(on_full),
         most_bytes=max_size,

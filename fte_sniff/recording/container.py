@@ -5,7 +5,7 @@ channels and packed messages, and hands bytes and a tail to whatever grows.
 
 The summary grows with each chunk. Once it is long it is written out only when as much data has come
 as the summary is long; in between a tail without summary stands there, which is legal and makes
-tools scan the file.
+tools scan the file. Who wants an index at every moment ends the file before, by `index_length`.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from fte_sniff.recording.tail import Tail, bytes_of, groups_of
 LONG_SUMMARY = 1536 * 1024
 """Bytes of summary that are written with every chunk; longer ones wait for as much data.
 
-A chunk that holds messages of ten channels takes 173 of them, so an hour has room, flushed twice a
-second.
+A chunk that holds messages of ten channels takes 173 of them, so two and a half hours have room,
+flushed once a second.
 """
 
 _MESSAGE_INDEX = struct.Struct("<BQHI")
@@ -82,6 +82,7 @@ class McapFile:
         self._end = 0
         self._crc = 0
         self._indexed_end = 0
+        self._index_length = 0
         start = MCAP0_MAGIC + bytes_of(Header("", library))
         record = bytes_of(metadata)
         self._metadata_indexes.append(MetadataIndex(len(start), len(record), metadata.name))
@@ -92,6 +93,11 @@ class McapFile:
     def size(self) -> int:
         """Bytes in the file, its tail included."""
         return self._growing.size
+
+    @property
+    def index_length(self) -> int:
+        """Bytes of the index behind the data, whether it is written out or not."""
+        return self._index_length
 
     def add_channel(self, channel: Channel) -> None:
         """Take one more channel; it stands in the file from the first chunk that uses it."""
@@ -190,6 +196,7 @@ class McapFile:
     def _next_tail(self, end: int, crc: int) -> Tail:
         """The tail behind the next data, without summary where that is too long to be written."""
         tail = self._tail(crc)
+        self._index_length = tail.index_length
         if tail.index_length > max(LONG_SUMMARY, end - self._indexed_end):
             return replace(tail, indexed=False)
         self._indexed_end = end

@@ -37,8 +37,11 @@ from fte_sniff.recording.tail import DATA_END_LENGTH, END_LENGTH, Tail
 _SECTOR = 512
 _PRIVATE = 0x80
 
-LARGEST_BARRED = 256 * 1024
-"""Bytes of guard that are pushed to the disk; a larger one guards against a kill alone."""
+LARGEST_BARRED = 1024 * 1024
+"""Bytes of guard that are pushed to the disk; a larger one guards against a kill alone.
+
+A capture begins its next file at half of that, if nobody says otherwise.
+"""
 
 
 class Growing(Protocol):
@@ -69,12 +72,12 @@ class GrowingFile:
         self._descriptor = descriptor
         self._end = 0
         self._tail: Tail | None = None
-        self._tail_bytes = b""
+        self._tail_length = 0
 
     @property
     def size(self) -> int:
         """Bytes in the file, its tail included."""
-        return self._end + len(self._tail_bytes)
+        return self._end + self._tail_length
 
     def grow(self, data: bytes, tail: Callable[[], Tail]) -> None:
         """Put `data` where the old tail began, `tail` behind it, and push both to the disk."""
@@ -90,13 +93,13 @@ class GrowingFile:
                     # Not waited for: until then the file is whole, but its index is the old one.
                     os.ftruncate(self._descriptor, stop)
             except OSError:
-                self._restore_tail(guarded)
+                self._restore(self._tail, guarded)
                 raise
         except OSError:
             with suppress(OSError):
                 os.ftruncate(self._descriptor, self.size)
             raise
-        self._end, self._tail, self._tail_bytes = end, new_tail, tail_bytes
+        self._end, self._tail, self._tail_length = end, new_tail, len(tail_bytes)
 
     def end(self, tail: Tail) -> None:
         """Let the file end with `tail`, and push that to the disk too."""
@@ -127,9 +130,9 @@ class GrowingFile:
         _write_at(self._descriptor, new[HEAD.size :], behind)
         _write_at(self._descriptor, new[: HEAD.size], self._end)
 
-    def _restore_tail(self, guard: int) -> None:
+    def _restore(self, tail: Tail | None, guard: int) -> None:
         with suppress(OSError):
-            self._put(self._tail_bytes, guard)
+            self._put(tail.at(self._end) if tail else b"", guard)
 
 
 class Stream:

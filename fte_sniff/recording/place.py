@@ -3,8 +3,10 @@
 It must not know what is written into the file.
 
 Whoever records holds a lock on the file (flock), so that no second program replaces what the first
-still writes. A file that is to be replaced stays until the new one has a head: that is written to a
-file beside it, which then takes the name.
+still writes. A file has no name until it has a head, so whoever looks at the folder, or kills the
+recording, finds none that is empty. One that is to be replaced stays until then: the head is
+written to a file beside it, which then takes the name. On file systems that know no files without
+names (FAT, some network file systems) a new file has its name from the beginning.
 """
 
 from __future__ import annotations
@@ -47,7 +49,9 @@ class Place:
             FileError: the file is in the way or in use, or the system refuses it.
         """
         self.path = path
+        self._existing = existing
         self._replaced: int | None = None
+        self._made: Path | None = None
         try:
             if path.is_dir():
                 raise IsADirectoryError
@@ -58,23 +62,26 @@ class Place:
                 self._replaced = _held(path)
                 self.descriptor, self._made = _beside(path, self._replaced)
             else:
-                self.descriptor, self.path = _new(path, existing)
-                self._made = self.path
+                self.descriptor, self._made = _new(path, existing)
+                self.path = self._made or path
         except OSError as error:
             self._let_go()
             raise unwritable(path, error) from error
 
     def settle(self) -> None:
         """Give the file its name, now that it is worth having; may raise OSError."""
-        if self._made != self.path:
+        if self._made is None:
+            self.path = _named(self.descriptor, self.path, self._existing)
+        elif self._made != self.path:
             self._made.replace(self.path)
-            self._made = self.path
+        self._made = self.path
         self._let_go()
 
     def discard(self) -> None:
         """Take the file away again; what it was to replace is still there."""
-        with suppress(OSError):
-            self._made.unlink()
+        if self._made is not None:
+            with suppress(OSError):
+                self._made.unlink()
         self.close()
 
     def close(self) -> None:
@@ -104,14 +111,34 @@ class Place:
             self._replaced = None
 
 
-def _new(wanted: Path, existing: Existing) -> tuple[int, Path]:
-    """A locked descriptor of a file that was not there before, and its name."""
-    for path in _numbered(wanted) if existing is Existing.NUMBER else [wanted]:
+def _new(wanted: Path, existing: Existing) -> tuple[int, Path | None]:
+    """A locked descriptor of a file that was not there before, and its name if it has one yet."""
+    if existing is not Existing.NUMBER and wanted.exists():
+        raise FileExistsError
+    with suppress(OSError):  # whatever else it is that does not work is told below
+        descriptor = os.open(wanted.parent, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o666)
+        _lock(descriptor, wanted)
+        return descriptor, None
+    for path in _names(wanted, existing):
         with suppress(FileExistsError):
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
             # Not removed where another program was quicker to lock it: that one replaces it.
             _lock(descriptor, path)
             return descriptor, path
+    raise FileExistsError
+
+
+def _named(descriptor: int, wanted: Path, existing: Existing) -> Path:
+    """Name a file that has none; returns the name."""
+    for path in _names(wanted, existing):
+        with suppress(FileExistsError):
+            # A folder is named so that the link in /proc is followed, which `link` alone does not.
+            here = os.open(path.parent, os.O_DIRECTORY | os.O_CLOEXEC)
+            try:
+                os.link(f"/proc/self/fd/{descriptor}", path.name, dst_dir_fd=here)
+            finally:
+                os.close(here)
+            return path
     raise FileExistsError
 
 
@@ -124,10 +151,12 @@ def _beside(path: Path, replaced: int) -> tuple[int, Path]:
     return descriptor, Path(name)
 
 
-def _numbered(path: Path) -> Iterator[Path]:
-    yield path
-    for number in count(2):
-        yield path.with_stem(f"{path.stem}-{number}")
+def _names(wanted: Path, existing: Existing) -> Iterator[Path]:
+    """The names that the file may get, best first."""
+    yield wanted
+    if existing is Existing.NUMBER:
+        for number in count(2):
+            yield wanted.with_stem(f"{wanted.stem}-{number}")
 
 
 def _held(path: Path) -> int:

@@ -250,7 +250,10 @@ class Recorder:
     def _rotate_when_due(self, writer: RecordingWriter) -> None:
         size, span = self._shelf.rotate_bytes, writer.span_ns
         seconds = 0.0 if span is None else (span[1] - span[0]) / 1e9
-        full = size is not None and writer.size >= size
+        most = self._keeping.most_index
+        full = (size is not None and writer.size >= size) or (
+            most is not None and writer.index_length >= most
+        )
         old = self._keeping.rotate_s is not None and seconds >= self._keeping.rotate_s
         if span is None or not (full or old) or not self._patience.over:
             return

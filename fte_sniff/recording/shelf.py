@@ -2,7 +2,8 @@
 
 It must not know what is in them.
 
-    name.mcap                              alone, as long as nothing goes wrong
+    name.mcap                              alone, as long as it is short and nothing goes wrong
+    name.mcap  name_00002.mcap ...         then; sorting by name is sorting by time
     name_00001.mcap  name_00002.mcap ...   in sequence; sorting by name is sorting by time
 """
 
@@ -53,7 +54,7 @@ class Shelf:
         self._path = self._free_stem(path) if existing is Existing.NUMBER else path
         self.first = self._name(1) if keeping.rotates and self.seeks else self._path
         """The first file."""
-        if existing is Existing.REFUSE and keeping.rotates and (there := self._there()):
+        if existing is Existing.REFUSE and self._follows and (there := self._there()):
             raise unwritable(there, FileExistsError())
         self._free_bytes = self._to_leave_free()
 
@@ -62,6 +63,11 @@ class Shelf:
         """What to do with a file that is in the way of the first one."""
         numbered = self._existing is Existing.NUMBER and self._keeping.rotates
         return Existing.REFUSE if numbered else self._existing
+
+    @property
+    def _follows(self) -> bool:
+        """Whether files follow the first one though nothing goes wrong."""
+        return self.seeks and (self._keeping.rotates or self._keeping.most_index is not None)
 
     @property
     def rotate_bytes(self) -> int | None:
@@ -137,7 +143,7 @@ class Shelf:
         """A name that begins no sequence yet."""
         self._path = path
         for number in count(2):
-            if not (self._keeping.rotates and self._there()):
+            if not (self._follows and self._there()):
                 return self._path
             self._path = path.with_stem(f"{path.stem}-{number}")
         raise AssertionError

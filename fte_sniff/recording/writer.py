@@ -117,6 +117,11 @@ class RecordingWriter:
         return self._file.size
 
     @property
+    def index_length(self) -> int:
+        """Bytes of the index behind the data, which each flush writes anew."""
+        return self._file.index_length
+
+    @property
     def unflushed(self) -> list[Row | PortEvent]:
         """What was taken and does not stand in the file; all that was, after a failure."""
         return [taken for _, taken in self._pending]

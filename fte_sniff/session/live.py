@@ -45,8 +45,9 @@ class LiveSession:
     """Where the recording lies; None where there is none, or it has stopped."""
     device: str | None = None
     """What a host program is to open, where this is a bridge."""
-    first_recording: Path | None = None
-    """Where it began, which is another file where it was rotated or went on elsewhere."""
+    recordings: tuple[Path, ...] = ()
+    """All files that it was written to, in order; more than one where it was rotated or went on
+    elsewhere."""
 
     def __init__(self, plan: CapturePlan) -> None:
         """Start the capture process; what it finds is told by `begin`.
@@ -208,7 +209,7 @@ class LiveSession:
             return None
         if isinstance(message, Started):
             self._begun, self.recording, self.device = True, message.recording, message.device
-            self.first_recording = message.recording
+            self.recordings = () if message.recording is None else (message.recording,)
             return None
         for event in message.events:
             if event.kind is PortEventKind.LOST:
@@ -218,6 +219,7 @@ class LiveSession:
         self._total, self._not_shown = message.total_rows, message.not_shown
         for change in message.recording:
             self.recording = change.path
+            self.recordings += () if change.path is None else (change.path,)
             self.error = change.failure or self.error
         return message
 

@@ -85,11 +85,11 @@ def until(process: Process, wanted: bytes) -> bytes:
 
 
 def holding(file: Path) -> list[int]:
-    """The processes that have the file open."""
-    found = []
+    """The processes that have the file open, whatever name it had when they opened it."""
+    found, sought = [], file.stat()
     for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
         try:
-            if descriptor.readlink() == file:
+            if os.path.samestat(descriptor.stat(), sought):
                 found.append(int(descriptor.parts[2]))
         except OSError:
             continue

@@ -18,7 +18,8 @@ def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
     assert done.returncode == 0
     files = sorted(tmp_path.glob("*.mcap"))
     assert [file.name for file in files][:2] == ["x_00001.mcap", "x_00002.mcap"]
-    assert f"recorded to x_00001.mcap to {files[-1].name}" in done.stderr
+    assert f"recorded to x_00001.mcap to {files[-1].name}\n" in done.stderr
+    assert f"{len(files)} files; all of them: fte-sniff decode 'x_*.mcap'" in done.stderr
     readers = [RecordingReader(file) for file in files]
     rows = [row for reader in readers for row in reader]
     assert all(reader.complete for reader in readers)
@@ -85,7 +86,7 @@ def test_a_reader_of_the_recording_that_goes_ends_it_quietly(environment, tmp_pa
         (["--rotate", "1"], "at least 100 kB"),
         (["--rotate", "0s"], "at least 1 s"),
         (["--rotate", "soon"], "512MB or 1h"),
-        (["--rotate", "none"], "512MB or 1h"),
+        (["--rotate", "none", "--on-full", "rotate-oldest"], "leave --rotate none out"),
         (["--max-size", "big"], "512MB, 2GB or none"),
         (["--rotate", "1GB", "--max-size", "1GB"], "room for two files"),
         (["--before", "5s"], "--trigger"),

@@ -69,7 +69,9 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 @settings(max_examples=25, deadline=None)
 @given(
     sizes=st.lists(st.integers(1, 60), min_size=1, max_size=12),
-    rotate=st.sampled_from([("bytes", 1), ("bytes", 25_000), ("s", 0.01), ("s", 0.05), ("s", 9.0)]),
+    rotate=st.sampled_from(
+        [("bytes", 1), ("bytes", 25_000), ("s", 0.01), ("s", 0.05), ("s", 9.0), ("index", 8_600)]
+    ),
     ports=st.integers(1, 2),
 )
 def test_no_row_is_lost_or_doubled_at_a_seam(
@@ -82,6 +84,7 @@ def test_no_row_is_lost_or_doubled_at_a_seam(
     what, bound = rotate
     keeping = replace(ALL, rotate_bytes=int(bound) if what == "bytes" else None)
     keeping = replace(keeping, rotate_s=bound if what == "s" else None)
+    keeping = replace(keeping, most_index=int(bound) if what == "index" else None)
     streams = [some_rows(sum(sizes), f"port{n}", START + n) for n in range(ports)]
     recorder = Recorder(folder / "x.mcap", [PORT], keeping=keeping)
     start = 0
@@ -91,7 +94,10 @@ def test_no_row_is_lost_or_doubled_at_a_seam(
     recorder.close()
     assert recorder.failure is None
     files = _files(folder)
-    assert [file.name for file in files] == [f"x_{n:05}.mcap" for n in range(1, len(files) + 1)]
+    names = [f"x_{n:05}.mcap" for n in range(1, len(files) + 1)]
+    if what == "index":
+        names[0] = "x.mcap"
+    assert [file.name for file in files] == names
     found = [row for file in files for row in _rows(file)]
     for stream in streams:
         assert [row for row in found if row.port == stream[0].port] == stream
