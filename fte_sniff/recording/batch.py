@@ -19,6 +19,7 @@ from fte_sniff.protocol import FRAME_LENGTH, Frame, PortEvent, Row
 from fte_sniff.recording.messages import class_of, encode_event, encode_row
 from fte_sniff.recording.model import MESSAGE, MESSAGE_HEAD, Columns, Model
 from fte_sniff.recording.topics import EVENTS, MALFORMED, Topic, topic_of
+from fte_sniff.recording.wire import SOUND_LACKS
 
 _HEAD = slice(0, 3)
 """The bytes of a frame that tell its kind and its motor."""
@@ -128,7 +129,8 @@ def _model(head: bytes, uncertain: bool) -> Model:
     model = Frame("", 0, raw, 0, (), 0, uncertain)
     topic, kind = topic_of(model), model.kind
     assert kind is not None
-    return Model(encode_row(topic, model, 0), class_of(topic), kind.fields)
+    lacking = SOUND_LACKS - {"order_uncertain"} if uncertain else SOUND_LACKS
+    return Model(encode_row(topic, model, 0), class_of(topic), kind.fields, lacking)
 
 
 def _columns(

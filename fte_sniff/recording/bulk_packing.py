@@ -29,6 +29,7 @@ from fte_sniff.recording.columns import Array, RowColumns
 from fte_sniff.recording.messages import class_of, encode_event, encode_row
 from fte_sniff.recording.model import MESSAGE, MESSAGE_HEAD, Columns, Model
 from fte_sniff.recording.topics import EVENTS, MALFORMED, Topic, topic_of
+from fte_sniff.recording.wire import SOUND_LACKS
 
 ChannelId = Callable[[str, Topic], int]
 
@@ -184,7 +185,7 @@ def _model(code: int) -> Model:
     topic = topic_of(frame)
     assert topic is not MALFORMED
     assert status_of(()) is Status.OK
-    return Model(encode_row(topic, frame, 0), class_of(topic), kind.fields)
+    return Model(encode_row(topic, frame, 0), class_of(topic), kind.fields, SOUND_LACKS)
 
 
 def _rows_at(rows: RowColumns, places: Array) -> Iterator[tuple[int, Row]]:

@@ -17,9 +17,11 @@ import numpy as np
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL, PortEvent
 from fte_sniff.recording.columns import Array, RowColumns, Words
 from fte_sniff.recording.layout import Layout
-from fte_sniff.recording.messages import MessageReader
+from fte_sniff.recording.messages import MessageReader, class_of
 from fte_sniff.recording.records import HEAD
 from fte_sniff.recording.starts import MESSAGE_HEAD
+from fte_sniff.recording.topics import TOPICS
+from fte_sniff.recording.wire import SOUND_LACKS, laid
 
 Readers = Mapping[int, MessageReader | None]
 
@@ -297,7 +299,12 @@ class _Gathering:
 
 
 _RAW = np.dtype(f"V{FRAME_LENGTH}")
-_USUAL_OFFSET, _USUAL_DELAY, _USUAL_RAW = 1, 10, 20
+_USUAL = {
+    field.name: field.place for field in laid(class_of(TOPICS[0]).DESCRIPTOR.fields, SOUND_LACKS)
+}
+_USUAL_OFFSET, _USUAL_DELAY, _USUAL_RAW = (
+    _USUAL[name] for name in ("offset", "read_delay_ns", "raw")
+)
 _FRONT = np.dtype(
     {
         "names": ["log_time", "offset", "delay", "raw"],

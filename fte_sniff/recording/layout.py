@@ -1,10 +1,9 @@
 """Owns where each field stands in messages that are equally long, so that many are read at once.
 
-It must not know files, chunks or numpy. A layout holds for one schema and one length; whether the
-bytes of a message keep to it, `mask` and `expected` tell: tags, lengths and the size of every
-number stand where they must, or the message is read by protobuf itself.
-
-    tag value  tag value  tag length bytes  tag value ...      fields in the order of their numbers
+It must not know files, chunks or numpy; how fields lie one behind the other, `wire` says. A layout
+holds for one schema and one length; whether the bytes of a message keep to it, `mask` and
+`expected` tell: tags, lengths and the size of every number stand where they must, or the message is
+read by protobuf itself.
 """
 
 from __future__ import annotations
@@ -17,18 +16,8 @@ from typing import Any
 from google.protobuf.descriptor import FieldDescriptor
 
 from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.recording.wire import MORE_FOLLOWS, has_known_size, laid
 
-_FIXED_SIZE = {
-    FieldDescriptor.TYPE_FIXED32: 4,
-    FieldDescriptor.TYPE_SFIXED32: 4,
-    FieldDescriptor.TYPE_FLOAT: 4,
-    FieldDescriptor.TYPE_FIXED64: 8,
-    FieldDescriptor.TYPE_SFIXED64: 8,
-    FieldDescriptor.TYPE_DOUBLE: 8,
-}
-_WIRE_TYPE_OF_SIZE = {4: 5, 8: 1}
-_VARINT, _DELIMITED = 0, 2
-_MORE_FOLLOWS = 0x80
 _MOST_IN_TWO = 2**14
 _MOST_KEPT = 4096
 MOST_FAULTS = 4
@@ -83,7 +72,7 @@ class Layouts:
 
     def __init__(self, descriptor: Any) -> None:
         """Take the message's protobuf descriptor; a schema of another form has no layouts."""
-        self._fields = sorted(descriptor.fields, key=lambda field: int(field.number))
+        self._fields = list(descriptor.fields)
         self._tells_framed = "framed" in descriptor.fields_by_name
         self._usable = _is_usable(descriptor)
         self._found: dict[int, tuple[Layout, ...]] = {}
@@ -108,13 +97,31 @@ class Layouts:
                 yield layout
 
     def _layout(self, length: int, faults: int, lacking: frozenset[str]) -> Layout | None:
-        raw_length = length - len(_Builder(self._fields, 0, faults, lacking).mask)
-        if raw_length >= _MORE_FOLLOWS:
+        last = laid(self._fields, lacking, 0, faults)[-1]
+        raw_length = length - last.place - last.size
+        if raw_length >= MORE_FOLLOWS:
             raw_length -= 1
-            if raw_length < _MORE_FOLLOWS:
+            if raw_length < MORE_FOLLOWS:
                 return None
         fits = 0 < raw_length < _MOST_IN_TWO if self._tells_framed else raw_length == FRAME_LENGTH
-        return _Builder(self._fields, raw_length, faults, lacking).layout() if fits else None
+        return self._built(raw_length, faults, lacking) if fits else None
+
+    def _built(self, raw_length: int, faults: int, lacking: frozenset[str]) -> Layout:
+        fields = laid(self._fields, lacking, raw_length, faults)
+        places = {field.name: field.place for field in fields}
+        return Layout(
+            b"".join(b"\xff" * len(one.tag) + bytes([one.zeros]) * one.size for one in fields),
+            b"".join(one.tag + bytes(one.size) for one in fields),
+            places["offset"],
+            places["raw"],
+            raw_length,
+            places.get("faults", 0),
+            faults,
+            places.get("read_delay_ns"),
+            places.get("time_ns"),
+            places.get("framed"),
+            places.get("order_uncertain"),
+        )
 
 
 def _is_usable(descriptor: Any) -> bool:
@@ -124,75 +131,9 @@ def _is_usable(descriptor: Any) -> bool:
     optional = all(
         fields[name].type == kind for name, kind in _OPTIONAL_TYPES.items() if name in fields
     )
-    return needed and optional and all(map(_has_known_size, descriptor.fields))
+    return needed and optional and all(map(_has_known_form, descriptor.fields))
 
 
-def _has_known_size(field: Any) -> bool:
-    one_byte = (FieldDescriptor.TYPE_ENUM, FieldDescriptor.TYPE_BOOL)
-    known = field.type in _FIXED_SIZE or field.type in one_byte or field.name == "raw"
+def _has_known_form(field: Any) -> bool:
+    known = has_known_size(field)
     return bool(known and (field.default_value == []) == (field.name == "faults"))
-
-
-class _Builder:
-    """Lays the fields of a message one behind the other."""
-
-    def __init__(
-        self, fields: list[Any], raw_length: int, faults: int, lacking: frozenset[str]
-    ) -> None:
-        self.mask, self.expected = bytearray(), bytearray()
-        self._places: dict[str, int] = {}
-        self._raw_length, self._faults = raw_length, faults
-        for field in fields:
-            if field.name not in lacking and (faults or field.name != "faults"):
-                self._add(field)
-
-    def layout(self) -> Layout:
-        places = self._places
-        return Layout(
-            bytes(self.mask),
-            bytes(self.expected),
-            places["offset"],
-            places["raw"],
-            self._raw_length,
-            places.get("faults", 0),
-            self._faults,
-            places.get("read_delay_ns"),
-            places.get("time_ns"),
-            places.get("framed"),
-            places.get("order_uncertain"),
-        )
-
-    def _add(self, field: Any) -> None:
-        size = _FIXED_SIZE.get(field.type)
-        if size is not None:
-            self._alike(_varint(field.number << 3 | _WIRE_TYPE_OF_SIZE[size]))
-            self._free(field.name, size)
-        elif field.name == "raw":
-            self._alike(_varint(field.number << 3 | _DELIMITED) + _varint(self._raw_length))
-            self._free(field.name, self._raw_length)
-        elif field.name == "faults":
-            self._alike(_varint(field.number << 3 | _DELIMITED) + _varint(self._faults))
-            self._free(field.name, self._faults, _MORE_FOLLOWS)
-        else:
-            is_bool = field.type == FieldDescriptor.TYPE_BOOL
-            self._alike(_varint(field.number << 3 | _VARINT))
-            self._free(field.name, 1, 0xFE if is_bool else _MORE_FOLLOWS)
-
-    def _alike(self, data: bytes) -> None:
-        self.mask += b"\xff" * len(data)
-        self.expected += data
-
-    def _free(self, name: str, size: int, zeros: int = 0) -> None:
-        """Bytes of any value in which only the bits of `zeros` must be 0."""
-        self._places[name] = len(self.mask)
-        self.mask += bytes([zeros]) * size
-        self.expected += bytes(size)
-
-
-def _varint(number: int) -> bytes:
-    found = bytearray()
-    while number >= _MORE_FOLLOWS:
-        found.append(number & 0x7F | _MORE_FOLLOWS)
-        number >>= 7
-    found.append(number)
-    return bytes(found)

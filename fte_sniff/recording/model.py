@@ -1,6 +1,6 @@
 """Owns where the values of a message stand in its bytes, so that many are written at once.
 
-It must not know how single messages are encoded: it takes one that is, and finds the places in it.
+It must not know how single messages are encoded: it takes one that is, laid out as `wire` says.
 
 Sound frames of one kind make messages that differ in few places only (see `schema`). A model of
 such a message, with its record's head before it, is copied for each row, and columns written over:
@@ -11,7 +11,6 @@ such a message, with its record's head before it, is copied for each row, and co
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +18,8 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from fte_sniff.protocol import FRAME_LENGTH, Field
+from fte_sniff.protocol import Field
+from fte_sniff.recording.wire import WireField, laid
 
 MESSAGE = struct.Struct("<BQHIQQ")
 """What stands before the data of a message: opcode, length, channel, sequence, log and publish
@@ -30,9 +30,6 @@ MESSAGE_HEAD = MESSAGE.size - 9
 
 _HEAD_PLACES = {"channel": ("<u2", 9), "sequence": ("<u4", 11), "log": ("<u8", 15)}
 _HEAD_PLACES["publish"] = ("<u8", 23)
-_WIDTHS = {1: 8, 5: 4}
-_TYPES = {"TYPE_FIXED64": "<u8", "TYPE_SFIXED64": "<i8", "TYPE_FIXED32": "<u4"}
-_TYPES |= {"TYPE_SFIXED32": "<i4", "TYPE_FLOAT": "<f4", "TYPE_DOUBLE": "<f8"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,18 +48,24 @@ class Columns:
 class Model:
     """Writes messages of one form: sound frames of one kind on one topic."""
 
-    def __init__(self, model: bytes, message: Any, fields: tuple[Field, ...]) -> None:
+    def __init__(
+        self, model: bytes, message: Any, fields: tuple[Field, ...], lacking: frozenset[str]
+    ) -> None:
         """Find the places.
 
         Args:
             model: one message of the form, with a read delay, without faults and own time.
             message: its protobuf class.
             fields: the frame's fields that differ from row to row.
+            lacking: the names of the fields that are not in it.
         """
         head = MESSAGE.pack(Opcode.MESSAGE, MESSAGE_HEAD + len(model), 0, 0, 0, 0)
         self._bytes = np.frombuffer(head + model, np.uint8)
         self._fields = fields
-        places = _HEAD_PLACES | dict(_places(model, _types(message)))
+        places = _HEAD_PLACES | {
+            field.name: (_numpy_type(field), MESSAGE.size + field.place)
+            for field in laid(message.DESCRIPTOR.fields, lacking)
+        }
         self._type = np.dtype(
             {
                 "names": list(places),
@@ -99,44 +102,5 @@ class Model:
         return found
 
 
-def _types(message: Any) -> Mapping[int, tuple[str, str]]:
-    """Name and numpy type of each field of fixed width, by field number."""
-    descriptor = message.DESCRIPTOR
-    names = {getattr(descriptor.fields[0], name): kind for name, kind in _TYPES.items()}
-    return {
-        field.number: (field.name, names[field.type])
-        for field in descriptor.fields
-        if field.type in names
-    } | {descriptor.fields_by_name["raw"].number: ("raw", f"({FRAME_LENGTH},)u1")}
-
-
-def _places(
-    model: bytes, types: Mapping[int, tuple[str, str]]
-) -> Iterator[tuple[str, tuple[str, int]]]:
-    """Name, type and place in the record of each field of the model that can be written over."""
-    place = 0
-    while place < len(model):
-        tag, place = _varint(model, place)
-        number, wire = tag >> 3, tag & 7
-        if wire in _WIDTHS:
-            width = _WIDTHS[wire]
-        elif wire == 2:
-            width, place = _varint(model, place)
-        else:
-            width = _varint(model, place)[1] - place
-        if number in types:
-            name, kind = types[number]
-            yield name, (kind, MESSAGE.size + place)
-        place += width
-
-
-def _varint(data: bytes, place: int) -> tuple[int, int]:
-    """The number that begins at `place`, and the place behind it."""
-    value = shift = 0
-    while True:
-        byte = data[place]
-        place += 1
-        value |= (byte & 0x7F) << shift
-        if byte < 0x80:
-            return value, place
-        shift += 7
+def _numpy_type(field: WireField) -> str:
+    return f"({field.size},)u1" if field.code == "s" else f"<{field.code}"

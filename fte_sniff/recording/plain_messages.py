@@ -17,25 +17,10 @@ from math import nan
 from operator import attrgetter
 from typing import Any, TypeAlias
 
-from google.protobuf.descriptor import FieldDescriptor
-
-from fte_sniff.protocol import FRAME_LENGTH, Frame, FrameKind
+from fte_sniff.protocol import Frame, FrameKind
+from fte_sniff.recording.wire import SOUND_LACKS, WireField, laid
 
 _Get: TypeAlias = Callable[[Frame], Any]
-
-_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
-_WIRE_FORMATS: Mapping[int, tuple[int, str]] = {
-    FieldDescriptor.TYPE_FIXED64: (_FIXED64, "Q"),
-    FieldDescriptor.TYPE_SFIXED64: (_FIXED64, "q"),
-    FieldDescriptor.TYPE_DOUBLE: (_FIXED64, "d"),
-    FieldDescriptor.TYPE_FIXED32: (_FIXED32, "I"),
-    FieldDescriptor.TYPE_SFIXED32: (_FIXED32, "i"),
-    FieldDescriptor.TYPE_FLOAT: (_FIXED32, "f"),
-    FieldDescriptor.TYPE_ENUM: (_VARINT, "B"),
-    FieldDescriptor.TYPE_BOOL: (_VARINT, "B"),
-    FieldDescriptor.TYPE_BYTES: (_BYTES, f"{FRAME_LENGTH}s"),
-}
-"""By type, the wire type of a field and how `struct` packs it; enum numbers are below 128."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,31 +49,27 @@ def plain_form(message: Any, kind: FrameKind, fixed: Mapping[str, int]) -> Plain
         message: the protobuf class.
         kind: of the frames.
         fixed: the numbers of fields that are the same in all of them; other fields of the message
-            that a frame of this kind does not have are NaN, or absent if that cannot be.
+            that a frame of this kind does not have are NaN.
     """
     parts: list[tuple[bytes, _Get]] = []
     layout, constant = "<", b""
-    for field in sorted(message.DESCRIPTOR.fields, key=lambda field: field.number):
-        wire, code = _WIRE_FORMATS[field.type]
-        tag = _tag(field.number, wire)
+    for field in laid(message.DESCRIPTOR.fields, SOUND_LACKS - fixed.keys()):
         get = _getter(field.name, kind)
         if get is not None:
-            constant += tag
-            layout += f"{len(constant)}s{code}"
+            constant += field.tag
+            layout += f"{len(constant)}s{_struct_code(field)}"
             parts.append((constant, get))
             constant = b""
         elif field.name in fixed:
-            constant += tag + struct.pack(f"<{code}", fixed[field.name])
-        elif code in "fd":
-            constant += tag + struct.pack(f"<{code}", nan)
+            constant += field.tag + struct.pack(f"<{field.code}", fixed[field.name])
+        else:
+            constant += field.tag + struct.pack(f"<{field.code}", nan)
     layout += f"{len(constant)}s"
     return PlainForm(struct.Struct(layout).pack, tuple(parts), constant)
 
 
-def _tag(number: int, wire: int) -> bytes:
-    key = number << 3 | wire
-    tag = bytes([key]) if key < 0x80 else bytes([key & 0x7F | 0x80, key >> 7])
-    return tag + bytes([FRAME_LENGTH]) if wire == _BYTES else tag
+def _struct_code(field: WireField) -> str:
+    return f"{field.size}s" if field.code == "s" else field.code
 
 
 def _getter(name: str, kind: FrameKind) -> _Get | None:
