@@ -185,8 +185,10 @@ def _fill_stdout(plan: CapturePlan) -> None:
             tell(f"a host program can open {shown(session.device)}")
         tell("recording to standard output")
         tell_troubles(session)
-        if session.error is not None and not nobody_reads(sys.stdout.fileno()):
-            raise session.error
+        if session.error is not None:
+            # What comes once nobody reads is no gap: the recording is what there was to do.
+            ended = nobody_reads(sys.stdout.fileno()) and session.stopped_recording
+            raise ended or session.error
 
 
 def _show_screen(plan: CapturePlan, filter_text: str | None, keep_rows: int, bench: Bench) -> None:

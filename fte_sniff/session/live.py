@@ -45,6 +45,8 @@ class LiveSession:
     """Where the recording lies; None where there is none, or it has stopped."""
     device: str | None = None
     """What a host program is to open, where this is a bridge."""
+    stopped_recording: FteSniffError | None = None
+    """Why the recording stopped last, once it has; `error` tells at the end what that cost."""
     first_recording: Path | None = None
     """Where it began, which is another file where it was rotated or went on elsewhere."""
 
@@ -218,6 +220,7 @@ class LiveSession:
         self._total, self._not_shown = message.total_rows, message.not_shown
         for change in message.recording:
             self.recording = change.path
+            self.stopped_recording = change.failure or self.stopped_recording
             self.error = change.failure or self.error
         return message
 
