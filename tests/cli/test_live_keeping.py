@@ -91,6 +91,7 @@ def test_a_reader_of_the_recording_that_goes_ends_it_in_one_line(
         (["--rotate", "0s"], "at least 1 s"),
         (["--rotate", "soon"], "512MB or 1h"),
         (["--rotate", "none"], "512MB or 1h"),
+        (["--max-size", "5"], "--max-size: a file has at least 100 kB"),
         (["--max-size", "big"], "512MB, 2GB or none"),
         (["--rotate", "1GB", "--max-size", "1GB"], "room for two files"),
         (["--before", "5s"], "--trigger"),
@@ -121,9 +122,9 @@ def test_too_little_room_is_told_before_the_first_row(run, tmp_path: Path) -> No
 def test_the_bound_of_a_forgotten_capture_is_told_at_once_and_the_rows_go_on(
     environment, tmp_path: Path
 ) -> None:
-    options = ("--max-size", "40kB", "--plain", "-o", "x.mcap")
+    options = ("--max-size", "100kB", "--plain", "-o", "x.mcap")
     with started(environment, tmp_path, "live", SIM, *options) as process:
-        until_told(process, b"its files have reached 40 kB (--max-size)")
+        until_told(process, b"its files have reached 100 kB (--max-size)")
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
