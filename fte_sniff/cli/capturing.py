@@ -232,8 +232,17 @@ def _tell_who_goes_on(plan: CapturePlan, session: LiveSession) -> None:
 def _leave(session: LiveSession) -> None:
     """Say where the recording lies; raise what went wrong, if something did."""
     if session.recording is not None:
-        first = session.first_recording
+        outcome = session.outcome
+        first = outcome.first if outcome else session.first_recording
         several = f"{first} to " if first != session.recording else ""
-        tell(f"recorded to {several}{session.recording}")
+        gone = ""
+        if outcome and outcome.deleted_files:
+            files = (
+                "1 older file"
+                if outcome.deleted_files == 1
+                else f"{outcome.deleted_files:,} older files"
+            )
+            gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--on-full rotate-oldest)"
+        tell(f"recorded to {several}{session.recording}{gone}")
     if session.error is not None:
         raise session.error

@@ -18,6 +18,7 @@ from typing import Self
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.errors import FileError, FteSniffError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.recording.recorder import Outcome
 from fte_sniff.session.messages import STOP, Batch, Ended, Message, Started
 from fte_sniff.session.plan import CapturePlan
 from fte_sniff.session.process import capture
@@ -47,6 +48,8 @@ class LiveSession:
     """What a host program is to open, where this is a bridge."""
     stopped_recording: FteSniffError | None = None
     """Why the recording stopped last, once it has; `error` tells at the end what that cost."""
+    outcome: Outcome | None = None
+    """What there is of the recording, once the capture has ended of itself."""
     first_recording: Path | None = None
     """Where it began, which is another file where it was rotated or went on elsewhere."""
 
@@ -206,7 +209,7 @@ class LiveSession:
     def _take(self, message: Message) -> Batch | None:
         if isinstance(message, Ended):
             self._ended = message
-            self.error = message.error
+            self.error, self.outcome = message.error, message.outcome
             return None
         if isinstance(message, Started):
             self._begun, self.recording, self.device = True, message.recording, message.device

@@ -145,4 +145,7 @@ def test_the_oldest_file_makes_room_where_that_is_asked_for(environment, tmp_pat
     assert files[0].name != "x_00001.mcap"
     rows = [row for file in files for row in RecordingReader(file)]
     first = rows[0].offset
+    gone = int(files[0].stem[-5:]) - 1
+    assert f"recorded to {files[0].name} to {files[-1].name}; {gone} older file" in errors
+    assert f" with {first // 10:,} rows deleted (--on-full rotate-oldest)" in errors
     assert [row.offset for row in rows] == list(range(first, first + 10 * len(rows), 10))
