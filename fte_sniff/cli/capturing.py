@@ -243,6 +243,11 @@ def _leave(session: LiveSession) -> None:
                 else f"{outcome.deleted_files:,} older files"
             )
             gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--on-full rotate-oldest)"
-        tell(f"recorded to {several}{session.recording}{gone}")
+        part = ""
+        if outcome and outcome.triggered:
+            kept, rows, fired = outcome.triggered
+            events = f"{fired:,} event{'s' * (fired != 1)}" if fired else "--trigger never fired"
+            part = f"{kept:,} of {rows:,} rows ({events}) "
+        tell(f"recorded {part}to {several}{session.recording}{gone}")
     if session.error is not None:
         raise session.error

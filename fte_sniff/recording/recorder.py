@@ -61,6 +61,8 @@ class Outcome:
     last: Path
     deleted_files: int = 0
     deleted_rows: int = 0
+    triggered: tuple[int, int, int] | None = None
+    """Where a trigger chose: the rows recorded, all rows, and how often it fired."""
 
 
 class Recorder:
@@ -126,10 +128,13 @@ class Recorder:
     @property
     def outcome(self) -> Outcome:
         """What is there by now."""
-        shelf = self._shelf
-        return Outcome(
-            shelf.oldest or self._last, self._last, shelf.deleted_files, shelf.deleted_rows
-        )
+        shelf, trigger = self._shelf, self._trigger
+        triggered = None
+        if trigger is not None:
+            missed = sum(gap.rows for gap in [*self._gaps, self._gap] if gap is not None)
+            triggered = trigger.taken - trigger.dropped - missed, trigger.taken, trigger.events
+        first = shelf.oldest or self._last
+        return Outcome(first, self._last, shelf.deleted_files, shelf.deleted_rows, triggered)
 
     def changes(self) -> list[Change]:
         """What became of the recording since this was asked before."""

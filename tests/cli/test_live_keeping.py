@@ -45,6 +45,13 @@ def test_a_trigger_keeps_what_surrounds_its_rows(run, tmp_path: Path) -> None:
         ]
     assert sum(left_out) == 900 - len(kept)
     assert "900 rows" in done.stderr
+    assert f"recorded {len(kept)} of 900 rows (1 event) to x.mcap" in done.stderr
+
+
+def test_a_trigger_that_never_fired_is_told(run, tmp_path: Path) -> None:
+    done = run("live", SIM, "--plain", "-o", "x.mcap", "--trigger", "rpm > 30000", "--count", "90")
+    assert done.returncode == 0
+    assert "recorded 0 of 90 rows (--trigger never fired) to x.mcap" in done.stderr
 
 
 @pytest.mark.parametrize("name", ["-", "/dev/stdout"])
