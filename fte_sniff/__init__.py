@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         FteSniffError,
         InputTextError,
         PortError,
+        RecordingWarning,
         UsageError,
         ValueRangeError,
     )
@@ -64,6 +65,7 @@ __all__ = [
     "InputTextError",
     "PortError",
     "PortEvent",
+    "RecordingWarning",
     "Row",
     "Status",
     "UsageError",

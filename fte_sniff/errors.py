@@ -10,6 +10,8 @@ This module knows no other part of the program: it stands at the bottom of the i
     ├── PortError           3     a serial port: absent, busy, forbidden, lost
     └── FileError           4     a file: unreadable, not what it should be, in the way
 
+    RecordingWarning              beside the tree: what was read lacks something
+
 Each message is one line that says what happened, where, and the way out.
 """
 
@@ -59,6 +61,14 @@ class FileError(FteSniffError):
     """A file cannot be read, is not what it should be, or must not be overwritten."""
 
     exit_code: ClassVar[int] = 4
+
+
+class RecordingWarning(UserWarning):
+    """A recording is damaged: what could be read was, and the text says in one line what is lost.
+
+    A category of `warnings`, and no error: `warnings.simplefilter("error", RecordingWarning)` makes
+    it one.
+    """
 
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up"}

@@ -20,6 +20,7 @@ def test_public_names_are_pinned() -> None:
         "InputTextError",
         "PortError",
         "PortEvent",
+        "RecordingWarning",
         "Row",
         "Status",
         "UsageError",

@@ -210,8 +210,10 @@ def _fill_stdout(plan: CapturePlan) -> None:
             tell(f"a host program can open {shown(session.device)}")
         tell("recording to standard output")
         tell_troubles(session)
-        if session.error is not None and not nobody_reads(sys.stdout.fileno()):
-            raise session.error
+        if session.error is not None:
+            # What comes once nobody reads is no gap: the recording is what there was to do.
+            ended = nobody_reads(sys.stdout.fileno()) and session.stopped_recording
+            raise ended or session.error
 
 
 def _show_screen(plan: CapturePlan, opening: Opening) -> None:
@@ -252,14 +254,28 @@ def _tell_who_goes_on(plan: CapturePlan, session: LiveSession) -> None:
 def _leave(session: LiveSession) -> None:
     """Say where the recording lies; raise what went wrong, if something did."""
     if session.recording is not None:
-        first = session.recordings[0]
-        before = f"{first} to " if first != session.recording else ""
-        tell(f"recorded to {before}{session.recording}")
-        there = sum(path.exists() for path in session.recordings)
-        if there > 1:
-            tell(f"{there} files; all of them: fte-sniff decode {_pattern(first)}")
+        _tell_where(session, session.recording)
     if session.error is not None:
         raise session.error
+
+
+def _tell_where(session: LiveSession, last: Path) -> None:
+    outcome = session.outcome
+    first = outcome.first if outcome else session.recordings[0]
+    several = f"{first} to " if first != last else ""
+    gone = part = ""
+    if outcome and outcome.deleted_files:
+        count = outcome.deleted_files
+        files = "1 older file" if count == 1 else f"{count:,} older files"
+        gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--on-full rotate-oldest)"
+    if outcome and outcome.triggered:
+        kept, rows, fired = outcome.triggered
+        events = f"{fired:,} event{'s' * (fired != 1)}" if fired else "--trigger never fired"
+        part = f"{kept:,} of {rows:,} rows ({events}) "
+    tell(f"recorded {part}to {several}{last}{gone}")
+    there = sum(path.exists() for path in session.recordings)
+    if there > 1:
+        tell(f"{there} files; all of them: fte-sniff decode {_pattern(session.recordings[0])}")
 
 
 def _pattern(first: Path) -> str:

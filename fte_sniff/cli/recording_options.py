@@ -169,6 +169,8 @@ def keeping_of(
         raise UsageError(f"--rotate: a file has at least {_LEAST_FILE // 1000} kB; say more")
     if isinstance(rotate, float) and rotate < _LEAST_SECONDS:
         raise UsageError(f"--rotate: a file spans at least {_LEAST_SECONDS:g} s; say more")
+    if max_size is not None and max_size < _LEAST_FILE:
+        raise UsageError(f"--max-size: a file has at least {_LEAST_FILE // 1000} kB; say more")
     if isinstance(rotate, int) and max_size is not None and max_size < 2 * rotate:
         raise UsageError("--max-size must have room for two files of --rotate; raise it")
     if rotate is Rotate.NONE and on_full == OnFull.ROTATE_OLDEST:

@@ -45,7 +45,7 @@ def _blocked(descriptor: int) -> bool:
 
 
 def nobody_reads(descriptor: int) -> bool:
-    """Whether a pipe has lost its reader, so that nothing needs to be said of it."""
+    """Whether a pipe has lost its reader."""
     poll = select.poll()
     poll.register(descriptor, 0)
     return any(event & select.POLLERR for _, event in poll.poll(0))

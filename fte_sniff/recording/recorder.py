@@ -52,6 +52,19 @@ class Change:
     """Why it stopped; None where it goes on as it should."""
 
 
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What is there once a capture is over."""
+
+    first: Path
+    """The first of its files that were not deleted to make room."""
+    last: Path
+    deleted_files: int = 0
+    deleted_rows: int = 0
+    triggered: tuple[int, int, int] | None = None
+    """Where a trigger chose: the rows recorded, all rows, and how often it fired."""
+
+
 class Recorder:
     """Records one capture. After it was made no method raises for what the disk does."""
 
@@ -111,6 +124,17 @@ class Recorder:
             what = f"{rows} rows and port events from {iso_time(missed[0].first_ns)} on"
             return not_recorded(what, "; then ".join(dict.fromkeys(str(g.why) for g in missed)))
         return self._gap.why if self._gap else None
+
+    @property
+    def outcome(self) -> Outcome:
+        """What is there by now."""
+        shelf, trigger = self._shelf, self._trigger
+        triggered = None
+        if trigger is not None:
+            missed = sum(gap.rows for gap in [*self._gaps, self._gap] if gap is not None)
+            triggered = trigger.taken - trigger.dropped - missed, trigger.taken, trigger.events
+        first = shelf.oldest or self._last
+        return Outcome(first, self._last, shelf.deleted_files, shelf.deleted_rows, triggered)
 
     def changes(self) -> list[Change]:
         """What became of the recording since this was asked before."""
@@ -185,7 +209,7 @@ class Recorder:
         with suppress(FileError):  # it failed already, and that is told
             writer.close()
         self._writer = None
-        self._shelf.finished(writer.path)
+        self._shelf.finished(writer.path, writer.flushed_rows)
         cause = failure.__cause__
         self._is_full = isinstance(cause, OSError) and cause.errno in _FULL
         self._gap = Gap(failure)
@@ -266,7 +290,7 @@ class Recorder:
         writer.note(Metadata(NEXT_NAME, {"file": following.path.name}))
         with suppress(FileError):  # all rows are flushed, and the file is whole
             writer.close()
-        self._shelf.finished(writer.path)
+        self._shelf.finished(writer.path, writer.flushed_rows)
         self._go_on(following)
 
     def _keep_bounds(self) -> None:

@@ -21,7 +21,8 @@ def recorded_to(path: object) -> FileError:
 def stopped(path: object, error: OSError, rows: int) -> FileError:
     """What to tell the user when a recording that was under way cannot go on."""
     if isinstance(error, BrokenPipeError):
-        return FileError(f"recording stopped: whoever read {path} is gone ({rows} rows were taken)")
+        where = "standard output" if str(path) == "-" else path
+        return FileError(f"{where}: its reader is gone; the recording ended after {rows:,} rows")
     return FileError(
         f"recording stopped: {reason_of(error)}; {path} is complete up to there ({rows} rows); "
         "make room, or record elsewhere with -o"

@@ -33,6 +33,7 @@ class _Finished:
     size: int
     identity: tuple[int, ...]
     """Device, inode, size and time of the last change; an inode alone may be another's by now."""
+    rows: int
 
 
 class Shelf:
@@ -49,6 +50,8 @@ class Shelf:
         self._number = 1
         self._begun = False
         self._finished: list[_Finished] = []
+        self.deleted_files = self.deleted_rows = 0
+        """What made room for later files, and the rows in it."""
         self.seeks = not is_outlet(path)
         """Whether the recording lies in files that can be followed by others."""
         self._path = self._free_stem(path) if existing is Existing.NUMBER else path
@@ -99,13 +102,18 @@ class Shelf:
                 return number, path
         raise AssertionError
 
-    def finished(self, path: Path) -> None:
-        """Note a file that was closed; one that is gone is none of ours any more."""
+    @property
+    def oldest(self) -> Path | None:
+        """The first of the closed files that were not deleted."""
+        return self._finished[0].path if self._finished else None
+
+    def finished(self, path: Path, rows: int) -> None:
+        """Note a closed file of so many rows; one that is gone is none of ours any more."""
         try:
             found = path.stat()
         except OSError:
             return
-        self._finished.append(_Finished(path, found.st_size, _identity(found)))
+        self._finished.append(_Finished(path, found.st_size, _identity(found), rows))
 
     def over(self, size: int) -> str:
         """Which bound does not hold, in words, while the file under way has `size` bytes."""
@@ -126,6 +134,8 @@ class Shelf:
                 found = oldest.path.lstat()
                 if _identity(found) == oldest.identity:
                     oldest.path.unlink()
+                    self.deleted_files += 1
+                    self.deleted_rows += oldest.rows
                     return True
             except OSError:
                 continue

@@ -45,10 +45,15 @@ class Trigger:
         self._rows_waiting = 0
         self._missed: LeftOut | None = None
         self._done: list[LeftOut] = []
+        self.taken = self.dropped = 0
+        """Rows that came, and those of them that were left out."""
+        self.events = 0
+        """How often it fired after it had kept nothing."""
 
     def rows(self, rows: Sequence[Row]) -> list[Entry]:
         """What is kept, now that these rows have come; older ones may be among it."""
         kept: list[Entry] = []
+        self.taken += len(rows)
         picked = iter(self._select(rows))
         wanted = next(picked, None)
         for row in rows:
@@ -56,6 +61,7 @@ class Trigger:
             if row is wanted:
                 wanted = next(picked, None)
                 self._release(t_ns, kept)
+                self.events += t_ns > self._until_ns
                 self._until_ns = max(self._until_ns, t_ns + self._after_ns)
                 kept.append(row)
             elif t_ns <= self._until_ns:
@@ -108,6 +114,7 @@ class Trigger:
             kept.append(entry)
             return
         self._rows_waiting -= 1
+        self.dropped += 1
         t_ns, missed = entry.t_ns or 0, self._missed
         self._missed = (
             LeftOut(1, t_ns, t_ns)

@@ -18,6 +18,7 @@ from typing import Self
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.errors import FileError, FteSniffError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.recording.recorder import Outcome
 from fte_sniff.session.messages import STOP, Batch, Ended, Message, Started
 from fte_sniff.session.plan import CapturePlan
 from fte_sniff.session.process import capture
@@ -48,6 +49,10 @@ class LiveSession:
     recordings: tuple[Path, ...] = ()
     """All files that it was written to, in order; more than one where it was rotated or went on
     elsewhere."""
+    stopped_recording: FteSniffError | None = None
+    """Why the recording stopped last, once it has; `error` tells at the end what that cost."""
+    outcome: Outcome | None = None
+    """What there is of the recording, once the capture has ended of itself."""
 
     def __init__(self, plan: CapturePlan) -> None:
         """Start the capture process; what it finds is told by `begin`.
@@ -205,7 +210,7 @@ class LiveSession:
     def _take(self, message: Message) -> Batch | None:
         if isinstance(message, Ended):
             self._ended = message
-            self.error = message.error
+            self.error, self.outcome = message.error, message.outcome
             return None
         if isinstance(message, Started):
             self._begun, self.recording, self.device = True, message.recording, message.device
@@ -220,6 +225,7 @@ class LiveSession:
         for change in message.recording:
             self.recording = change.path
             self.recordings += () if change.path is None else (change.path,)
+            self.stopped_recording = change.failure or self.stopped_recording
             self.error = change.failure or self.error
         return message
 

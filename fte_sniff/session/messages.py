@@ -11,7 +11,7 @@ from typing import Final, TypeAlias
 
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.recorder import Change
+from fte_sniff.recording.recorder import Change, Outcome
 
 STOP: Final = "stop"
 """The one word that goes back up: end the capture, and close its file."""
@@ -49,6 +49,8 @@ class Ended:
     """Why, one line for people; None where it was asked to end."""
     error: FteSniffError | None = None
     """What went wrong, if something did."""
+    outcome: Outcome | None = None
+    """What there is of the recording, if there is one."""
 
 
 Message: TypeAlias = Started | Batch | Ended

@@ -73,11 +73,12 @@ class Run:
 
     def _ended(self) -> Ended:
         failure: FteSniffError | None = self._recorder.failure if self._recorder else None
+        outcome = self._recorder.outcome if self._recorder else None
         lost = self._lost
         if lost is not None and self._source.end is SourceEnd.LOST and self._left != 0:
             reason = f"{lost.port} was lost: {lost.detail}"
-            return Ended(reason, failure or PortError(f"{reason}; check cable and power"))
-        return Ended(None, failure)
+            return Ended(reason, failure or PortError(f"{reason}; check cable and power"), outcome)
+        return Ended(None, failure, outcome)
 
     def _take_chunk(self, chunk: Chunk) -> None:
         framer = self._framers[chunk.port]

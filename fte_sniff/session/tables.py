@@ -6,6 +6,7 @@ become the contract's, batch by batch.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
@@ -14,9 +15,13 @@ import polars as pl
 from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.table import TABLE_SCHEMA, table_frame
+from fte_sniff.errors import RecordingWarning, shown
 from fte_sniff.recording.columns import RowColumns, Words
 from fte_sniff.recording.files import recordings_in, start_of
 from fte_sniff.recording.reader import RecordingReader
+
+_MOST_LOSSES = 5
+"""Losses that the warning of a file lists; of more it gives the number."""
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -35,6 +40,10 @@ def scan(paths: Paths) -> pl.LazyFrame:
     Raises:
         FileError: a file cannot be read or is no recording, or there is none. What is found only
             in the midst of a query is raised by the query, as polars' ComputeError.
+
+    Warns:
+        RecordingWarning: a file is damaged, and rows may be missing; one line a file says what is
+            lost, as `decode` does. Of files that a query does not read to their end none is said.
     """
     readers = _opened(paths)
 
@@ -59,6 +68,10 @@ def read(paths: Paths) -> pl.DataFrame:
 
     Raises:
         FileError: a file cannot be read or is no recording, or there is none.
+
+    Warns:
+        RecordingWarning: a file is damaged, and rows may be missing; one line a file says what is
+            lost, as `decode` does.
     """
     readers = _opened(paths)
     frames = list(_frames(readers, None, None))
@@ -82,6 +95,18 @@ def _frames(
         for columns in reader.batches(words):
             if len(columns):
                 yield make(columns)
+        _warn_of(reader)
+
+
+def _warn_of(reader: RecordingReader) -> None:
+    """Say what a file that was read to its end lacks."""
+    lost = [loss for loss in (*reader.losses, reader.ending) if loss]
+    if len(lost) > _MOST_LOSSES:
+        lost[_MOST_LOSSES:] = [f"{len(lost) - _MOST_LOSSES} more losses"]
+    if lost:
+        # Above are the generator and `read`: the line that called it is where the warning belongs.
+        told = shown(f"{reader.path}: {'; '.join(lost)}")
+        warnings.warn(told, RecordingWarning, stacklevel=4)
 
 
 def _maker(names: list[str] | None, wanted: pl.Expr | None) -> Callable[[RowColumns], pl.DataFrame]:

@@ -1,5 +1,6 @@
 """What `live` keeps: rotation, triggers, bounds, pipes, and how often it is flushed."""
 
+import re
 import signal
 import subprocess
 from pathlib import Path
@@ -45,6 +46,13 @@ def test_a_trigger_keeps_what_surrounds_its_rows(run, tmp_path: Path) -> None:
         ]
     assert sum(left_out) == 900 - len(kept)
     assert "900 rows" in done.stderr
+    assert f"recorded {len(kept)} of 900 rows (1 event) to x.mcap" in done.stderr
+
+
+def test_a_trigger_that_never_fired_is_told(run, tmp_path: Path) -> None:
+    done = run("live", SIM, "--plain", "-o", "x.mcap", "--trigger", "rpm > 30000", "--count", "90")
+    assert done.returncode == 0
+    assert "recorded 0 of 90 rows (--trigger never fired) to x.mcap" in done.stderr
 
 
 @pytest.mark.parametrize("name", ["-", "/dev/stdout"])
@@ -68,15 +76,19 @@ def test_the_recording_on_standard_output_is_all_that_is_there(
     assert [path.name for path in tmp_path.iterdir()] == ["x.mcap"]
 
 
-def test_a_reader_of_the_recording_that_goes_ends_it_quietly(environment, tmp_path: Path) -> None:
+def test_a_reader_of_the_recording_that_goes_ends_it_in_one_line(
+    environment, tmp_path: Path
+) -> None:
     with started(environment, tmp_path, "live", SIM, "-o", "-") as process:
         assert process.stdout is not None
         assert process.stdout.read(100).startswith(b"\x89MCAP")
         process.stdout.close()
         assert process.stderr is not None
         told = process.stderr.read().decode()
-        assert process.wait(BOUND_S) == 0
-    assert "recording stopped" not in told
+        assert process.wait(BOUND_S) == 4
+    said = r"fte-sniff: standard output: its reader is gone; the recording ended after [\d,]+ rows"
+    assert len(re.findall(said, told)) == told.count("gone") == 1
+    assert "not recorded" not in told
     assert "Traceback" not in told
 
 
@@ -87,6 +99,7 @@ def test_a_reader_of_the_recording_that_goes_ends_it_quietly(environment, tmp_pa
         (["--rotate", "0s"], "at least 1 s"),
         (["--rotate", "soon"], "512MB or 1h"),
         (["--rotate", "none", "--on-full", "rotate-oldest"], "leave --rotate none out"),
+        (["--max-size", "5"], "--max-size: a file has at least 100 kB"),
         (["--max-size", "big"], "512MB, 2GB or none"),
         (["--rotate", "1GB", "--max-size", "1GB"], "room for two files"),
         (["--before", "5s"], "--trigger"),
@@ -117,9 +130,9 @@ def test_too_little_room_is_told_before_the_first_row(run, tmp_path: Path) -> No
 def test_the_bound_of_a_forgotten_capture_is_told_at_once_and_the_rows_go_on(
     environment, tmp_path: Path
 ) -> None:
-    options = ("--max-size", "40kB", "--plain", "-o", "x.mcap")
+    options = ("--max-size", "100kB", "--plain", "-o", "x.mcap")
     with started(environment, tmp_path, "live", SIM, *options) as process:
-        until_told(process, b"its files have reached 40 kB (--max-size)")
+        until_told(process, b"its files have reached 100 kB (--max-size)")
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
@@ -140,4 +153,7 @@ def test_the_oldest_file_makes_room_where_that_is_asked_for(environment, tmp_pat
     assert files[0].name != "x_00001.mcap"
     rows = [row for file in files for row in RecordingReader(file)]
     first = rows[0].offset
+    gone = int(files[0].stem[-5:]) - 1
+    assert f"recorded to {files[0].name} to {files[-1].name}; {gone} older file" in errors
+    assert f" with {first // 10:,} rows deleted (--on-full rotate-oldest)" in errors
     assert [row.offset for row in rows] == list(range(first, first + 10 * len(rows), 10))

@@ -114,6 +114,29 @@ def test_a_recording_without_rows_is_an_empty_table(tmp_path: Path) -> None:
     assert fte_sniff.scan(path).collect().height == 0
 
 
+def test_a_damaged_recording_is_read_with_a_warning_that_says_what_is_lost(tmp_path: Path) -> None:
+    whole = (SAMPLES / "clean.mcap").read_bytes()
+    cut, flipped = tmp_path / "cut.mcap", tmp_path / "flipped.mcap"
+    cut.write_bytes(whole[: len(whole) // 2])
+    middle = len(whole) // 2
+    flipped.write_bytes(whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :])
+    for path in (cut, flipped):
+        reader = RecordingReader(path)
+        rows = [record(row) for row in reader]
+        assert len(rows) < len(_rows(SAMPLES / "clean.mcap"))
+        lost = [*reader.losses, reader.ending]
+        for use in (fte_sniff.read, lambda file: fte_sniff.scan(file).collect()):
+            with pytest.warns(fte_sniff.RecordingWarning) as caught:
+                assert _records(use(path)) == rows
+            (told,) = (str(warning.message) for warning in caught)
+            assert told.startswith(f"{path}: ")
+            assert len(told.splitlines()) == 1
+            assert all(loss in told for loss in lost)
+    with pytest.warns(fte_sniff.RecordingWarning) as caught:
+        fte_sniff.read([cut, SAMPLES / "clean.mcap", flipped])
+    assert [warning.filename for warning in caught] == [__file__, __file__]
+
+
 def test_importing_the_package_loads_neither_numpy_nor_polars() -> None:
     program = (
         "import sys, fte_sniff; assert 'scan' in fte_sniff.__all__; "
