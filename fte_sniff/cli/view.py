@@ -14,7 +14,7 @@ import click
 
 from fte_sniff.cli.batches import Batch
 from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import STDIN, Input, check_inputs, input_arguments, opened
+from fte_sniff.cli.inputs import STDIN, Input, check_inputs, input_arguments, meant, opened
 from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.cli.signals import signals_call
 from fte_sniff.cli.spans import span_of, span_options
@@ -64,7 +64,9 @@ def command(
     batches = chain.from_iterable(one.batches(span, notes.append) for one in inputs)
     # What cannot be read at all is told before the screen opens, not on it.
     rows = (batch.sequence() for batch in _begun(batches))
-    session = ReplaySession(rows, " ".join(map(str, files)), None if span else _total(inputs))
+    total = None if span else _total(inputs)
+    read = [str(path) for named in files for path in meant(named)]
+    session = ReplaySession(rows, " ".join(map(str, files)), total, read)
     code = run_screen(session, AtEnd.STAY, wanted, keep_rows, bench=bench)
     with signals_call(session.stop) as ask:
         # A terminal that stands still may not hold up the end.

@@ -60,6 +60,7 @@ class LiveSession:
         self._ended: Ended | None = None
         self._total = self._not_shown = 0
         self._away: set[str] = set()
+        self._files: tuple[str, ...] = ()
         self._stopped_at_s: float | None = None
         self._heard_at_s = 0.0
         self._receiving = False
@@ -209,6 +210,7 @@ class LiveSession:
         if isinstance(message, Started):
             self._begun, self.recording, self.device = True, message.recording, message.device
             self.first_recording = message.recording
+            self._hold(message.recording)
             return None
         for event in message.events:
             if event.kind is PortEventKind.LOST:
@@ -218,8 +220,14 @@ class LiveSession:
         self._total, self._not_shown = message.total_rows, message.not_shown
         for change in message.recording:
             self.recording = change.path
+            self._hold(change.path)
             self.error = change.failure or self.error
         return message
+
+    def _hold(self, recording: Path | None) -> None:
+        """Remember a file of this capture, for as long as the view may want to write others."""
+        if recording is not None:
+            self._files += (str(recording),)
 
     def _title(self) -> str:
         names = self._plan.wiring.names
@@ -242,6 +250,7 @@ class LiveSession:
             trouble=trouble,
             rows=self._total,
             not_shown=self._not_shown,
+            files=self._files,
         )
 
 

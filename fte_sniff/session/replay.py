@@ -31,7 +31,11 @@ class ReplaySession:
     """Why reading stopped before the end, if it did."""
 
     def __init__(
-        self, batches: Iterable[Sequence[Row]], title: str, total: int | None = None
+        self,
+        batches: Iterable[Sequence[Row]],
+        title: str,
+        total: int | None = None,
+        files: Sequence[str] = (),
     ) -> None:
         """Start reading.
 
@@ -39,8 +43,9 @@ class ReplaySession:
             batches: the rows, each time all packed or all not; iterated in a thread of its own.
             title: the name of the file, to be shown.
             total: how many rows there will be, more or less; None where nobody knows.
+            files: paths of the files that they come from.
         """
-        self._total = total
+        self._total, self._files = total, files
         self._batches = batches
         self._title = title
         self._rows = 0
@@ -84,6 +89,7 @@ class ReplaySession:
             live=False,
             rows=self._rows,
             progress=progress,
+            files=self._files,
         )
 
     def _run(self) -> None:

@@ -101,13 +101,16 @@ class Taking(Parts):
         else:
             self._tell(f"{store.shown_count:,} rows are shown, and are saved")
 
+    def _target(self, line: str) -> Target:
+        return Target.parse(line, self._watched.state.files)
+
     def _save(self, line: str) -> None:
         if not line:
             return
         store, selected = self._watched.store, self._table.selected
         wanted = selected or range(store.first, store.next)
         try:
-            self._saving = Saving(Target.parse(line), self._watched.ports)
+            self._saving = Saving(self._target(line), self._watched.ports)
         except FteSniffError as error:
             self._notice.tell(str(error), worry=True)
             return
