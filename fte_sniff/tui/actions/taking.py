@@ -97,9 +97,9 @@ class Taking(Parts):
         store, selected = self._watched.store, self._table.selected
         if selected:
             count = store.position_of(selected.stop) - store.position_of(selected.start)
-            self._tell(f"{count:,} rows are selected, and are saved")
+            self._tell(f"{count:,} selected rows would be saved")
         else:
-            self._tell(f"{store.shown_count:,} rows are shown, and are saved")
+            self._tell(f"{store.shown_count:,} shown rows would be saved")
 
     def _target(self, line: str) -> Target:
         return Target.parse(line, self._watched.state.files)
