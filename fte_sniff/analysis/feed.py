@@ -36,6 +36,8 @@ class FeedState:
     """How much of a file is read, 0 to 1; None where that means nothing."""
     live: bool = True
     """Whether rows come as they happen; otherwise they are read from what is there already."""
+    files: Sequence[str] = ()
+    """Paths of the files that rows come from or are recorded to."""
 
 
 @dataclass(frozen=True, slots=True)

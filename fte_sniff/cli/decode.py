@@ -14,7 +14,7 @@ import click
 from fte_sniff.cli.batches import Batch
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import Input, check_inputs, input_arguments, opened
-from fte_sniff.cli.outputs import file_output, format_option, text_output
+from fte_sniff.cli.outputs import file_output, form_of, format_option, text_output
 from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.summary import summary
 from fte_sniff.errors import shown
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
 @input_arguments
-@format_option(OutputFormat.TABLE, tuple(OutputFormat))
+@format_option(None, tuple(OutputFormat))
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="Write to this file instead of standard output.",
+    help="Write to this file instead of standard output; without --format its end says the form.",
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
 @filter_option
@@ -43,7 +43,7 @@ def command(
     files: tuple[Path, ...],
     kind: InputKind | None,
     topic: str | None,
-    form: OutputFormat,
+    form: OutputFormat | None,
     output: Path | None,
     force: bool,
     filter_text: str | None,
@@ -67,7 +67,7 @@ def command(
     inputs = opened(files, kind, topic)
     span = span_of(since, until, [one.times for one in inputs])
     decoding = _Decoding(inputs, span, wanted, limit)
-    _write(form, output, decoding, force=force)
+    _write(form or form_of(output), output, decoding, force=force)
     for note in decoding.notes:
         click.echo(f"fte-sniff: {shown(note)}", err=True)
     partly = decoding.written == limit

@@ -149,7 +149,7 @@ def opened(files: Sequence[Path], kind: InputKind | None, topic: str | None = No
         FileError: one cannot be read, or is not what it should be, or there is none.
         UsageError: nothing tells what one holds.
     """
-    inputs = [_opened(path, kind, topic) for named in files for path in _meant(named)]
+    inputs = [_opened(path, kind, topic) for named in files for path in meant(named)]
     recordings = [one for one in inputs if isinstance(one, RecordingInput)]
     if len(recordings) < len(inputs):
         return inputs
@@ -159,7 +159,12 @@ def opened(files: Sequence[Path], kind: InputKind | None, topic: str | None = No
     return [*recordings]
 
 
-def _meant(named: Path) -> list[Path]:
+def meant(named: Path) -> list[Path]:
+    """The files that one name means: itself, a folder's recordings, a pattern's matches.
+
+    Raises:
+        FileError: there is none.
+    """
     if named == STDIN or named.is_file():
         return [named]
     from fte_sniff.recording.files import files_of

@@ -14,7 +14,7 @@ from typing import Any, TextIO
 import click
 
 from fte_sniff.errors import UsageError, unwritable
-from fte_sniff.formats.writers import TEXT_FORMS, OutputFormat
+from fte_sniff.formats.writers import FORM_BY_END, TEXT_FORMS, OutputFormat
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -32,6 +32,12 @@ def format_option(
         show_default=default is not None,
         help="How rows are written; a table is plain where the output is no terminal.",
     )
+
+
+def form_of(output: Path | None) -> OutputFormat:
+    """The form that the end of the output's name asks for; a table where it asks for none."""
+    end = "" if output is None else output.suffix.lower()
+    return FORM_BY_END.get(end, OutputFormat.TABLE)
 
 
 @contextmanager

@@ -15,7 +15,15 @@ import click
 
 from fte_sniff.cli.batches import Batch, ColumnBatch
 from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import STDIN, Input, RecordingInput, check_inputs, input_arguments, opened
+from fte_sniff.cli.inputs import (
+    STDIN,
+    Input,
+    RecordingInput,
+    check_inputs,
+    input_arguments,
+    meant,
+    opened,
+)
 from fte_sniff.cli.keeping import REREAD, keep_rows_option
 from fte_sniff.cli.remembered import config_option, lang_option, remembered
 from fte_sniff.cli.signals import signals_call
@@ -79,7 +87,10 @@ def command(
     # What cannot be read at all is told before the screen opens, not on it.
     pages = RecordedPages() if _recordings_only(inputs) else None
     session = ReplaySession(
-        _read(_begun(batches), pages), " ".join(map(str, files)), None if span else _total(inputs)
+        _read(_begun(batches), pages),
+        " ".join(map(str, files)),
+        None if span else _total(inputs),
+        [str(path) for named in files for path in meant(named)],
     )
     opening = Opening(
         row_filter=wanted,

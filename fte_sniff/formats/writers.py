@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING, Protocol, TextIO, runtime_checkable
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final, Protocol, TextIO, runtime_checkable
 
 from fte_sniff.protocol import Row
 
@@ -27,6 +28,18 @@ class OutputFormat(StrEnum):
 
 TEXT_FORMS = (OutputFormat.TABLE, OutputFormat.JSONL, OutputFormat.CSV)
 """The forms that are text, which a terminal can show; the others are files."""
+
+
+FORM_BY_END: Final = MappingProxyType(
+    {
+        ".csv": OutputFormat.CSV,
+        ".jsonl": OutputFormat.JSONL,
+        ".parquet": OutputFormat.PARQUET,
+        ".mcap": OutputFormat.MCAP,
+        ".txt": OutputFormat.TABLE,
+    }
+)
+"""By the end of a file's name, in lower case, what it is taken to hold."""
 
 
 class RowWriter(Protocol):

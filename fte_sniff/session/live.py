@@ -250,6 +250,7 @@ class LiveSession:
             trouble=trouble,
             rows=self._total,
             not_shown=self._not_shown,
+            files=tuple(map(str, self.recordings)),
         )
 
 

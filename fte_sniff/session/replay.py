@@ -40,7 +40,13 @@ class ReplaySession:
     error: FteSniffError | None = None
     """Why reading stopped before the end, if it did."""
 
-    def __init__(self, batches: Iterable[Read], title: str, total: int | None = None) -> None:
+    def __init__(
+        self,
+        batches: Iterable[Read],
+        title: str,
+        total: int | None = None,
+        files: Sequence[str] = (),
+    ) -> None:
         """Start reading: one batch at first, and the others once the view has taken it.
 
         So nothing keeps a screen that opens from drawing its first rows.
@@ -49,8 +55,9 @@ class ReplaySession:
             batches: each time with all rows packed or none; iterated in a thread of its own.
             title: the name of the file, to be shown.
             total: how many rows there will be, more or less; None where nobody knows.
+            files: paths of the files that they come from.
         """
-        self._total = total
+        self._total, self._files = total, files
         self._batches = batches
         self._title = title
         self._rows = 0
@@ -100,6 +107,7 @@ class ReplaySession:
             live=False,
             rows=self._rows,
             progress=progress,
+            files=self._files,
         )
 
     def _run(self) -> None:

@@ -35,14 +35,20 @@ class Target:
     path: Path
     replace: bool
     """Whether a file that is there may be replaced."""
+    in_use: Sequence[str] = ()
+    """Files that rows come from or are recorded to; none of them is ever replaced."""
 
     @classmethod
-    def parse(cls, line: str) -> Target:
+    def parse(cls, line: str, in_use: Sequence[str] = ()) -> Target:
         """The file that a line names; `!` behind the name lets a file be replaced.
+
+        Args:
+            line: as it was typed.
+            in_use: files that may not be replaced in any case.
 
         Raises:
             UsageError: the name's end is none of `FORMS`.
-            FileError: the file is there already, or there is no such folder.
+            FileError: the file is there already or in use, or there is no such folder.
         """
         name = line.strip()
         replace = name.endswith(OVERWRITE)
@@ -51,7 +57,7 @@ class Target:
             path = path.expanduser()
         if path.suffix.lower() not in FORMS:
             raise UsageError(f"the name's end says what is written: {' '.join(FORMS)}")
-        target = cls(path, replace)
+        target = cls(path, replace, in_use)
         target.check()
         return target
 
@@ -65,6 +71,8 @@ class Target:
             raise FileError(f"{self.path} is a folder; name a file in it")
         if not self.path.parent.is_dir():
             raise FileError(f"{self.path.parent} does not exist; name a folder that does")
+        if any(_same(self.path, one) for one in self.in_use):
+            raise FileError(f"{self.path} holds what is shown, and would be lost; name another")
         if os.path.lexists(self.path) and not self.replace:
             raise FileError(
                 f"{self.path} exists already; name another, or replace it with"
@@ -72,6 +80,14 @@ class Target:
             )
         if self.replace and self.path.exists() and not self.path.is_file():
             raise FileError(f"{self.path} is no regular file; name another")
+
+
+def _same(path: Path, other: str) -> bool:
+    """Whether both are one file, by whatever names; a file that is gone is none."""
+    try:
+        return path.samefile(other)
+    except OSError:
+        return False
 
 
 class Saving:

@@ -14,7 +14,7 @@ import polars as pl
 
 from fte_sniff.analysis.columns import SCHEMA, row_frame
 from fte_sniff.errors import FileError
-from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.formats.writers import FORM_BY_END, OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.facts import PortFacts
 from fte_sniff.recording.place import Existing
@@ -176,12 +176,18 @@ def _text(form: OutputFormat) -> Callable[[Path, Sequence[str]], Sink]:
     return lambda path, ports: TextSink(form, path, ports)
 
 
+def _sink_of(form: OutputFormat) -> Callable[[Path, Sequence[str]], Sink]:
+    match form:
+        case OutputFormat.PARQUET:
+            return ParquetSink
+        case OutputFormat.MCAP:
+            return RecordingSink
+        case _:
+            return _text(form)
+
+
 SINKS: Final[Mapping[str, Callable[[Path, Sequence[str]], Sink]]] = {
-    ".csv": _text(OutputFormat.CSV),
-    ".jsonl": _text(OutputFormat.JSONL),
-    ".parquet": ParquetSink,
-    ".mcap": RecordingSink,
-    ".txt": _text(OutputFormat.TABLE),
+    **{end: _sink_of(form) for end, form in FORM_BY_END.items()},
     ".hex": HexSink,
     ".raw": RawSink,
     ".bin": RawSink,

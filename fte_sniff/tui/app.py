@@ -112,7 +112,8 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._notice = NoticeLine()
         self._filter_field = FilterField(row_filter, self._set_filter)
         self._search_field = SearchField(self._search)
-        self._goto_field, self._save_field = GotoField(self._go), SaveField(self._save)
+        self._goto_field = GotoField(self._go)
+        self._save_field = SaveField(self._target, self._save)
         self._filters_before: list[str] = []
         self._saving: Saving | None = None
         self._status_line = StatusLine()

@@ -243,3 +243,24 @@ def test_serial_bytes_on_the_topic_of_another_program(run, samples: Path, tmp_pa
     assert refusal.returncode == 4
     assert "'/uart'; if one of them holds serial bytes, name it with --topic" in refusal.stderr
     assert run("decode", samples / "clean.raw", "--topic", "/uart").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "begins"),
+    [
+        ("x.parquet", [], b"PAR1"),
+        ("x.MCAP", [], b"\x89MCAP"),
+        ("x.csv", [], b"time,port,"),
+        ("x.jsonl", [], b'{"time"'),
+        ("x.txt", [], b"time "),
+        ("x.what", [], b"time "),
+        ("x.csv", ["--format", "jsonl"], b'{"time"'),
+        ("x.parquet", ["--format", "table"], b"time "),
+    ],
+)
+def test_the_end_of_the_output_says_the_form(
+    run, samples: Path, tmp_path: Path, name: str, options: list[str], begins: bytes
+) -> None:
+    done = run("decode", samples / "clean.mcap", "-o", tmp_path / name, *options)
+    assert done.returncode == 0
+    assert (tmp_path / name).read_bytes().startswith(begins)

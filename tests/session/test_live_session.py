@@ -202,6 +202,7 @@ def test_a_recording_that_is_deleted_is_told_at_once_and_the_capture_goes_on(
         until(session, lambda _rows: session.error is not None)
         state = session.poll().state
         assert (state.running, state.recording) == (True, str(tmp_path / "x_00002.mcap"))
+        assert state.files == (str(tmp_path / "x.mcap"), str(tmp_path / "x_00002.mcap"))
         assert "x.mcap was deleted" in (state.trouble or "")
         assert "recording goes on in" in (state.trouble or "")
         told_at = state.rows

@@ -104,6 +104,20 @@ def test_a_file_in_the_way_is_named_and_replaced_only_where_that_is_said(tmp_pat
     assert path.read_text().startswith("time,port")
 
 
+@pytest.mark.parametrize("name", ["a.mcap", "a.mcap!", "./a.mcap!", "link.mcap!", "hard.mcap !"])
+def test_a_file_that_rows_come_from_is_never_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    source = tmp_path / "a.mcap"
+    source.write_text("mine")
+    Path("link.mcap").symlink_to(source)
+    Path("hard.mcap").hardlink_to(source)
+    with pytest.raises(FileError, match=r"would be lost; name another$"):
+        Target.parse(name, ["gone.mcap", str(source)])
+    Target.parse("b.mcap", ["gone.mcap", str(source)])
+
+
 def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     saving = Saving(Target.parse(str(path)), PORTS)

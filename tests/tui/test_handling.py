@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -241,6 +242,25 @@ def test_the_filtered_rows_are_saved(feed: Any, speed_rows: Rows, tmp_path: Path
         assert "exists already; name another" in page(app)
 
     play(feed, scenario, (140, 24))
+
+
+def test_what_is_recorded_to_is_not_saved_to(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:
+    path = tmp_path / "running.mcap"
+    path.write_text("mine")
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.state = replace(feed.state, files=[str(path)])
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        for name in (path, f"{path}!"):
+            await save_to(app, pilot, name)
+            await settle(app, pilot)
+            assert "would be lost; name another" in page(app)
+            assert "replace it" not in page(app)
+            await press(app, pilot, "escape")
+        assert path.read_text() == "mine"
+
+    play(feed, scenario, (200, 24))
 
 
 def test_the_selected_rows_are_saved_and_nothing_else(

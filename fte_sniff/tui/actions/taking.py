@@ -96,10 +96,13 @@ class Taking(Parts):
         store, selected = self._watched.store, self._table.selected
         if selected:
             count = store.position_of(selected.stop) - store.position_of(selected.start)
-            self._tell(_("{count:,} rows are selected, and are saved").format(count=count))
+            self._tell(_("{count:,} selected rows would be saved").format(count=count))
         else:
             count = store.shown_count
-            self._tell(_("{count:,} rows are shown, and are saved").format(count=count))
+            self._tell(_("{count:,} shown rows would be saved").format(count=count))
+
+    def _target(self, line: str) -> Target:
+        return Target.parse(line, self._watched.state.files)
 
     def _save(self, line: str) -> None:
         if not line:
@@ -107,7 +110,7 @@ class Taking(Parts):
         store, selected = self._watched.store, self._table.selected
         wanted = selected or range(store.first, store.next)
         try:
-            self._saving = Saving(Target.parse(line), self._watched.ports)
+            self._saving = Saving(self._target(line), self._watched.ports)
         except FteSniffError as error:
             self._notice.tell(str(error), worry=True)
             return
