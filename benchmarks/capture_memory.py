@@ -69,6 +69,17 @@ class FlatOut:
         """Ask for the end."""
         self._stopping = True
 
+    def stop_at(self, t_ns: float) -> None:
+        """Do nothing: it ends by its rows."""
+
+    @property
+    def waiting(self) -> int:
+        """Nothing waits: what is asked for is made."""
+        return 0
+
+    def drop(self) -> None:
+        """Do nothing: nothing waits."""
+
     def close(self) -> None:
         """Ask for the end: there is nothing to close."""
         self.stop()

@@ -32,6 +32,8 @@ class FeedState:
     """All rows that came so far, those included that were not handed over."""
     not_shown: int = 0
     """Rows that were recorded but not handed over, because the view was too slow for them."""
+    leftover: int = 0
+    """Bytes that waited to be written when the reading ended, where these are many."""
     progress: float | None = None
     """How much of a file is read, 0 to 1; None where that means nothing."""
     live: bool = True

@@ -43,6 +43,12 @@ def holders_of(device: str) -> list[Holder]:
     ]
 
 
+def have_open(holders: list[Holder]) -> str:
+    """`socat (pid 7) has it open`, for one or several; for none, that nobody can be named."""
+    names = " and ".join(map(str, holders)) or "this or another program"
+    return f"{names} {'have' if len(holders) > 1 else 'has'} it open"
+
+
 def sharing_note(device: str | None) -> str:
     """What to add where a port is told to be open: who else has it; empty where nobody has."""
     holders = holders_of(device) if device else []

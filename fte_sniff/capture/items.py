@@ -60,6 +60,22 @@ class Source(Protocol):
         """
         ...
 
+    def stop_at(self, t_ns: float) -> None:
+        """Ask for the end at a time of the chunks' clock, whether or not chunks are taken then."""
+        ...
+
+    @property
+    def waiting(self) -> int:
+        """How many bytes were read and wait to be taken."""
+        ...
+
+    def drop(self) -> None:
+        """Once the reading has ended: yield no more bytes, but an `overrun` that counts them.
+
+        Returns at once; may be called from any thread.
+        """
+        ...
+
     def close(self) -> None:
         """Stop, and close the ports. Items left can be read on."""
         ...

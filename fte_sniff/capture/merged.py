@@ -59,6 +59,21 @@ class MergedSource:
         for source in self._sources:
             source.stop()
 
+    def stop_at(self, t_ns: float) -> None:
+        """Ask all for the end at a time of the chunks' clock."""
+        for source in self._sources:
+            source.stop_at(t_ns)
+
+    @property
+    def waiting(self) -> int:
+        """How many bytes were read and wait to be taken, of all."""
+        return sum(source.waiting for source in self._sources)
+
+    def drop(self) -> None:
+        """Once all have ended: yield no more bytes, but for each an overrun that counts them."""
+        for source in self._sources:
+            source.drop()
+
     def close(self) -> None:
         """Stop all, wait for their readers, and close their ports."""
         self.stop()

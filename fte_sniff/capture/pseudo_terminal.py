@@ -24,6 +24,9 @@ class PseudoTerminal:
         Raises:
             FileError: something is in the way of `link`, or it cannot be made.
         """
+        if link is not None:
+            # Before there is a device: it would often get the number that a left link leads to.
+            _remove_left_over(link)
         self.descriptor, theirs = os.openpty()
         """Our end; it does not block."""
         os.set_blocking(self.descriptor, False)
@@ -55,19 +58,25 @@ class PseudoTerminal:
     def _make(self, link: Path | None) -> None:
         if link is None:
             return
-        named = shown(str(link))
         try:
-            if _is_left_over(link):
-                link.unlink()
             link.symlink_to(self.device)
         except FileExistsError:
+            named = shown(str(link))
             raise FileError(f"{named} is in the way: remove it, or name another") from None
         except (OSError, ValueError) as error:
-            told = error.strerror if isinstance(error, OSError) else error
-            raise FileError(f"{named} cannot be made: {told}") from error
+            raise _refusal(link, error) from error
         self._link = link
 
 
-def _is_left_over(link: Path) -> bool:
-    """Whether it is a link that a killed run left: to a pseudo-terminal that is gone."""
-    return link.is_symlink() and str(link.readlink()).startswith(_DEVICES) and not link.exists()
+def _remove_left_over(link: Path) -> None:
+    """Remove a link that a killed run left: one to a pseudo-terminal that is gone."""
+    try:
+        if link.is_symlink() and str(link.readlink()).startswith(_DEVICES) and not link.exists():
+            link.unlink()
+    except (OSError, ValueError) as error:
+        raise _refusal(link, error) from error
+
+
+def _refusal(link: Path, error: OSError | ValueError) -> FileError:
+    told = error.strerror if isinstance(error, OSError) else error
+    return FileError(f"{shown(str(link))} cannot be made: {told}")

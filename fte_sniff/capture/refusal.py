@@ -6,7 +6,9 @@ It must not open anything; it looks at the error, the name and the device file.
 from __future__ import annotations
 
 import errno
+import os
 import pkgutil
+import re
 import stat
 import termios
 from importlib import import_module
@@ -16,11 +18,14 @@ from urllib.parse import urlsplit
 
 import serial
 
-from fte_sniff.capture.holders import holders_of
+from fte_sniff.capture.holders import have_open, holders_of
 from fte_sniff.capture.permission import way_in
 from fte_sniff.errors import PortError, shown
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
+_OWN_TERMINAL = "/dev/tty"
+_LOGGING = re.compile(r"[?&]logging=", re.IGNORECASE)
+_NOT_SPOKEN = "does not seem to support RFC2217"
 _MODULE_NEEDED = {"cp2110": "hid"}
 _MODULE_PREFIX = "protocol_"
 
@@ -46,6 +51,9 @@ def check_name(name: str) -> None:
     if not name.strip():
         raise PortError(f"a port has an empty name; {_ports_there_are('')}")
     if not mark:
+        if "\0" not in name and os.path.realpath(name) == _OWN_TERMINAL:
+            there = _ports_there_are("")
+            raise PortError(f"{shown(name)} is the terminal that this runs in, no port; {there}")
         return
     known = known_schemes()
     if scheme.lower() not in known:
@@ -59,6 +67,8 @@ def check_name(name: str) -> None:
             f"{shown(name)} would write over what is shown here: give it a file to write to, as "
             "spy:///dev/ttyUSB0?file=spy.txt"
         )
+    if _LOGGING.search(name):
+        raise PortError(f"{shown(name)} would write over what is shown here: leave logging out")
 
 
 def refusal(name: str, device: str | None, error: BaseException) -> PortError:
@@ -72,6 +82,11 @@ def refusal(name: str, device: str | None, error: BaseException) -> PortError:
     if isinstance(error.__cause__, PortError):
         return error.__cause__
     named = shown(name)
+    if _NOT_SPOKEN in str(error):
+        # pyserial's own words go on with a dump of the options that it asked for.
+        bare = f"socket://{urlsplit(name).netloc}"
+        told = f"what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}"
+        return PortError(f"{named} cannot be opened: {shown(told)}")
     what = None if device is None else _what_of_device(device, _errno_of(error))
     if what is None:
         # pyserial repeats the name in its own words; once is enough. Where it stumbles over options
@@ -103,8 +118,7 @@ def _what_of_device(device: str, number: int | None) -> str | None:
     if number in (errno.EACCES, errno.EPERM):
         return f": no permission; {way_in(device)}"
     if number in (errno.EBUSY, errno.EAGAIN):
-        holders = " and ".join(map(str, holders_of(device)))
-        return f" is busy: {holders or 'this or another program'} has it open; close that first"
+        return f" is busy: {have_open(holders_of(device))}; close that first"
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
         return f" is no serial port but {_file_type(device)}; {_ports_there_are(device)}"
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import serial
 from serial.tools.list_ports import comports
 
-from fte_sniff.capture.holders import holders_of
+from fte_sniff.capture.holders import have_open, holders_of
 from fte_sniff.capture.identity import identity_of
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
 from fte_sniff.errors import PortError
@@ -24,6 +24,9 @@ FIRST_WAIT_S = 0.25
 
 LONGEST_WAIT_S = 1.0
 """Seconds between two looks at most; each wait is twice the one before."""
+
+_TOLD_AT = 2
+"""How many looks at a port that is back, but cannot be opened, it takes to say so."""
 
 _PTY_FOLDER = "/dev/pts/"
 
@@ -36,8 +39,12 @@ class Opened(NamedTuple):
     """What it is called now."""
 
 
+class RefusedError(PortError):
+    """The port is back, and cannot be opened all the same."""
+
+
 Reopen = Callable[[], Opened]
-"""Opens a port again; raises PortError where it is not there or cannot be had yet."""
+"""Opens a port again; raises PortError where it is not there, RefusedError where it is refused."""
 
 
 def way_back(name: str, settings: PortSettings, port: serial.Serial) -> Reopen | None:
@@ -53,13 +60,22 @@ def way_back(name: str, settings: PortSettings, port: serial.Serial) -> Reopen |
         found = identity.find(comports())
         if found is None:
             raise PortError(f"{name} is not plugged in")
-        target = found if "://" in found else os.path.realpath(found)
-        if target.startswith(_PTY_FOLDER) and holders_of(target):
-            # The link was left behind, and its number has become somebody's terminal.
-            raise PortError(f"{target} is a terminal that others use")
-        return Opened(open_port(found, settings), target)
+        if "://" in found:
+            return Opened(open_port(found, settings), found)
+        return _open_device(found, settings)
 
     return reopen
+
+
+def _open_device(found: str, settings: PortSettings) -> Opened:
+    target = os.path.realpath(found)
+    if target.startswith(_PTY_FOLDER) and (holders := holders_of(target)):
+        # The link may be left behind, and its number have become somebody's terminal.
+        raise RefusedError(f"{target} may be somebody's terminal: {have_open(holders)}; close that")
+    try:
+        return Opened(open_port(found, settings), target)
+    except PortError as error:
+        raise RefusedError(str(error)) from error
 
 
 class Return:
@@ -71,6 +87,8 @@ class Return:
         self._first_wait_s = first_wait_s
         self._found: Opened | None = None
         self._given_up = False
+        self._refusals = 0
+        self._refusal: str | None = None
         self._changed = threading.Condition()
         threading.Thread(target=self._run, name="waits for a port", daemon=True).start()
 
@@ -80,6 +98,12 @@ class Return:
             self._changed.wait_for(lambda: self._found, timeout_s)
             found, self._found = self._found, None
             return found
+
+    def refusal(self) -> str | None:
+        """Why the port cannot be opened although it is back, for people; told once, else None."""
+        with self._changed:
+            refusal, self._refusal = self._refusal, None
+            return refusal
 
     def give_up(self) -> None:
         """Look no further; returns at once. A port that is being opened is closed again."""
@@ -95,7 +119,8 @@ class Return:
             wait_s = min(2 * wait_s, LONGEST_WAIT_S)
             try:
                 opened = self._reopen()
-            except PortError:
+            except PortError as error:
+                self._heed(error)
                 continue
             with self._changed:
                 if self._given_up:
@@ -103,6 +128,14 @@ class Return:
                 self._found = opened
                 self._changed.notify_all()
             return
+
+    def _heed(self, error: PortError) -> None:
+        if isinstance(error, RefusedError):
+            self._refusals += 1
+            # At first it may just not be ready: a system takes a moment to set a device up.
+            if self._refusals == _TOLD_AT:
+                with self._changed:
+                    self._refusal = f"it is back, but {error}"
 
     def _gives_up_within(self, seconds: float) -> bool:
         with self._changed:

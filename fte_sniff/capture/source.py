@@ -8,13 +8,14 @@ port that was lost and can return is waited for, in the same thread and the same
 
 from __future__ import annotations
 
-import queue
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from math import inf
 
 import serial
 
+from fte_sniff.capture.backlog import CAPACITY, Backlog
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.granted import Granted, ask
 from fte_sniff.capture.holders import sharing_note
@@ -34,14 +35,8 @@ from fte_sniff.capture.returning import (
 )
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
 
-CAPACITY = 32 * 2**20
-"""Bytes that may wait for the consumer, its bookkeeping included, before reads are dropped."""
-
 _BEAT_S = 0.05
 """Seconds between two signs of life while a port is waited for."""
-
-_ITEM_COST = 256
-"""What one waiting item takes besides its bytes, roughly."""
 
 
 class PortSource:
@@ -87,16 +82,11 @@ class PortSource:
         self._granted = granted or ask(port)
         self._line: LineWatch = self._granted.line
         self._read = reader_of(port)
-        self._capacity = capacity
         self._uncertainty_ns = uncertainty_ns
         self._reopen = reopen
         self._lost_at_bytes = -1
-        self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
-        # Each is written by one thread alone: what was put less what was taken is what waits.
-        self._put_cost = 0
-        self._taken_cost = 0
-        self._dropped = 0
-        self._dropped_at_ns = 0
+        self._backlog = Backlog(name, capacity)
+        self._stop_at_ns = inf
         self._stopping = False
         self._tell(PortEventKind.OPENED, detail)
         self._thread = threading.Thread(target=self._run, name=f"reads {name}", daemon=True)
@@ -114,11 +104,7 @@ class PortSource:
 
     def __iter__(self) -> Iterator[Item]:
         try:
-            while (item := self._queue.get()) is not None:
-                self._taken_cost += _cost(item)
-                yield item
-            # The end stays the end for whoever iterates again.
-            self._queue.put(None)
+            yield from self._backlog
         finally:
             self.close()
 
@@ -135,6 +121,19 @@ class PortSource:
         """
         self._stopping = True
 
+    def stop_at(self, t_ns: float) -> None:
+        """Ask for the end at a time of the clock, as `stop` would then; returns at once."""
+        self._stop_at_ns = t_ns
+
+    @property
+    def waiting(self) -> int:
+        """How many bytes were read and wait to be taken."""
+        return self._backlog.waiting
+
+    def drop(self) -> None:
+        """Once it has ended: yield no more bytes, but an overrun that counts them."""
+        self._backlog.drop()
+
     def close(self) -> None:
         """Stop, wait for the reader (some 10 ms), and close the port. Items left can be read on."""
         self.stop()
@@ -144,22 +143,25 @@ class PortSource:
     def _run(self) -> None:
         try:
             while (error := self._read_on()) is not None:
-                self._tell_what_is_left()
+                self._tell_of_line_errors(self._clock.now_ns(), self._line.rest())
                 if self._reopen is None:
                     self._finish(SourceEnd.LOST, PortEventKind.LOST, one_line(error))
                     return
                 self._tell(PortEventKind.LOST, f"{one_line(error)}; waiting for it to come back")
                 self._come_back(self._reopen)
-            self._tell_what_is_left()
+            self._tell_of_line_errors(self._clock.now_ns(), self._line.rest())
             self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, "as asked")
         finally:
-            self._queue.put(None)
+            self._backlog.end()
+
+    def _is_to_end(self) -> bool:
+        return self._stopping or self._clock.now_ns() >= self._stop_at_ns
 
     def _read_on(self) -> OSError | None:
         """Read until asked to stop, or until the port is lost by the error that is returned."""
         while True:
             # Looked at before the read: what has arrived when `stop` is called is read yet.
-            last = self._stopping
+            last = self._is_to_end()
             try:
                 data = self._read()
             except OSError as error:
@@ -167,7 +169,7 @@ class PortSource:
             now_ns = self._clock.now_ns()
             data, line_errors = self._line.take(data)
             self._tell_of_line_errors(now_ns, self._line.news(now_ns))
-            self._hand_on(Chunk(self.name, now_ns, data, line_errors))
+            self._backlog.put(Chunk(self.name, now_ns, data, line_errors))
             self.bytes_read += len(data)
             if last:
                 return None
@@ -182,12 +184,14 @@ class PortSource:
         fruitless = self.bytes_read == self._lost_at_bytes
         self._lost_at_bytes = self.bytes_read
         returning = Return(reopen, LONGEST_WAIT_S if fruitless else FIRST_WAIT_S)
-        while not self._stopping:
+        while not self._is_to_end():
             opened = returning.wait(_BEAT_S)
             if opened is not None:
                 self._take_over(opened, (self._clock.now_ns() - lost_ns) / 1e9)
                 return
-            self._hand_on(Chunk(self.name, self._clock.now_ns(), b""))
+            if refusal := returning.refusal():
+                self._tell(PortEventKind.NOT_OPENED, refusal)
+            self._backlog.put(Chunk(self.name, self._clock.now_ns(), b""))
         returning.give_up()
 
     def _take_over(self, opened: Opened, away_s: float) -> None:
@@ -197,48 +201,17 @@ class PortSource:
         shared = sharing_note(device_of(opened.port))
         self._tell(PortEventKind.FOUND_AGAIN, f"after {away_s:.1f} s{named}{shared}")
 
-    def _hand_on(self, chunk: Chunk) -> None:
-        waiting = self._put_cost - self._taken_cost
-        if waiting and not (chunk.data or chunk.line_errors):
-            return
-        if waiting + _cost(chunk) > self._capacity:
-            if not self._dropped:
-                self._dropped_at_ns = chunk.t_ns or 0
-            self._dropped += len(chunk.data)
-            return
-        self._tell_of_overrun()
-        self._put(chunk)
-
     def _finish(self, end: SourceEnd, kind: PortEventKind, detail: str) -> None:
         self.end = end
         self._tell(kind, detail)
 
-    def _tell_of_overrun(self) -> None:
-        if self._dropped:
-            detail = f"{self._dropped} bytes were not kept: they came faster than they were taken"
-            kind = PortEventKind.OVERRUN
-            self._put(PortEvent(self._dropped_at_ns, self.name, kind, detail, self._dropped))
-            self._dropped = 0
-
-    def _tell_what_is_left(self) -> None:
-        self._tell_of_overrun()
-        self._tell_of_line_errors(self._clock.now_ns(), self._line.rest())
-
     def _tell_of_line_errors(self, now_ns: int, counts: LineErrorCounts | None) -> None:
         if counts:
             kind = PortEventKind.LINE_ERROR
-            self._put(PortEvent(now_ns, self.name, kind, str(counts), counts.total))
+            self._backlog.tell(PortEvent(now_ns, self.name, kind, str(counts), counts.total))
 
     def _tell(self, kind: PortEventKind, detail: str) -> None:
-        self._put(PortEvent(self._clock.now_ns(), self.name, kind, detail))
-
-    def _put(self, item: Item) -> None:
-        self._put_cost += _cost(item)
-        self._queue.put(item)
-
-
-def _cost(item: Item) -> int:
-    return _ITEM_COST + (len(item.data) if isinstance(item, Chunk) else 0)
+        self._backlog.tell(PortEvent(self._clock.now_ns(), self.name, kind, detail))
 
 
 def _nothing() -> bytes:

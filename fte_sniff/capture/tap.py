@@ -5,6 +5,7 @@ It must not know how a port is read, nor what comes from it.
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -28,8 +29,9 @@ class Tap:
     """Whether a port that is lost is waited for, if it is one that can return."""
 
     def __post_init__(self) -> None:
-        if len(set(self.names)) < len(self.names):
-            twice = shown(max(self.names, key=self.names.count))
+        meant = [_meant_by(name) for name in self.names]
+        if len(set(meant)) < len(meant):
+            twice = shown(max(self.names, key=lambda name: meant.count(_meant_by(name))))
             raise UsageError(
                 f"{twice} is named twice: name the port of the other wire "
                 "(for simulated ones: 'sim://?wire=control' 'sim://?wire=feedback')"
@@ -50,3 +52,8 @@ class Tap:
             ]
             opened.pop_all()
         return sources[0] if len(sources) == 1 else MergedSource(sources)
+
+
+def _meant_by(name: str) -> str:
+    """What a name leads to: a device has many spellings, and links."""
+    return name if "://" in name or "\0" in name else os.path.realpath(name)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.capturing import capture_options, run_capture
+from fte_sniff.cli.paths import FileName
 from fte_sniff.cli.remembered import remembered
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 @click.command(name="bridge", short_help="Sit between a host program and the controller.")
 @click.argument("port")
-@click.option("--link", type=click.Path(path_type=Path), help="Make this link for host programs.")
+@click.option("--link", type=FileName(), help="Make this link for host programs.")
 @capture_options
 def command(
     port: str, link: Path | None, no_reconnect: bool, config: Path | None, **options: Any

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import reduce
 from glob import escape
-from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +20,10 @@ import click
 
 from fte_sniff.cli.filtering import filter_option, row_filter, selection
 from fte_sniff.cli.keeping import keep_rows_option
+from fte_sniff.cli.paths import FileName
 from fte_sniff.cli.recording_options import keeping_of, recording_options
 from fte_sniff.cli.remembered import Remembered, config_option, lang_option
+from fte_sniff.cli.seconds import Seconds
 from fte_sniff.cli.signals import ENDING, signals_call
 from fte_sniff.cli.telling import nobody_reads, tell
 from fte_sniff.cli.units import remembered_bench, units_options
@@ -40,25 +41,13 @@ _STDOUT = Path("-")
 _LINE_WORDS = click.Choice(["on", "off", "leave"])
 
 
-class _Seconds(click.FloatRange):
-    """A time; infinity is one, but what is not a number is none."""
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        seconds = float(super().convert(value, param, ctx))
-        if isnan(seconds):
-            self.fail(f"{value!r} is not a number of seconds.", param, ctx)
-        return seconds
-
-
-_DURATION = _Seconds(min=0, min_open=True)
+_DURATION = Seconds(min=0, min_open=True)
 
 _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
     click.option("--baud", type=click.INT, help=f"Bits/s.  [default: {DEFAULT_BAUD}]"),
     click.option("--dtr", type=_LINE_WORDS, default="off", show_default=True, help="Set DTR."),
     click.option("--rts", type=_LINE_WORDS, default="off", show_default=True, help="Set RTS."),
-    click.option("-o", "--output", type=click.Path(path_type=Path), help="Record to this file."),
+    click.option("-o", "--output", type=FileName(), help="Record to this file."),
     click.option("--force", is_flag=True, help="Overwrite the recording if it exists."),
     click.option("--no-record", is_flag=True, help="Record nothing."),
     recording_options,
@@ -187,7 +176,7 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
     from fte_sniff.session.live import LiveSession
 
     session = LiveSession(plan)
-    with signals_call(session.stop, _ending(plan)):
+    with signals_call(session.stop, _ending(plan), session.drop_leftover):
         session.begin()
         if session.device is not None:
             tell(f"a host program can open {shown(session.device)}")
@@ -204,7 +193,7 @@ def _fill_stdout(plan: CapturePlan) -> None:
     from fte_sniff.session.live import LiveSession
 
     session = LiveSession(plan)
-    with signals_call(session.stop, _ending(plan)):
+    with signals_call(session.stop, _ending(plan), session.drop_leftover):
         session.begin()
         if session.device is not None:
             tell(f"a host program can open {shown(session.device)}")
@@ -217,12 +206,13 @@ def _fill_stdout(plan: CapturePlan) -> None:
 
 
 def _show_screen(plan: CapturePlan, opening: Opening) -> None:
+    from fte_sniff.cli.plain import see_out
     from fte_sniff.session.live import LiveSession
     from fte_sniff.tui.app import run_screen
 
     code = 0
     session = LiveSession(plan)
-    with signals_call(session.stop, _ending(plan)):
+    with signals_call(session.stop, _ending(plan), session.drop_leftover):
         session.begin()
         _tell_who_goes_on(plan, session)
     try:
@@ -230,10 +220,10 @@ def _show_screen(plan: CapturePlan, opening: Opening) -> None:
             code = run_screen(session, opening)
     finally:
         # The screen hears signals in its own way, and forgets ours.
-        with signals_call(session.stop, _ending(plan)) as ask:
+        with signals_call(session.stop, _ending(plan), session.drop_leftover) as ask:
             # Nor may a terminal that stands still hold up the end.
             ask()
-            session.close()
+            see_out(session)
             _leave(session)
     sys.exit(code)
 

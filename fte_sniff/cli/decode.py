@@ -15,6 +15,7 @@ from fte_sniff.cli.batches import Batch
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import Input, check_inputs, input_arguments, opened
 from fte_sniff.cli.outputs import file_output, form_of, format_option, text_output
+from fte_sniff.cli.paths import FileName
 from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.summary import summary
 from fte_sniff.errors import shown
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=FileName(),
     help="Write to this file instead of standard output; without --format its end says the form.",
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.ports import list_format_option
+from fte_sniff.cli.seconds import Seconds
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD
 
@@ -29,7 +30,7 @@ EXIT_WRONG = 1
 @click.option("--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s.")
 @click.option(
     "--seconds",
-    type=click.FloatRange(min=0.1, max=3600),
+    type=Seconds(min=0.1, max=3600),
     default=3.0,
     show_default=True,
     help="Listen for so long, at most.",

@@ -20,6 +20,7 @@ from typing import IO, TYPE_CHECKING, Any, Protocol
 import click
 
 from fte_sniff.cli.batches import Batch, ColumnBatch, RowBatch
+from fte_sniff.cli.paths import FileName
 from fte_sniff.errors import FileError, FteSniffError, UsageError
 from fte_sniff.formats.kinds import InputKind, kind_of_content, kind_of_file
 from fte_sniff.formats.raw import hex_chunks, hex_stream_chunks, raw_chunks, raw_stream_chunks
@@ -59,9 +60,7 @@ Note = Callable[[str], None]
 
 def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
     """The FILE... argument, `--input` and `--topic`, as every command that reads files has them."""
-    files = click.argument(
-        "files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path)
-    )
+    files = click.argument("files", nargs=-1, required=True, metavar="FILE...", type=FileName())
     kind = click.option(
         "--input",
         "kind",
@@ -251,7 +250,7 @@ class RecordingInput:
                 yield ColumnBatch(columns, partial(self.reader.again, passage))
         for kind in TROUBLES:
             if troubles[kind]:
-                times = f"{troubles[kind]:,} times"
+                times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
                 note(f"{path}: the port reported {kind} {times} while it was recorded")
         for loss in (*self.reader.losses, self.reader.ending):
             if loss:

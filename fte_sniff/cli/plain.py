@@ -36,6 +36,7 @@ class PlainLines:
         self._failure: FteSniffError | None = None
         self._recording: str | None = None
         self._not_shown = 0
+        self._leftover = _Leftover()
 
     def take(self, update: FeedUpdate, failure: FteSniffError | None) -> None:
         """Print an update, and what went wrong with the capture, once.
@@ -47,6 +48,7 @@ class PlainLines:
             self._take_event(event)
         if update.state.running:
             self._take_trouble(failure, update.state.recording)
+            self._leftover.take(update)
         self._not_shown = update.state.not_shown
         self._tally.add(update.rows)
         self._writer.write(self._select(update.rows))
@@ -88,7 +90,7 @@ def print_lines(
     except BrokenPipeError:
         abandon_stdout()
     finally:
-        session.close()
+        see_out(session)
     lines.end()
 
 
@@ -102,8 +104,29 @@ def tell_troubles(session: LiveSession) -> None:
             if session.recording is None:
                 session.stop()
     finally:
-        session.close()
+        see_out(session)
     lines.end()
+
+
+def see_out(session: LiveSession) -> None:
+    """End a session, wait for its end, and say what that has to wait for; rows are not printed."""
+    session.stop()
+    leftover = _Leftover()
+    for update in _updates(session):
+        leftover.take(update)
+    session.close()
+
+
+class _Leftover:
+    """Says, once, that much waits to be written at the end."""
+
+    _told = False
+
+    def take(self, update: FeedUpdate) -> None:
+        count = update.state.leftover
+        if update.state.running and count and not self._told:
+            self._told = True
+            tell(f"writing what has arrived: {count:,} bytes wait; Ctrl-C drops them")
 
 
 def _updates(session: LiveSession) -> Iterator[FeedUpdate]:

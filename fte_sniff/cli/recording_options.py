@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fte_sniff.cli.seconds import Seconds
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def _read_by(parse: Callable[[str], Told]) -> Callable[..., Told]:
 _OPTIONS = (
     click.option(
         "--flush-every",
-        type=click.FloatRange(min=0.05, max=60),
+        type=Seconds(min=0.05, max=60),
         default=1.0,
         show_default=True,
         metavar="S",

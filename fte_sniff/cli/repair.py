@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fte_sniff.cli.paths import FileName
 from fte_sniff.cli.telling import tell
-from fte_sniff.errors import UsageError
+from fte_sniff.errors import FileError, UsageError
 
 if TYPE_CHECKING:
     from fte_sniff.recording.repair import Damage
@@ -20,11 +21,11 @@ _MOST_LOSSES = 20
 
 
 @click.command(name="repair", short_help="Mend a damaged recording.")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FileName())
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=FileName(),
     help="Write to this file instead of FILE's name with -repaired.",
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
@@ -41,6 +42,8 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     from fte_sniff.recording.place import Existing
     from fte_sniff.recording.repair import is_whole, repair
 
+    if not file.name:
+        raise FileError(f"{file} is a directory; name a recording in it")
     target = output or file.with_name(f"{file.stem}-repaired{file.suffix}")
     if target.exists() and file.exists() and target.samefile(file):
         raise UsageError(f"{target} is the damaged file itself; name another with -o")

@@ -19,14 +19,17 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def signals_call(
-    stop: Callable[[], None], numbers: Sequence[signal.Signals] = ENDING
+    stop: Callable[[], None],
+    numbers: Sequence[signal.Signals] = ENDING,
+    hurry: Callable[[], None] | None = None,
 ) -> Iterator[Callable[[], None]]:
     """While in this context, Ctrl-C, SIGTERM and a closed terminal ask for the end.
 
     Asking more often is asking once, also behind this context: once asked, the program ends, and
     nothing that hurries it can cut that short. In return nothing holds it up: some seconds later
     blocked outputs are abandoned, and `stop` is called again, every second. What the context gives
-    asks for the end too.
+    asks for the end too. `hurry` is called behind `stop` for each signal: what it cuts short is its
+    own affair.
     """
     asked = False
 
@@ -37,12 +40,17 @@ def signals_call(
             signal.setitimer(signal.ITIMER_REAL, PATIENCE_S, _AGAIN_S)
         stop()
 
+    def hear(*_: object) -> None:
+        ask()
+        if hurry is not None:
+            hurry()
+
     def press(*_: object) -> None:
         abandon_blocked()
         stop()
 
     alarm_before = signal.signal(signal.SIGALRM, press)
-    before = [signal.signal(number, ask) for number in numbers]
+    before = [signal.signal(number, hear) for number in numbers]
     try:
         yield ask
     finally:

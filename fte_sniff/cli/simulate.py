@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from fte_sniff.capture.simulator.parameters import PARAMETERS, Parameter, SimulationParameters
+from fte_sniff.cli.paths import FileName
 from fte_sniff.cli.signals import signals_call
 from fte_sniff.errors import PortError, UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
@@ -37,6 +38,11 @@ def _run(link: Path | None, baud: int, **parameters: Any) -> None:
     try:
         asked = SimulationParameters(**parameters)
         asked.check_against(baud)
+        if asked.never_heard:
+            raise UsageError(
+                "--wire control without a host is a line where nothing is ever heard: add "
+                "--host on, or leave --wire as it is"
+            )
     except PortError as error:
         raise UsageError(str(error).replace("sim://", "simulate")) from error
     with ControllerPty(asked, baud, link) as controller:
@@ -50,7 +56,7 @@ command = click.Command(
     "simulate",
     callback=_run,
     params=[
-        click.Option(["--link"], type=click.Path(path_type=Path), help="Make this link to it."),
+        click.Option(["--link"], type=FileName(), help="Make this link to it."),
         click.Option(
             ["--baud"],
             type=click.IntRange(50, 12_000_000),

@@ -202,6 +202,7 @@ class PortEventKind(StrEnum):
     CLOCK_SET = "clock_set"
     BAUD_CHANGED = "baud_changed"
     NOT_PASSED_ON = "not_passed_on"
+    NOT_OPENED = "not_opened"
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.errors import FileError, FteSniffError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording.recorder import Outcome
-from fte_sniff.session.messages import STOP, Batch, Ended, Message, Started
+from fte_sniff.session.messages import DROP, STOP, Batch, Ended, Message, Started
 from fte_sniff.session.plan import CapturePlan
 from fte_sniff.session.process import capture
 
@@ -64,7 +64,7 @@ class LiveSession:
         self._plan = plan
         self._begun = False
         self._ended: Ended | None = None
-        self._total = self._not_shown = 0
+        self._total = self._not_shown = self._leftover = 0
         self._away: set[str] = set()
         self._stopped_at_s: float | None = None
         self._heard_at_s = 0.0
@@ -146,6 +146,15 @@ class LiveSession:
         with suppress(OSError):
             self._capture.send(STOP)
 
+    def drop_leftover(self) -> None:
+        """Do not wait for what still waits to be written, where that was told to be much.
+
+        It is counted in the recording as an overrun. Returns at once.
+        """
+        if self._leftover:
+            with suppress(OSError):
+                self._capture.send(DROP)
+
     def close(self) -> None:
         """End the capture, wait until its file is closed, and forget the rows that still come."""
         self.stop()
@@ -222,6 +231,7 @@ class LiveSession:
             elif event.kind is PortEventKind.FOUND_AGAIN:
                 self._away.discard(event.port)
         self._total, self._not_shown = message.total_rows, message.not_shown
+        self._leftover = message.leftover
         for change in message.recording:
             self.recording = change.path
             self.recordings += () if change.path is None else (change.path,)
@@ -241,6 +251,8 @@ class LiveSession:
         trouble = str(self.error) if ended is None and self.error is not None else None
         if trouble and self.recording:
             trouble += f"; recording goes on in {self.recording}"
+        if ended is None and trouble is None and self._leftover:
+            trouble = f"writing what has arrived: {self._leftover:,} bytes wait"
         return FeedState(
             title=self._title(),
             recording=str(self.recording) if self.recording else None,
@@ -251,6 +263,7 @@ class LiveSession:
             rows=self._total,
             not_shown=self._not_shown,
             files=tuple(map(str, self.recordings)),
+            leftover=self._leftover,
         )
 
 

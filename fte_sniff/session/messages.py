@@ -1,4 +1,4 @@
-"""Owns what the capture process tells the process of the view, and the one word that goes back.
+"""Owns what the capture process tells the process of the view, and the words that go back.
 
 It must not know how messages travel. All of them can be pickled.
 """
@@ -14,7 +14,10 @@ from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.recorder import Change, Outcome
 
 STOP: Final = "stop"
-"""The one word that goes back up: end the capture, and close its file."""
+"""End the capture, and close its file."""
+
+DROP: Final = "drop"
+"""Behind STOP: do not write what still waits to be written, but count it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +42,8 @@ class Batch:
     """Rows captured and recorded, but dropped on the way because the view was too slow."""
     recording: tuple[Change, ...] = ()
     """What became of the recording meanwhile."""
+    leftover: int = 0
+    """Bytes that waited to be written when the reading ended, where these are many."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,7 +41,7 @@ class Outbox:
         self._rows: deque[Row] = deque(maxlen=MOST_WAITING)
         self._events: deque[PortEvent] = deque(maxlen=MOST_EVENTS)
         self._recording: list[Change] = []
-        self._total = self._dropped = 0
+        self._total = self._dropped = self._leftover = 0
         self._end: Ended | None = None
         self._hurry = threading.Event()
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
@@ -66,6 +66,11 @@ class Outbox:
         with self._changed:
             self._recording += changes
             self._changed.notify()
+
+    def put_leftover(self, count: int) -> None:
+        """Tell with the rows that come how many bytes waited when nothing more was read."""
+        with self._changed:
+            self._leftover = count
 
     def close(self, end: Ended) -> None:
         """Send what waits and then `end`; returns when the view has taken it, or is gone."""
@@ -94,7 +99,9 @@ class Outbox:
             if self._rows or self._events or self._recording:
                 rows, events = list(self._rows), list(self._events)
                 changes = tuple(self._recording)
-                found.append(Batch(rows, events, self._total, self._dropped, changes))
+                found.append(
+                    Batch(rows, events, self._total, self._dropped, changes, self._leftover)
+                )
                 self._rows.clear()
                 self._events.clear()
                 self._recording.clear()

@@ -21,7 +21,7 @@ from fte_sniff.capture.items import Source
 from fte_sniff.errors import FteSniffError
 from fte_sniff.recording.facts import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.recorder import Recorder
-from fte_sniff.session.messages import STOP, Ended, Message, Started
+from fte_sniff.session.messages import DROP, STOP, Ended, Message, Started
 from fte_sniff.session.outbox import Outbox
 from fte_sniff.session.plan import CapturePlan
 from fte_sniff.session.run import Run
@@ -120,13 +120,12 @@ def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder | None:
 
 
 def _obey(view: Connection, source: Source, when_gone: Callable[[], None]) -> None:
+    obeyed = {STOP: source.stop, DROP: source.drop}
     try:
-        while view.recv() != STOP:
-            pass
+        while True:
+            obeyed[view.recv()]()
     except (EOFError, OSError):
         when_gone()
-    else:
-        source.stop()
 
 
 def _go_on() -> None:

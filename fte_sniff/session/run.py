@@ -25,6 +25,9 @@ from fte_sniff.session.wiring import WiringWatch
 _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
 """Events across which bytes do not join."""
 
+MUCH = 2**20
+"""Bytes that take so long to be written that people want to know: more than a second."""
+
 
 class Run:
     """One run of a plan, from the first chunk to the closed file."""
@@ -50,7 +53,7 @@ class Run:
         self._order = Ordering({name: source.uncertainty_ns[name] for name in names})
         self._wiring = WiringWatch(names)
         self._left = plan.count
-        self._end_ns: float | None = None
+        self._begun = self._leftover_told = False
         self._flush_every_ns = round(plan.keeping.flush_every_s * 1e9)
         self._flush_ns = 0
         self._lost: PortEvent | None = None
@@ -87,7 +90,8 @@ class Run:
         now_ns = chunk.t_ns or 0
         waits_since_ns = framer.waits_since_ns
         self._order.heard(chunk.port, now_ns, waits_since_ns, data=bool(chunk.data))
-        self._end_when_due(now_ns)
+        self._begin_at(now_ns)
+        self._tell_what_waits()
         if now_ns >= self._flush_ns:
             self._watch_clock(chunk.port, now_ns)
             self._record(Recorder.flush)
@@ -103,13 +107,18 @@ class Run:
             )
             self._order.put(port, [PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail)])
 
-    def _end_when_due(self, now_ns: int) -> None:
-        if self._plan.duration_s is None:
-            return
-        if self._end_ns is None:
-            self._end_ns = now_ns + self._plan.duration_s * 1e9
-        if now_ns >= self._end_ns:
-            self._source.stop()
+    def _begin_at(self, now_ns: int) -> None:
+        """The first chunk has come: the source itself knows from now on when the end is due."""
+        if self._plan.duration_s is not None and not self._begun:
+            self._source.stop_at(now_ns + self._plan.duration_s * 1e9)
+        self._begun = True
+
+    def _tell_what_waits(self) -> None:
+        """Where the reading is over and much is yet to be written, say how much, once."""
+        if not self._leftover_told and self._source.end is not None:
+            self._leftover_told = True
+            if (waiting := self._source.waiting) >= MUCH:
+                self._outbox.put_leftover(waiting)
 
     def _take_event(self, event: PortEvent) -> None:
         if event.kind in _BREAKS:

@@ -1,10 +1,12 @@
 import threading
 import time
+from contextlib import closing
 
 import pytest
 
 from fte_sniff.capture.controller_pty import ControllerPty
 from fte_sniff.capture.ports import open_port
+from fte_sniff.capture.pseudo_terminal import PseudoTerminal
 from fte_sniff.capture.simulator import SimulationParameters
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Chunk, Frame, Framer, encode
@@ -89,6 +91,16 @@ def test_a_link_that_leads_nowhere_is_replaced_and_nothing_else_is(tmp_path):
     with pytest.raises(FileError, match="in the way"):
         ControllerPty(ALONE, link=link)
     assert str(link.readlink()) == "/not/ours"
+
+
+@pytest.mark.parametrize("make", [lambda link: ControllerPty(ALONE, link=link), PseudoTerminal])
+def test_a_link_that_a_killed_run_left_is_replaced_though_its_number_is_given_again(tmp_path, make):
+    link = tmp_path / "controller"
+    with closing(PseudoTerminal()) as killed:
+        link.symlink_to(killed.device)
+    # What is made now gets the lowest free number: mostly the one that was just given back.
+    with closing(make(link)) as again:
+        assert str(link.readlink()) == again.device
 
 
 def test_a_link_that_was_taken_over_is_left_alone(tmp_path):

@@ -101,3 +101,11 @@ def test_each_port_is_as_uncertain_as_it_is(pty):
 def test_a_port_can_be_named_once_only():
     with pytest.raises(UsageError, match="named twice"):
         Tap(("sim://", "sim://"))
+
+
+def test_a_port_can_be_named_once_only_however_it_is_spelled(tmp_path):
+    (tmp_path / "one").touch()
+    (tmp_path / "link").symlink_to("one")
+    for other in (tmp_path / "link", f"{tmp_path}/./one"):
+        with pytest.raises(UsageError, match="named twice"):
+            Tap((str(tmp_path / "one"), str(other)))

@@ -8,6 +8,7 @@ import threading
 import pytest
 import serial
 
+from fte_sniff.capture.holders import Holder, have_open
 from fte_sniff.capture.ports import ControlLine, PortSettings, device_of, open_port
 from fte_sniff.capture.refusal import known_schemes, refusal
 from fte_sniff.capture.url_handlers import protocol_socket
@@ -89,6 +90,10 @@ def test_a_port_without_control_lines_opens_whatever_is_asked_of_them(pty, dtr, 
         ("loop://[", ["loop://[ cannot be opened"]),
         ("hwgrep://[", ["hwgrep://[ cannot be opened"]),
         ("socket://[", ["no host and TCP port"]),
+        ("loop://?logging=debug", ["leave logging out"]),
+        ("socket://localhost:7?logging=info", ["leave logging out"]),
+        ("/dev/tty", ["is the terminal that this runs in"]),
+        ("/dev/../dev/tty", ["is the terminal that this runs in"]),
         ("spy://", ["give it a file", "?file="]),
         ("spy:///dev/ttyUSB0?color", ["give it a file"]),
     ],
@@ -107,6 +112,13 @@ def test_a_server_that_is_not_there_is_told_once(scheme):
         message = message_of(name)
     assert message.count(name) == 1
     assert message.endswith("Connection refused; does a server listen there?")
+
+
+def test_a_server_that_does_not_speak_rfc_2217_is_named_with_the_way_out():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        where = f"127.0.0.1:{server.getsockname()[1]}"
+        message = message_of(f"rfc2217://{where}")
+    assert message.endswith(f"not speak RFC 2217; where it sends bare bytes, open socket://{where}")
 
 
 def test_control_lines_of_a_port_server_cannot_be_left_alone():
@@ -143,6 +155,18 @@ def test_a_busy_port_names_who_has_it(pty):
     assert "is busy: python" in message
     assert f"(pid {holder.pid}) has it open; close that first" in message
     open_port(pty.device).close()
+
+
+@pytest.mark.parametrize(
+    ("holders", "told"),
+    [
+        ([], "this or another program has it open"),
+        ([Holder(7, "cat")], "cat (pid 7) has it open"),
+        ([Holder(7, "cat"), Holder(8, "od")], "cat (pid 7) and od (pid 8) have it open"),
+    ],
+)
+def test_who_has_it_open_is_said_of_one_and_of_several(holders, told):
+    assert have_open(holders) == told
 
 
 @pytest.fixture

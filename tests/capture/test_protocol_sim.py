@@ -163,3 +163,18 @@ def test_the_lines_of_a_simulated_port_can_be_set_and_asked(opened):
     port.flush()
     port.reset_output_buffer()
     port.cancel_write()
+
+
+@pytest.mark.parametrize("frames", [0, 3])
+def test_a_line_where_nobody_is_ever_heard_is_open_and_silent(opened, frames):
+    port = opened(f"host=off&wire=control&frames={frames}", timeout=0.02)
+    assert (port.read(1), port.in_waiting) == (b"", 0)
+    # What is written is obeyed, and not heard here either.
+    port.write(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100}))
+    assert port.read(1) == b""
+
+
+def test_a_read_of_a_line_where_nobody_is_ever_heard_can_be_cancelled(opened):
+    port = opened("host=off&wire=control", timeout=None)
+    port.cancel_read()
+    assert port.read(1) == b""

@@ -10,7 +10,7 @@ from time import monotonic
 import pytest
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports import PortSettings
+from fte_sniff.capture.ports import PortSettings, open_port
 from fte_sniff.capture.returning import FIRST_WAIT_S, LONGEST_WAIT_S
 from fte_sniff.capture.source import SourceEnd, open_source
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
@@ -208,10 +208,27 @@ def test_a_link_left_behind_does_not_open_somebodys_terminal(new_pty, adapter, o
     ) as user:
         before = theirs.attributes()
         adapter.plug(theirs)
-        heard.until(lambda h: h.times[-1] > lost.t_ns + 2_000_000_000)
-        assert heard.events[-1] is lost
+        refused = heard.until_event(PortEventKind.NOT_OPENED)
+        assert refused.detail.startswith("it is back, but ")
+        assert f"(pid {user.pid}) has it open; close that" in refused.detail
+        # Once is enough.
+        heard.until(lambda h: h.times[-1] > lost.t_ns + 4_000_000_000)
+        assert heard.events[-1] is refused
         assert theirs.attributes() == before
         user.terminate()
+    heard.until_event(PortEventKind.FOUND_AGAIN)
+
+
+def test_a_port_that_is_back_but_busy_is_told(new_pty, adapter, opened):
+    pty, again = new_pty(), new_pty()
+    adapter.plug(pty)
+    heard = Heard(opened(adapter.name))
+    adapter.pull(pty)
+    heard.until_event(PortEventKind.LOST)
+    holder = open_port(again.device)
+    adapter.plug(again)
+    assert " is busy: " in heard.until_event(PortEventKind.NOT_OPENED).detail
+    holder.close()
     heard.until_event(PortEventKind.FOUND_AGAIN)
 
 

@@ -223,6 +223,17 @@ def test_an_overrun_is_told_where_it_happened_and_reading_goes_on(pty, until):
     assert [word for word in told if word != b"c"] == ["opened", b"a", "overrun", b"b", "closed"]
 
 
+def test_the_time_of_the_end_is_kept_though_nobody_takes_what_comes(pty, until):
+    source = PortSource(open_port(pty.device), "slow", CLOCK)
+    pty.send(b"in time")
+    until(lambda: source.bytes_read == 7)
+    source.stop_at(CLOCK.now_ns())
+    until(lambda: source.end is SourceEnd.STOPPED)
+    assert source.waiting == 7
+    source.drop()
+    assert [told_by(item) for item in source] == [["opened"], ["overrun"], ["closed"]]
+
+
 def told_by(item):
     """An event's kind, or the first byte of a chunk that has one."""
     if isinstance(item, PortEvent):

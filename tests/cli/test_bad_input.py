@@ -169,3 +169,29 @@ def test_escapes_in_names_are_shown_not_obeyed(run, tmp_path: Path, samples: Pat
         assert "\x1b" not in done.stdout + done.stderr
         assert "[red]" in done.stdout
     refused(run("decode", "none\x1b[31m.raw"), 4, r"none\x1b[31m.raw")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["live", "sim://", "-o", ""],
+        ["bridge", "sim://", "--link", ""],
+        ["simulate", "--link", ""],
+        ["decode", ""],
+        ["decode", "-", "-o", ""],
+        ["view", ""],
+        ["repair", ""],
+        ["repair", "x.mcap", "-o", ""],
+    ],
+)
+def test_an_empty_name_is_said_to_be_one(run, arguments: list[str]) -> None:
+    done = run(*arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "the name is empty" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_folder_is_nothing_to_repair(run) -> None:
+    done = run("repair", ".")
+    assert done.returncode == 4
+    assert done.stderr.count("\n") == 1

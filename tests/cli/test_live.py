@@ -15,6 +15,7 @@ import pytest
 from tests.cli.processes import BOUND_S, FRAME, PROGRAM, ended, hears, holding, started, until, wire
 
 SPEED = bytes.fromhex("AA010103E800000000EE")
+SILENT = "sim://?host=off&wire=control"
 
 
 def test_count_ends_it_and_the_recording_holds_just_that(run, tmp_path: Path) -> None:
@@ -32,6 +33,23 @@ def test_duration_ends_it(run) -> None:
     done = run("live", "sim://?rate=500", "--duration", "0.4", "--no-record")
     assert done.returncode == 0
     assert 20 <= done.stdout.count("\n") <= 300
+
+
+@pytest.mark.parametrize("command", ["live", "bridge"])
+def test_duration_ends_a_line_where_nobody_is_ever_heard(run, command: str) -> None:
+    done = run(command, SILENT, "--plain", "--duration", "0.4", "--no-record")
+    assert done.returncode == 0
+    assert "nothing came" in done.stderr
+
+
+def test_no_controller_is_simulated_that_nobody_could_hear(run) -> None:
+    done = run("simulate", "--wire", "control")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "add --host on" in done.stderr
+
+
+def test_doctor_finds_a_line_silent_where_nobody_is_ever_heard(run) -> None:
+    assert "nothing came" in run("doctor", SILENT, "--seconds", "0.4").stdout
 
 
 def test_the_default_recording_is_named_after_the_time_and_told(run, tmp_path: Path) -> None:
@@ -159,6 +177,7 @@ def test_a_killed_capture_is_told_and_its_file_opens(run, environment, tmp_path:
     ("options", "code", "words"),
     [
         (["--duration", "nan"], 2, "not a number of seconds"),
+        (["--flush-every", "nan"], 2, "not a number of seconds"),
         (["--duration", "0"], 2, "x>0"),
         (["--duration", "-1"], 2, "x>0"),
         (["--duration", "soon"], 2, "soon"),

@@ -65,6 +65,49 @@ def test_a_capture_that_is_stuck_does_not_hold_up_the_end(run, environment, tmp_
     assert run("decode", "x.mcap").returncode == 0
 
 
+@contextmanager
+def flood() -> Iterator[str]:
+    """A server that sends faster than anything can be recorded; its name as a port."""
+    served = (
+        "import socket\n"
+        "server = socket.create_server(('127.0.0.1', 0))\n"
+        "print(server.getsockname()[1], flush=True)\n"
+        "connection, _ = server.accept()\n"
+        "while True: connection.sendall(bytes.fromhex('55010100000000000FEE') * 6000)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", served], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as server:
+        try:
+            assert server.stdout is not None
+            yield f"socket://127.0.0.1:{server.stdout.readline().strip()}"
+        finally:
+            server.kill()
+
+
+@pytest.mark.parametrize("way", ["--duration", signal.SIGINT, signal.SIGTERM])
+def test_a_flood_holds_up_no_end(run, environment, tmp_path: Path, way: str | int) -> None:
+    bound = ("--duration", "1") if way == "--duration" else ()
+    with flood() as port:
+        arguments = ("live", port, "--plain", "-o", "x.mcap", "--no-reconnect", *bound)
+        with started(environment, tmp_path, *arguments) as process:
+            if isinstance(way, int):
+                until_told(process, b"recording to")
+                recording = tmp_path / "x.mcap"
+                wait_until(lambda: recording.stat().st_size > 500_000)
+                process.send_signal(way)
+            told = until_told(process, b"bytes wait; Ctrl-C drops them")
+            # What waited takes a minute to be written, and more than BOUND_S.
+            process.send_signal(signal.SIGTERM)
+            code, _, errors = ended(process)
+    assert code == 0, errors
+    assert told.count(b"bytes wait") == 1
+    assert " waited to be written at the end" in errors
+    decoded = run("decode", "x.mcap")
+    assert decoded.returncode == 0
+    assert "reported overrun" in decoded.stderr
+
+
 def test_an_output_that_nobody_reads_does_not_hold_up_the_end(
     run, environment, tmp_path: Path
 ) -> None:

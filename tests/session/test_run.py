@@ -26,6 +26,8 @@ FRAME = bytes.fromhex("AA010103E800000000EE")
 class Known:
     """A source whose items are known beforehand."""
 
+    waiting = 0
+
     def __init__(self, items: Sequence[Item], end: SourceEnd = SourceEnd.STOPPED) -> None:
         self._items = items
         self.end = end

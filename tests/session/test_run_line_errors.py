@@ -29,6 +29,7 @@ class Told:
     """A source that has these items to yield."""
 
     end = SourceEnd.STOPPED
+    waiting = 0
 
     def __init__(self, items: list[Item]) -> None:
         self._items = items

@@ -70,7 +70,7 @@ class Exchange:
     def _carry_feedback(self) -> None:
         while True:
             # Looked at before the read: what has arrived when the end is asked for is read yet.
-            last = self._ending
+            last = self._ending or self._wires.due
             data = self._read()
             t_ns = self._wires.now_ns()
             dropped = self._host.write(data)

@@ -112,6 +112,19 @@ class BridgeSource:
         self._stopping = True
         self._exchange.end()
 
+    def stop_at(self, t_ns: float) -> None:
+        """Ask for the end at a time of the clock, as `stop` would then; returns at once."""
+        self._wires.end_ns = t_ns
+
+    @property
+    def waiting(self) -> int:
+        """How many bytes of both wires wait to be taken."""
+        return self._wires.waiting
+
+    def drop(self) -> None:
+        """Once it has ended: yield no more bytes, but an overrun a wire that counts them."""
+        self._wires.drop()
+
     def close(self) -> None:
         """Stop, wait for the threads (some 10 ms), and close both ends."""
         self.stop()
@@ -152,11 +165,13 @@ class BridgeSource:
         lost_ns = self._wires.now_ns()
         self._close_port()
         returning = Return(reopen)
-        while not self._stopping:
+        while not (self._stopping or self._wires.due):
             opened = returning.wait(_BEAT_S)
             away_s = (self._wires.now_ns() - lost_ns) / 1e9
             if opened is not None:
                 return opened, away_s
+            if refusal := returning.refusal():
+                self._tell(PortEventKind.NOT_OPENED, refusal)
             self._wires.read(self._wires.now_ns(), b"")
             self._wires.written(b"")
         returning.give_up()

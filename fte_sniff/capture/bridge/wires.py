@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
+from math import inf
 
 from fte_sniff.capture.backlog import CAPACITY, Backlog
 from fte_sniff.capture.clock import Clock
@@ -61,10 +62,27 @@ class Wires:
         self._clock = clock
         self._baud = baud
         self._departures = Departures(baud)
+        self.end_ns = inf
+        """When the end is due, by the clock."""
         self._backlogs = {wire: Backlog(wire, capacity) for wire in (port, HOST)}
 
     def __iter__(self) -> Iterator[Item]:
         return heapq.merge(*self._backlogs.values(), key=lambda item: item.t_ns or 0)
+
+    @property
+    def due(self) -> bool:
+        """Whether the end is due."""
+        return self._clock.now_ns() >= self.end_ns
+
+    @property
+    def waiting(self) -> int:
+        """How many bytes of both wires wait for the consumer."""
+        return sum(backlog.waiting for backlog in self._backlogs.values())
+
+    def drop(self) -> None:
+        """Let the consumer have no more bytes, but an overrun a wire that counts them."""
+        for backlog in self._backlogs.values():
+            backlog.drop()
 
     def now_ns(self) -> int:
         """The time now, to be taken as soon as bytes were read."""

@@ -87,6 +87,11 @@ class SimulationParameters:
         for parameter in PARAMETERS:
             parameter.check(getattr(self, parameter.name))
 
+    @property
+    def never_heard(self) -> bool:
+        """Whether the line is silent for ever: only the host is heard, and there is none."""
+        return self.wire == Direction.CONTROL and self.host == "off"
+
     def check_against(self, baud: int) -> None:
         """Raise PortError where a line of `baud` bits per second cannot carry the frames."""
         most = most_frames_per_s(baud)

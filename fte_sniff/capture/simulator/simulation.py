@@ -48,6 +48,7 @@ class TimedBytes:
 class Simulation:
     """An iterator of TimedBytes; its times never fall and its bytes never overlap.
 
+    It is empty where nobody is ever heard, rather than to look for a first byte for ever.
     The controller may be given commands of one's own between two items: `controller.obey`.
     """
 
@@ -70,6 +71,8 @@ class Simulation:
         return next(self._items)
 
     def _run(self) -> Iterator[TimedBytes]:
+        if self.parameters.never_heard:
+            return
         slot = heard = 0
         while True:
             sent = self._said_in(slot)
@@ -117,6 +120,8 @@ class Simulation:
 
 def simulate(parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> Iterator[TimedBytes]:
     """What a listener hears, with exact times; without end unless `parameters.frames` says so.
+
+    Nothing at all where only a host is listened to, and there is none.
 
     Raises:
         PortError: a line of `baud` bits per second cannot carry the rate.

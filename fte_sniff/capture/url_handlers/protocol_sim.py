@@ -35,6 +35,10 @@ _SCHEME = "sim"
 _LISTENS_ON_NS = 100_000_000
 """How long after a write the controller is told of the silence, so that it holds nothing back."""
 
+_NEVER_NS = 2**62
+_SILENCE = TimedBytes(_NEVER_NS, _NEVER_NS, b"", b"")
+"""What comes next on a line where nobody is ever heard: such a port is silent, not unplugged."""
+
 
 def parameters_of_url(url: str) -> SimulationParameters:
     """The parameters in a `sim://` URL.
@@ -52,6 +56,8 @@ class Serial(SerialBase):
     """A port with a simulated host and controller behind it, as `serial_for_url` makes it."""
 
     _simulation: Simulation | None = None
+    _coming: TimedBytes | None = None
+    """What arrives next; None when the port is unplugged."""
 
     def open(self) -> None:
         """Start the simulation; raises SerialException where the URL or the rate is not legal."""
@@ -69,7 +75,8 @@ class Serial(SerialBase):
         self._listens_until_ns = 0
         self._commands = Framer(_SCHEME, self.baudrate)
         self._started_ns = time.monotonic_ns()
-        self._coming: TimedBytes | None = next(self._simulation, None)
+        silent = self._simulation.parameters.never_heard
+        self._coming = _SILENCE if silent else next(self._simulation, None)
         self.is_open = True
 
     def close(self) -> None:
