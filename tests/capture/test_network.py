@@ -108,7 +108,7 @@ def test_a_server_that_does_not_speak_rfc2217_is_refused():
 
         speaker = threading.Thread(target=speak)
         speaker.start()
-        with pytest.raises(PortError, match="does a server listen there"):
+        with pytest.raises(PortError, match="does not speak RFC 2217"):
             open_port(url)
         speaker.join()
 
