@@ -7,6 +7,7 @@ from pathlib import Path
 
 import polars
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fte_sniff.protocol import COLUMN_BY_NAME
@@ -157,8 +158,12 @@ def test_standard_input_is_named_once(run, samples: Path) -> None:
 
 
 def test_what_is_lost_inside_a_recording_is_told(run, tmp_path: Path, samples: Path) -> None:
+    with (samples / "clean.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[len(summary.chunk_indexes) // 2]
     data = bytearray((samples / "clean.mcap").read_bytes())
-    data[len(data) // 3] ^= 0xFF
+    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
     (tmp_path / "flip.mcap").write_bytes(data)
     done = run("decode", "flip.mcap", "--format", "jsonl")
     assert done.returncode == 0
