@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
+from fte_sniff.protocol import DEFAULT_BAUD
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,11 +20,6 @@ class Bench:
     """Encoder pulses in one turn of a motor's shaft, more than 0; None where nobody said."""
     gear_ratio: float = 1.0
     """Turns of the motor's shaft in one turn of what it drives, more than 0."""
-
-    @property
-    def byte_ns(self) -> int:
-        """Nanoseconds that a byte takes on the line."""
-        return byte_time_ns(self.baud)
 
     def turns(self, pulses: int) -> float | None:
         """A position in turns (PROTOCOL.md, "Pulses and turns"); None without a resolution."""

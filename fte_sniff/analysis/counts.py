@@ -6,6 +6,7 @@ of them, two slots become one until it fits, so that the slots always cover all 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,6 +19,16 @@ SLOTS: Final = 512
 
 SHORTEST_NS: Final = 1 << 24
 """Length of a slot at first, nanoseconds: about 17 ms."""
+
+
+@dataclass(frozen=True, slots=True)
+class OverTime:
+    """A number in each of equally long slots of time."""
+
+    start_ns: int
+    """When the first slot begins, nanoseconds since 1970 UTC."""
+    slot_ns: int
+    values: tuple[float, ...]
 
 
 class CountsOverTime:
@@ -40,8 +51,9 @@ class CountsOverTime:
         if not len(t_ns):
             return
         self._make_room(int(sorts.max()), int(t_ns.min()), int(t_ns.max()))
-        slots = t_ns // self.slot_ns - self._first
-        np.add.at(self._table, (sorts, slots), 1 if counts is None else counts)
+        places = sorts * self._table.shape[1] + (t_ns // self.slot_ns - self._first)
+        added = np.bincount(places, counts, self._table.size)
+        self._table += added.astype(np.int64).reshape(self._table.shape)
 
     def _make_room(self, sort: int, low_ns: int, high_ns: int) -> None:
         if not self._table.shape[1]:

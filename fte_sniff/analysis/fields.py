@@ -71,12 +71,12 @@ def field_values(raw: npt.NDArray[np.uint8], kinds: Codes, name: str) -> tuple[I
     known = np.zeros(len(raw), np.bool_)
     for place, having in _FIELD_PLACES[name].items():
         here = having[kinds]
-        np.copyto(values, _read(raw, *place), where=here)
+        np.copyto(values, read_place(raw, *place), where=here)
         known |= here
     return values, known
 
 
-def _read(raw: npt.NDArray[np.uint8], start: int, size: int, signed: bool) -> npt.NDArray[Any]:
+def read_place(raw: npt.NDArray[np.uint8], start: int, size: int, signed: bool) -> npt.NDArray[Any]:
     """One field in every row; fields are big-endian (PROTOCOL.md, "Framing")."""
     places = np.ascontiguousarray(raw[:, start : start + size])
     return places.view(f">{'i' if signed else 'u'}{size}").reshape(-1)

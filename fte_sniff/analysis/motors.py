@@ -10,7 +10,7 @@ copied; so the state at any row costs a copy of an earlier one and the rows betw
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -18,10 +18,9 @@ from typing import Final
 
 import numpy as np
 
+from fte_sniff.analysis.addressing import addressed
 from fte_sniff.analysis.fields import (
-    NO_KIND,
     NO_TIME,
-    Bools,
     Decoded,
     Ints,
     subject,
@@ -126,24 +125,11 @@ class _FlagByte:
         return None if self.byte is None else Flags(self.byte, tuple(self._changed))
 
 
-def _moments(rows: Decoded, places: Ints) -> Moments:
-    return Moments(places, rows.cmds[places].astype(np.int64), rows.t_ns[places])
-
-
-def _having(keep: Iterator[bool]) -> Bools:
-    """By kind code, `NO_KIND` included, which never has what is asked for."""
-    return np.array([*keep, False])
-
-
-_COMMANDS: Final = _having(kind.direction is Direction.CONTROL for kind in KINDS)
-_FEEDBACK: Final = _having(kind.direction is Direction.FEEDBACK for kind in KINDS)
-_NAMES_MOTOR: Final = _having(kind.names_motor for kind in KINDS)
 _SUBJECTS: Final = [
     (code, name)
     for code, kind in enumerate(KINDS)
     if kind.direction is Direction.FEEDBACK and (name := subject(kind))
 ]
-assert len(_COMMANDS) == NO_KIND + 1
 
 
 class _Motor:
@@ -160,7 +146,7 @@ class _Motor:
 
     def add(self, rows: Decoded, commands: Ints, feedback: Ints) -> None:
         """The places in the batch of the commands to this motor, and of its feedback."""
-        self.pairing.add(_moments(rows, commands), _moments(rows, feedback))
+        self.pairing.add(Moments.of(rows, commands), Moments.of(rows, feedback))
         self.commands += len(commands)
         self.feedback += len(feedback)
         self._command_times.add(_known(rows.t_ns[commands]))
@@ -223,14 +209,10 @@ class Motors:
 
     def add(self, rows: Decoded) -> None:
         """The next rows, in order of time."""
-        commands = np.flatnonzero(_COMMANDS[rows.kinds])
-        feedback = np.flatnonzero(_FEEDBACK[rows.kinds])
-        addressed = np.where(_NAMES_MOTOR[rows.kinds[commands]], rows.nums[commands], 0)
-        answering = rows.nums[feedback]
+        found = addressed(rows)
         for motor in self._motors:
-            to_it = commands[(addressed == motor.number) | (addressed == 0)]
-            motor.add(rows, to_it, feedback[answering == motor.number])
-        named = feedback[(answering >= MOTORS[0]) & (answering <= MOTORS[-1])]
+            motor.add(rows, found.commands[motor.number], found.feedback[motor.number])
+        named = found.any_feedback
         self._online.add(rows.values("online", named), rows.t_ns[named])
 
     def copied(self) -> Motors:

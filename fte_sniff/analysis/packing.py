@@ -133,6 +133,11 @@ def unpack(
     return rows
 
 
+def _counts_up(codes: npt.NDArray[np.integer]) -> bool:
+    """Whether every number stands for itself."""
+    return bool((codes == np.arange(len(codes))).all())
+
+
 class PackedRows(Sequence[Row]):
     """Rows that are packed already, in place of a list of them: all of them have times.
 
@@ -203,9 +208,11 @@ class PackedRows(Sequence[Row]):
         """The same as `pack` gives, with the numbers of another codebook."""
         if codebook is self.words:
             return self._packed, dict(self.long)
-        packed = self._packed.copy()
         ports = np.array([codebook.port_code(port) for port in self.words.ports], np.uint16)
         faults = np.array([codebook.fault_code(found) for found in self.words.faults], np.uint32)
+        if _counts_up(ports) and _counts_up(faults):
+            return self._packed, dict(self.long)
+        packed = self._packed.copy()
         packed["port"] = ports[packed["port"]]
         packed["faults"] = faults[packed["faults"]]
         return packed, dict(self.long)

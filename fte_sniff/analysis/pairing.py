@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.fields import NO_TIME, Bools, Ints
+from fte_sniff.analysis.fields import NO_TIME, Bools, Decoded, Ints
 from fte_sniff.analysis.recent import Recent
 from fte_sniff.protocol import KINDS, Direction
 
@@ -31,6 +31,19 @@ _NEVER: Final = 2**62
 
 
 @dataclass(frozen=True, slots=True)
+class Delays:
+    """How long answers took, as far as that can be measured."""
+
+    delays_ns: Ints
+    """From a command's first byte to that of its answer, nanoseconds."""
+    ends_ns: Ints
+    """When each answer came, nanoseconds since 1970 UTC."""
+
+
+_NO_DELAYS: Final = Delays(np.empty(0, np.int64), np.empty(0, np.int64))
+
+
+@dataclass(frozen=True, slots=True)
 class Moments:
     """Some frames of a batch, in order."""
 
@@ -39,6 +52,11 @@ class Moments:
     cmds: Ints
     t_ns: Ints
     """Nanoseconds since 1970 UTC, or `NO_TIME`."""
+
+    @classmethod
+    def of(cls, rows: Decoded, places: Ints) -> Moments:
+        """Those of the rows that stand at these places."""
+        return cls(places, rows.cmds[places].astype(np.int64), rows.t_ns[places])
 
     def before(self, cmd: int, t_ns: int) -> Moments:
         """The same with one more that came before the batch."""
@@ -77,23 +95,30 @@ class Pairing:
             return None
         return self._waiting[1]
 
-    def add(self, commands: Moments, feedback: Moments) -> None:
-        """The commands to this motor, and its feedback, in the next batch of rows."""
+    def add(self, commands: Moments, feedback: Moments) -> Delays:
+        """Take the commands to this motor, and its feedback, in the next batch of rows.
+
+        Returns:
+            The delays of the answers that it found.
+        """
         if self._waiting is not None:
             commands = commands.before(*self._waiting)
         if not len(commands.places):
-            return
+            return _NO_DELAYS
         answers, answered = _answers(commands, feedback)
-        self._take_delays(commands.t_ns[answered], feedback.t_ns[answers[answered]])
+        found = _delays(commands.t_ns[answered], feedback.t_ns[answers[answered]])
+        self.delays.add(found.delays_ns)
         awaits = np.isin(commands.cmds, ANSWERABLE)
         waits = bool(awaits[-1] and not answered[-1])
         self._waiting = (int(commands.cmds[-1]), int(commands.t_ns[-1])) if waits else None
         self.answered += int(answered.sum())
         self.unanswered += int((awaits & ~answered).sum()) - waits
+        return found
 
-    def _take_delays(self, asked_ns: Ints, answered_ns: Ints) -> None:
-        measured = (asked_ns != NO_TIME) & (answered_ns != NO_TIME) & (answered_ns >= asked_ns)
-        self.delays.add((answered_ns - asked_ns)[measured])
+
+def _delays(asked_ns: Ints, answered_ns: Ints) -> Delays:
+    measured = (asked_ns != NO_TIME) & (answered_ns != NO_TIME) & (answered_ns >= asked_ns)
+    return Delays((answered_ns - asked_ns)[measured], answered_ns[measured])
 
 
 def _answers(commands: Moments, feedback: Moments) -> tuple[Ints, Bools]:

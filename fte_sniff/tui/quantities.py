@@ -46,9 +46,11 @@ def _plain(form: str, number: float) -> str:
 
 
 def rate_text(per_s: float | None) -> str:
-    """A rate: `12.5/s`."""
+    """A rate: `12.5/s`; what comes now and then does not come 0 times."""
     if per_s is None:
         return UNKNOWN
+    if 0 < per_s < 0.05:
+        return "<0.1/s"
     return f"{per_s:,.0f}/s" if per_s >= 1000 else f"{per_s:.1f}/s"
 
 

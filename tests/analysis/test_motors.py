@@ -29,7 +29,7 @@ def _frame(draw: st.DrawFn, t_ns: int | None) -> Row:
     if draw(st.integers(0, 9)) == 0:
         return Damage("p", 0, raw[:-1], t_ns, (Fault.TRUNCATED,))
     if draw(st.integers(0, 9)) == 0:
-        raw = raw[:2] + b"\x09" + raw[3:]
+        raw = raw[:2] + draw(st.sampled_from([b"\x00", b"\x09"])) + raw[3:]
     return Frame("p", 0, raw, t_ns)
 
 

@@ -23,7 +23,7 @@ def _told(rows: Sequence[Row], now_ns: int | None = NOON_NS, behind: int = 0) ->
     statistics, codebook = Statistics(Bench()), Codebook()
     packed, _ = pack(rows, codebook)
     statistics.add(Decoded(packed), codebook)
-    return Told(statistics, now_ns, Bench(), behind, 0)
+    return Told(statistics, now_ns, behind, 0)
 
 
 @pytest.mark.parametrize("width", [10, 40, 80, 200])

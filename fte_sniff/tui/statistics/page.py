@@ -14,15 +14,11 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.bench import Bench
+from fte_sniff.analysis.counts import OverTime
 from fte_sniff.analysis.durations import Durations
-from fte_sniff.analysis.statistics import (
-    FaultNumbers,
-    OverTime,
-    PortNumbers,
-    Statistics,
-    StreamNumbers,
-)
+from fte_sniff.analysis.port_run import PortNumbers
+from fte_sniff.analysis.statistics import FaultNumbers, Statistics
+from fte_sniff.analysis.streams import StreamNumbers
 from fte_sniff.errors import shown
 from fte_sniff.protocol import status_of
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
@@ -103,7 +99,6 @@ class Told:
 
     statistics: Statistics
     now_ns: int | None
-    bench: Bench
     behind: int
     """Rows that are not counted yet."""
     missed: int
@@ -128,7 +123,7 @@ def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
         yield Text(_(NO_ROWS), style=palette.muted)
         return
     for port in ports:
-        yield from _port(port, told.bench, width, palette)
+        yield from _port(port, width, palette)
         own = [stream for stream in streams if stream.port == port.port]
         if own:
             yield from _streams(own, width, palette)
@@ -136,14 +131,14 @@ def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
     yield from _faults(told.statistics.faults(), width, palette)
 
 
-def _port(port: PortNumbers, bench: Bench, width: int, palette: Palette) -> Iterator[Text]:
+def _port(port: PortNumbers, width: int, palette: Palette) -> Iterator[Text]:
     rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
     name = fit_path(shown(port.port), max(8, width - cell_len(rows) - 2))
     yield Text.assemble((name, _BOLD), "  ", rows)
     if port.share is None:
         yield Text(_(NO_TIMES), style=palette.muted)
     else:
-        yield Text(_(PORT_USE).format(share=share_text(port.share), baud=bench.baud))
+        yield Text(_(PORT_USE).format(share=share_text(port.share), baud=port.baud))
         yield _use_over_time(port.share_over_time, width, palette)
         yield from _silences(port.silences, width)
     if port.events:

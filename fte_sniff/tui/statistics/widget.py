@@ -27,5 +27,5 @@ class StatisticsPane(Pane):
         """Draw the numbers as they are now."""
         self.entitle(_(TITLE))
         models = sight.models
-        told = Told(models.statistics, sight.newest_ns, sight.bench, models.behind, models.missed)
+        told = Told(models.statistics, sight.newest_ns, models.behind, models.missed)
         self.draw(page(told, self.room.width, sight.palette))
