@@ -27,6 +27,8 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from fte_sniff.analysis.bench import Bench
+from fte_sniff.analysis.survey import Survey
 from fte_sniff.analysis.table import table_frame
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
 from fte_sniff.recording.bulk_writer import write_recording
@@ -34,6 +36,7 @@ from fte_sniff.recording.columns import RowColumns, Words
 from fte_sniff.recording.facts import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.records import RecordStream, unpack
+from fte_sniff.session.packed import packed_rows
 
 RUST = Path(__file__).parent / "rust_reader"
 BATCH = 1 << 18
@@ -95,6 +98,14 @@ def read_frames(path: Path) -> None:
     """All columns of the row contract as polars frames, the bytes as hex text."""
     for columns in RecordingReader(path).batches():
         table_frame(columns)
+
+
+def survey(path: Path) -> None:
+    """All numbers that `stats` tells."""
+    numbers = Survey(Bench())
+    numbers.begin(str(path), {})
+    for columns in RecordingReader(path).batches():
+        numbers.add(packed_rows(columns), columns.events)
 
 
 def read_messages(path: Path) -> None:
@@ -171,6 +182,7 @@ def compare(frames: int, rounds: int, folder: Path) -> None:
     work: dict[str, Callable[[], Cost]] = {
         "read columns": lambda: cost(lambda: read_columns(path), frames),
         "read frames": lambda: cost(lambda: read_frames(path), frames),
+        "numbers of stats": lambda: cost(lambda: survey(path), frames),
         "unpack, all cores": lambda: cost(lambda: unpack_all(bodies, cores), frames),
         "unpack, one core": lambda: cost(lambda: unpack_all(bodies, 1), frames),
         "write columns": lambda: cost(lambda: write_columns(rows, out), frames),
@@ -190,13 +202,14 @@ def compare(frames: int, rounds: int, folder: Path) -> None:
         ("read columns", "Rust message loop", "1.5"),
         ("read columns", "unpack, all cores", "0.5"),
         ("read frames", "iter_messages", ""),
+        ("numbers of stats", "iter_messages", ""),
         ("write columns", "mcap.writer.Writer", "8"),
     ]
     for fast, slow, wanted in claims:
         if slow in found:
             wall, used = (old / new for old, new in zip(found[slow], found[fast], strict=True))
             told = wanted and f"   (wanted: {wanted})"
-            print(f"{fast:>13} against {slow:<20} {wall:8.2f} {used:10.2f}{told}")
+            print(f"{fast:>16} against {slow:<20} {wall:8.2f} {used:10.2f}{told}")
 
 
 def _in_turn(work: dict[str, Callable[[], Cost]], rounds: int) -> dict[str, Cost]:

@@ -5,26 +5,20 @@ It must not know formats or the frame table; it wires readers to a filter to a w
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.batches import Batch
 from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import Input, check_inputs, input_arguments, opened
+from fte_sniff.cli.inputs import check_inputs, input_arguments, opened
 from fte_sniff.cli.outputs import file_output, form_of, format_option, text_output
 from fte_sniff.cli.paths import FileName
+from fte_sniff.cli.reading import Reading
 from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.summary import summary
 from fte_sniff.errors import shown
 from fte_sniff.formats.kinds import InputKind
 from fte_sniff.formats.writers import OutputFormat, row_writer
-
-if TYPE_CHECKING:
-    from fte_sniff.analysis.filter import RowFilter
-    from fte_sniff.recording.span import Span
 
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -67,74 +61,37 @@ def command(
     wanted = row_filter(filter_text)
     inputs = opened(files, kind, topic)
     span = span_of(since, until, [one.times for one in inputs])
-    decoding = _Decoding(inputs, span, wanted, limit)
-    _write(form or form_of(output), output, decoding, force=force)
-    for note in decoding.notes:
+    reading = Reading(inputs, span, wanted, limit)
+    _write(form or form_of(output), output, reading, force=force)
+    for note in reading.notes:
         click.echo(f"fte-sniff: {shown(note)}", err=True)
-    partly = decoding.written == limit
-    click.echo(summary(decoding.tally, decoding.written, partly=partly), err=True)
+    partly = reading.written == limit
+    click.echo(summary(reading.tally, reading.written, partly=partly), err=True)
 
 
-class _Decoding:
-    """The rows on their way, and what is known of them once they are through."""
-
-    def __init__(
-        self,
-        inputs: Sequence[Input],
-        span: Span | None,
-        wanted: RowFilter | None,
-        limit: int | None,
-    ) -> None:
-        from fte_sniff.analysis.tally import Tally
-
-        self.inputs = inputs
-        self._span, self._wanted, self._limit = span, wanted, limit
-        self.tally = Tally()
-        """Of all rows that were read."""
-        self.notes: list[str] = []
-        self.written = 0
-        """Rows that were handed on."""
-
-    def __iter__(self) -> Iterator[Batch]:
-        """The rows that are wanted, up to the limit."""
-        for batch in self._read():
-            batch.count(self.tally)
-            found = batch if self._wanted is None else batch.wanted(self._wanted)
-            if self._limit is not None:
-                found = found.first(self._limit - self.written)
-            self.written += len(found)
-            yield found
-            if self.written == self._limit:
-                return
-
-    def _read(self) -> Iterator[Batch]:
-        for one in self.inputs:
-            yield from one.batches(self._span, self.notes.append)
-
-
-def _write(form: OutputFormat, output: Path | None, decoding: _Decoding, *, force: bool) -> None:
+def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: bool) -> None:
     if form is OutputFormat.PARQUET:
         from fte_sniff.analysis.table import TABLE_SCHEMA
         from fte_sniff.formats.parquet import write_parquet
 
         with file_output(output, form, force=force) as path:
-            write_parquet((batch.frame() for batch in decoding), path, dict(TABLE_SCHEMA))
+            write_parquet((batch.frame() for batch in reading), path, dict(TABLE_SCHEMA))
     elif form is OutputFormat.MCAP:
-        _record(output, decoding, force=force)
+        _record(output, reading, force=force)
     else:
         with text_output(output, force=force) as stream:
-            writer = row_writer(form, stream, ports=len(decoding.inputs) > 1)
-            for batch in decoding:
+            writer = row_writer(form, stream, ports=len(reading.inputs) > 1)
+            for batch in reading:
                 batch.write_to(writer)
             writer.end()
 
 
-def _record(output: Path | None, decoding: _Decoding, *, force: bool) -> None:
+def _record(output: Path | None, reading: Reading, *, force: bool) -> None:
     from fte_sniff.recording.bulk_writer import write_recording
     from fte_sniff.recording.columns import Words
 
     words = Words()
     with file_output(output, OutputFormat.MCAP, force=force) as path:
-        ports = [port for one in decoding.inputs for port in one.ports]
-        facts = {name: fact for one in decoding.inputs for name, fact in one.facts.items()}
-        write_recording(path, ports, (batch.columns(words) for batch in decoding), facts)
+        ports = [port for one in reading.inputs for port in one.ports]
+        facts = {name: fact for one in reading.inputs for name, fact in one.facts.items()}
+        write_recording(path, ports, (batch.columns(words) for batch in reading), facts)

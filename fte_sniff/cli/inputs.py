@@ -100,6 +100,11 @@ class Input(Protocol):
     """One thing to read rows from."""
 
     @property
+    def name(self) -> str:
+        """What people know it by; may hold text from outside, so show it, never obey it."""
+        ...
+
+    @property
     def times(self) -> tuple[int, int] | None:
         """First and last time of its rows, nanoseconds since 1970 UTC; None where it has none."""
         ...
@@ -213,6 +218,11 @@ class RecordingInput:
     reader: RecordingReader
     copy: IO[bytes] | None = None
     """The temporary file that it is, to be kept as long as this."""
+
+    @property
+    def name(self) -> str:
+        """Its path, or that it came through standard input."""
+        return str(self.reader.path) if self.copy is None else STDIN_NAME
 
     @property
     def times(self) -> tuple[int, int] | None:

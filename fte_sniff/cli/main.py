@@ -21,7 +21,7 @@ from fte_sniff.errors import FteSniffError, unwritable
 PROGRAM = "fte-sniff"
 
 _NAMES = (
-    *("live", "view", "decode", "hex", "encode"),
+    *("live", "view", "decode", "stats", "hex", "encode"),
     *("bridge", "simulate", "repair", "ports", "doctor"),
 )
 

@@ -35,15 +35,16 @@ def summary(tally: Tally, written: int | None = None, *, partly: bool = False) -
     ]
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
-    return ", ".join(parts) + _span(tally) + _hint(tally)
+    advice = hint(tally)
+    return ", ".join(parts) + _span(tally) + (advice and f"; {advice}")
 
 
-def _hint(tally: Tally) -> str:
-    """What to look at where nothing came, or nothing that could be read."""
+def hint(tally: Tally) -> str:
+    """What to look at where nothing came, or nothing that could be read; empty elsewhere."""
     if not tally.rows:
-        return "; nothing came: check the wire, the ground and the baud rate"
+        return "nothing came: check the wire, the ground and the baud rate"
     if tally.rows >= ENOUGH_ROWS and not tally.frames:
-        return "; no frame in it: is it this controller, this baud rate, this polarity?"
+        return "no frame in it: is it this controller, this baud rate, this polarity?"
     return ""
 
 

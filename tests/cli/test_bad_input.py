@@ -76,7 +76,7 @@ def test_o_and_no_record_contradict_each_other(run) -> None:
     refused(run("live", "sim://", "-o", "x.mcap", "--no-record"), 2, "-o", "--no-record")
 
 
-@pytest.mark.parametrize("command", ["decode", "view"])
+@pytest.mark.parametrize("command", ["decode", "view", "stats"])
 def test_unknown_options(run, command: str) -> None:
     refused(run(command, "--bogus", "x.raw"), 2, "--bogus", "--help")
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from fte_sniff.cli.main import COMMANDS
+
 HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "rich", "serial")
 
 
@@ -36,7 +38,7 @@ def test_nothing_heavy_is_imported(environment, arguments: list[str]) -> None:
 
 def test_help_of_every_command(run) -> None:
     listed = run("--help").stdout
-    for name in ("live", "view", "decode", "hex", "encode", "bridge", "simulate", "ports"):
+    for name in COMMANDS:
         assert name in listed
         done = run(name, "--help")
         assert done.returncode == 0

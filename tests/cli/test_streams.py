@@ -43,6 +43,8 @@ WRITERS = [
     "F decode clean.mcap",
     "F decode clean.mcap --format csv",
     "F decode clean.mcap --filter help",
+    "F stats clean.mcap",
+    "F stats clean.mcap --format json",
     "F --help",
 ]
 

@@ -1,0 +1,120 @@
+"""Owns `fte-sniff stats`: the numbers over files, for people or as one JSON object.
+
+It must not count anything, nor know how files are read.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fte_sniff.cli.filtering import filter_option, row_filter
+from fte_sniff.cli.inputs import check_inputs, input_arguments, opened
+from fte_sniff.cli.reading import Reading
+from fte_sniff.cli.spans import span_of, span_options
+from fte_sniff.cli.stats_document import Asked, document
+from fte_sniff.cli.summary import hint
+from fte_sniff.cli.telling import tell
+from fte_sniff.formats.kinds import InputKind
+from fte_sniff.protocol import DEFAULT_BAUD
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.survey import Survey
+
+
+class Form(StrEnum):
+    """The forms that numbers can be written in."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
+@click.command(name="stats", short_help="Numbers over files: rates, faults, silences, answers.")
+@input_arguments
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice([form.value for form in Form]),
+    callback=lambda _context, _option, word: Form(word),
+    default=Form.TEXT.value,
+    show_default=True,
+    help="Text for people, or one JSON object (docs/stats.md).",
+)
+@filter_option
+@span_options
+@click.option(
+    "--baud",
+    type=click.IntRange(min=1),
+    help=f"Bits/s of every line, instead of what a recording says.  [default: {DEFAULT_BAUD}]",
+)
+def command(
+    files: tuple[Path, ...],
+    kind: InputKind | None,
+    topic: str | None,
+    form: Form,
+    filter_text: str | None,
+    since: str | None,
+    until: str | None,
+    baud: int | None,
+) -> None:
+    """Tell the numbers over recordings, raw bytes or hex text: all files together.
+
+    How long, how many rows and bytes, how full each line was and how long it was silent; faults by
+    kind; rate, period, jitter and values of each kind of frame by motor; how long answers took,
+    and which flags were seen. Where --filter is given, of the rows for which it holds.
+
+    \b
+    fte-sniff stats samples/damaged.mcap
+    fte-sniff stats logs/ --from -10m
+    fte-sniff stats samples/clean.mcap --format json
+    """
+    check_inputs(files)
+    wanted = row_filter(filter_text)
+    inputs = opened(files, kind, topic)
+    span = span_of(since, until, [one.times for one in inputs])
+    reading = Reading(inputs, span, wanted)
+    survey = _surveyed(reading, baud)
+    asked = Asked(filter_text, reading.tally.rows)
+    if form is Form.JSON:
+        numbers = document(survey, asked)
+        click.echo(json.dumps(numbers, ensure_ascii=False, indent=2))
+    else:
+        _show(survey, asked)
+    for note in reading.notes:
+        tell(f"fte-sniff: {note}")
+    if span is not None and not reading.tally.rows:
+        tell("fte-sniff: no row lies between --from and --to")
+    elif advice := hint(reading.tally):
+        tell(f"fte-sniff: {advice}")
+
+
+def _surveyed(reading: Reading, baud: int | None) -> Survey:
+    from fte_sniff.analysis.bench import Bench
+    from fte_sniff.analysis.survey import Survey
+
+    survey = Survey(Bench(baud or DEFAULT_BAUD))
+    for one in reading.inputs:
+        told = {port.name: port.baud for port in one.ports if port.baud} if baud is None else {}
+        survey.begin(one.name, told)
+        for batch in reading.of(one):
+            survey.add(batch.sequence(), batch.events)
+    return survey
+
+
+def _show(survey: Survey, asked: Asked) -> None:
+    from fte_sniff.cli.stats_page import page
+
+    if not sys.stdout.isatty():
+        lines = page(survey, asked, None)
+        sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in lines)
+        return
+    from rich.console import Console
+
+    console = Console(file=sys.stdout)
+    for line in page(survey, asked, console.width):
+        console.print(line, no_wrap=True, overflow="ellipsis", crop=True)
