@@ -117,6 +117,12 @@ def test_a_periodic_stream_has_its_rate_and_no_jitter() -> None:
     assert port.silences.count == 100
 
 
+@pytest.mark.parametrize(("frames", "jitter_ns"), [(1, None), (2, None), (3, 0)])
+def test_one_period_does_not_vary(frames: int, jitter_ns: float | None) -> None:
+    (stream,) = statistics_of(_periodic(frames, SECOND)).streams(None)
+    assert stream.jitter_ns == jitter_ns
+
+
 def test_rows_back_to_back_fill_the_line() -> None:
     (port,) = statistics_of(_periodic(500, FRAME_LENGTH * byte_time_ns(BENCH.baud))).ports()
     assert port.share == pytest.approx(1)

@@ -82,6 +82,7 @@ def test_what_is_not_known_is_a_dash_and_what_there_is_little_of_is_not_0() -> N
     assert (rate_text(None), share_text(None)) == ("–", "–")
     assert (rate_text(0), share_text(0)) == ("0.0/s", "0.0 %")
     assert (rate_text(1234.5), share_text(0.0001)) == ("1,234/s", "<0.1 %")
+    assert (rate_text(0.03), rate_text(0.05)) == ("<0.1/s", "0.1/s")
     assert turns_text(5, Bench()) == ""
     assert turns_text(-1500, Bench(resolution=500, gear_ratio=2)) == "-1.500 turns"
 
