@@ -5,7 +5,10 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     packing         rows in a numpy array, and back
     fields          kinds and field values out of many packed rows at once
     columns         rows to a polars frame with the contract's names and types
-    filter          the filter, and help on its language
+    side_by_side    what rows side by side are
+    table           such rows to a polars frame in the smallest types
+    filter          the filter
+    filter_help     what people are told of its language
     filter_tokens   its text cut into words and signs; errors that point at a place
     filter_terms    what a part of it is
     filter_values   what a value stands for beside a field
@@ -16,6 +19,7 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     tally           counts and rates
     feed            what a view asks of whatever brings it rows
     search          a text or bytes, looked for in rows
+    search_texts    what each row tells, as polars expressions
     block           so many rows side by side, and which of them a filter wants
     paging          which blocks lie in memory, where their rows can be read again
     store           a bounded run of rows with a filter on top

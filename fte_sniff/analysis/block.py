@@ -6,14 +6,15 @@ It must not know the other blocks, nor which rows have left.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.columns import packed_frame
-from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.packing import ROW_TYPE, Codebook, Packed
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter import RowFilter
 
 Places: TypeAlias = npt.NDArray[np.int64]
 """Where rows stand in a block."""
@@ -82,9 +83,7 @@ class Block:
         """Let the filter see the rows that it has not seen; how many those were."""
         start, end = self.judged, self.count
         long = {at - start: raw for at, raw in self.long.items() if at >= start}
-        names = row_filter.names or ("offset",)
-        frame = packed_frame(self.rows[start:end], long, codebook, names)
-        found = np.flatnonzero(row_filter.mask(frame).to_numpy()) + start
+        found = np.flatnonzero(row_filter.of_packed(self.rows[start:end], long, codebook)) + start
         if len(self.places) < self.capacity:
             self.places = np.empty(self.capacity, np.uint16)
         self.places[self.wanted : self.wanted + len(found)] = found

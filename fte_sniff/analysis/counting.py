@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fte_sniff.analysis.packing import PackedRows
-from fte_sniff.analysis.table import SideBySide, kind_codes
+from fte_sniff.analysis.side_by_side import SideBySide, kind_codes
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import KINDS, Row, status_of
 

@@ -21,19 +21,21 @@ so does `NOT speed`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
-from textwrap import wrap
 from typing import Final
 
 import polars as pl
 
-from fte_sniff.analysis.columns import SCHEMA, row_frame
+from fte_sniff.analysis.columns import SCHEMA, packed_frame, row_frame
+from fte_sniff.analysis.fields import Bools
 from fte_sniff.analysis.filter_grammar import condition
-from fte_sniff.analysis.table import SideBySide, table_frame
+from fte_sniff.analysis.packing import Codebook, Packed
+from fte_sniff.analysis.side_by_side import SideBySide
+from fte_sniff.analysis.table import table_frame
 from fte_sniff.errors import FilterError, shown
-from fte_sniff.protocol import COLUMNS, KINDS, Damage, Fault, Frame, Row, encode
+from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,15 @@ class RowFilter:
         names = self.names or ("offset",)
         return self.mask(table_frame(rows, names).cast({name: SCHEMA[name] for name in names}))
 
+    def of_packed(self, packed: Packed, long: Mapping[int, bytes], codebook: Codebook) -> Bools:
+        """For every packed row whether it is wanted; `long` by place in `packed`.
+
+        Raises:
+            FilterError: the filter cannot be computed for these rows.
+        """
+        frame = packed_frame(packed, long, codebook, self.names or ("offset",))
+        return self.mask(frame).to_numpy()
+
     def select(self, rows: Sequence[Row]) -> list[Row]:
         """The rows that are wanted, in their order."""
         if not rows:
@@ -109,38 +120,3 @@ def _trial_rows() -> Iterator[Row]:
 
 
 _TRIAL: Final = row_frame(list(_trial_rows()))
-
-
-def _help() -> Iterator[str]:
-    yield "A filter says which rows are wanted, in SQL's words: motor = 1 AND rpm > 500"
-    yield ""
-    yield "Fields"
-    for column in COLUMNS:
-        yield from _beside(f"  {column.name:<10} ", column.meaning)
-        yield from _beside(" " * 13, ", ".join(column.words))
-    yield ""
-    yield "Examples"
-    for example, meaning in EXAMPLES:
-        yield f"  {example:<34} {meaning}"
-
-
-def _beside(start: str, text: str) -> list[str]:
-    return wrap(text, 79, initial_indent=start, subsequent_indent=" " * len(start))
-
-
-EXAMPLES: Final = (
-    ("motor = 1 AND rpm > 500", "AND OR NOT, also && || !"),
-    ("kind IN ('speed', 'position')", "one of these words"),
-    ("malformed OR noise", "a word alone: a kind, status or fault"),
-    ("faults = 'noise'", "among the row's faults; IN: any of them"),
-    ("faults IS NULL", "no fault at all"),
-    ("error = 0x0F OR online & 0x01 = 0", "hex and single bits"),
-    ("raw LIKE 'AA 01%'", "% is any text; spaces and case are free"),
-    ("time >= '2026-01-31T12:00:00Z'", "UTC, or with a zone as +08:00"),
-    ("rpm BETWEEN -10 AND 10", "both ends included; never rows without rpm"),
-    ("kind IS DISTINCT FROM 'speed'", "any other, also rows that have no kind"),
-)
-"""Filters that work, and what each shows."""
-
-FILTER_HELP: Final = "\n".join(_help())
-"""The language on one screen, for `--help` and the filter field."""

@@ -12,18 +12,16 @@ and its bytes: `aa 01` and `AA01` are two bytes side by side, and a text at the 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-import polars as pl
 
-from fte_sniff.analysis.columns import packed_frame
 from fte_sniff.analysis.packing import Codebook, Packed
 from fte_sniff.errors import InputTextError, shown
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, Field, FrameKind
+from fte_sniff.protocol import FRAME_LENGTH
 
 Bools = npt.NDArray[np.bool_]
 
@@ -32,7 +30,6 @@ HEX: Final = "hex:"
 
 _BYTES: Final = re.compile(r"(?:[0-9a-f]{2} ?)+")
 _NIBBLES: Final = re.compile(r"(?:[0-9a-f?]{2} ?)+")
-_HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +83,10 @@ class Search:
         if self.text:
             found |= self._told(codebook.ports)[packed["port"]]
             found |= self._told([",".join(faults) for faults in codebook.faults])[packed["faults"]]
-            for part in _PARTS:
-                if part.signs.issuperset(self.text):
-                    frame = packed_frame(packed, long, codebook, part.names)
-                    has = part.text.str.contains(self.text, literal=True).fill_null(False)
-                    found |= frame.select(has=has)["has"].to_numpy()
+            # It needs polars, which takes long to load; a screen begins without a search.
+            from fte_sniff.analysis.search_texts import tell
+
+            found |= tell(self.text, packed, long, codebook)
         return found
 
     def _told(self, texts: Sequence[str]) -> Bools:
@@ -122,56 +118,3 @@ def _bytes_expression(nibbles: str) -> bytes:
         b"[" + b"".join(re.escape(bytes((b,))) for b in range(256) if (b ^ w) & c == 0) + b"]"
         for w, c in zip(wanted.tolist(), care.tolist(), strict=True)
     )
-
-
-def _said(kind: FrameKind) -> pl.Expr:
-    """The values of a kind as the screen tells them."""
-    return pl.concat_str([_value(field) for field in kind.fields] or [pl.lit("")])
-
-
-def _value(field: Field) -> pl.Expr:
-    value = pl.col(field.name)
-    if field.defined_bits is None:
-        return pl.format(f" {field.option}={{}}", value)
-    digits = value.replace_strict(list(range(256)), _HEX_WORDS, return_dtype=pl.String())
-    told = pl.format(f" {field.option}={{}}", digits)
-    return pl.when(value == field.default).then(pl.lit("")).otherwise(told)
-
-
-def _values() -> pl.Expr:
-    said: pl.Expr = pl.lit("")
-    for kind in KINDS:
-        said = pl.when(pl.col("kind") == kind.name).then(_said(kind)).otherwise(said)
-    return said
-
-
-def _field_names() -> Iterator[str]:
-    for kind in KINDS:
-        yield from (field.name for field in kind.fields)
-
-
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """Something that is told of every row."""
-
-    names: frozenset[str]
-    """The columns that it is told from."""
-    signs: frozenset[str]
-    """The characters it can have; a text with another is not in it."""
-    text: pl.Expr
-
-
-_DIGITS: Final = frozenset("0123456789")
-_WORD_SIGNS: Final = _DIGITS | frozenset("abcdefghijklmnopqrstuvwxyz_=- ")
-_PARTS: Final = (
-    _Part(
-        frozenset({"kind", *_field_names()}),
-        _WORD_SIGNS,
-        pl.concat_str(pl.col("kind").cast(pl.String()), _values()),
-    ),
-    _Part(
-        frozenset({"time"}), _DIGITS | frozenset(":."), pl.col("time").dt.strftime("%H:%M:%S.%f")
-    ),
-    _Part(frozenset({"offset"}), _DIGITS, pl.col("offset").cast(pl.String())),
-)
-"""What is told of a row, but for its port and faults, which many rows share."""

@@ -18,17 +18,18 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.block import Block, Places
-from fte_sniff.analysis.columns import packed_frame
-from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.packing import Codebook, Packed, pack, unpack
 from fte_sniff.analysis.paging import MOST_BLOCKS, BlockSource, Pages
 from fte_sniff.protocol import Row
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter import RowFilter
 
 BLOCK_ROWS: Final = 32_768
 """Rows in a block; a place in a block fits 16 bits."""
@@ -362,10 +363,7 @@ class RowStore:
         end = min(end, block.end, start + SELECT_ROWS)
         places: Places = np.arange(start - block.start, end - block.start)
         if row_filter is not None:
-            frame = packed_frame(
-                *block.part(places), self._codebook, row_filter.names or ("offset",)
-            )
-            places = places[row_filter.mask(frame).to_numpy()]
+            places = places[row_filter.of_packed(*block.part(places), self._codebook)]
         return unpack(*block.part(places), self._codebook), end
 
     def shown_slice(self, start: int, end: int) -> list[tuple[int, Row]]:

@@ -14,12 +14,12 @@ Int64, this is for handing out: a frame of millions of rows stays small, and pol
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Final, Protocol
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import polars as pl
 
+from fte_sniff.analysis.side_by_side import NO_KIND, Array, SideBySide, kind_codes
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
@@ -29,79 +29,12 @@ from fte_sniff.protocol import (
     VALUE_FIELDS,
     ColumnType,
     Direction,
-    Fault,
     Field,
     status_of,
 )
 from fte_sniff.protocol.table import CMD_PLACE
 
-Array = npt.NDArray[Any]
-
-_NO_KIND: Final = len(KINDS)
 _NO_DIRECTION: Final = len(Direction)
-
-
-class Words(Protocol):
-    """What the numbers in columns stand for."""
-
-    @property
-    def ports(self) -> Sequence[str]:
-        """Port names, by number."""
-        ...
-
-    @property
-    def faults(self) -> Sequence[tuple[Fault, ...]]:
-        """Combinations of faults, by number."""
-        ...
-
-
-class SideBySide(Protocol):
-    """Rows as arrays, all equally long: what each row tells that cannot be derived."""
-
-    @property
-    def words(self) -> Words:
-        """What the numbers of `port` and `faults` stand for."""
-        ...
-
-    @property
-    def t_ns(self) -> Array:
-        """Nanoseconds since 1970 UTC, int64."""
-        ...
-
-    @property
-    def offset(self) -> Array:
-        """Of the first byte, int64."""
-        ...
-
-    @property
-    def length(self) -> Array:
-        """Bytes of the row, uint32."""
-        ...
-
-    @property
-    def port(self) -> Array:
-        """Number of the port."""
-        ...
-
-    @property
-    def faults(self) -> Array:
-        """Number of the faults."""
-        ...
-
-    @property
-    def framed(self) -> Array:
-        """Whether the row is a Frame, bool."""
-        ...
-
-    @property
-    def raw(self) -> Array:
-        """The first ten bytes, zeros behind them; uint8, ten for each row."""
-        ...
-
-    @property
-    def long(self) -> Mapping[int, bytes]:
-        """All bytes of the rows longer than ten, by place."""
-        ...
 
 
 def _value_type(field: Field) -> pl.DataType:
@@ -150,22 +83,6 @@ def table_frame(rows: SideBySide, names: Collection[str] | None = None) -> pl.Da
     return pl.DataFrame([maker.series(name) for name in wanted])
 
 
-def kind_codes(rows: SideBySide) -> Array:
-    """For every row its kind's place in `KINDS`; `len(KINDS)` where it has none."""
-    raw = rows.raw
-    kinds: Array = _KIND_CODES[raw[:, 0] | raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)]
-    kinds[~rows.framed] = _NO_KIND
-    return kinds
-
-
-def _kind_codes() -> Array:
-    codes = np.full(1 << 16, _NO_KIND, np.uint8)
-    for code, kind in enumerate(KINDS):
-        for cmd in kind.cmds:
-            codes[kind.header | cmd << 8] = code
-    return codes
-
-
 def _direction_codes() -> Array:
     codes = np.full(256, _NO_DIRECTION, np.uint8)
     for code, direction in enumerate(Direction):
@@ -180,7 +97,7 @@ def _field_places() -> dict[str, list[tuple[int, str, Array]]]:
         for field in kind.fields:
             form = f">{'i' if field.signed else 'u'}{field.size}"
             places = found.setdefault(field.name, {})
-            has = places.setdefault((field.start, form), np.zeros(_NO_KIND + 1, np.bool_))
+            has = places.setdefault((field.start, form), np.zeros(NO_KIND + 1, np.bool_))
             has[code] = True
     return {
         name: [(start, form, has) for (start, form), has in places.items()]
@@ -188,7 +105,6 @@ def _field_places() -> dict[str, list[tuple[int, str, Array]]]:
     }
 
 
-_KIND_CODES: Final = _kind_codes()
 _DIRECTION_CODES: Final = _direction_codes()
 _FIELD_PLACES: Final = _field_places()
 _HEX_PAIRS: Final = np.frombuffer(

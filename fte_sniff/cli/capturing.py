@@ -208,11 +208,13 @@ def _fill_stdout(plan: CapturePlan) -> None:
 def _show_screen(plan: CapturePlan, opening: Opening) -> None:
     from fte_sniff.cli.plain import see_out
     from fte_sniff.session.live import LiveSession
-    from fte_sniff.tui.app import run_screen
 
     code = 0
     session = LiveSession(plan)
     with signals_call(session.stop, _ending(plan), session.drop_leftover):
+        # Loaded while the capture process starts on another core, and opens the port.
+        from fte_sniff.tui.app import run_screen
+
         session.begin()
         _tell_who_goes_on(plan, session)
     try:

@@ -17,6 +17,7 @@ It must not know what shows the rows, nor how any of the rooms below does its wo
     surroundings, verdicts   its words on the folder and the terminal, and on a line's bytes
     saving     rows of the view to a new file
     sinks      what takes rows for such a file, by its form
+    parquet_sink, recording_sink   those of them that need much to be loaded
 
 A capture runs in a process of its own. A slow, stopped or killed view costs it no byte, no
 timestamp and no file; only "stop" goes back up, and a view that is gone means the same.

@@ -1,27 +1,16 @@
-"""Owns what takes rows for a file, one class a form.
+"""Owns what takes rows for a file, by form; those that need much are loaded when they are wanted.
 
 It must not know how the file came to be or what it will be called.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
-import polars as pl
-
-from fte_sniff.analysis.columns import SCHEMA, row_frame
-from fte_sniff.errors import FileError
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
-from fte_sniff.recording.facts import PortFacts
-from fte_sniff.recording.place import Existing
-from fte_sniff.recording.writer import RecordingWriter
-
-PIECE_ROWS: Final = 262_144
-"""Rows of a Parquet file that are kept in memory at most."""
 
 
 class Sink(Protocol):
@@ -95,81 +84,18 @@ class RawSink:
     abandon = end
 
 
-class ParquetSink:
-    """Rows as the columns of the contract; many rows wait in files beside the one to be."""
+def _parquet(path: Path, ports: Sequence[str]) -> Sink:
+    # polars takes long to load, and a screen names the forms before anything is saved.
+    from fte_sniff.session.parquet_sink import ParquetSink
 
-    def __init__(self, path: Path, ports: Sequence[str]) -> None:
-        self._path = path
-        self._pieces: list[Path] = []
-        self._frames: list[pl.DataFrame] = []
-        self._waiting = 0
-
-    def write(self, rows: Sequence[Row]) -> None:
-        """Take the rows."""
-        if rows:
-            self._frames.append(row_frame(rows))
-            self._waiting += len(rows)
-        if self._waiting >= PIECE_ROWS:
-            piece = self._path.with_name(f"{self._path.name}.{len(self._pieces)}")
-            self._pieces.append(piece)
-            self._write(pl.concat(self._frames), piece)
-            self._frames, self._waiting = [], 0
-
-    def end(self) -> None:
-        """Put all pieces together."""
-        rest = pl.concat([pl.DataFrame(schema=SCHEMA), *self._frames])
-        if not self._pieces:
-            self._write(rest, self._path)
-            return
-        whole = pl.concat([*map(pl.scan_parquet, self._pieces), rest.lazy()])
-        try:
-            whole.sink_parquet(self._path)
-        except pl.exceptions.PolarsError as error:
-            raise FileError(f"{self._path.stem} cannot be written: {error}") from error
-        self.abandon()
-
-    def abandon(self) -> None:
-        """Take the pieces away."""
-        for piece in self._pieces:
-            with suppress(OSError):
-                piece.unlink(missing_ok=True)
-
-    def _write(self, frame: pl.DataFrame, path: Path) -> None:
-        try:
-            frame.write_parquet(path)
-        except pl.exceptions.PolarsError as error:
-            raise FileError(f"{self._path.stem} cannot be written: {error}") from error
+    return ParquetSink(path, ports)
 
 
-class RecordingSink:
-    """Rows as a recording; each must have a time."""
+def _recording(path: Path, ports: Sequence[str]) -> Sink:
+    # The same holds for what writes recordings.
+    from fte_sniff.session.recording_sink import RecordingSink
 
-    def __init__(self, path: Path, ports: Sequence[str]) -> None:
-        facts = [PortFacts(port) for port in ports]
-        self._writer = RecordingWriter(path, facts, existing=Existing.REPLACE)
-
-    def write(self, rows: Sequence[Row]) -> None:
-        """Record the rows."""
-        with _plainly():
-            self._writer.write(rows)
-
-    def end(self) -> None:
-        """Write the index, and close."""
-        with _plainly():
-            self._writer.close()
-
-    abandon = end
-
-
-@contextmanager
-def _plainly() -> Iterator[None]:
-    """Give the system's own word: what a recording says of it speaks of a capture."""
-    try:
-        yield
-    except FileError as error:
-        if isinstance(error.__cause__, OSError):
-            raise error.__cause__ from None
-        raise
+    return RecordingSink(path, ports)
 
 
 def _text(form: OutputFormat) -> Callable[[Path, Sequence[str]], Sink]:
@@ -179,9 +105,9 @@ def _text(form: OutputFormat) -> Callable[[Path, Sequence[str]], Sink]:
 def _sink_of(form: OutputFormat) -> Callable[[Path, Sequence[str]], Sink]:
     match form:
         case OutputFormat.PARQUET:
-            return ParquetSink
+            return _parquet
         case OutputFormat.MCAP:
-            return RecordingSink
+            return _recording
         case _:
             return _text(form)
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from fte_sniff.analysis.counting import count_rows
 from fte_sniff.analysis.feed import Feed, FeedState
-from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.analysis.tally import Rate, Tally
 from fte_sniff.protocol import PortEvent, PortEventKind
@@ -19,6 +19,9 @@ from fte_sniff.tui.language import _
 from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToOffset, ToRow, ToShare, ToTime
 from fte_sniff.tui.status import Numbers
 from fte_sniff.tui.table.viewport import Viewport
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter import RowFilter
 
 DAY_NS = 86_400 * 1_000_000_000
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.completion import completions
-from fte_sniff.analysis.filter import EXAMPLES
+from fte_sniff.analysis.filter_help import EXAMPLES
 from fte_sniff.protocol import COLUMN_BY_NAME, Direction, Fault, Status
 
 

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns import row_frame
-from fte_sniff.analysis.filter import EXAMPLES, FILTER_HELP, RowFilter
+from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.analysis.filter_help import EXAMPLES, FILTER_HELP
 from fte_sniff.protocol import (
     COLUMNS,
     KIND_BY_NAME,

@@ -1,4 +1,4 @@
-"""`hex` and `encode` start at once: they import nothing heavy."""
+"""Commands start with what they need: `hex` and `encode` at once, screens with their first rows."""
 
 import signal
 import subprocess
@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.cli.main import COMMANDS
+from tests.cli.conftest import SAMPLES
+from tests.cli.terminals import terminal
 
 HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "rich", "serial")
 
@@ -34,6 +36,32 @@ def test_nothing_heavy_is_imported(environment, arguments: list[str]) -> None:
     )
     assert done.stdout
     assert done.stderr.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "needed"),
+    [
+        (["view", SAMPLES / "damaged.mcap"], set(HEAVY) - {"polars", "serial"}),
+        (["live", "sim://?rate=500", "--no-record"], set(HEAVY) - {"polars"}),
+    ],
+    ids=["view", "live"],
+)
+def test_a_screen_begins_with_what_its_first_rows_need(
+    environment, tmp_path: Path, arguments: list[str | Path], needed: set[str]
+) -> None:
+    told = tmp_path / "loaded"
+    program = (
+        "import atexit, pathlib, sys\nfrom fte_sniff.cli import main\n"
+        f"def tell(): pathlib.Path({str(told)!r}).write_text('\\n'.join(sys.modules))\n"
+        "atexit.register(tell)\nmain()"
+    )
+    with terminal(
+        environment, tmp_path, *map(str, arguments), program=[sys.executable, "-c", program]
+    ) as screen:
+        screen.until("speed")
+        screen.type("q")
+        assert screen.ended() == 0
+    assert needed == {name for name in told.read_text().splitlines() if name in HEAVY}
 
 
 def test_help_of_every_command(run) -> None:

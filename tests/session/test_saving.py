@@ -26,7 +26,7 @@ from fte_sniff.protocol import (
     spaced_hex,
 )
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session import sinks
+from fte_sniff.session import parquet_sink
 from fte_sniff.session.saving import FORMS, Saving, Target
 
 NOON_NS = 1_769_860_800_000_000_000
@@ -86,7 +86,7 @@ def test_no_rows_make_a_file_too(tmp_path: Path, suffix: str) -> None:
 def test_many_rows_of_a_parquet_file_wait_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sinks, "PIECE_ROWS", 10)
+    monkeypatch.setattr(parquet_sink, "PIECE_ROWS", 10)
     taken = rows()
     path = saved(tmp_path / "rows.parquet", taken)
     assert pl.read_parquet(path).equals(row_frame(taken))

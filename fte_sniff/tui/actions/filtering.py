@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.filter_cells import CellFilter, both, cell_filters
 from fte_sniff.errors import shown
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.language import _
 from fte_sniff.tui.picking import Entry, Picker
+from fte_sniff.tui.prompt.filter import parsed
+from fte_sniff.tui.prompt.preparing import prepare
 
 
 class Filtering(Parts):
@@ -27,7 +28,7 @@ class Filtering(Parts):
 
     def _hold_filter(self, line: str) -> None:
         self._filter_field.hold(line)
-        self._watched.set_filter(RowFilter.parse(line) if line else None, self._table.near)
+        self._watched.set_filter(parsed(line) if line else None, self._table.near)
         self._table.sync()
 
     def action_filter(self) -> None:
@@ -57,6 +58,7 @@ class Filtering(Parts):
         row = self._table.cursor_row
         if row is None:
             return
+        prepare()
         cells = cell_filters(row)
         names = [cell.column for cell in cells]
         at = names.index(self._table.column) if self._table.column in names else 0

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from textual.suggester import Suggester
 
-from fte_sniff.analysis.completion import completions
-
 
 def completed(line: str) -> str | None:
     """The line with the likeliest rest of its last word, or None where nothing fits behind it."""
     if not line.strip():
         return None
+    # It is loaded with the filter, once one is asked for; a screen begins sooner without.
+    from fte_sniff.analysis.completion import completions
+
     found = completions(line)
     wholes = (line[: found.start] + choice for choice in found.choices)
     return next((whole for whole in wholes if whole.lower().startswith(line.lower())), None)

@@ -5,15 +5,32 @@ It must not know the filter's language; `analysis` does.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rich.cells import cell_len
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.widgets import Static
 
-from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.complete import WordSuggester
 from fte_sniff.tui.prompt.field import Field, Take
+from fte_sniff.tui.prompt.preparing import prepare
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter import RowFilter
+
+
+def parsed(line: str) -> RowFilter:
+    """The filter that a line says.
+
+    Raises:
+        FilterError: it says none.
+    """
+    # polars, which it needs, takes longer to load than a file's first rows take to be shown.
+    from fte_sniff.analysis.filter import RowFilter
+
+    return RowFilter.parse(line)
 
 
 class FilterField(Field):
@@ -23,7 +40,7 @@ class FilterField(Field):
         """The field, with the filter that already holds, and what is done with another."""
         super().__init__(
             later("filter"),
-            RowFilter.parse,
+            parsed,
             take,
             "motor = 1 AND rpm > 500",
             _("enter applies, an empty line shows all; esc goes back; up: earlier ones"),
@@ -41,6 +58,11 @@ class FilterField(Field):
         """Put the count behind the line."""
         self.query_one(".asked").mount(self._shown)
         self.rest()
+
+    def ask(self) -> None:
+        """Let the user type."""
+        prepare()
+        super().ask()
 
     def hold(self, line: str) -> None:
         """Take over a filter that was not typed here; it can be gone back to with the arrows."""

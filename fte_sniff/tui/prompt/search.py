@@ -8,6 +8,7 @@ from __future__ import annotations
 from fte_sniff.analysis.search import Search
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Field, Take
+from fte_sniff.tui.prompt.preparing import prepare
 
 
 class SearchField(Field):
@@ -21,3 +22,8 @@ class SearchField(Field):
             "rpm=1000, AA 01, hex:AA ?? 03",
             _("enter finds the next row from here on, then n and N; up: earlier ones"),
         )
+
+    def ask(self) -> None:
+        """Let the user type."""
+        prepare()
+        super().ask()
