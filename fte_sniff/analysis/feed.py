@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from fte_sniff.protocol import PortEvent, Row
 
@@ -61,4 +61,17 @@ class Feed(Protocol):
 
     def stop(self) -> None:
         """Ask the source to end; later polls tell when it has. Asking twice is asking once."""
+        ...
+
+
+@runtime_checkable
+class WakingFeed(Protocol):
+    """A feed that need not be polled in vain."""
+
+    @property
+    def descriptor(self) -> int:
+        """Can be read from when there is something to poll, or the end has come; only for waiting.
+
+        Behind the end it means nothing.
+        """
         ...

@@ -108,6 +108,11 @@ class LiveSession:
         return self._process.pid
 
     @property
+    def descriptor(self) -> int:
+        """Can be read from when there is something to poll; until `close`."""
+        return self._capture.fileno()
+
+    @property
     def total_rows(self) -> int:
         """All rows captured so far."""
         return self._total

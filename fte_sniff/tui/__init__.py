@@ -1,7 +1,8 @@
 """The screen of `live` and `view`: rows in a table, their numbers, and what one row means.
 
 Nothing else in the program knows Textual, and nothing here knows where rows come from: they arrive
-through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and files mirror the screen:
+through a `Feed`, polled when it has something or by a timer, and lie in a `RowStore`. Folders and
+files mirror the screen:
 
     +----------------------------------------------------------+
     | title.py       what is watched, where it is kept, state  |
@@ -24,6 +25,7 @@ through a `Feed`, polled by one timer, and lie in a `RowStore`. Folders and file
     terminal.py      the terminal under it: its loss, Ctrl-Z, coming back
     outflow.py       text on its way there, for which nobody waits
     app.py           puts it together: the timer and the end
+    waking.py        being woken by a feed that has something
     opening.py       what it is opened with, and what the user may choose anew
     actions/         what the keys do, one topic a file
     keys.py          every key, once

@@ -21,7 +21,7 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.filter import LineFilter
 from textual.widgets import Footer
 
-from fte_sniff.analysis.feed import Feed
+from fte_sniff.analysis.feed import Feed, WakingFeed
 from fte_sniff.analysis.paging import BlockSource
 from fte_sniff.analysis.store import BLOCK_ROWS, ENDLESS, RowStore
 from fte_sniff.errors import FteSniffError, shown
@@ -58,10 +58,11 @@ from fte_sniff.tui.terminal import Terminal
 from fte_sniff.tui.theme_names import THEMES
 from fte_sniff.tui.themes import OWN
 from fte_sniff.tui.title import TitleLine, mode_of
+from fte_sniff.tui.waking import Waking
 from fte_sniff.tui.watched import Watched
 
 TICK_S = 1 / 20
-"""Between two looks at the feed: soon enough for the eye, seldom enough to stay calm."""
+"""Between two looks at the feed that the clock brings about: often enough, and yet calm."""
 
 LOW = 16
 """Lines below which a pane has to be content with very few."""
@@ -103,6 +104,9 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
         self._opening = opening
+        self._feed = feed
+        self._waking: Waking | None = None
+        self._woken = False
         row_filter = opening.row_filter
         self._watched = Watched(feed, row_filter, _store(opening.keep_rows, source))
         self._title_line, self._header = TitleLine(), TableHeader()
@@ -154,7 +158,9 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self.tick()
         if not self._watched.state.live:
             self._table.action_first()
-        self.set_interval(TICK_S, self.tick)
+        self.set_interval(TICK_S, self._tick_by_clock)
+        if isinstance(self._feed, WakingFeed) and self._watched.state.running:
+            self._waking = Waking(self._feed.descriptor, lambda: self.call_later(self._tick_woken))
         loop = asyncio.get_running_loop()
         for number in self._opening.signals:
             # Off the main thread there are no signal handlers; whoever runs it there ends it.
@@ -163,6 +169,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
 
     def on_unmount(self) -> None:
         """Leave no half file, and give the signals back."""
+        self._rest()
         if self._saving is not None:
             self._saving.abandon()
         loop = asyncio.get_running_loop()
@@ -179,6 +186,22 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         """The time of a look at the feed, by a rising clock."""
         return monotonic_ns()
 
+    def _tick_woken(self) -> None:
+        self._woken = True
+        self.tick()
+
+    def _tick_by_clock(self) -> None:
+        """Look where the feed has not made the screen look since the last time."""
+        if not self._woken:
+            self.tick()
+        self._woken = False
+
+    def _rest(self) -> None:
+        """Let the feed wake nobody any more."""
+        if self._waking is not None:
+            self._waking.end()
+            self._waking = None
+
     def tick(self) -> None:
         """Look at the feed, and draw what changed."""
         try:
@@ -187,6 +210,8 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             self.failure = failure
             self.exit()
             return
+        if not self._watched.state.running:
+            self._rest()
         self._panes.tell_events(news.events)
         for event in news.events if self._watched.state.live else ():
             self._notice.tell_event(event)

@@ -6,6 +6,7 @@ import math
 import multiprocessing
 import os
 import resource
+import select
 import signal
 import socket
 import struct
@@ -18,6 +19,7 @@ from time import monotonic
 
 import pytest
 
+from fte_sniff.analysis.feed import WakingFeed
 from fte_sniff.capture.tap import Tap
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
@@ -78,6 +80,14 @@ def until(session: LiveSession, holds: Callable[[int], bool]) -> None:
         if holds(update.state.rows):
             return
     raise AssertionError("it ended too early")
+
+
+def test_what_has_come_can_be_waited_for() -> None:
+    with LiveSession(plan()) as session:
+        assert isinstance(session, WakingFeed)
+        assert select.select([session.descriptor], [], [], BOUND_S)[0]
+        update = session.poll()
+        assert update.rows or update.events
 
 
 def test_rows_seen_are_rows_recorded(tmp_path: Path) -> None:

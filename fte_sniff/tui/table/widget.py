@@ -197,12 +197,13 @@ class RowTable(Scrolling, can_focus=True):
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The lines of a part of the window."""
-        self._paint = self._painter
+        # Once for all lines: each time they are asked for, all styles around are put together anew.
+        self._paint, self._base = self._painter, self.rich_style
         return super().render_lines(crop)
 
     def render_line(self, y: int) -> Strip:
         """One line of the window: a row, or nothing, or the words for an empty table."""
-        width, base = self.scrollable_size.width, self.rich_style
+        width, base = self.scrollable_size.width, self._base
         if y < len(self._places):
             return self._paint.row(self._places[y], self._line_style(y))
         if not self.viewport.count and y == self.viewport.height // 2:
@@ -212,9 +213,9 @@ class RowTable(Scrolling, can_focus=True):
     def _line_style(self, y: int) -> Style:
         if self.viewport.top + y != self.viewport.cursor:
             selected = self._places[y].sign is Sign.SELECTED
-            return self._style_of("selected") if selected else self.rich_style
+            return self._style_of("selected") if selected else self._base
         if self.app.no_color:
-            return self.rich_style + REVERSE
+            return self._base + REVERSE
         return self._style_of("cursor" if self.has_focus else "cursor-away")
 
     def _style_of(self, part: str) -> Style:
