@@ -51,6 +51,11 @@ class Pages:
         self._codebook = codebook
         self._held: dict[int, Block] = {}
 
+    @property
+    def most_blocks(self) -> int | None:
+        """Full blocks in memory at most; None where every block stays."""
+        return None if self._source is None else self._most
+
     def bring(self, block: Block) -> Block:
         """The same block, with its rows in memory.
 

@@ -95,6 +95,12 @@ class RowStore:
         return self._next - self._first
 
     @property
+    def most_in_memory(self) -> int:
+        """Rows that lie in memory at most; others that are kept are read again."""
+        most = self._pages.most_blocks
+        return self.bound if most is None else most * self._block_rows
+
+    @property
     def first(self) -> int:
         """Index of the oldest row kept."""
         return self._first

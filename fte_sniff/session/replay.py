@@ -15,7 +15,7 @@ from fte_sniff.analysis.packing import PackedRows
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent, Row
 
-MOST_BATCHES_AHEAD = 16
+MOST_BATCHES_AHEAD = 6
 """Batches that are read ahead of the view at most."""
 
 MOST_ROWS_A_POLL = 65_536

@@ -205,7 +205,9 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
     def tick(self) -> None:
         """Look at the feed, and draw what changed."""
         try:
-            news = self._watched.look(self.now_ns())
+            # A file can wait until what is there was counted; a wire cannot.
+            wait = self._panes.overtaken and not self._watched.state.live
+            news = self._watched.look(self.now_ns(), take=not wait)
         except FteSniffError as failure:
             self.failure = failure
             self.exit()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fte_sniff.analysis.counting import count_rows
-from fte_sniff.analysis.feed import Feed, FeedState
+from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.analysis.tally import Rate, Tally
 from fte_sniff.protocol import PortEvent, PortEventKind
@@ -57,13 +57,17 @@ class Watched:
         self._events: Counter[PortEventKind] = Counter()
         self._per_second: float | None = None
 
-    def look(self, now_ns: int) -> News:
-        """Take in what came; `now_ns` is any rising clock's nanoseconds.
+    def look(self, now_ns: int, *, take: bool = True) -> News:
+        """Take in what came, or leave it with the feed for this time.
+
+        Args:
+            now_ns: any rising clock's nanoseconds.
+            take: whether rows may come.
 
         Raises:
             FteSniffError: the feed failed.
         """
-        update = self._feed.poll()
+        update = self._feed.poll() if take else FeedUpdate(self.state)
         ended = self.state.running and not update.state.running
         trouble = update.state.trouble if update.state.trouble != self.state.trouble else None
         self.state = update.state

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
+from time import monotonic
 from typing import Any
 
 import pytest
 
+from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.packing import Codebook, Packed, pack
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 from fte_sniff.tui import app as apps
+from fte_sniff.tui import panes
 from fte_sniff.tui.app import SniffApp
+from tests.tui.conftest import ListFeed
 from tests.tui.playing import Rows, page, press, rpms, settle, table, type_line
+
+BOUND_S = 20.0
 
 
 class Rereading:
@@ -22,10 +29,12 @@ class Rereading:
     def __init__(self, rows: list[Row]) -> None:
         self.rows = rows
         self.gone = False
+        self.starts: list[int] = []
 
     def load(self, start: int, count: int, codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
         if self.gone:
             raise FileError("run.mcap: there is no such file any more")
+        self.starts.append(start)
         return pack(self.rows[start : start + count], codebook)
 
 
@@ -89,3 +98,48 @@ def test_rows_that_cannot_be_read_any_more_end_the_screen_with_a_reason(
 
     asyncio.run(run())
     assert isinstance(app.failure, FileError)
+
+
+class Pieces(ListFeed):
+    """A file that is read faster than it is counted: a hundred rows at each look."""
+
+    def __init__(self, rows: list[Row]) -> None:
+        super().__init__()
+        self._left = rows
+        self.state = replace(self.state, live=False, recording=None)
+
+    def poll(self) -> FeedUpdate:
+        self.give(self._left[:100])
+        self._left = self._left[100:]
+        if not self._left:
+            self.end("")
+        return super().poll()
+
+
+def test_rows_are_counted_before_they_leave_memory(
+    monkeypatch: pytest.MonkeyPatch, speed_rows: Rows
+) -> None:
+    def small(bound: int, source: Any, most_blocks: int) -> RowStore:
+        return RowStore(bound, 100, source, 8)
+
+    monkeypatch.setattr(apps, "RowStore", small)
+    monkeypatch.setattr(panes, "STEP_ROWS", 50)
+    monkeypatch.setattr(panes, "UNSEEN_S", 0.0)
+    rows = speed_rows(2000)
+    source = Rereading(rows)
+    app = SniffApp(Pieces(rows), source=source)
+
+    async def run() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            end = monotonic() + BOUND_S
+            while "ENDED" not in page(app) and "FILE" not in page(app):
+                assert monotonic() < end
+                app.tick()
+                await pilot.pause()
+            await press(app, pilot, "S")
+            await settle(app, pilot)
+            assert "rows to go" not in page(app)
+
+    asyncio.run(run())
+    # The first block is where the cursor stays.
+    assert set(source.starts) <= {0}
