@@ -4,6 +4,7 @@ cd samples && python tables.py
 """
 
 # %% A recording is a lazy table. Nothing is read yet; a folder or "logs/*.mcap" would do as well.
+import tempfile
 from pathlib import Path
 
 import polars as pl
@@ -44,4 +45,7 @@ gaps = rows.filter(pl.col("motor") == 1).select(
 print(gaps.collect().describe())
 
 # %% As a file for other tools; a recording of any size goes through in bounded memory.
-rows.sink_parquet(recording.with_suffix(".parquet"))
+with tempfile.TemporaryDirectory() as folder:
+    table = Path(folder, "damaged.parquet")
+    rows.sink_parquet(table)
+    print(pl.read_parquet(table).height, "rows in", table.name)

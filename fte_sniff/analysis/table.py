@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from fte_sniff.analysis.columns import row_frame
 from fte_sniff.analysis.side_by_side import NO_KIND, Array, SideBySide, kind_codes
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
@@ -30,6 +31,7 @@ from fte_sniff.protocol import (
     ColumnType,
     Direction,
     Field,
+    Row,
     status_of,
 )
 from fte_sniff.protocol.table import CMD_PLACE
@@ -81,6 +83,11 @@ def table_frame(rows: SideBySide, names: Collection[str] | None = None) -> pl.Da
     maker = _Maker(rows)
     wanted = (name for name in COLUMN_BY_NAME if names is None or name in names)
     return pl.DataFrame([maker.series(name) for name in wanted])
+
+
+def rows_table(rows: Sequence[Row]) -> pl.DataFrame:
+    """Rows that come as objects, with or without times, as a frame of `TABLE_SCHEMA`."""
+    return row_frame(rows).cast(pl.Schema(TABLE_SCHEMA))
 
 
 def _direction_codes() -> Array:

@@ -104,12 +104,9 @@ class RowBatch:
 
     def frame(self) -> pl.DataFrame:
         """As a frame of `analysis.table.TABLE_SCHEMA`."""
-        import polars as pl
+        from fte_sniff.analysis.table import rows_table
 
-        from fte_sniff.analysis.columns import row_frame
-        from fte_sniff.analysis.table import TABLE_SCHEMA
-
-        return row_frame(self.held).cast(pl.Schema(TABLE_SCHEMA))
+        return rows_table(self.held)
 
     def columns(self, words: Words) -> RowColumns:
         """Side by side; only rows that have a time can be."""

@@ -12,7 +12,7 @@ from typing import Final
 
 import polars as pl
 
-from fte_sniff.analysis.columns import SCHEMA, row_frame
+from fte_sniff.analysis.table import TABLE_SCHEMA, rows_table
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 
@@ -21,7 +21,7 @@ PIECE_ROWS: Final = 262_144
 
 
 class ParquetSink:
-    """Rows as the columns of the contract; many rows wait in files beside the one to be."""
+    """Rows as `analysis.table` has their columns; many rows wait in files beside the one to be."""
 
     def __init__(self, path: Path, ports: Sequence[str]) -> None:
         self._path = path
@@ -32,7 +32,7 @@ class ParquetSink:
     def write(self, rows: Sequence[Row]) -> None:
         """Take the rows."""
         if rows:
-            self._frames.append(row_frame(rows))
+            self._frames.append(rows_table(rows))
             self._waiting += len(rows)
         if self._waiting >= PIECE_ROWS:
             piece = self._path.with_name(f"{self._path.name}.{len(self._pieces)}")
@@ -42,7 +42,7 @@ class ParquetSink:
 
     def end(self) -> None:
         """Put all pieces together."""
-        rest = pl.concat([pl.DataFrame(schema=SCHEMA), *self._frames])
+        rest = pl.concat([pl.DataFrame(schema=dict(TABLE_SCHEMA)), *self._frames])
         if not self._pieces:
             self._write(rest, self._path)
             return

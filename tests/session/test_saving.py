@@ -11,7 +11,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from fte_sniff.analysis.columns import row_frame
+from fte_sniff.analysis.table import TABLE_SCHEMA, rows_table
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.raw import hex_chunks, raw_chunks
 from fte_sniff.protocol import (
@@ -65,7 +65,8 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             found = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
             assert [one["time"] for one in found] == [iso_time(row.t_ns or 0) for row in taken]
         case ".parquet":
-            assert pl.read_parquet(path).equals(row_frame(taken))
+            assert pl.read_parquet(path).equals(rows_table(taken))
+            assert pl.read_parquet_schema(path) == TABLE_SCHEMA
         case ".mcap":
             assert list(RecordingReader(path).entries()) == taken
         case ".txt":
@@ -89,7 +90,8 @@ def test_many_rows_of_a_parquet_file_wait_beside_it(
     monkeypatch.setattr(parquet_sink, "PIECE_ROWS", 10)
     taken = rows()
     path = saved(tmp_path / "rows.parquet", taken)
-    assert pl.read_parquet(path).equals(row_frame(taken))
+    assert pl.read_parquet(path).equals(rows_table(taken))
+    assert pl.read_parquet_schema(path) == TABLE_SCHEMA
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
 
 

@@ -160,4 +160,5 @@ def test_the_example_runs(tmp_path: Path) -> None:
         timeout=120,
     )
     assert "motor" in done.stdout
-    assert (tmp_path / "damaged.parquet").stat().st_size > 0
+    assert done.stdout.endswith("rows in damaged.parquet\n")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["damaged.mcap", "tables.py"]
