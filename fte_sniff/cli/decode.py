@@ -58,15 +58,22 @@ def command(
     fte-sniff decode samples/clean.hex --format csv -o clean.csv
     """
     check_inputs(files, output)
+    form = form or form_of(output)
     wanted = row_filter(filter_text)
     inputs = opened(files, kind, topic)
     span = span_of(since, until, [one.times for one in inputs])
     reading = Reading(inputs, span, wanted, limit)
-    _write(form or form_of(output), output, reading, force=force)
+    _write(form, output, reading, force=force)
     for note in reading.notes:
         click.echo(f"fte-sniff: {shown(note)}", err=True)
-    partly = reading.written == limit
-    click.echo(summary(reading.tally, reading.written, partly=partly), err=True)
+    told = summary(
+        reading.tally,
+        reading.written,
+        partly=reading.written == limit,
+        filter_text=filter_text,
+        spanned=span is not None,
+    )
+    click.echo(told, err=True)
 
 
 def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: bool) -> None:
@@ -78,6 +85,9 @@ def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: 
             write_parquet((batch.frame() for batch in reading), path, dict(TABLE_SCHEMA))
     elif form is OutputFormat.MCAP:
         _record(output, reading, force=force)
+    elif form is OutputFormat.RAW:
+        with file_output(output, form, force=force) as path, path.open("wb") as file:
+            file.writelines(bytes.fromhex("".join(batch.frame()["raw"])) for batch in reading)
     else:
         with text_output(output, force=force) as stream:
             writer = row_writer(form, stream, ports=len(reading.inputs) > 1)

@@ -32,6 +32,7 @@ from fte_sniff.protocol import (
     Framer,
     PortEventKind,
     Row,
+    iso_time,
 )
 
 if TYPE_CHECKING:
@@ -254,8 +255,10 @@ class RecordingInput:
 
         path = self.reader.path
         troubles: Counter[PortEventKind] = Counter()
+        some = False
         for passage, columns in self.reader.passages(span=span or EVERYTHING):
             troubles.update(event.kind for event in columns.events)
+            some = some or bool(len(columns))
             if len(columns) or columns.events:
                 yield ColumnBatch(columns, partial(self.reader.again, passage))
         for kind in TROUBLES:
@@ -265,6 +268,9 @@ class RecordingInput:
         for loss in (*self.reader.losses, self.reader.ending):
             if loss:
                 note(f"{path}: {loss}")
+        if span is not None and not some and self.times is not None:
+            held = "rows" if self.count is None else f"{self.count:,} rows and events"
+            note(f"{path}: {_none_in_span(held, *self.times)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,13 +304,31 @@ class LogInput:
 
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, some thousands at once; see `Input`."""
-        for rows in _framed_batches(self.chunks, self.name, note):
-            if span is None:
-                yield RowBatch(rows)
-                continue
-            if any(row.t_ns is None for row in rows):
+        batches = _framed_batches(self.chunks, self.name, note)
+        for rows in batches if span is None else self._spanned(batches, span, note):
+            yield RowBatch(rows)
+
+    def _spanned(self, batches: Iterable[list[Row]], span: Span, note: Note) -> Iterator[list[Row]]:
+        """Only rows of the span; where there is none, which there are is told."""
+        count, some, times = 0, False, list[int]()
+        for rows in batches:
+            read = [row.t_ns for row in rows if row.t_ns is not None]
+            if len(read) < len(rows):
                 raise UsageError(f"{self.name} has no times; --from and --to need a recording")
-            yield RowBatch([row for row in rows if span.holds(row)])
+            count += len(rows)
+            times = [min([*times[:1], *read]), max([*times[1:], *read])]
+            found = [row for row in rows if span.holds(row)]
+            some = some or bool(found)
+            yield found
+        if times and not some:
+            note(f"{self.name}: {_none_in_span(f'{count:,} rows', *times)}")
+
+
+def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
+    return (
+        f"none of its {held} lies between --from and --to;"
+        f" they go from {iso_time(first_ns)} to {iso_time(last_ns)}"
+    )
 
 
 def _framed_batches(chunks: Iterable[Chunk], name: str, note: Note) -> Iterator[list[Row]]:

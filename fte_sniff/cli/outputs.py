@@ -35,9 +35,20 @@ def format_option(
 
 
 def form_of(output: Path | None) -> OutputFormat:
-    """The form that the end of the output's name asks for; a table where it asks for none."""
+    """The form that the end of the output's name asks for; a table where it has no end.
+
+    Raises:
+        UsageError: the end is none that is known.
+    """
     end = "" if output is None else output.suffix.lower()
-    return FORM_BY_END.get(end, OutputFormat.TABLE)
+    if not end:
+        return OutputFormat.TABLE
+    if end not in FORM_BY_END:
+        raise UsageError(
+            f"{output}: the name's end says what is written, and {end} is none of"
+            f" {' '.join(FORM_BY_END)}; take one of them, or say --format"
+        )
+    return FORM_BY_END[end]
 
 
 @contextmanager

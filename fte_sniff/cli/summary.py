@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fte_sniff.errors import shown
 from fte_sniff.protocol import Status, iso_time, status_of
 
 if TYPE_CHECKING:
@@ -17,13 +18,22 @@ ENOUGH_ROWS = 5
 """Rows of damage alone from which on something is wrong with more than a frame."""
 
 
-def summary(tally: Tally, written: int | None = None, *, partly: bool = False) -> str:
+def summary(
+    tally: Tally,
+    written: int | None = None,
+    *,
+    partly: bool = False,
+    filter_text: str | None = None,
+    spanned: bool = False,
+) -> str:
     """What was read: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
     Args:
         tally: the count of all rows that were read.
         written: how many of them were written, to be told where that is not all.
         partly: whether reading stopped at a limit, so that the numbers are not of the whole input.
+        filter_text: what chose the rows that were written; None where all were.
+        spanned: whether only rows of a span of time were read.
     """
     if partly:
         return f"stopped at the limit: {tally.rows:,} rows read so far, {written or 0:,} written"
@@ -35,8 +45,17 @@ def summary(tally: Tally, written: int | None = None, *, partly: bool = False) -
     ]
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
-    advice = hint(tally)
+    advice = _missed(tally, written, filter_text, spanned=spanned) or hint(tally)
     return ", ".join(parts) + _span(tally) + (advice and f"; {advice}")
+
+
+def _missed(tally: Tally, written: int | None, filter_text: str | None, *, spanned: bool) -> str:
+    """What left no row, where rows may have been there; empty elsewhere."""
+    if not tally.rows and spanned:
+        return "none lies between --from and --to"
+    if tally.rows and written == 0 and filter_text is not None:
+        return f"none of them passes the filter: {shown(filter_text)}"
+    return ""
 
 
 def hint(tally: Tally) -> str:

@@ -24,10 +24,12 @@ class OutputFormat(StrEnum):
     CSV = "csv"
     PARQUET = "parquet"
     MCAP = "mcap"
+    HEX = "hex"
+    RAW = "raw"
 
 
 TEXT_FORMS = (OutputFormat.TABLE, OutputFormat.JSONL, OutputFormat.CSV)
-"""The forms that are text, which a terminal can show; the others are files."""
+"""The forms that are text and tell all of a row."""
 
 
 FORM_BY_END: Final = MappingProxyType(
@@ -37,6 +39,9 @@ FORM_BY_END: Final = MappingProxyType(
         ".parquet": OutputFormat.PARQUET,
         ".mcap": OutputFormat.MCAP,
         ".txt": OutputFormat.TABLE,
+        ".hex": OutputFormat.HEX,
+        ".raw": OutputFormat.RAW,
+        ".bin": OutputFormat.RAW,
     }
 )
 """By the end of a file's name, in lower case, what it is taken to hold."""
@@ -67,7 +72,7 @@ def row_writer(form: OutputFormat, stream: TextIO, *, ports: bool) -> RowWriter:
     """The writer of `form` to `stream`.
 
     Args:
-        form: which format, one of `TEXT_FORMS`.
+        form: which format, one of `TEXT_FORMS` or hex.
         stream: where to; a table is coloured where this is a terminal, and plain elsewhere.
         ports: whether rows of several ports or files are to be told apart in a table.
     """
@@ -79,6 +84,10 @@ def row_writer(form: OutputFormat, stream: TextIO, *, ports: bool) -> RowWriter:
         from fte_sniff.formats.csv import CsvWriter
 
         return CsvWriter(stream)
+    if form is OutputFormat.HEX:
+        from fte_sniff.formats.hex_lines import HexWriter
+
+        return HexWriter(stream)
     from fte_sniff.formats.lines import PlainWriter, RichWriter
 
     if not stream.isatty():

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat, row_writer
-from fte_sniff.protocol import Row, spaced_hex
+from fte_sniff.protocol import Row
 
 
 class Sink(Protocol):
@@ -48,23 +48,6 @@ class TextSink:
     def abandon(self) -> None:
         """Close."""
         self._stream.close()
-
-
-class HexSink:
-    """The bytes alone as hex, a line a row; what the program reads back as hex text."""
-
-    def __init__(self, path: Path, ports: Sequence[str]) -> None:
-        self._stream = path.open("w", encoding="ascii")
-
-    def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows' bytes."""
-        self._stream.writelines(f"{spaced_hex(row.raw)}\n" for row in rows)
-
-    def end(self) -> None:
-        """Close."""
-        self._stream.close()
-
-    abandon = end
 
 
 class RawSink:
@@ -108,14 +91,13 @@ def _sink_of(form: OutputFormat) -> Callable[[Path, Sequence[str]], Sink]:
             return _parquet
         case OutputFormat.MCAP:
             return _recording
+        case OutputFormat.RAW:
+            return RawSink
         case _:
             return _text(form)
 
 
 SINKS: Final[Mapping[str, Callable[[Path, Sequence[str]], Sink]]] = {
-    **{end: _sink_of(form) for end, form in FORM_BY_END.items()},
-    ".hex": HexSink,
-    ".raw": RawSink,
-    ".bin": RawSink,
+    end: _sink_of(form) for end, form in FORM_BY_END.items()
 }
 """By the end of a file's name, what takes rows for it."""

@@ -59,7 +59,7 @@ def written(batch: Batch, form: OutputFormat) -> str:
     return stream.getvalue()
 
 
-@pytest.mark.parametrize("form", TEXT_FORMS)
+@pytest.mark.parametrize("form", [*TEXT_FORMS, OutputFormat.HEX])
 @settings(deadline=None)
 @given(rows=ROWS)
 def test_the_text_is_the_same_byte_for_byte(form: OutputFormat, rows: list[Row]) -> None:

@@ -258,7 +258,12 @@ def test_serial_bytes_on_the_topic_of_another_program(run, samples: Path, tmp_pa
         ("x.csv", [], b"time,port,"),
         ("x.jsonl", [], b'{"time"'),
         ("x.txt", [], b"time "),
-        ("x.what", [], b"time "),
+        ("x", [], b"time "),
+        ("x.what", ["--format", "table"], b"time "),
+        ("x.hex", [], b"AA 00 00 00 00 00 00 00 00 EE\n55 01 01 "),
+        ("x.bin", [], b"\xaa\x00\x00"),
+        ("x.RAW", [], b"\xaa\x00\x00"),
+        ("x.txt", ["--format", "hex"], b"AA 00 "),
         ("x.csv", ["--format", "jsonl"], b'{"time"'),
         ("x.parquet", ["--format", "table"], b"time "),
     ],
@@ -269,3 +274,48 @@ def test_the_end_of_the_output_says_the_form(
     done = run("decode", samples / "clean.mcap", "-o", tmp_path / name, *options)
     assert done.returncode == 0
     assert (tmp_path / name).read_bytes().startswith(begins)
+
+
+@pytest.mark.parametrize("name", ["x.json", "x.log", "rows.pcap"])
+def test_an_end_that_says_nothing_is_refused_before_anything_is_read(
+    run, samples: Path, tmp_path: Path, name: str
+) -> None:
+    done = run("decode", samples / "clean.mcap", "-o", name)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert f"{name}: the name's end says what is written" in done.stderr
+    assert ".csv .jsonl .parquet .mcap .txt .hex .raw .bin" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("end", ["raw", "hex", "bin"])
+@pytest.mark.parametrize("source", ["mcap", "raw", "hex"])
+def test_bytes_that_are_written_are_read_back(
+    run, samples: Path, tmp_path: Path, source: str, end: str
+) -> None:
+    first = run("decode", samples / f"damaged.{source}", "-o", f"x.{end}")
+    assert (first.returncode, first.stdout) == (0, "")
+    assert run("decode", f"x.{end}", "-o", "y.raw").returncode == 0
+    assert (tmp_path / "y.raw").read_bytes() == (samples / "damaged.raw").read_bytes()
+
+
+def test_raw_bytes_need_a_file(run, samples: Path) -> None:
+    done = run("decode", samples / "idle.hex", "--format", "raw")
+    assert done.returncode == 2
+    assert "raw is no text: name a file to write it to with -o" in done.stderr
+    text = run("decode", samples / "idle.raw", "--format", "hex").stdout
+    assert bytes.fromhex(text) == (samples / "idle.raw").read_bytes()
+
+
+def test_rows_that_no_filter_or_span_lets_through_are_not_missed_on_the_wire(
+    run, samples: Path
+) -> None:
+    filtered = run("decode", samples / "clean.mcap", "--filter", "rpm > 30000").stderr
+    assert filtered.endswith("; none of them passes the filter: rpm > 30000\n")
+    assert "1,200 rows read, 0 written" in filtered
+    later = run("decode", samples / "clean.mcap", "--from", "2027-01-01")
+    assert later.returncode == 0
+    *_, told, total = later.stderr.splitlines()
+    assert "clean.mcap: none of its 1,20" in told
+    assert "they go from 2026-01-31T12:00:00.000000000Z to 2026-01-31T12:00:" in told
+    assert total == "0 rows; none lies between --from and --to"
