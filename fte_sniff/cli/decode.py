@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import check_inputs, input_arguments, opened
+from fte_sniff.cli.inputs import HowToRead, check_inputs, input_arguments, opened
 from fte_sniff.cli.outputs import file_output, form_of, format_option, text_output
 from fte_sniff.cli.paths import FileName
 from fte_sniff.cli.reading import Reading
@@ -38,6 +38,8 @@ def command(
     files: tuple[Path, ...],
     kind: InputKind | None,
     topic: str | None,
+    day: str | None,
+    zone: str | None,
     form: OutputFormat | None,
     output: Path | None,
     force: bool,
@@ -60,7 +62,7 @@ def command(
     check_inputs(files, output)
     form = form or form_of(output)
     wanted = row_filter(filter_text)
-    inputs = opened(files, kind, topic)
+    inputs = opened(files, HowToRead(kind, topic, day, zone))
     span = span_of(since, until, [one.times for one in inputs])
     reading = Reading(inputs, span, wanted, limit)
     _write(form, output, reading, force=force)

@@ -7,15 +7,18 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from shutil import get_terminal_size
 
 import click
 
 from fte_sniff.cli.outputs import format_option
+from fte_sniff.cli.telling import tell
 from fte_sniff.errors import InputTextError, UsageError
-from fte_sniff.formats.hex_text import bytes_of_text
+from fte_sniff.formats.hex_log import HexLog
+from fte_sniff.formats.text_lines import Piece
 from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
-from fte_sniff.protocol import Chunk, Framer
+from fte_sniff.protocol import Framer, Row
 
 PORT_NAME = "hex"
 """The port of rows that came from the command line."""
@@ -25,21 +28,27 @@ PORT_NAME = "hex"
 @click.argument("text", nargs=-1, metavar="BYTES...")
 @format_option(None)
 def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
-    """Decode bytes given as hex, field by field; '-' reads them from standard input.
+    """Decode pasted bytes, field by field; without any, or with '-', from standard input.
 
     Spaces or none, commas, 0x, \\x, colons, upper or lower case, several frames, bytes between
-    them, lines from a serial assistant: as people paste it.
+    them, lines from a serial assistant, hex dumps, arrays of C, Python and JSON: as people paste
+    it. What cannot be told is refused, or told on standard error.
 
     \b
     fte-sniff hex AA 02 02 03 E8 00 00 27 10 EE
     fte-sniff hex "0x55,0x01,0x01,0x03,0xE8,0x00,0x00,0x00,0x0F,0xEE" --format jsonl
     """
     writer = _dissection() if form is None else row_writer(form, sys.stdout, ports=False)
-    framer = Framer(PORT_NAME)
-    for data in _bytes_of(text):
-        writer.write(framer.feed(Chunk(PORT_NAME, None, data)))
-    writer.write(framer.flush())
+    log = _log_of(text)
+    try:
+        for rows in _rows_of(log):
+            log.compare(rows)
+            writer.write(rows)
+    except InputTextError as error:
+        raise _about_a_file(text) or error from error
     writer.end()
+    for doubt in log.doubts:
+        tell(f"fte-sniff: {doubt}")
 
 
 def _dissection() -> RowWriter:
@@ -52,35 +61,36 @@ def _dissection() -> RowWriter:
     return DissectionWriter(sys.stdout, width, colored=colored)
 
 
-def _bytes_of(words: tuple[str, ...]) -> Iterator[bytes]:
-    """The bytes that are asked about, at least one."""
+def _rows_of(log: HexLog) -> Iterator[list[Row]]:
+    """The rows of what is asked about, which is at least one byte."""
+    framer = Framer(PORT_NAME)
+    some = False
+    for chunk in log:
+        some = True
+        yield framer.feed(replace(chunk, port=PORT_NAME))
+    if not some:
+        raise UsageError(
+            f"no bytes on {log.name}; try: fte-sniff hex AA 01 01 03 E8 00 00 00 00 EE"
+        )
+    yield framer.flush()
+
+
+def _log_of(words: tuple[str, ...]) -> HexLog:
     if "-" in words and len(words) > 1:
         raise UsageError("'-' reads standard input; give either that or bytes, not both")
-    if words == ("-",) or (not words and not sys.stdin.isatty()):
-        found, source = _bytes_of_stdin(), "standard input"
-    else:
-        found, source = iter([_bytes_of_words(words)]), "the command line"
-    first = next(found, b"")
-    if not first:
-        raise UsageError(f"no bytes on {source}; try: fte-sniff hex AA 01 01 03 E8 00 00 00 00 EE")
-    yield first
-    yield from found
+    if words in ((), ("-",)):
+        if sys.stdin.isatty():
+            tell("paste the bytes, then press Enter and Ctrl-D")
+        return HexLog.of_stream(sys.stdin.buffer, "standard input")
+    lines = enumerate(" ".join(words).splitlines(), start=1)
+    return HexLog((Piece(line, number, 0) for number, line in lines), "the command line")
 
 
-def _bytes_of_stdin() -> Iterator[bytes]:
-    from fte_sniff.formats.raw import hex_stream_chunks
+def _about_a_file(words: tuple[str, ...]) -> UsageError | None:
+    """What to tell of words that are no bytes but a file's name."""
+    from os.path import isfile
 
-    for chunk in hex_stream_chunks(sys.stdin.buffer, "standard input"):
-        yield chunk.data
-
-
-def _bytes_of_words(words: tuple[str, ...]) -> bytes:
-    try:
-        return bytes_of_text(" ".join(words))
-    except InputTextError as error:
-        from os.path import isfile
-
-        # Not Path.is_file: that raises where a long paste is no possible name.
-        if len(words) == 1 and isfile(words[0]):  # noqa: PTH113
-            raise UsageError(f"{words[0]} is a file; try: fte-sniff decode {words[0]}") from error
-        raise
+    # Not Path.is_file: that raises where a long paste is no possible name.
+    if len(words) == 1 and isfile(words[0]):  # noqa: PTH113
+        return UsageError(f"{words[0]} is a file; try: fte-sniff decode {words[0]}")
+    return None

@@ -22,8 +22,10 @@ import click
 from fte_sniff.cli.batches import Batch, ColumnBatch, RowBatch
 from fte_sniff.cli.paths import FileName
 from fte_sniff.errors import FileError, FteSniffError, UsageError
+from fte_sniff.formats.hex_log import HexLog
 from fte_sniff.formats.kinds import InputKind, kind_of_content, kind_of_file
-from fte_sniff.formats.raw import hex_chunks, hex_stream_chunks, raw_chunks, raw_stream_chunks
+from fte_sniff.formats.log_clock import LogClock, day_of, zone_of
+from fte_sniff.formats.raw import raw_chunks, raw_stream_chunks
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     Chunk,
@@ -60,7 +62,7 @@ Note = Callable[[str], None]
 
 
 def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The FILE... argument, `--input` and `--topic`, as every command that reads files has them."""
+    """FILE... and what says how to read them, as every command that reads files has it."""
     files = click.argument("files", nargs=-1, required=True, metavar="FILE...", type=FileName())
     kind = click.option(
         "--input",
@@ -74,7 +76,18 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
         metavar="NAME",
         help="Of MCAP files by other programs: the topic that holds the serial bytes.",
     )
-    return files(kind(topic(command)))
+    day = click.option(
+        "--date",
+        "day",
+        metavar="DATE",
+        help="Of hex logs that tell the time of day only: the day of the first, as 2026-01-31.",
+    )
+    zone = click.option(
+        "--zone",
+        metavar="ZONE",
+        help="Of hex logs: the zone of their times, as +08:00 or Asia/Shanghai.  [default: UTC]",
+    )
+    return files(kind(topic(day(zone(command)))))
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
@@ -140,21 +153,44 @@ class Input(Protocol):
         ...
 
 
-def opened(files: Sequence[Path], kind: InputKind | None, topic: str | None = None) -> list[Input]:
+@dataclass(frozen=True, slots=True)
+class HowToRead:
+    """What the user says of the inputs."""
+
+    kind: InputKind | None = None
+    """What they hold; None to go by name or content."""
+    topic: str | None = None
+    """Of MCAP files, the topic that holds serial bytes; None where they are recordings."""
+    day: str | None = None
+    """Of hex logs, the day of the first time."""
+    zone: str | None = None
+    """Of hex logs, the zone of the times."""
+
+    def clock(self) -> LogClock:
+        """The clock of a log.
+
+        Raises:
+            InputTextError: day or zone is none.
+        """
+        day = None if self.day is None else day_of(self.day)
+        return LogClock(day, None if self.zone is None else zone_of(self.zone))
+
+
+def opened(files: Sequence[Path], how: HowToRead) -> list[Input]:
     """What the files are: each itself, a folder's recordings, a pattern's matches.
 
     Recordings come in order of their first times, if there is nothing but recordings.
 
     Args:
         files: as the user named them.
-        kind: what they hold; None to go by name or content.
-        topic: of MCAP files, the topic that holds serial bytes; None where they are recordings.
+        how: what the user says of them.
 
     Raises:
         FileError: one cannot be read, or is not what it should be, or there is none.
-        UsageError: nothing tells what one holds.
+        UsageError: nothing tells what one holds, or what is said of them cannot be.
     """
-    inputs = [_opened(path, kind, topic) for named in files for path in meant(named)]
+    how.clock()
+    inputs = [_opened(path, how) for named in files for path in meant(named)]
     recordings = [one for one in inputs if isinstance(one, RecordingInput)]
     if len(recordings) < len(inputs):
         return inputs
@@ -177,17 +213,19 @@ def meant(named: Path) -> list[Path]:
     return list(files_of(named))
 
 
-def _opened(path: Path, kind: InputKind | None, topic: str | None) -> Input:
-    if topic is not None:
-        return _topic(path, topic)
+def _opened(path: Path, how: HowToRead) -> Input:
+    if how.topic is not None:
+        return _topic(path, how.topic)
     if path == STDIN:
-        return _stdin(kind)
-    chosen = kind or kind_of_file(path)
+        return _stdin(how)
+    chosen = how.kind or kind_of_file(path)
     if chosen is InputKind.MCAP:
         from fte_sniff.recording.reader import RecordingReader
 
         return RecordingInput(RecordingReader(path))
-    return LogInput(raw_chunks(path) if chosen is InputKind.RAW else hex_chunks(path), str(path))
+    if chosen is InputKind.RAW:
+        return LogInput(raw_chunks(path), str(path))
+    return LogInput(HexLog.of_file(path, how.clock()), str(path))
 
 
 def _topic(path: Path, topic: str) -> Input:
@@ -198,9 +236,9 @@ def _topic(path: Path, topic: str) -> Input:
     return LogInput(topic_chunks(path, topic), topic)
 
 
-def _stdin(kind: InputKind | None) -> Input:
+def _stdin(how: HowToRead) -> Input:
     stream = BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
-    chosen = kind or kind_of_content(stream.peek(1))
+    chosen = how.kind or kind_of_content(stream.peek(1))
     if chosen is InputKind.MCAP:
         from fte_sniff.recording.reader import RecordingReader
 
@@ -208,8 +246,9 @@ def _stdin(kind: InputKind | None) -> Input:
         shutil.copyfileobj(stream, file)
         file.flush()
         return RecordingInput(RecordingReader(Path(file.name)), file)
-    chunks_of = raw_stream_chunks if chosen is InputKind.RAW else hex_stream_chunks
-    return LogInput(chunks_of(stream, STDIN_NAME), STDIN_NAME)
+    if chosen is InputKind.RAW:
+        return LogInput(raw_stream_chunks(stream, STDIN_NAME), STDIN_NAME)
+    return LogInput(HexLog.of_stream(stream, STDIN_NAME, how.clock()), STDIN_NAME)
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,6 +344,8 @@ class LogInput:
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, some thousands at once; see `Input`."""
         batches = _framed_batches(self.chunks, self.name, note)
+        if isinstance(self.chunks, HexLog):
+            batches = _compared(batches, self.chunks, note)
         for rows in batches if span is None else self._spanned(batches, span, note):
             yield RowBatch(rows)
 
@@ -322,6 +363,15 @@ class LogInput:
             yield found
         if times and not some:
             note(f"{self.name}: {_none_in_span(f'{count:,} rows', *times)}")
+
+
+def _compared(batches: Iterable[list[Row]], log: HexLog, note: Note) -> Iterator[list[Row]]:
+    """The same rows; what the log says of them, and they of the log, is told in the end."""
+    for rows in batches:
+        log.compare(rows)
+        yield rows
+    for doubt in (*log.doubts, *log.about_times):
+        note(f"{log.name}: {doubt}")
 
 
 def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import check_inputs, input_arguments, opened
+from fte_sniff.cli.inputs import HowToRead, check_inputs, input_arguments, opened
 from fte_sniff.cli.reading import Reading
 from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.stats_document import Asked, document
@@ -56,6 +56,8 @@ def command(
     files: tuple[Path, ...],
     kind: InputKind | None,
     topic: str | None,
+    day: str | None,
+    zone: str | None,
     form: Form,
     filter_text: str | None,
     since: str | None,
@@ -75,7 +77,7 @@ def command(
     """
     check_inputs(files)
     wanted = row_filter(filter_text)
-    inputs = opened(files, kind, topic)
+    inputs = opened(files, HowToRead(kind, topic, day, zone))
     span = span_of(since, until, [one.times for one in inputs])
     reading = Reading(inputs, span, wanted)
     survey = _surveyed(reading, baud)

@@ -17,6 +17,7 @@ from fte_sniff.cli.batches import Batch, ColumnBatch
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import (
     STDIN,
+    HowToRead,
     Input,
     RecordingInput,
     check_inputs,
@@ -50,6 +51,8 @@ def command(
     files: tuple[Path, ...],
     kind: InputKind | None,
     topic: str | None,
+    day: str | None,
+    zone: str | None,
     filter_text: str | None,
     since: str | None,
     until: str | None,
@@ -79,7 +82,7 @@ def command(
 
     wanted = row_filter(filter_text)
     notes: list[str] = []
-    inputs = opened(files, kind, topic)
+    inputs = opened(files, HowToRead(kind, topic, day, zone))
     ports = [port.name for one in inputs for port in one.ports]
     bench = remembered_bench(settings, ports, resolution, gear_ratio)
     span = span_of(since, until, [one.times for one in inputs])

@@ -4,11 +4,11 @@ Nothing here knows a port, a recording or a filter. Import the modules one by on
 loads only what it needs:
 
     kinds      which kind of input a file is, by its name or its first bytes
-    hex_text   hex as people paste it, to bytes
     raw        a file of raw bytes, to chunks
     layout     a row as the cells of a line of text
     lines      rows to plain or coloured lines
     jsonl      rows to JSON lines
     csv        rows to comma-separated values
+    hex_lines  the bytes of rows, as lines of hex
     dissection a row taken apart byte by byte, to text
 """

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from fte_sniff.errors import UsageError, unreadable
+from fte_sniff.formats.text_lines import looks_like_text
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of every MCAP file."""
@@ -64,5 +65,4 @@ def kind_of_content(first: bytes) -> InputKind:
     """What a stream most likely holds, by its first bytes: text is hex, all else is raw bytes."""
     if first.startswith(MCAP_MAGIC):
         return InputKind.MCAP
-    text = all(byte >= 0x20 or byte in b"\t\r\n" for byte in first) and b"\xaa" not in first
-    return InputKind.HEX if text else InputKind.RAW
+    return InputKind.HEX if looks_like_text(first) else InputKind.RAW

@@ -319,3 +319,55 @@ def test_rows_that_no_filter_or_span_lets_through_are_not_missed_on_the_wire(
     assert "clean.mcap: none of its 1,20" in told
     assert "they go from 2026-01-31T12:00:00.000000000Z to 2026-01-31T12:00:" in told
     assert total == "0 rows; none lies between --from and --to"
+
+
+SSCOM = (
+    "[14:03:22.123]发→◇AA 01 01 03 E8 00 00 00 00 EE □\r\n"
+    "[14:03:22.133]收←◆55 01 01 03 E8 00 00 00 0F EE \r\n"
+)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "gbk"])
+def test_a_log_of_a_serial_assistant(run, tmp_path: Path, encoding: str) -> None:
+    content = SSCOM.encode(encoding, "replace")
+    (tmp_path / "log.txt").write_bytes(content)
+    dated = ("--date", "2026-01-31", "--zone", "+08:00", "--format", "jsonl")
+    done = run("decode", "log.txt", *dated)
+    assert (done.returncode, done.stderr.count("\n")) == (0, 1)
+    rows = jsonl(done.stdout)
+    # The time in the log is that of the read; a frame began 868 microseconds before.
+    assert [row["time"] for row in rows] == [
+        "2026-01-31T06:03:22.122131940Z",
+        "2026-01-31T06:03:22.132131940Z",
+    ]
+    assert [row["direction"] for row in rows] == ["control", "feedback"]
+    assert jsonl(run("decode", "-", *dated, stdin=content).stdout) == [
+        row | {"port": "stdin"} for row in rows
+    ]
+    undated = run("decode", "log.txt", "--format", "jsonl")
+    assert [row["time"] for row in jsonl(undated.stdout)] == [None, None]
+    assert "log.txt: its times have no date, and are left out; --date" in undated.stderr
+
+
+def test_a_log_with_times_becomes_a_recording(run, tmp_path: Path) -> None:
+    (tmp_path / "log.txt").write_text(SSCOM)
+    made = run("decode", "log.txt", "--date", "2026-01-31", "--zone", "UTC", "-o", "x.mcap")
+    assert made.returncode == 0, made.stderr
+    assert "2 rows, nothing malformed, 0.010 s" in run("decode", "x.mcap").stderr
+    since = ("--date", "2026-01-31", "--from", "2026-01-31T14:03:22.13Z", "--format", "jsonl")
+    assert len(jsonl(run("decode", "log.txt", *since).stdout)) == 1
+    none = run("decode", "log.txt", "--date", "2026-01-31", "--from", "2027-01-01").stderr
+    assert "log.txt: none of its 2 rows lies between --from and --to; they go from" in none
+
+
+@pytest.mark.parametrize(("option", "value"), [("--date", "today"), ("--zone", "Nowhere")])
+def test_a_day_or_zone_that_is_none(run, samples: Path, option: str, value: str) -> None:
+    done = run("decode", samples / "idle.hex", option, value)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert value in done.stderr
+
+
+def test_a_log_that_swaps_the_directions_is_told(run) -> None:
+    swapped = SSCOM.replace("发→◇", "x").replace("收←◆", "发→◇").replace("x", "收←◆")
+    told = run("decode", "-", stdin=swapped).stderr
+    assert "stdin: 2 of 2 frames go the other way than the log says (line 1 says received" in told

@@ -7,6 +7,7 @@ import os
 import subprocess
 
 from tests.cli.processes import started
+from tests.cli.terminals import terminal
 
 FRAME = "AA 02 02 03 E8 00 00 27 10 EE"
 
@@ -93,3 +94,23 @@ def test_standard_input_without_end_is_taken_apart_as_it_comes(environment, tmp_
         process.stdin.flush()
         assert b"position" in os.read(process.stdout.fileno(), 1 << 16)
         process.kill()
+
+
+def test_a_dump_is_read_and_what_is_doubtful_told(run) -> None:
+    dump = f"00000000  {FRAME.lower()}  |......'.|\n"
+    assert "may be" not in run("hex", dump).stderr
+    bare = run("hex", f"0000: {FRAME}")
+    assert bare.stdout == run("hex", FRAME).stdout
+    assert bare.stderr == "fte-sniff: line 1: 0000 is taken for an address\n"
+    way = run("hex", "-", stdin=f"RX: {FRAME}\n")
+    assert way.stdout == bare.stdout
+    assert "line 1 says received, header AA says control" in way.stderr
+    assert "\n" not in way.stderr.rstrip("\n")
+
+
+def test_a_paste_on_a_terminal(environment, tmp_path) -> None:
+    with terminal(environment, tmp_path, "hex") as screen:
+        screen.until("paste the bytes, then press Enter and Ctrl-D")
+        screen.type(f"[14:03:22.123]发→◇{FRAME}\n\x04")
+        screen.until("10000 pulses")
+        assert screen.process.wait(20) == 0

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.hex_text import Piece, bytes_of_pieces, bytes_of_text
+from fte_sniff.formats.pastes import bytes_of_text, logged_bytes
+from fte_sniff.formats.text_lines import Piece
 
 FRAME = bytes.fromhex("AA0202 03E8 00002710 EE")
 
@@ -121,4 +122,4 @@ def test_a_bytes_literal_is_what_python_prints(data: bytes) -> None:
 
 def test_lines_are_read_one_by_one() -> None:
     pieces = (Piece("AA 01", number, 0) for number in count(1))
-    assert next(bytes_of_pieces(pieces)) == b"\xaa\x01"
+    assert next(logged_bytes(pieces)).data == b"\xaa\x01"

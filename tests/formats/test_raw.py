@@ -7,12 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, InputTextError
-from fte_sniff.formats import raw
-from fte_sniff.formats.raw import hex_stream_chunks, raw_stream_chunks
+from fte_sniff.formats import text_lines
+from fte_sniff.formats.hex_log import HexLog
+from fte_sniff.formats.raw import raw_stream_chunks
 
 
 def hex_bytes(text: bytes) -> bytes:
-    return b"".join(chunk.data for chunk in hex_stream_chunks(io.BytesIO(text), "f"))
+    return b"".join(chunk.data for chunk in HexLog.of_stream(io.BytesIO(text), "f"))
 
 
 @given(st.binary(max_size=300_000))
@@ -33,7 +34,7 @@ def test_very_long_lines_are_cut_between_bytes(
     lead = "0x" if "0x" in between else ""
     text = "\n".join(lead + between.join(f"{byte:02X}" for byte in line) for line in lines)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(raw, "_LONGEST_PIECE", longest)
+        patch.setattr(text_lines, "LONGEST_PIECE", longest)
         assert hex_bytes(text.encode()) == b"".join(lines)
 
 
@@ -54,5 +55,5 @@ def test_text_of_chinese_windows() -> None:
 
 
 def test_bytes_that_are_no_text() -> None:
-    with pytest.raises(FileError, match="as raw"):
+    with pytest.raises(FileError, match="--input raw"):
         hex_bytes(b"AA \0 01")

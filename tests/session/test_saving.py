@@ -13,7 +13,8 @@ import pytest
 
 from fte_sniff.analysis.table import TABLE_SCHEMA, rows_table
 from fte_sniff.errors import FileError, UsageError
-from fte_sniff.formats.raw import hex_chunks, raw_chunks
+from fte_sniff.formats.hex_log import HexLog
+from fte_sniff.formats.raw import raw_chunks
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KIND_BY_NAME,
@@ -74,7 +75,7 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             assert all(spaced_hex(row.raw) in text for row in taken)
             assert "port" in text
         case ".hex":
-            assert b"".join(chunk.data for chunk in hex_chunks(path)) == whole
+            assert b"".join(chunk.data for chunk in HexLog.of_file(path)) == whole
         case _:
             assert b"".join(chunk.data for chunk in raw_chunks(path)) == whole
 

@@ -1,0 +1,101 @@
+"""Owns which moment a time in a log is: its day, where only a time of day is written, and its zone.
+
+It must not know how a line is laid out.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, date, datetime, timedelta, timezone, tzinfo
+
+from fte_sniff.errors import InputTextError
+from fte_sniff.formats.line_head import Stamp
+
+_DAY_NS = 24 * 3600 * 10**9
+
+
+class LogClock:
+    """Turns the stamps of one log, in their order, into nanoseconds since 1970 UTC."""
+
+    def __init__(self, day: date | None = None, zone: tzinfo | None = None) -> None:
+        """A clock for a log.
+
+        Args:
+            day: of times of day before the first midnight; None where that is not known.
+            zone: of times that name none; None for UTC, which is then told.
+        """
+        self._day = day
+        self._zone = zone
+        self._last_ns: int | None = None
+        self.undated = False
+        """Whether a time was left out because nothing says its day."""
+        self.zoneless = False
+        """Whether a time was taken as UTC because nothing says its zone."""
+
+    def t_ns(self, stamp: Stamp) -> int | None:
+        """When that was; None where it cannot be told."""
+        if stamp.epoch_ns is not None or stamp.clock_ns is None:
+            return stamp.epoch_ns
+        if stamp.clock_ns >= _DAY_NS:
+            return None
+        day = self._day_of(stamp)
+        if day is None:
+            self.undated = True
+            return None
+        return self._moment(day, stamp)
+
+    def _day_of(self, stamp: Stamp) -> date | None:
+        if stamp.date is not None:
+            try:
+                return date(*stamp.date)
+            except ValueError:
+                return None
+        clock_ns = stamp.clock_ns or 0
+        if self._day is not None and self._last_ns is not None:
+            # A clock that falls by more than half a day has passed midnight.
+            self._day += timedelta(days=clock_ns < self._last_ns - _DAY_NS // 2)
+        self._last_ns = clock_ns
+        return self._day
+
+    def _moment(self, day: date, stamp: Stamp) -> int | None:
+        zone: tzinfo | None = self._zone
+        if stamp.zone_s is not None:
+            zone = timezone(timedelta(seconds=stamp.zone_s))
+        self.zoneless = self.zoneless or zone is None
+        clock_s, rest_ns = divmod(stamp.clock_ns or 0, 10**9)
+        midnight = datetime(day.year, day.month, day.day)
+        when = (midnight + timedelta(seconds=clock_s)).replace(tzinfo=zone or UTC)
+        seconds = int((when - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
+        return seconds * 10**9 + rest_ns if seconds >= 0 else None
+
+
+def day_of(text: str) -> date:
+    """The day that `--date` names.
+
+    Raises:
+        InputTextError: it is none.
+    """
+    try:
+        return date.fromisoformat(text.strip())
+    except ValueError:
+        raise InputTextError(f"--date: {text!r} is no day; write it as 2026-01-31") from None
+
+
+def zone_of(text: str) -> tzinfo:
+    """The zone that `--zone` names: `+08:00`, `UTC`, or as `Asia/Shanghai`.
+
+    Raises:
+        InputTextError: it is none.
+    """
+    name = text.strip()
+    try:
+        if name[:1] in ("+", "-"):
+            found = datetime.strptime(name, "%z").tzinfo
+            assert found is not None
+            return found
+        from zoneinfo import ZoneInfo
+
+        return UTC if name.upper() in ("UTC", "Z") else ZoneInfo(name)
+    except (ValueError, OSError, KeyError):
+        raise InputTextError(
+            f"--zone: {text!r} is no zone; write +08:00, UTC, or a name as Asia/Shanghai"
+        ) from None

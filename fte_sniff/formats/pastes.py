@@ -1,0 +1,133 @@
+"""Owns pasted text and logs of serial assistants: from lines to bytes, with what is said of them.
+
+It must not know where the text came from. Line by line, and as they come:
+
+    text_lines   text of whatever encoding, to lines
+    line_head    a time and a direction in front
+    dumps        addresses, numbers of lines, and text beside bytes, which are no bytes
+    decimals     decimal numbers, where they are no hex
+    hex_text     the digits
+
+`#` and `//` begin a comment, `/*` and `*/` stand around one; fences of Markdown are passed over.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from fte_sniff.formats.decimals import Numbers
+from fte_sniff.formats.dumps import Dumps, Line
+from fte_sniff.formats.hex_text import without_literals
+from fte_sniff.formats.line_head import Mark, Stamp, head_of
+from fte_sniff.formats.text_lines import Piece
+
+_FENCE = re.compile(r"\s*(?:(?:```|~~~)[\w-]*|[\u2500-\u257f]{3,})\s*")
+_PAIRS = re.compile(r"[ \t]*(?:[0-9A-Fa-f]{2}[ \t]+)*[0-9A-Fa-f]{2}[ \t]*")
+_OPENED = re.compile(r"#|//|/\*")
+_CLOSED = "*/"
+_WIDE: dict[int, int] = {
+    **{wide: wide - 0xFEE0 for wide in range(0xFF01, 0xFF5F)},
+    **dict(zip(map(ord, "【】「」『』、。"), map(ord, "[][][],."), strict=True)),
+    **dict.fromkeys((0x201C, 0x201D, 0x2018, 0x2019), ord('"')),
+    **dict.fromkeys((0x3000, 0xFEFF, 0x200B), ord(" ")),
+}
+"""What Chinese keyboards write, one for one, so that columns stay."""
+
+
+@dataclass(frozen=True, slots=True)
+class Logged:
+    """The bytes of a line, and what the line says of them."""
+
+    data: bytes
+    line: int
+    stamp: Stamp | None
+    """The latest time, written on this line or before it."""
+    mark: Mark | None
+
+
+def bytes_of_text(text: str, note: Callable[[str], None] | None = None) -> bytes:
+    """All the bytes that `text` writes.
+
+    Args:
+        text: as it was pasted.
+        note: is told, in one line, what was doubtful.
+
+    Raises:
+        InputTextError: something cannot be read; the message names the line.
+    """
+    lines = enumerate(text.splitlines(), start=1)
+    pieces = (Piece(line, number, 0) for number, line in lines)
+    return b"".join(logged.data for logged in logged_bytes(pieces, note))
+
+
+def logged_bytes(
+    pieces: Iterable[Piece], note: Callable[[str], None] | None = None
+) -> Iterator[Logged]:
+    """The bytes of each line that has any.
+
+    Raises:
+        InputTextError: something cannot be read; the message names the line.
+    """
+    tell = note or _unheard
+    read = Numbers(tell).bytes_of(_uncommented(Dumps(tell).lines(_headed(pieces))))
+    for line, data in read:
+        if data:
+            yield Logged(data, line.piece.line, line.stamp, line.mark)
+
+
+def _unheard(_line: str) -> None:
+    pass
+
+
+def _headed(pieces: Iterable[Piece]) -> Iterator[Line]:
+    """The lines behind their heads. What a head says holds up to the next one."""
+    stamp: Stamp | None = None
+    mark: Mark | None = None
+    for piece in pieces:
+        text = piece.text if piece.text.isascii() else piece.text.translate(_WIDE)
+        pairs = _PAIRS.fullmatch(text) is not None
+        if piece.column or pairs:
+            yield Line(piece, text, 0, stamp, mark, pairs)
+            continue
+        if _FENCE.fullmatch(text):
+            continue
+        head = head_of(text)
+        if head.stamp is not None:
+            stamp, mark = head.stamp, head.mark
+        elif head.mark is not None:
+            mark = head.mark
+        pairs = _PAIRS.fullmatch(text, head.end) is not None
+        yield Line(piece, text, head.end, stamp, mark, pairs)
+
+
+def _uncommented(lines: Iterable[Line]) -> Iterator[Line]:
+    """The same lines, with blanks where comments stood."""
+    ended = 0
+    inside = False
+    for line in lines:
+        if line.data is not None or (line.pairs and not inside and line.piece.line != ended):
+            yield line
+        elif line.piece.line != ended:
+            text, inside, ends = _without_comments(line.text, line.at, inside=inside)
+            ended = line.piece.line if ends else ended
+            yield replace(line, text=text)
+
+
+def _without_comments(text: str, at: int, *, inside: bool) -> tuple[str, bool, bool]:
+    """The text, whether a comment goes on behind it, and whether one goes on to the line's end."""
+    while True:
+        if not inside:
+            opened = _OPENED.search(without_literals(text), at)
+            if opened is None:
+                return text, False, False
+            at = opened.start()
+            if opened.group() != "/*":
+                return text[:at], False, True
+        closed = text.find(_CLOSED, at if inside else at + 2)
+        inside = closed < 0
+        end = len(text) if inside else closed + len(_CLOSED)
+        text = text[:at] + " " * (end - at) + text[end:]
+        if inside:
+            return text, True, False

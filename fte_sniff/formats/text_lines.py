@@ -1,0 +1,160 @@
+"""Owns reading text of whatever encoding as lines: UTF-8, UTF-16, and GBK as on Chinese Windows.
+
+It must not know what the lines say.
+"""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from typing import IO, BinaryIO
+
+from fte_sniff.errors import FileError
+
+LONGEST_PIECE = 1 << 20
+"""Bytes of a line that are handed on at once, at most."""
+
+_BLOCK = 1 << 16
+_SNIFFED = 4
+_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32-le"),
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+_LINE_END = re.compile(rb"\r\n|\n|\r(?!\Z)")
+_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+_PAIR = re.compile(rb"[0-9A-Fa-f]")
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A line of text, or a part of a very long one."""
+
+    text: str
+    line: int
+    """Number of the line, from 1."""
+    column: int
+    """Characters of the line before this piece."""
+
+
+def looks_like_text(first: bytes) -> bool:
+    """Whether a stream that begins so is text; raw bytes of the wire always hold control codes."""
+    if encoding_of(first) != "utf-8" or first.startswith(codecs.BOM_UTF8):
+        return True
+    if _CONTROL.search(first):
+        return False
+    if _decodes(first, "utf-8"):
+        return True
+    return bool(_PAIR.search(first)) and _decodes(first, "gb18030")
+
+
+def encoding_of(first: bytes) -> str:
+    """The encoding by its mark, or of UTF-16 by the zeros between its letters; else utf-8."""
+    for mark, encoding in _MARKS:
+        if first.startswith(mark):
+            return encoding
+    even, odd = first[::2], first[1::2]
+    if not first or len(first) < 2:
+        return "utf-8"
+    if 0 not in even and 2 * odd.count(0) >= len(odd) and _prints(first, "utf-16-le"):
+        return "utf-16-le"
+    if 0 not in odd and 2 * even.count(0) >= len(even) and _prints(first, "utf-16-be"):
+        return "utf-16-be"
+    return "utf-8"
+
+
+def _decodes(data: bytes, encoding: str) -> bool:
+    try:
+        codecs.getincrementaldecoder(encoding)().decode(data)
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _prints(data: bytes, encoding: str) -> bool:
+    """Whether it is text in this encoding, and nothing but what is printed and line ends."""
+    try:
+        text = codecs.getincrementaldecoder(encoding)().decode(data)
+    except UnicodeDecodeError:
+        return False
+    return all(letter.isprintable() or letter.isspace() for letter in text)
+
+
+def text_pieces(stream: BinaryIO | IO[bytes], name: str) -> Iterator[Piece]:
+    """The lines of a stream, very long ones in several pieces, never cut within a word.
+
+    Raises:
+        FileError: it is no text.
+    """
+    number, column = 1, 0
+    for part, whole in _parts(_utf8_blocks(stream)):
+        if b"\0" in part:
+            raise FileError(
+                f"{name}: holds no text (a zero byte in line {number}); if it holds raw bytes,"
+                " add --input raw"
+            )
+        text = _text(part, name, number)
+        yield Piece(text, number, column)
+        number, column = (number + 1, 0) if whole else (number, column + len(text))
+
+
+def _utf8_blocks(stream: BinaryIO | IO[bytes]) -> Iterator[bytes]:
+    """The stream's bytes, those in UTF-16 as UTF-8, without a mark in front."""
+    read = getattr(stream, "read1", stream.read)
+    first, block = b"", b"?"
+    while len(first) < _SNIFFED and (block := read(_BLOCK)):
+        first += block
+    encoding = encoding_of(first)
+    # What has ended is not read again: a terminal would ask for another Ctrl-D.
+    blocks = chain([first], iter(lambda: read(_BLOCK), b"") if block else ())
+    if encoding == "utf-8":
+        yield next(blocks).removeprefix(codecs.BOM_UTF8)
+        yield from blocks
+        return
+    decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
+    for block in blocks:
+        yield decoder.decode(block).removeprefix("\ufeff").encode("utf-8", "replace")
+    yield decoder.decode(b"", final=True).encode()
+
+
+def _parts(blocks: Iterator[bytes]) -> Iterator[tuple[bytes, bool]]:
+    """Lines without their ends, and pieces of those that are too long; whether one ends a line."""
+    held = b""
+    for block in blocks:
+        held += block
+        start = 0
+        for end in _LINE_END.finditer(held):
+            yield held[start : end.start()], True
+            start = end.end()
+        held = held[start:]
+        while len(held) > LONGEST_PIECE:
+            cut = _cut(held[:LONGEST_PIECE])
+            yield held[:cut], False
+            held = held[cut:]
+    if held.endswith(b"\r"):
+        yield held[:-1], True
+    elif held:
+        yield held, True
+
+
+def _cut(text: bytes) -> int:
+    """Where a piece of a very long line can end: behind a space or comma, or else a whole byte."""
+    separated = max(text.rfind(b" "), text.rfind(b","), text.rfind(b"\t"))
+    return separated + 1 if separated >= 0 else len(text) // 2 * 2
+
+
+def _text(line: bytes, name: str, number: int) -> str:
+    # Serial assistants on Chinese Windows write GBK; nothing but the words around the hex needs it.
+    for encoding in ("utf-8", "gb18030"):
+        try:
+            return line.decode(encoding)
+        except UnicodeDecodeError as error:
+            wrong = error.object[error.start]
+    raise FileError(
+        f"{name}: line {number} is text in neither UTF-8, UTF-16 nor GBK (byte {wrong:02X});"
+        " save the log as UTF-8, or add --input raw if it holds raw bytes"
+    )

@@ -1,0 +1,143 @@
+"""Logs of serial assistants: which moment each line is, and which way its bytes went."""
+
+from __future__ import annotations
+
+from datetime import date, timedelta, timezone
+
+import pytest
+
+from fte_sniff.errors import InputTextError
+from fte_sniff.formats.hex_log import HexLog
+from fte_sniff.formats.line_head import Mark
+from fte_sniff.formats.log_clock import LogClock, day_of, zone_of
+from fte_sniff.formats.pastes import logged_bytes
+from fte_sniff.formats.text_lines import Piece
+from fte_sniff.protocol import Framer, iso_time
+
+DAY = date(2026, 1, 31)
+CHINA = timezone(timedelta(hours=8))
+SENT, RECEIVED = Mark.SENT, Mark.RECEIVED
+BYTES = "AA 01 01 03 E8 00 00 00 00 EE"
+
+
+def log_of(text: str, clock: LogClock | None = None) -> HexLog:
+    lines = enumerate(text.splitlines(), start=1)
+    return HexLog((Piece(line, number, 0) for number, line in lines), "f", clock)
+
+
+def times_of(text: str, clock: LogClock) -> list[str | None]:
+    return [chunk.t_ns and iso_time(chunk.t_ns) for chunk in log_of(text, clock)]
+
+
+@pytest.mark.parametrize(
+    ("head", "time", "mark"),
+    [
+        ("[14:03:22.123]收←◆", "2026-01-31T14:03:22.123", RECEIVED),
+        ("[14:03:22.123]发→◇", "2026-01-31T14:03:22.123", SENT),
+        ("【14:03:22.123】接收：", "2026-01-31T14:03:22.123", RECEIVED),
+        ("[2026-02-01 14:03:22.123]# RECV HEX>", "2026-02-01T14:03:22.123", RECEIVED),
+        ("[2026-02-01 14:03:22.123]# SEND HEX>", "2026-02-01T14:03:22.123", SENT),
+        ("[14:03:22:123] RX: ", "2026-01-31T14:03:22.123", RECEIVED),
+        ("14:03:22:123 -> ", "2026-01-31T14:03:22.123", None),
+        ("14:03:22.123 -> ", "2026-01-31T14:03:22.123", None),
+        ("2026/2/1 14:03:22 TX ", "2026-02-01T14:03:22.000", SENT),
+        ("2026-02-01 14:03:22,123 - INFO - TX: ", "2026-02-01T14:03:22.123", SENT),
+        ("2026-02-01 14:03:22.123 [RX] - ", "2026-02-01T14:03:22.123", RECEIVED),
+        ("2026-02-01T14:03:22.5+08:00 ", "2026-02-01T06:03:22.500", None),
+        ("2026-02-01T14:03:22Z 发送: ", "2026-02-01T14:03:22.000", SENT),
+        ("2026年2月1日 14:03:22 接收: ", "2026-02-01T14:03:22.000", RECEIVED),
+        ("[2:03:22 PM] OUT ", "2026-01-31T14:03:22.000", SENT),
+        ("[INFO] [1769868202.123456789] [base]: TX: ", "2026-01-31T14:03:22.123", SENT),
+        ("Received 10 bytes: ", None, RECEIVED),
+        ("TX (10): ", None, SENT),
+        ("000012.345 RX ", None, RECEIVED),
+        ("[   12.345678] ", None, None),
+        ("[25:03:22.123] ", None, None),
+        ("[2026-02-31 14:03:22.123] ", None, None),
+    ],
+)
+def test_what_stands_before_the_bytes(head: str, time: str | None, mark: Mark | None) -> None:
+    log = log_of(f"{head}{BYTES}", LogClock(DAY))
+    (chunk,) = log
+    assert chunk.data == bytes.fromhex(BYTES)
+    assert (chunk.t_ns and iso_time(chunk.t_ns)[:23]) == time
+    (logged,) = logged_bytes([Piece(f"{head}{BYTES}", 1, 0)])
+    assert logged.mark is mark
+
+
+def test_a_time_of_day_alone_is_no_time_and_that_is_told() -> None:
+    log = log_of(f"[14:03:22.123] {BYTES}\n[14:03:23.123] {BYTES}")
+    assert [chunk.t_ns for chunk in log] == [None, None]
+    assert log.about_times == [
+        "its times have no date, and are left out; --date 2026-01-31 says the day"
+    ]
+
+
+def test_a_clock_that_falls_has_passed_midnight() -> None:
+    text = "\n".join(f"[{time}] AA" for time in ("23:59:59.9", "00:00:00.1", "00:00:00.0"))
+    assert [time and time[:21] for time in times_of(text, LogClock(DAY))] == [
+        "2026-01-31T23:59:59.9",
+        "2026-02-01T00:00:00.1",
+        "2026-02-01T00:00:00.0",
+    ]
+
+
+def test_a_time_in_a_zone() -> None:
+    text = "[2026-01-31 07:00:00.5] AA\n[2026-01-31 07:00:00.5Z] BB"
+    clock = LogClock(None, CHINA)
+    assert times_of(text, clock) == [
+        "2026-01-30T23:00:00.500000000Z",
+        "2026-01-31T07:00:00.500000000Z",
+    ]
+    assert not clock.zoneless
+    unsaid = log_of(text)
+    assert {chunk.t_ns for chunk in unsaid} == {1_769_842_800_500_000_000}
+    assert unsaid.about_times == [
+        "its times name no zone, and are taken as UTC; --zone +08:00 says another"
+    ]
+
+
+def test_what_a_head_says_holds_for_the_lines_below_it() -> None:
+    text = "[2026-01-31 10:00:00.5]# RECV HEX>\nAA 01\n01 03\n[2026-01-31 10:00:01.5]\nE8"
+    assert [time and time[17:21] for time in times_of(text, LogClock())] == ["00.5", "00.5", "01.5"]
+
+
+@pytest.mark.parametrize("text", ["31.1.2026", "2026-02-31", ""])
+def test_what_is_no_day(text: str) -> None:
+    with pytest.raises(InputTextError, match=r"--date: .* is no day; write it as 2026-01-31"):
+        day_of(text)
+
+
+@pytest.mark.parametrize("text", ["Beijing", "+99:99", "", "../etc"])
+def test_what_is_no_zone(text: str) -> None:
+    with pytest.raises(InputTextError, match=r"--zone: .* is no zone; write \+08:00"):
+        zone_of(text)
+
+
+@pytest.mark.parametrize("text", ["+08:00", "+0800", "Asia/Shanghai"])
+def test_a_zone_can_be_written_so(text: str) -> None:
+    clock = LogClock(DAY, zone_of(text))
+    assert times_of("[08:00:00.0] AA", clock) == ["2026-01-31T00:00:00.000000000Z"]
+
+
+def compared(text: str) -> list[str]:
+    log = log_of(text)
+    framer = Framer("f")
+    for chunk in log:
+        log.compare(framer.feed(chunk))
+    log.compare(framer.flush())
+    return log.doubts
+
+
+def test_marks_that_contradict_the_headers_are_told_once() -> None:
+    control, feedback = BYTES, "55 01 01 03 E8 00 00 00 0F EE"
+    assert compared(f"TX: {control}\nRX: {feedback}\n" * 20) == []
+    assert compared(f"{control}\n{feedback}\n") == []
+    assert compared(f"TX: {control}\nRX: {feedback}\nTX: {feedback}\nTX: {feedback}") == [
+        "2 of 4 frames go the other way than the log says (line 3 says sent, header 55 says"
+        " feedback): a tap logs so, or the wires are swapped"
+    ]
+
+
+def test_a_frame_goes_the_way_of_the_line_that_it_begins_on() -> None:
+    assert compared("TX: AA 01 01 03 E8\nRX: 00 00 00 00 EE\n" * 5) == []

@@ -1,0 +1,216 @@
+"""Every form of paste: the bytes come back as they were, or one line says why they cannot."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import subprocess
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fte_sniff.errors import FteSniffError, InputTextError
+from fte_sniff.formats.hex_log import HexLog
+from fte_sniff.formats.pastes import bytes_of_text
+from tests.formats.forms import FORMS, bytes_in
+
+CONTROL = bytes.fromhex("AA010103E800000000EE")
+FEEDBACK = bytes.fromhex("55010103E80000000FEE")
+SESSION = (CONTROL + FEEDBACK) * 7
+STREAMS = st.binary(min_size=1, max_size=90) | st.lists(
+    st.sampled_from([CONTROL, FEEDBACK, b"\x00", b" ", b"AA ", b"..", b"|", b"#//*"]),
+    min_size=1,
+    max_size=12,
+).map(b"".join)
+
+
+def read(text: str, encoding: str = "utf-8") -> tuple[bytes, list[str]]:
+    log = HexLog.of_stream(io.BytesIO(text.encode(encoding)), "f")
+    return b"".join(chunk.data for chunk in log), log.doubts
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_session_in_each_form(name: str) -> None:
+    form = FORMS[name]
+    assert read(form(SESSION))[0] == bytes_in(form, SESSION)
+    assert read(form(SESSION).replace("\n", "\r\n"))[0] == bytes_in(form, SESSION)
+
+
+@pytest.mark.parametrize("name", FORMS)
+@settings(deadline=None)
+@given(data=STREAMS)
+def test_any_stream_in_each_form_comes_back(name: str, data: bytes) -> None:
+    form = FORMS[name]
+    assert bytes_of_text(form(data)) == bytes_in(form, data)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["xxd"],
+        ["xxd", "-g1"],
+        ["xxd", "-c7", "-u"],
+        ["xxd", "-i"],
+        ["xxd", "-p"],
+        ["hexdump", "-C"],
+        ["od", "-A", "x", "-t", "x1z"],
+        ["od", "-t", "x1"],
+        ["od", "-A", "d", "-v", "-t", "x1"],
+        ["od", "-A", "n", "-t", "x1"],
+        ["od", "-A", "n", "-t", "u1"],
+        ["od", "-A", "n", "-t", "d1"],
+    ],
+    ids=" ".join,
+)
+def test_what_the_programs_really_write(command: list[str]) -> None:
+    if shutil.which(command[0]) is None:
+        pytest.skip(f"there is no {command[0]} here")
+    done = subprocess.run(command, input=SESSION, capture_output=True, check=True, timeout=30)
+    assert read(done.stdout.decode())[0] == SESSION
+
+
+@pytest.mark.parametrize("command", ["hexdump -C", "od -t x1", "od -A x -t x1z", "od -A d -t x1"])
+@given(zeros=st.integers(0, 400))
+@settings(deadline=None, max_examples=20)
+def test_lines_left_out_of_a_dump_are_put_back_or_it_is_refused(command: str, zeros: int) -> None:
+    if shutil.which(command.split()[0]) is None:
+        pytest.skip(f"there is no {command} here")
+    stream = CONTROL + bytes(zeros) + FEEDBACK
+    done = subprocess.run(
+        command.split(), input=stream, capture_output=True, check=True, timeout=30
+    )
+    try:
+        assert read(done.stdout.decode())[0] == stream
+    except InputTextError as error:
+        # od's addresses are octal or decimal, and some are both.
+        assert command.startswith("od -")
+        assert "how many lines * stands for; dump again with -v" in str(error)  # noqa: PT017
+
+
+@pytest.mark.parametrize("command", ["hexdump", "od -x", "xxd -e", "od -A x -t x2z"])
+def test_words_in_the_order_of_a_machine_are_refused(command: str) -> None:
+    if shutil.which(command.split()[0]) is None:
+        pytest.skip(f"there is no {command} here")
+    done = subprocess.run(
+        command.split(), input=SESSION, capture_output=True, check=True, timeout=30
+    )
+    with pytest.raises(InputTextError, match=r"the machine's order.* hexdump -C"):
+        read(done.stdout.decode())
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0010: AA 01 01 03", "line 1: 0010 may be an address or bytes"),
+        ("00000000 AA 01 01 03", "line 1: 00000000 may be an address or bytes"),
+        ("0000 AA 01 01 03", "line 1: 0000 may be an address or bytes"),
+        ("12: AA 01 01 03", "line 1: 12: may be a line's number or a byte"),
+        ("[3] AA 01 01 03", "line 1: [3] may be a line's number or a byte"),
+        ("{0xAA, 1, 10, 0xE8}", "line 1: 10 may be hex or decimal among numbers with 0x"),
+        ("30 31 32 33  0123", "line 1: 0123 may be bytes, or the text of those before it"),
+        ("0000: AA 01  ..\n0002: 41 42  xy", "line 2: behind the address 0002, bytes and text do"),
+        ("AA 01 ... EE", "stands where bytes seem to have been left out"),
+        ("[170, 1, 256]", "'0' has no second digit"),
+        ("[170, 1]\n[AA, 2]", "'A' is in no decimal number, as those before it are, line 2"),
+        ("[-86, 1, -200]", "line 1, column 10: -200 is no byte"),
+        (r'"\xAA\x0101"', "'0' stands behind a whole escape"),
+        ("qgEBA+gAAAAA7g==", "base64 has it"),
+        ("battery: 55", "'t' is no hex digit"),
+        ("  can0  123   [8]  AA 01 01 03", "'n' is no hex digit"),
+        ("layout:\n  dim: []", "'l' is no hex digit"),
+    ],
+)
+def test_what_cannot_be_told_is_refused(text: str, said: str) -> None:
+    with pytest.raises(InputTextError) as caught:
+        bytes_of_text(text)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "data", "note"),
+    [
+        ("10 20 30", "10 20 30", "nothing tells whether the numbers are hex or decimal"),
+        ("[170, 1, 1]", "AA 01 01", "line 1: the numbers are read as decimal"),
+        ("1, 2\n3, 170", "01 02 03 AA", "line 2: the numbers are read as decimal"),
+        ("0000: AA 01 01", "AA 01 01", "line 1: 0000 is taken for an address"),
+        ("1 AA 01\n2 01 03", "AA 01 01 03", "line 1: 1 and the numbers below it count lines"),
+        (
+            "00000000: aa01  ..\n00000010: 0103  ..",
+            "AA 01 01 03",
+            "line 2: the dump goes on at address 00000010",
+        ),
+    ],
+)
+def test_what_is_doubtful_is_told(text: str, data: str, note: str) -> None:
+    found, notes = read(text)
+    assert found == bytes.fromhex(data)
+    assert len(notes) == 1
+    assert note in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "data"),
+    [
+        ("AA01 0103 E800 0000 00EE\n" * 3, "AA01 0103 E800 0000 00EE" * 3),
+        ("AA010103 E8 00\n0000 00EE", "AA0101 03E8 0000 0000EE"),
+        ("0000 0000 00EE\n0000 0000 00EE", "0000 0000 00EE 0000 0000 00EE"),
+        ("01 03 E8\n02 03 E8\n03 03 E8", "0103E8 0203E8 0303E8"),
+        ("10\tAA\n11\tAB", "10AA 11AB"),
+        ("[55][01]", "55 01"),
+        ("AA.01.02", "AA 01 02"),
+        ("1 2\nAA 3", "01 02 AA 03"),
+        ("1 AA", "01 AA"),
+    ],
+)
+def test_bytes_are_not_taken_for_addresses_or_numbers(text: str, data: str) -> None:
+    assert read(text) == (bytes.fromhex(data), [])
+
+
+@given(st.text(alphabet="0123456789ABCDEFabcdefx .,:*|#/-[]'\"\\\n\trTxX收发年", max_size=80))
+def test_any_text_is_bytes_or_one_clear_line(text: str) -> None:
+    outcome = "line"
+    try:
+        bytes_of_text(text)
+    except InputTextError as error:
+        outcome = str(error)
+    assert "line" in outcome
+    assert "\n" not in outcome
+
+
+ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "gb18030"]
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("name", ["sscom", "xcom", "hexdump", "full_width", "fenced"])
+def test_logs_in_every_encoding(encoding: str, name: str) -> None:
+    if name == "full_width":
+        # Nothing in it but full-width letters, which no zeros stand between.
+        encoding = encoding.removesuffix("-le").removesuffix("-be")
+    assert read(FORMS[name](SESSION), encoding)[0] == SESSION
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-8", "gb18030"])
+def test_a_stream_that_comes_byte_by_byte(encoding: str) -> None:
+    class Slow(io.BytesIO):
+        def read1(self, size: int | None = -1, /) -> bytes:
+            return self.read(1)
+
+    text = FORMS["sscom"](SESSION)
+    log = HexLog.of_stream(Slow(text.encode(encoding)), "f")
+    assert b"".join(chunk.data for chunk in log) == SESSION
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (SESSION, "add --input raw"),
+        (b"AA 01 \x81\xff 03\n", "line 1 is text in neither UTF-8, UTF-16 nor GBK (byte"),
+    ],
+)
+def test_what_is_no_text_is_told_with_the_way_out(content: bytes, said: str) -> None:
+    with pytest.raises(FteSniffError) as caught:
+        list(HexLog.of_stream(io.BytesIO(content), "f"))
+    assert said in str(caught.value)
+    assert "--input raw" in str(caught.value)
