@@ -20,6 +20,7 @@ from fte_sniff.formats.dumps import Line
 from fte_sniff.formats.hex_text import bytes_of_line, first_wrong, not_hex, without_literals
 
 _MOST_HELD = 1000
+_FEWEST_HALVES = 4
 _TOKEN = re.compile(r"(?:0[xX]|\\x|\\u00|\$|&[hH]|%)?[0-9A-Fa-f]+[hH]?(?![0-9A-Za-z])")
 _NUMBER = re.compile(r"(?:(?<![0-9A-Za-z])-)?[0-9]{1,3}(?![0-9A-Za-z])")
 _SIGNED = re.compile(r"(?:^|[\s\[({,])-[0-9]{1,3}(?=[\s,\])}]|$)")
@@ -102,7 +103,9 @@ class Numbers:
         if line.pairs:
             return bytes.fromhex(line.text[line.at :])
         _refuse_mixture(line)
-        return bytes_of_line(line.text, line.at, line.piece)
+        found = bytes_of_line(line.text, line.at, line.piece)
+        _refuse_lone_digits(line)
+        return found
 
 
 def _is_decimal(token: str) -> bool:
@@ -129,6 +132,19 @@ def _bytes_of_decimals(line: Line) -> bytes:
             )
         found.append(value & 0xFF)
     return bytes(found)
+
+
+def _refuse_lone_digits(line: Line) -> None:
+    """Digits that stand alone on a line where others are padded, or where each stands alone."""
+    text = line.text[: line.at] + without_literals(line.text[line.at :])
+    digits = list(_TOKEN.finditer(text, line.at))
+    lone = [found for found in digits if len(found.group()) == 1]
+    if not lone:
+        return
+    if any(len(found.group()) == 2 and found.group()[0] == "0" for found in digits):
+        raise not_hex(line.piece, lone[0].start(), "has no second digit, as others have")
+    if len(lone) == len(digits) >= _FEWEST_HALVES and any(not d.group().isdecimal() for d in lone):
+        raise not_hex(line.piece, lone[0].start(), "may be a byte or half of one")
 
 
 def _refuse_mixture(line: Line) -> None:

@@ -203,7 +203,7 @@ class Dumps:
         (line, dumped), self._held = self._held, None
         zero = not dumped.address.strip("0")
         padded = dumped.address.startswith("0") and len(dumped.address) in _WIDTHS
-        if not dumped.pairs or not (dumped.colon or zero or padded):
+        if not (dumped.colon or (dumped.pairs and (zero or padded))):
             yield line
         elif zero and (dumped.colon or dumped.gap > 1):
             if not self._told:

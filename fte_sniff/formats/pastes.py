@@ -82,7 +82,10 @@ def _unheard(_line: str) -> None:
 
 
 def _headed(pieces: Iterable[Piece]) -> Iterator[Line]:
-    """The lines behind their heads. What a head says holds up to the next one."""
+    """The lines behind their heads.
+
+    A time holds up to the next one; a direction only where it stands on a line of its own.
+    """
     stamp: Stamp | None = None
     mark: Mark | None = None
     for piece in pieces:
@@ -94,12 +97,13 @@ def _headed(pieces: Iterable[Piece]) -> Iterator[Line]:
         if _FENCE.fullmatch(text):
             continue
         head = head_of(text)
-        if head.stamp is not None:
-            stamp, mark = head.stamp, head.mark
-        elif head.mark is not None:
+        stamp = head.stamp or stamp
+        if text[head.end :].strip():
+            pairs = _PAIRS.fullmatch(text, head.end) is not None
+            yield Line(piece, text, head.end, stamp, head.mark or mark, pairs)
+            mark = None if head.mark or head.stamp else mark
+        elif head.mark or head.stamp:
             mark = head.mark
-        pairs = _PAIRS.fullmatch(text, head.end) is not None
-        yield Line(piece, text, head.end, stamp, mark, pairs)
 
 
 def _uncommented(lines: Iterable[Line]) -> Iterator[Line]:

@@ -141,3 +141,9 @@ def test_marks_that_contradict_the_headers_are_told_once() -> None:
 
 def test_a_frame_goes_the_way_of_the_line_that_it_begins_on() -> None:
     assert compared("TX: AA 01 01 03 E8\nRX: 00 00 00 00 EE\n" * 5) == []
+
+
+def test_a_direction_holds_for_lines_below_only_where_it_stands_alone() -> None:
+    feedback = "55 01 01 03 E8 00 00 00 0F EE"
+    assert compared(f"TX: {BYTES}\n{feedback}") == []
+    assert len(compared(f"[10:00:00.5]# SEND HEX>\n{BYTES}\n{feedback}")) == 1

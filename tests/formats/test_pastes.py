@@ -110,6 +110,8 @@ def test_words_in_the_order_of_a_machine_are_refused(command: str) -> None:
         ("{0xAA, 1, 10, 0xE8}", "line 1: 10 may be hex or decimal among numbers with 0x"),
         ("30 31 32 33  0123", "line 1: 0123 may be bytes, or the text of those before it"),
         ("0000: AA 01  ..\n0002: 41 42  xy", "line 2: behind the address 0002, bytes and text do"),
+        ("AA 01 01 03 E", "'E' has no second digit, as others have, line 1, column 13"),
+        ("A A 0 1 0 1", "'A' may be a byte or half of one, line 1, column 1"),
         ("AA 01 ... EE", "stands where bytes seem to have been left out"),
         ("[170, 1, 256]", "'0' has no second digit"),
         ("[170, 1]\n[AA, 2]", "'A' is in no decimal number, as those before it are, line 2"),
