@@ -5,10 +5,18 @@ loads only what it needs:
 
     kinds      which kind of input a file is, by its name or its first bytes
     raw        a file of raw bytes, to chunks
+    hex_log    hex as people paste it and log it, to chunks with their times; it stands on pastes:
+        text_lines   text of whatever encoding, to lines
+        line_head    a time and a direction in front of the bytes
+        log_clock    which moment such a time is
+        dumps        lines of a hex dump, each a dump_line, and numbered lines
+        decimals     hex or decimal?
+        hex_text     the digits of one line
     layout     a row as the cells of a line of text
     lines      rows to plain or coloured lines
     jsonl      rows to JSON lines
     csv        rows to comma-separated values
+    hex_lines  the bytes of rows, as lines of hex
     hex_lines  the bytes of rows, as lines of hex
     dissection a row taken apart byte by byte, to text
 """

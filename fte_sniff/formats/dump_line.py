@@ -25,6 +25,8 @@ _ADDRESS = re.compile(
 _GROUP = re.compile(r"(?P<gap>\s*[-┊│|]\s*|\s*)(?P<digits>(?:[0-9A-Fa-f]{2}){1,8})(?![0-9A-Za-z])")
 _BARS = {"|": "|", ">": "<", "│": "│", "[": "]"}
 _MOST_BESIDE = 64
+_ONE_MORE = re.compile(r"\s[0-9A-Fa-f](?:\s?[0-9A-Fa-f])*\s*")
+"""Behind one space, more digits are more bytes."""
 _APART = re.compile(r"[0-9A-Fa-f](?:\s\s|\t|\s*[|>│])\s*\S")
 
 
@@ -116,6 +118,8 @@ def _readings(text: str, groups: tuple[tuple[int, int], ...]) -> tuple[bytes, by
 def _shows(beside: str, data: bytes) -> bool:
     """Whether the text beside the bytes is what they look like as characters."""
     if not beside[:1].isspace() and beside[:1] not in _BARS:
+        return False
+    if _ONE_MORE.fullmatch(beside):
         return False
     bare = beside.strip().lstrip("┊ ")
     if bare[:1] in _BARS and bare.endswith(_BARS[bare[0]]) and len(bare) > 1:

@@ -112,7 +112,7 @@ class Dumps:
         else:
             yield from self._release()
             self._refuse_garbled(line)
-            if number is not None and not _bare_pairs(number):
+            if number is not None and not _like_others(number):
                 self._numbered = line, number
             else:
                 yield _without_text_beside(line)
@@ -264,9 +264,9 @@ def _number_end(number: re.Match[str]) -> int:
     return end
 
 
-def _bare_pairs(number: re.Match[str]) -> bool:
-    """Whether the number looks like every other byte, so that it is one."""
-    return number["bare"] is not None and len(number["bare"]) % 2 == 0
+def _like_others(number: re.Match[str]) -> bool:
+    """Whether the number looks like the others on the line, so that it is one of them."""
+    return number["bare"] is not None and len(number["bare"]) > 1
 
 
 def _dump_line(line: Line) -> DumpLine | None:

@@ -108,8 +108,10 @@ _HASH = re.compile(rf"\s*#\s*(?={_DIRECTION})", re.IGNORECASE)
 _PUTTY = re.compile(
     r"\s*(?:(?P<way>Incoming|Outgoing) raw data at (?P<when>.*)|=~[=~]*\s.*|Event Log: .*)"
 )
+_NAME = r"(?!(?:[0-9a-f]{2})+(?!\w))[a-z_]\w*+"
+"""A word of a declaration; what could be bytes is none."""
 _DECLARATION = re.compile(
-    r"\s*(?:[\w\s:<>*&]*?[a-z_]\w*\s*(?:\[\d*\])?\s*=\s*(?=[\[{(b\"'])"
+    rf"\s*(?:(?:{_NAME}[\s:<>*&]*)+(?:\[\d*\])?\s*=\s*(?=[\[{{(b\"'])"
     r"|[{\s]*[\"']?[a-z_]\w*[\"']?\s*:\s*(?=\[)"
     r"|<Buffer\s+|Uint8Array\(\d+\)\s*(?=\[))",
     re.IGNORECASE,

@@ -135,6 +135,7 @@ def test_what_cannot_be_told_is_refused(text: str, said: str) -> None:
     [
         ("10 20 30", "10 20 30", "nothing tells whether the numbers are hex or decimal"),
         ("[170, 1, 1]", "AA 01 01", "line 1: the numbers are read as decimal"),
+        ("170 85\n171 86", "AA 55 AB 56", "line 1: the numbers are read as decimal"),
         ("1, 2\n3, 170", "01 02 03 AA", "line 2: the numbers are read as decimal"),
         ("0000: AA 01 01", "AA 01 01", "line 1: 0000 is taken for an address"),
         ("1 AA 01\n2 01 03", "AA 01 01 03", "line 1: 1 and the numbers below it count lines"),
@@ -164,6 +165,8 @@ def test_what_is_doubtful_is_told(text: str, data: str, note: str) -> None:
         ("AA.01.02", "AA 01 02"),
         ("1 2\nAA 3", "01 02 AA 03"),
         ("1 AA", "01 AA"),
+        ("0000: 30 30 00\n0003: AA 01 01", "30 30 00 AA 01 01"),
+        ("00000000: 3d7b 685f d896                           ={h_..", "3D 7B 68 5F D8 96"),
     ],
 )
 def test_bytes_are_not_taken_for_addresses_or_numbers(text: str, data: str) -> None:
