@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.counts import SLOTS, CountsOverTime
-from fte_sniff.analysis.durations import Durations
+from fte_sniff.analysis.durations import PER_OCTAVE, Durations
 
 TIMES = st.lists(st.integers(-(2**61), 2**61) | st.integers(0, 10**10), min_size=1, max_size=30)
 
 
 @given(st.lists(st.integers(0, 10**15), min_size=1, max_size=200), st.integers(0, 200))
-def test_percentiles_are_right_to_five_percent(durations: list[int], cut: int) -> None:
+def test_percentiles_are_right_in_three_digits(durations: list[int], cut: int) -> None:
     found = Durations()
     for part in (durations[:cut], durations[cut:]):
         found.add(np.array(part, np.int64), np.arange(len(part)))
@@ -20,8 +20,38 @@ def test_percentiles_are_right_to_five_percent(durations: list[int], cut: int) -
     assert found.longest_ns == max(durations)
     for percent in (5, 50, 95, 100):
         exact = np.percentile(durations, percent, method="inverted_cdf")
-        assert found.percentile_ns(percent) == pytest.approx(exact, rel=0.05, abs=1.1)
+        assert found.percentile_ns(percent) == pytest.approx(
+            exact, rel=0.0005, abs=0.1 if exact else 1
+        )
     assert found.between(0, 10**18) == len(durations)
+
+
+@given(st.lists(st.integers(1, 1023), min_size=1, max_size=50))
+def test_few_nanoseconds_are_told_exactly(durations: list[int]) -> None:
+    found = Durations()
+    found.add(np.array(durations), np.arange(len(durations)))
+    for percent in (1, 50, 99):
+        exact = np.percentile(durations, percent, method="inverted_cdf")
+        assert found.percentile_ns(percent) == exact
+
+
+@given(st.integers(0, 2**53))
+def test_a_single_duration_is_told_exactly(duration: int) -> None:
+    found = Durations()
+    found.add(np.array([duration]), np.array([0]))
+    assert found.percentile_ns(50) == duration
+
+
+def test_memory_is_bounded_by_the_octaves_there_are() -> None:
+    found = Durations()
+    for octave in (40, 0, 62, 20):
+        found.add(np.array([2**octave]), np.array([0]))
+    assert found._bins.nbytes == 63 * PER_OCTAVE * 8
+    assert [found.percentile_ns(percent) for percent in (25, 50, 100)] == [
+        1,
+        pytest.approx(2**20, rel=0.0005),
+        2**62,
+    ]
 
 
 def test_the_longest_is_told_with_its_end_and_nothing_without_any() -> None:

@@ -108,7 +108,7 @@ def test_a_periodic_stream_has_its_rate_and_no_jitter() -> None:
     assert stream.motor == 2
     assert stream.per_s == pytest.approx(100)
     assert stream.lately_per_s == pytest.approx(100)
-    assert stream.periods.percentile_ns(50) == pytest.approx(SECOND / 100, rel=0.05)
+    assert stream.periods.percentile_ns(50) == pytest.approx(SECOND / 100, rel=0.0005)
     assert stream.jitter_ns == 0
     (port,) = found.ports()
     taken = FRAME_LENGTH * byte_time_ns(BENCH.baud)
