@@ -14,6 +14,7 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     filter_values   what a value stands for beside a field
     filter_meaning  what parts mean together
     filter_grammar  in what order parts may stand
+    moments         how people write times, here and elsewhere
     filter_cells    filters that the cells of one row stand for
     completion      what may stand next in a filter being typed
     tally           counts and rates

@@ -14,12 +14,13 @@ from fte_sniff.analysis.filter_grammar import COMPARISONS, OPERATOR_WORDS, PATTE
 from fte_sniff.analysis.filter_terms import COLUMN_OF_WORD, FUNCTIONS
 from fte_sniff.analysis.filter_tokens import Token, TokenType, tokens
 from fte_sniff.errors import FilterError
-from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType
+from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType, iso_time
 
-_BEGUN: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>\w*)$")
+_BEGUN: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>(?<=['\"])[\w:.-]*|\w*)$")
 _JOINTS: Final = ("AND", "OR")
 _OPENERS: Final = ("AND", "OR", "NOT", "WHERE")
 _CONSTANTS: Final = ("NULL", "TRUE", "FALSE", "FROM", "WHERE")
+_MILLISECONDS: Final = len("12:00:00.000")
 _TEXTS: Final = (ColumnType.TEXT, ColumnType.HEX, ColumnType.WORDS)
 
 
@@ -33,8 +34,14 @@ class Completions:
     """Whole replacements, quotes included, the likeliest first."""
 
 
-def completions(text: str, cursor: int | None = None) -> Completions:
-    """The ways in which the word that ends at the cursor (by default the end) can go on."""
+def completions(text: str, cursor: int | None = None, t_ns: int | None = None) -> Completions:
+    """The ways in which the word that ends at the cursor can go on.
+
+    Args:
+        text: the filter so far.
+        cursor: a place in it; by default its end.
+        t_ns: a time to go by where one is asked for, nanoseconds since 1970 UTC.
+    """
     cursor = len(text) if cursor is None else min(max(cursor, 0), len(text))
     begun = _BEGUN.search(text, 0, cursor)
     if begun is None:
@@ -47,9 +54,9 @@ def completions(text: str, cursor: int | None = None) -> Completions:
         return Completions(cursor, ())
     word = begun["word"].lower()
     if begun["quote"]:
-        choices: Sequence[str] = _quoted_words(_asked(before))
+        choices: Sequence[str] = _quoted_values(_asked(before), t_ns)
     else:
-        choices = _next(before)
+        choices = _next(before, t_ns)
     return Completions(
         begun.start(),
         tuple(
@@ -73,11 +80,11 @@ def _is_known(token: Token) -> bool:
     )
 
 
-def _next(before: Sequence[Token]) -> Sequence[str]:
+def _next(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
     """What may stand behind these tokens."""
     asked = _asked(before)
     if asked is not None:
-        return _quoted_words(asked) or _alike(asked)
+        return _quoted_values(asked, t_ns) or _alike(asked)
     if not before or before[-1].word in _OPENERS or before[-1].text in ("(", "&&", "||", "!"):
         return [*COLUMN_BY_NAME, "NOT", *COLUMN_OF_WORD]
     last = before[-1]
@@ -134,5 +141,10 @@ def _column(token: Token) -> Column | None:
     return COLUMN_BY_NAME.get(token.text.lower())
 
 
-def _quoted_words(column: Column | None) -> Sequence[str]:
-    return [f"'{word}'" for word in column.words] if column else []
+def _quoted_values(column: Column | None, t_ns: int | None) -> Sequence[str]:
+    if column is None:
+        return []
+    if column.type is ColumnType.TIME and t_ns is not None:
+        day, clock = iso_time(t_ns).split("T")
+        return [f"'{clock[:_MILLISECONDS]}'", f"'{day}T{clock}'"]
+    return [f"'{word}'" for word in column.words]

@@ -13,6 +13,7 @@ row, turned into plain SQL and handed to `polars.sql_expr`.
     error = 0x0F, online & 0x01 = 0     hex and bits
     raw LIKE 'aa 01%'                   spaces and case of the hex do not matter
     time >= '2026-01-31 12:00'          UTC, or with a zone; numbers are nanoseconds since 1970
+    time > '12:00:05'                   that time of any day, UTC: rows later on their own day
 
 As in SQL, a comparison with a value that the row has not is neither true nor false, and such a row
 is not wanted: `kind != 'speed'` leaves out damage. `kind IS DISTINCT FROM 'speed'` keeps it, and

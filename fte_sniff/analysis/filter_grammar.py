@@ -42,7 +42,8 @@ _REFUSED: Final = {
     **dict.fromkeys(["WHERE", "ORDER", "LIMIT", "AS"], _LEAVE_OUT),
     **dict.fromkeys(["CASE", "WHEN", "IF"], "join conditions with AND, OR and NOT"),
     **dict.fromkeys(
-        ["CAST", "DATE", "TIMESTAMP", "INTERVAL"], "times are texts: time > '2026-01-31'"
+        ["CAST", "DATE", "TIMESTAMP", "INTERVAL"],
+        "times are texts: time > '2026-01-31' or time > '12:00:05'",
     ),
     "XOR": "write (one condition) != (the other)",
     "ESCAPE": "leave it out",

@@ -38,6 +38,7 @@ EXAMPLES: Final = (
     ("error = 0x0F OR online & 0x01 = 0", "hex and single bits"),
     ("raw LIKE 'AA 01%'", "% is any text; spaces and case are free"),
     ("time >= '2026-01-31T12:00:00Z'", "UTC, or with a zone as +08:00"),
+    ("time > '12:00:05'", "a time of day, UTC, on any day"),
     ("rpm BETWEEN -10 AND 10", "both ends included; never rows without rpm"),
     ("kind IS DISTINCT FROM 'speed'", "any other, also rows that have no kind"),
 )

@@ -175,7 +175,8 @@ class Meaning:
             raise self._values.error(
                 left, f"{left.shown} has no order", "ask with =, !=, IN or LIKE instead"
             )
-        return self._made(f"({left.sql} {sign} {self._values.fitted(left, right)})", (left, right))
+        asked, value = self._values.sides(left, right)
+        return self._made(f"({asked} {sign} {value})", (left, right))
 
     def distinct(self, left: Term, right: Term, joint: str) -> Term:
         """`left IS [NOT] DISTINCT FROM right`: as != and =, but never null."""
@@ -185,13 +186,15 @@ class Meaning:
             right = self.truth(right)
         if left.type is TermType.WORDS:
             return self._has(left, "=" if "NOT" in joint else "!=", right)
-        value = "NULL" if right.type is TermType.NULL else self._values.fitted(left, right)
-        return self._made(f"({left.sql} {joint} {value})", (left, right))
+        asked, value = left.sql, "NULL"
+        if right.type is not TermType.NULL:
+            asked, value = self._values.sides(left, right)
+        return self._made(f"({asked} {joint} {value})", (left, right))
 
     def among(self, left: Term, items: Sequence[Term]) -> Term:
         """`left IN (items)`; of faults: any of them."""
         equal = [self.compared(left, "=", item) for item in items]
-        plain = left.column is not None and left.type is not TermType.WORDS
+        plain = left.column is not None and left.type not in (TermType.WORDS, TermType.TIME)
         if not plain or any(item.names for item in items):
             return self.chain(equal, "OR")
         values = ", ".join(self._values.fitted(left, item) for item in items)
@@ -199,6 +202,14 @@ class Meaning:
 
     def between(self, left: Term, low: Term, high: Term) -> Term:
         """`left BETWEEN low AND high`, both ends included."""
+        first, last = self._values.clock(left, low), self._values.clock(left, high)
+        if first is not None and last is not None and first > last:
+            raise self._values.error(
+                low,
+                f"'{low.shown}' is later in the day than '{high.shown}'",
+                f"over midnight write {left.shown} >= '{low.shown}' OR "
+                f"{left.shown} <= '{high.shown}'",
+            )
         ends = [self.compared(left, ">=", low), self.compared(left, "<=", high)]
         return self.chain(ends, "AND")
 

@@ -80,7 +80,7 @@ _ADVICE: Final = {
     ";": "a filter is one expression; leave out the ';'",
     "^": "there is no '^'; bits are asked for with & and |, as in online & 0x01 = 1",
     ".": "names have no dots; write the field alone",
-    ":": "there is no ':'; times are texts, as in time > '2026-01-31T12:00:00Z'",
+    ":": "there is no ':'; times are texts, as in time > '12:00:05'",
     **dict.fromkeys(
         "\u2018\u2019\u201c\u201d\u201e\u00ab\u00bb\uff07\uff02",
         "texts stand in plain single quotes, as in kind = 'speed'",

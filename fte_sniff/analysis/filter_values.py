@@ -6,10 +6,7 @@ stands.
 
 from __future__ import annotations
 
-import math
 import re
-from datetime import datetime
-from typing import Final
 
 from fte_sniff.analysis.filter_terms import (
     COLUMN_OF_WORD,
@@ -22,6 +19,7 @@ from fte_sniff.analysis.filter_terms import (
     quoted,
 )
 from fte_sniff.analysis.filter_tokens import complaint
+from fte_sniff.analysis.moments import DAY_NS, clock_ns, time_ns
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME, ColumnType
 
@@ -44,6 +42,22 @@ class Values:
             f"unknown name '{term.shown}'",
             nearest(term.shown, choices) or f"the fields are {', '.join(COLUMN_BY_NAME)}",
         )
+
+    def sides(self, left: Term, right: Term) -> tuple[str, str]:
+        """The SQL of both where they stand beside each other.
+
+        A time of day is asked of what is left of a time without its day.
+        """
+        clock = self.clock(left, right)
+        if clock is not None:
+            return f"({left.sql} % {DAY_NS})", str(clock)
+        return left.sql, self.fitted(left, right)
+
+    def clock(self, left: Term, right: Term) -> int | None:
+        """The time of day that `right` says beside a time; None where it says none."""
+        if left.type is not TermType.TIME or right.type is not TermType.LITERAL:
+            return None
+        return clock_ns(right.shown)
 
     def fitted(self, left: Term, right: Term) -> str:
         """The SQL of `right` where it stands beside `left`."""
@@ -116,7 +130,8 @@ class Values:
             raise self.error(
                 literal,
                 f"'{literal.shown}' is no time",
-                "write UTC as '2026-01-31', '2026-01-31 12:00' or '2026-01-31T12:00:00.5Z'",
+                "write UTC as '2026-01-31T12:00:00.5Z' or '2026-01-31 12:00', or '12:00:05' "
+                "for that time of any day",
             )
         return f"({found})" if found < 0 else str(found)
 
@@ -128,28 +143,6 @@ class Values:
                 literal, f"'{literal.shown}' is not hex", "write the bytes as in raw LIKE 'AA01%'"
             )
         return digits
-
-
-_ISO_TIME: Final = re.compile(
-    r"([0-9]{4}-[0-9]{2}-[0-9]{2})"
-    r"(?:[T ]([0-9]{2}:[0-9]{2}(?::[0-9]{2})?)(?:\.([0-9]{1,9}))?\ ?(Z|[+-][0-9]{2}:?[0-9]{2})?)?"
-)
-
-
-def time_ns(text: str) -> int | None:
-    """An ISO 8601 time as nanoseconds since 1970 UTC; without a zone it is UTC; None if it is none.
-
-    A date alone is its midnight; up to nine digits of a second are read.
-    """
-    match = _ISO_TIME.fullmatch(text.strip())
-    if match is None:
-        return None
-    day, clock, fraction, zone = match.groups()
-    try:
-        moment = datetime.fromisoformat(f"{day}T{clock or '00:00'}{zone or 'Z'}")
-    except ValueError:
-        return None
-    return math.floor(moment.timestamp()) * 1_000_000_000 + int((fraction or "0").ljust(9, "0"))
 
 
 def _example_of_two(words: str) -> str:

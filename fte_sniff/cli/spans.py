@@ -2,7 +2,7 @@
 
 It must not know how rows are read.
 
-    2026-01-31T12:00:05.25Z      a time in UTC, or with a zone as +08:00; without one it is UTC
+    2026-01-31T12:00:05.25Z      a time, as `analysis.moments` reads it
     12:00:05                     a time of day (UTC) on the day of the first row
     +10s  +1m30s  +250ms         so long behind the first row
     -10s                         so long before the last row
@@ -10,32 +10,18 @@ It must not know how rows are read.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from fte_sniff.analysis.moments import DAY_NS, clock_ns, length_ns, time_ns
 from fte_sniff.errors import InputTextError, UsageError
 from fte_sniff.protocol import iso_time
 
 if TYPE_CHECKING:
     from fte_sniff.recording.span import Span
 
-_SECOND = 1_000_000_000
-_UNITS = {
-    "ms": _SECOND // 1000,
-    "us": 1000,
-    "ns": 1,
-    "h": 3600 * _SECOND,
-    "m": 60 * _SECOND,
-    "s": _SECOND,
-}
-_LENGTH = re.compile(rf"(\d+(?:\.\d*)?|\.\d+)({'|'.join(_UNITS)})", re.IGNORECASE)
-_CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}(\.\d+)?)?")
-_DAY = 24 * 3600 * _SECOND
-_FRACTION = re.compile(r"\.(\d+)")
 _HELP = "as 2026-01-31T12:00:05Z, 12:00:05, +10s (from the first row) or -10s (before the last)"
 
 Times = tuple[int, int] | None
@@ -82,9 +68,9 @@ def _time(text: str, option: str, bounds: Times) -> int:
         first, last = _known(bounds, option, text)
         length = _length(wanted[1:], option)
         return first + length if wanted[0] == "+" else last - length
-    if _CLOCK.fullmatch(wanted):
+    if (clock := clock_ns(wanted)) is not None:
         first, _ = _known(bounds, option, text)
-        return _clock(wanted, option, first)
+        return first - first % DAY_NS + clock
     return _absolute(wanted, option)
 
 
@@ -97,43 +83,16 @@ def _known(bounds: Times, option: str, text: str) -> tuple[int, int]:
 
 
 def _length(text: str, option: str) -> int:
-    place, total = 0, 0.0
-    for found in _LENGTH.finditer(text):
-        if found.start() != place:
-            break
-        total += float(found[1]) * _UNITS[found[2].lower()]
-        place = found.end()
-    if not text or place != len(text):
+    length = length_ns(text)
+    if length is None:
         raise InputTextError(f"{option}: {text!r} is no length of time; write 10s, 1m30s or 250ms")
-    return round(total)
-
-
-def _clock(text: str, option: str, first_ns: int) -> int:
-    whole, fraction = _split(text)
-    hours, minutes, seconds = (*map(int, whole.split(":")), 0)[:3]
-    if hours > 23 or minutes > 59 or seconds > 59:
-        raise InputTextError(f"{option}: {text!r} is no time of day; write 12:00:05")
-    day = first_ns - first_ns % _DAY
-    return day + (hours * 3600 + minutes * 60 + seconds) * _SECOND + fraction
+    return length
 
 
 def _absolute(text: str, option: str) -> int:
-    whole, fraction = _split(text)
-    try:
-        when = datetime.fromisoformat(whole)
-    except ValueError:
-        raise InputTextError(f"{option}: {text!r} is no time; write it {_HELP}") from None
-    if when.tzinfo is None:
-        when = when.replace(tzinfo=UTC)
-    seconds = int((when - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
-    if seconds < 0:
+    t_ns = time_ns(text)
+    if t_ns is None:
+        raise InputTextError(f"{option}: {text!r} is no time; write it {_HELP}")
+    if t_ns < 0:
         raise InputTextError(f"{option}: {text!r} is before {iso_time(0)}, and so before any row")
-    return seconds * _SECOND + fraction
-
-
-def _split(text: str) -> tuple[str, int]:
-    """The text without its fraction of a second, and that in nanoseconds."""
-    found = _FRACTION.search(text)
-    if found is None:
-        return text, 0
-    return text.replace(found[0], "", 1), int(found[1][:9].ljust(9, "0"))
+    return t_ns

@@ -114,7 +114,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._table = RowTable(self._watched.store, self._header, look)
         self._panes = Panes(self._watched.store, self._table, opening.bench)
         self._notice = NoticeLine()
-        self._filter_field = FilterField(row_filter, self._set_filter)
+        self._filter_field = FilterField(row_filter, self._set_filter, self._time_here)
         self._search_field = SearchField(self._search)
         self._goto_field = GotoField(self._go)
         self._save_field = SaveField(self._target, self._save)
@@ -181,6 +181,10 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
     def choices(self) -> Choices:
         """What the user has chosen by now."""
         return Choices(self.theme, self._table.look.choice)
+
+    def _time_here(self) -> int | None:
+        row = self._table.cursor_row
+        return None if row is None else row.t_ns
 
     def now_ns(self) -> int:
         """The time of a look at the feed, by a rising clock."""

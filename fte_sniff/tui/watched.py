@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from fte_sniff.analysis.counting import count_rows
 from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
+from fte_sniff.analysis.moments import DAY_NS
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.analysis.tally import Rate, Tally
 from fte_sniff.protocol import PortEvent, PortEventKind
@@ -22,8 +23,6 @@ from fte_sniff.tui.table.viewport import Viewport
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter import RowFilter
-
-DAY_NS = 86_400 * 1_000_000_000
 
 ORDINARY = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 """Events that every recording has, and that are worth no word."""

@@ -8,6 +8,27 @@ from fte_sniff.analysis.completion import completions
 from fte_sniff.analysis.filter_help import EXAMPLES
 from fte_sniff.protocol import COLUMN_BY_NAME, Direction, Fault, Status
 
+CLOCK, TIME = "'12:00:00.250'", "'2026-01-31T12:00:00.250000007Z'"
+
+
+@pytest.mark.parametrize(
+    ("text", "start", "choices"),
+    [
+        ("time > ", 7, (CLOCK, TIME)),
+        ("time > '", 7, (CLOCK, TIME)),
+        ("time > '12:0", 7, (CLOCK,)),
+        ("time > '2026-01-3", 7, (TIME,)),
+        ("time IN ('12:00:05', '2026", 21, (TIME,)),
+        ("time BETWEEN '1", 13, ()),
+        ("port > '1", 7, ()),
+    ],
+)
+def test_a_time_goes_on_with_the_one_to_go_by(
+    text: str, start: int, choices: tuple[str, ...]
+) -> None:
+    found = completions(text, t_ns=1_769_860_800_250_000_007)
+    assert (found.start, found.choices) == (start, choices)
+
 
 @pytest.mark.parametrize(
     ("text", "start", "choices"),

@@ -184,6 +184,15 @@ WANTED: list[tuple[str, set[str]]] = [
     ("time >= '2026-01-02'", set()),
     ("time < '1969-12-31'", set()),
     ("time IS NULL", {"noise"}),
+    # a time of day: of any day
+    ("time = '12:00'", {"fast", "unknown"}),
+    ("time > '12:00:05'", {"pfb", "flags"}),
+    ("'12:00:05' < time", {"pfb", "flags"}),
+    ("time BETWEEN '12:00:03' AND '12:00:04'", {"mec", "reset"}),
+    ("time BETWEEN '2026-01-01T12:00:03Z' AND '12:00:04'", {"mec", "reset"}),
+    ("time IN ('12:00:05Z', '2026-01-01T12:00:06Z')", {"fb", "pfb"}),
+    ("time IS DISTINCT FROM '12:00:00' AND speed", {"back"}),
+    ("time >= '2026-01-01' AND time < '00:00:01'", set()),
     (f"time = {NOON + 90}", {"cut"}),
     # constants
     ("TRUE", set(ROWS)),

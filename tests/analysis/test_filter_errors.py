@@ -55,6 +55,12 @@ MISTAKES: list[tuple[str, tuple[str, ...]]] = [
     ("port ~ '['", ("no regular expression", "unclosed character class")),
     ("time > 'yesterday'", ("'yesterday' is no time", "2026-01-31T12:00:00.5Z")),
     ("time > '2026-02-30'", ("is no time",)),
+    ("time > '24:00'", ("'24:00' is no time", "'12:00:05' for that time of any day")),
+    ("time > 12:00:05", ("there is no ':'", "time > '12:00:05'")),
+    (
+        "time BETWEEN '23:59' AND '00:01'",
+        ("'23:59' is later in the day", "time >= '23:59' OR time <= '00:01'"),
+    ),
     ("time > '9999-01-01'", ("is no time",)),
     ("time LIKE '2026%'", ("LIKE wants a text, and time is a time",)),
     ("rpm = NULL", ("nothing equals NULL", "IS NULL")),
@@ -169,7 +175,18 @@ ROWS: list[Row] = [
 PIECES = st.sampled_from(
     [
         *(column.name for column in COLUMNS),
-        *("'noise'", "'speed'", '"speed"', "''", "'%'", "'AA'", "'2026-01-01'", "'['", "speed"),
+        *(
+            "'noise'",
+            "'speed'",
+            '"speed"',
+            "''",
+            "'%'",
+            "'AA'",
+            "'2026-01-01'",
+            "'12:00:05'",
+            "'['",
+            "speed",
+        ),
         *("0", "1", "-5", "0x0F", "1.5", "9223372036854775807", "1e308", "NULL", "TRUE", "FALSE"),
         *("=", "!=", "<", ">=", "+", "-", "*", "/", "%", "&", "|", "~", "!~", "&&", "||", "!"),
         *("AND", "OR", "NOT", "IN", "IS", "BETWEEN", "LIKE", "ILIKE", "DISTINCT FROM", "ANY"),

@@ -55,7 +55,7 @@ def test_no_text_is_no_span() -> None:
     ("since", "until", "times", "told"),
     [
         ("yesterday", None, (FIRST, LAST), "--from: 'yesterday' is no time"),
-        ("25:00", None, (FIRST, LAST), "is no time of day"),
+        ("25:00", None, (FIRST, LAST), "'25:00' is no time; write it as"),
         ("+10", None, (FIRST, LAST), "'10' is no length of time"),
         ("+s", None, (FIRST, LAST), "is no length of time"),
         ("1969-12-31", None, (FIRST, LAST), "before any row"),

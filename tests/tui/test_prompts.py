@@ -26,6 +26,8 @@ from fte_sniff.tui.prompt.history import History
         ("+0.25s", ToDistance(250_000_000)),
         ("-1.5us", ToDistance(-1_500)),
         ("+7ns", ToDistance(7)),
+        ("+1m30s", ToDistance(90 * 10**9)),
+        ("-2min", ToDistance(-120 * 10**9)),
     ],
 )
 def test_a_goal_is_understood(text: str, goal: Goal) -> None:
@@ -33,7 +35,7 @@ def test_a_goal_is_understood(text: str, goal: Goal) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "x", "24:00", "12:60", "12:00:61", "2s", "--1s", "1.5", "٣", "+1m"]
+    "text", ["", "x", "24:00", "12:60", "12:00:61", "2s", "--1s", "1.5", "٣", "+1y"]
 )
 def test_what_is_no_goal_is_told_with_examples(text: str) -> None:
     with pytest.raises(InputTextError, match=r"1200.*12:00:03\.5.*-50ms"):

@@ -5,6 +5,7 @@ It must not know the filter's language; `analysis` does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
@@ -36,15 +37,23 @@ def parsed(line: str) -> RowFilter:
 class FilterField(Field):
     """Asks for a filter, and shows the one that holds with the number of rows it lets through."""
 
-    def __init__(self, row_filter: RowFilter | None, take: Take) -> None:
-        """The field, with the filter that already holds, and what is done with another."""
+    def __init__(
+        self, row_filter: RowFilter | None, take: Take, time_here: Callable[[], int | None]
+    ) -> None:
+        """The field.
+
+        Args:
+            row_filter: the filter that already holds.
+            take: what is done with another.
+            time_here: tells the time that is suggested where one is asked for.
+        """
         super().__init__(
             later("filter"),
             parsed,
             take,
             "motor = 1 AND rpm > 500",
             _("enter applies, an empty line shows all; esc goes back; up: earlier ones"),
-            WordSuggester(),
+            WordSuggester(time_here),
         )
         self._shown = Static(classes="shown")
         self._words = ""

@@ -9,20 +9,10 @@ import re
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from fte_sniff.analysis.filter_values import time_ns
+from fte_sniff.analysis.moments import clock_ns, length_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Field, Take
-
-_NS = {
-    "ns": 1,
-    "us": 1_000,
-    "ms": 1_000_000,
-    "s": 1_000_000_000,
-    "min": 60_000_000_000,
-    "h": 3_600_000_000_000,
-}
-_DAY_S = 86_400
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +64,11 @@ class ToOffset:
 
 Goal: TypeAlias = ToRow | ToTimeOfDay | ToDistance | ToTime | ToShare | ToOffset
 
+SIGNS = ("+", "-")
+"""What a distance begins with."""
+
 _ROW = re.compile(r"[0-9][0-9_,]*")
-_TIME = re.compile(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2})(?:\.([0-9]{1,9}))?)?")
 _NO_UNIT = re.compile(r"[+-][0-9]+(?:\.[0-9]*)?", re.ASCII)
-_DISTANCE = re.compile(r"([+-])([0-9]+)(?:\.([0-9]+))?(ns|us|ms|s|min|h)", re.ASCII)
 _SHARE = re.compile(r"([0-9]{1,3}(?:\.[0-9]*)?) ?%", re.ASCII)
 _OFFSET = re.compile(r"@ ?(0[xX][0-9a-fA-F]{1,16}|[0-9][0-9_,]{0,20})", re.ASCII)
 
@@ -98,16 +89,10 @@ def parse_goal(text: str) -> Goal:
         return ToOffset(int(match[1].replace(",", "").replace("_", ""), 0))
     if (t_ns := time_ns(text)) is not None:
         return ToTime(t_ns)
-    if match := _TIME.fullmatch(text):
-        hours, minutes, seconds, fraction = match.groups(default="0")
-        whole = int(hours) * 3600 + int(minutes) * 60 + int(seconds)
-        if int(minutes) < 60 and int(seconds) < 60 and whole < _DAY_S:
-            return ToTimeOfDay(whole * _NS["s"] + int(fraction.ljust(9, "0")))
-    if match := _DISTANCE.fullmatch(text):
-        sign, whole_text, fraction, unit = match.groups(default="")
-        scale = _NS[unit]
-        ns = int(whole_text) * scale + int(fraction or 0) * scale // 10 ** len(fraction)
-        return ToDistance(-ns if sign == "-" else ns)
+    if (day_ns := clock_ns(text)) is not None:
+        return ToTimeOfDay(day_ns)
+    if text[:1] in SIGNS and (ns := length_ns(text[1:])) is not None:
+        return ToDistance(-ns if text[0] == "-" else ns)
     if _NO_UNIT.fullmatch(text):
         raise InputTextError(
             _("{text} of what? say it with a unit: {text}s, {text}ms, {text}us").format(text=text)
