@@ -1,26 +1,31 @@
 """Owns the pictures of the screen: `python docs/picture.py [NAME ...]`.
 
 They are made of the real screen on a capture of `sim://` with a fixed seed, by a clock that stands
-still once the capture has run for a while: a picture changes only when the screen does. Two of them
-stand in the README; all are what the tests hold the screen against.
+still once the capture has run for a while: a picture changes only when the screen does. Some stand
+in the README; all are what the tests hold the screen against. Characters that have two cells
+in a terminal have them here too, by whatever font they are drawn.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape, unescape
 from pathlib import Path
 
+from rich.cells import cell_len
 from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.simulator import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.opening import Opening
 
 FOLDER = Path(__file__).with_name("pictures")
 """Where the pictures lie."""
@@ -34,6 +39,14 @@ LOOK_NS = 50_000_000
 MORE_LOOKS = 5
 """After the last row, for the panes to have shown it."""
 MOST_ROUNDS = 200
+
+_TEXT = re.compile(
+    r'<text(?P<before> [^>]*?)x="(?P<x>[\d.]+)"(?P<between>[^>]*?)textLength="(?P<length>[\d.]+)"'
+    r"(?P<after>[^>]*)>(?P<content>[^<]*)</text>"
+)
+_WIDE = "\u2e80-\u9fff\uff00-\uff60"
+_RUNS = re.compile(f"[{_WIDE}]|[^{_WIDE}]+")
+"""A wide character, or narrow ones side by side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +62,12 @@ class Picture:
     frames: int = 3400
     """That the wire has brought."""
     environment: Mapping[str, str] | None = None
+    language: str = "en"
 
 
 PICTURES: Mapping[str, Picture] = {
     "screen": Picture((118, 30), ("E", "enter"), "byte by byte"),
+    "screen-zh": Picture((118, 30), ("E", "enter"), "逐字节", language="zh"),
     "motors": Picture((118, 40), ("M",), "motor 4", frames=2650),
     "small": Picture((80, 24), (), "LIVE"),
     "narrow": Picture((40, 16), (), "LIVE"),
@@ -103,8 +118,8 @@ class Capture:
 class Pictured(SniffApp):
     """The screen, by the clock of its capture."""
 
-    def __init__(self, capture: Capture) -> None:
-        super().__init__(capture)
+    def __init__(self, capture: Capture, language: str) -> None:
+        super().__init__(capture, Opening(language=language))
         self._capture = capture
 
     def now_ns(self) -> int:
@@ -122,7 +137,7 @@ def rows(frames: int) -> list[Row]:
 
 
 async def _take(picture: Picture, capture: Capture) -> str:
-    app = Pictured(capture)
+    app = Pictured(capture, picture.language)
     async with app.run_test(size=picture.size) as pilot:
         for look in range(LOOKS + MORE_LOOKS):
             capture.go_on()
@@ -139,11 +154,36 @@ async def _settled(app: Pictured, pilot: Pilot[None], shows: str) -> str:
     before, wanted = "", shows.replace(" ", "&#160;")
     for _ in range(MOST_ROUNDS):
         await pilot.pause(0.02)
-        now = app.export_screenshot(title=f"fte-sniff live {PORT}")
+        now = in_cells(app.export_screenshot(title=f"fte-sniff live {PORT}"))
         if now == before and wanted in now:
             return now
         before = now
     raise SystemExit(f"the screen never came to show {shows!r}")
+
+
+def in_cells(picture: str) -> str:
+    """The picture with wide characters, and what stands between them, in cells of their own.
+
+    Rich lets a text begin at its cell, and then gives each of its characters the width of one.
+    """
+    return _TEXT.sub(_runs, picture)
+
+
+def _runs(text: re.Match[str]) -> str:
+    content = unescape(text["content"])
+    if cell_len(content) == len(content):
+        return text[0]
+    cell = float(text["length"]) / len(content)
+    runs, x = [], float(text["x"])
+    for run in _RUNS.findall(content):
+        length = cell * cell_len(run)
+        shown = escape(run).replace(" ", "&#160;").replace("\xa0", "&#160;")
+        runs.append(
+            f'<text{text["before"]}x="{x:g}"{text["between"]}textLength="{length:g}"'
+            f"{text['after']}>{shown}</text>"
+        )
+        x += length
+    return "".join(runs)
 
 
 def drawn(name: str) -> str:

@@ -13,10 +13,10 @@ files mirror the screen:
     |     bytes.py       the bytes around it on the wire       |
     |     motors/        each motor at the cursor, or now      |
     |     statistics/    the numbers over all rows             |
-    | notices.py     the last thing that happened to a port    |
+    | notices.py     what a key did, what happened to a port   |
     | prompt/        the filter field, the go-to field         |
     | status.py      counts, rates, the place in the rows      |
-    | (footer)       the keys, out of keys.py                  |
+    | keyline.py     the keys, out of keys.py                  |
     +----------------------------------------------------------+
       help.py        over all of it, out of keys.py as well
       picking.py     over it too: a list from which one thing is picked
@@ -33,6 +33,7 @@ files mirror the screen:
     pane.py          what the panes have in common
     braille.py       drawing with dots
     quantities.py    numbers with units in few cells
+    sentence.py      a sentence in few lines, its start and end kept
     fitting.py       text to a width in cells
     colourless.py    the screen without colours
     themes.py        the themes that are our own; theme_names.py has the names of all

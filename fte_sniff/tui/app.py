@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import monotonic_ns
 from typing import ClassVar
 
 from textual import on
+from textual.actions import ActionParseResult
 from textual.app import ComposeResult
 from textual.binding import BindingType
+from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.filter import LineFilter
-from textual.widgets import Footer
 
 from fte_sniff.analysis.feed import Feed, WakingFeed
 from fte_sniff.analysis.paging import BlockSource
@@ -31,6 +32,7 @@ from fte_sniff.tui.actions.leaving import Leaving
 from fte_sniff.tui.actions.looking import Looking
 from fte_sniff.tui.actions.seeking import Seeking
 from fte_sniff.tui.colourless import Colourless
+from fte_sniff.tui.keyline import KeyLine
 from fte_sniff.tui.keys import (
     FINDING,
     HANDLING,
@@ -135,13 +137,26 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         yield self._goto_field
         yield self._save_field
         yield self._status_line
-        yield Footer(compact=True, show_command_palette=False)
+        yield KeyLine()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Whether a key may do this now: a field that asks and the help have keys of their own."""
         if action not in TABLE_ACTIONS:
             return True
         return len(self.screen_stack) == 1 and not isinstance(self.focused, Line)
+
+    async def run_action(
+        self,
+        action: str | ActionParseResult,
+        default_namespace: DOMNode | None = None,
+        namespaces: Mapping[str, DOMNode] | None = None,
+    ) -> bool:
+        """Do what a key asks for; what was told of the key before it then holds no more."""
+        told = self._notice.passing
+        done = await super().run_action(action, default_namespace, namespaces)
+        if done:
+            self._notice.pass_by(told)
+        return done
 
     def get_driver_class(self) -> type[Driver]:
         """Ours, where Textual would take the terminal itself."""
@@ -222,14 +237,16 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         for event in news.events if self._watched.state.live else ():
             self._notice.tell_event(event)
         if news.trouble:
-            self._notice.tell(shown(news.trouble), worry=True)
+            self._notice.hold("recording", shown(news.trouble))
+        elif not self._watched.state.trouble:
+            self._notice.release("recording")
         if news.ended and self._opening.at_end is AtEnd.LEAVE:
             self.exit()
         elif news.ended and self._watched.state.ended:
             why = shown(self._watched.state.ended)
-            self._notice.tell(_("ended: {reason}").format(reason=why), worry=True)
+            self._notice.hold("end", _("ended: {reason}").format(reason=why))
         elif news.ended and self._watched.events_words:
-            self._notice.tell(self._watched.events_words, worry=False)
+            self._notice.tell(self._watched.events_words)
         if news.changed:
             self._table.set_look(ports=self._watched.ports)
             self._table.start_ns = self._watched.start_ns

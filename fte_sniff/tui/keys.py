@@ -95,12 +95,28 @@ LEAVING: tuple[Binding, ...] = (
     _key("q", "leave", "Quit", "end, and say where the recording lies", "q"),
     _key("ctrl+z", "suspend_process", "", "to the shell until `fg`; a capture goes on", "^z"),
 )
-"""Keys that lead away; first in the footer, so that they stand on the smallest terminal."""
+"""Keys that lead away."""
 
 TABLE_ACTIONS = frozenset(
     binding.action.partition("(")[0] for binding in (*FINDING, *HANDLING, *UNDERSTANDING, *LEAVING)
 )
 """What the keys of the whole screen do while no field or page takes the keys."""
+
+SHOWN_FIRST: tuple[str, ...] = (
+    "help",
+    "leave",
+    "filter",
+    "fault(1)",
+    "search",
+    "pause",
+    "follow",
+    "pane('detail')",
+    "pane('motors')",
+    "pane('statistics')",
+    "pane('bytes')",
+    "save",
+)
+"""The actions whose keys stand on the bottom line, as far as there is room, the first first."""
 
 COMMANDS: tuple[Binding, ...] = tuple(
     binding for binding in (*FINDING, *HANDLING, *MOVING, *LEAVING) if binding.action != "palette"

@@ -1,17 +1,18 @@
-"""Owns the line that tells what last happened to a port, or why the rows ended.
+"""Owns the line that tells what a key did, what happened to a port, or why the rows ended.
 
-It must not know how such things are found out.
+It must not know how such things are found out. A notice goes when it no longer holds.
 """
 
 from __future__ import annotations
 
-from rich.text import Text
+from dataclasses import dataclass
+
 from textual.timer import Timer
-from textual.widgets import Static
 
 from fte_sniff.errors import shown
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.language import _
+from fte_sniff.tui.sentence import Sentence
 from fte_sniff.tui.table.cells import clock_text
 
 GOOD = frozenset(
@@ -24,8 +25,28 @@ GOOD = frozenset(
 )
 """Events that are no cause for worry."""
 
+LASTING = frozenset(
+    {
+        PortEventKind.LOST,
+        PortEventKind.NOT_OPENED,
+        PortEventKind.OVERRUN,
+        PortEventKind.NOT_PASSED_ON,
+        PortEventKind.WIRING,
+    }
+)
+"""Events that have to be seen, by whoever looks at the screen next."""
+
+BACK = frozenset({PortEventKind.OPENED, PortEventKind.FOUND_AGAIN})
+"""Events after which all is well with a port again."""
+
 SHOWN_S = 8.0
-"""How long a notice stays that is no cause for worry."""
+"""How long a passing notice stays that is no cause for worry, where no key is pressed."""
+
+WARNED_S = 30.0
+"""How long one stays that is."""
+
+_TINY, _LOW = 12, 20
+"""Lines of a screen below which a notice has one line, and two."""
 
 _MILLISECONDS = 3
 
@@ -42,38 +63,89 @@ def event_words(kind: PortEventKind) -> str:
     return kind.replace("_", " ")
 
 
-class NoticeLine(Static):
-    """One line, shown only while there is something to tell."""
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """What is told, and whether it is cause for worry."""
+
+    words: str
+    worry: bool
+
+
+class NoticeLine(Sentence):
+    """The notice that holds now: a passing one, else the latest of those that stand.
+
+    passing    what a key did, or why it did nothing: until the next key does something, or for
+               a while; an error longer, whatever is done meanwhile
+    standing   what holds until it is told that it does no more, at most one about each thing
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.display = False
+        self.passing: Notice | None = None
+        self._standing: dict[str, Notice] = {}
         self._clock: Timer | None = None
 
-    def tell(self, words: str, worry: bool) -> None:
-        """Show the words: for a while, and what is cause for worry until it is put away."""
-        self._stop_clock()
-        self.set_class(worry, "-worry")
-        self.update(Text(f"{'!' if worry else 'i'} {words}", no_wrap=True, overflow="ellipsis"))
-        self.display = True
-        if not worry:
-            self._clock = self.set_timer(SHOWN_S, self.put_away)
+    def tell(self, words: str) -> None:
+        """Tell what a key did, or something that is no cause for worry."""
+        self._pass(Notice(words, worry=False), SHOWN_S)
 
-    def tell_progress(self, words: str) -> None:
-        """Show how far something is, until something else is told."""
-        self.tell(words, worry=False)
-        self._stop_clock()
+    def warn(self, words: str) -> None:
+        """Tell what went wrong, where it does not stay so."""
+        self._pass(Notice(words, worry=True), WARNED_S)
+
+    def hold(self, about: str, words: str, worry: bool = True) -> None:
+        """Tell what holds until `release`, in place of what stood about the same thing."""
+        self._standing.pop(about, None)
+        self._standing[about] = Notice(words, worry)
+        self._show()
+
+    def release(self, about: str) -> None:
+        """What stands about this holds no more."""
+        if self._standing.pop(about, None) is not None:
+            self._show()
 
     def tell_event(self, event: PortEvent) -> None:
-        """Show a port event."""
-        self.tell(event_text(event), event.kind not in GOOD)
+        """Tell a port event."""
+        words = event_text(event)
+        if event.kind in BACK:
+            self.release(event.port)
+        if event.kind in LASTING:
+            self.hold(event.port, words)
+        elif event.kind in GOOD:
+            self.tell(words)
+        else:
+            self.warn(words)
+
+    def pass_by(self, notice: Notice | None) -> None:
+        """A key did something while this was passing: it holds no more, if it is no worry."""
+        if notice is not None and notice is self.passing and not notice.worry:
+            self._pass(None)
 
     def put_away(self) -> None:
-        """Show nothing."""
-        self._stop_clock()
-        self.display = False
+        """Take the notice that is shown for read."""
+        if self.passing is None and self._standing:
+            self._standing.popitem()
+        self._pass(None)
 
-    def _stop_clock(self) -> None:
+    def _pass(self, notice: Notice | None, for_s: float = 0) -> None:
         if self._clock is not None:
             self._clock.stop()
             self._clock = None
+        self.passing = notice
+        if notice is not None:
+            self._clock = self.set_timer(for_s, lambda: self._pass(None))
+        self._show()
+
+    def _show(self) -> None:
+        notice = self.passing or next(reversed(self._standing.values()), None)
+        self.display = notice is not None
+        if notice is not None:
+            self.most = _most_lines(self.app.size.height)
+            self.set_class(notice.worry, "-worry")
+            self.say("!" if notice.worry else "i", notice.words)
+
+
+def _most_lines(height: int) -> int:
+    """Lines that a notice may take of a screen that has so many."""
+    return 1 if height < _TINY else 2 if height < _LOW else 3

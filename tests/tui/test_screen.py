@@ -16,7 +16,6 @@ from textual.pilot import Pilot
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
-from fte_sniff.tui import notices
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import SECTIONS
@@ -538,27 +537,6 @@ def test_the_pane_is_as_tall_as_its_words_up_to_half_the_screen(
     play(feed, scenario, (200, 60))
     assert 28 <= heights[0] <= 30
     assert heights[2] < heights[1] < 12
-
-
-def test_a_notice_goes_away_by_itself_and_a_worry_stays(
-    feed: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(notices, "SHOWN_S", 0.05)
-
-    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        notice = app.query_one(notices.NoticeLine)
-        feed.tell(PortEvent(0, "p", PortEventKind.OPENED, "115200 baud"))
-        app.tick()
-        assert notice.display
-        async with asyncio.timeout(10):
-            while notice.display:
-                await pilot.pause(0.01)
-        feed.tell(PortEvent(0, "p", PortEventKind.LOST, "pulled out"))
-        await settle(app, pilot)
-        await pilot.pause(0.1)
-        assert notice.display
-
-    play(feed, scenario)
 
 
 def test_keys_typed_ahead_put_the_help_away_once(feed: Any) -> None:

@@ -37,7 +37,7 @@ class Parts(App[None]):
 
     def _tell(self, words: str) -> None:
         """Tell for a while what a key did, or why it did nothing."""
-        self._notice.tell(words, worry=False)
+        self._notice.tell(words)
 
     def _work(self, group: str, work: WorkType[None]) -> None:
         """Do something beside the screen; what was done in its group before ends."""

@@ -74,9 +74,8 @@ class Searching(Parts):
         while (look := self._step(search, steps)) is not None:
             share = look.seen / max(1, len(self._watched.store))
             words = _("looking for {text}: {share:.0%} seen, esc ends it")
-            self._notice.tell_progress(
-                words.format(text=shown(search.typed), share=min(share, 1.0))
-            )
+            words = words.format(text=shown(search.typed), share=min(share, 1.0))
+            self._notice.hold(GROUP, words, worry=False)
             await asyncio.sleep(0)
 
     def _step(self, search: Search, steps: Iterator[Look]) -> Look | None:
@@ -84,13 +83,14 @@ class Searching(Parts):
         try:
             look = next(steps, None)
         except FteSniffError as error:
-            self._notice.tell(str(error), worry=True)
+            self._notice.release(GROUP)
+            self._notice.warn(str(error))
             return None
         if look is None:
+            self._notice.release(GROUP)
             self._tell_none(search)
         elif look.found is not None:
-            if self._searching:
-                self._notice.put_away()
+            self._notice.release(GROUP)
             self._show_found(look)
         else:
             return look
@@ -136,7 +136,7 @@ class Searching(Parts):
         """End a search that runs, or forget what was looked for; whether there was one."""
         if self._searching:
             self.workers.cancel_group(self, GROUP)
-            self._notice.put_away()
+            self._notice.release(GROUP)
             return True
         if self._table.search is not None:
             self._table.set_search(None)

@@ -115,7 +115,7 @@ class Taking(Parts):
         try:
             self._saving = Saving(self._target(line), self._watched.ports)
         except FteSniffError as error:
-            self._notice.tell(str(error), worry=True)
+            self._notice.warn(str(error))
             return
         saving, row_filter = self._saving, store.filter
         self._work(GROUP, partial(self._write, saving, wanted, row_filter))
@@ -131,23 +131,29 @@ class Taking(Parts):
                 saving.write(rows)
                 share = (at - wanted.start) / len(wanted)
                 words = _("saving to {file}: {share:.0%}, esc ends it")
-                self._notice.tell_progress(words.format(file=shown(str(saving.path)), share=share))
+                words = words.format(file=shown(str(saving.path)), share=share)
+                self._notice.hold(GROUP, words, worry=False)
                 await asyncio.sleep(0)
             saving.finish()
         except FteSniffError as error:
-            self._saving = None
-            self._notice.tell(str(error), worry=True)
+            self._end_of_saving()
+            self._notice.warn(str(error))
         else:
-            self._saving = None
+            self._end_of_saving()
             words = _("saved {count:,} rows to {file}")
             self._tell(words.format(count=saving.rows, file=shown(str(saving.path))))
             self._unselect()
+
+    def _end_of_saving(self) -> None:
+        self._saving = None
+        self._notice.release(GROUP)
 
     def _end_saving(self) -> bool:
         """End the saving that runs, with nothing left of it; whether there was one."""
         if self._saving is None:
             return False
-        saving, self._saving = self._saving, None
+        saving = self._saving
+        self._end_of_saving()
         self.workers.cancel_group(self, GROUP)
         # The work may not have begun, and then does not hear that it is to end.
         saving.abandon()

@@ -21,6 +21,7 @@ from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.tui.keys import say_keys
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.history import History
+from fte_sniff.tui.sentence import Sentence
 
 Check = Callable[[str], object]
 """Reads a line; raises an FteSniffError, with the reason in one line, where it means nothing."""
@@ -124,7 +125,7 @@ class Field(Vertical):
         self._label, self._check, self._take, self._good = label, check, take, good
         self._line = Line(hint, suggester, self._give, self.fall_back)
         self._focused_before: Widget | None = None
-        self._verdict = Static(classes="verdict")
+        self._verdict = Sentence(classes="verdict")
         self.standing = ""
         """The line that holds; it stands in the field again when the field is left."""
         self.display = False
@@ -201,4 +202,4 @@ class Field(Vertical):
 
     def _tell(self, sign: str, words: str, bad: bool) -> None:
         self.set_class(bad, "-bad")
-        self._verdict.update(Text(f" {sign} {words}"))
+        self._verdict.say(f" {sign}", words)
