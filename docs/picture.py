@@ -154,9 +154,9 @@ async def _settled(app: Pictured, pilot: Pilot[None], shows: str) -> str:
     before, wanted = "", shows.replace(" ", "&#160;")
     for _ in range(MOST_ROUNDS):
         await pilot.pause(0.02)
-        now = in_cells(app.export_screenshot(title=f"fte-sniff live {PORT}"))
+        now = app.export_screenshot(title=f"fte-sniff live {PORT}")
         if now == before and wanted in now:
-            return now
+            return in_cells(now)
         before = now
     raise SystemExit(f"the screen never came to show {shows!r}")
 
