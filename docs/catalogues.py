@@ -21,6 +21,8 @@ from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
 from fte_sniff.analysis.filter_help import EXAMPLES
+from fte_sniff.analysis.filter_terms import TermType
+from fte_sniff.capture.latency import LowLatency
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.language import CATALOGUES, DOMAIN, LANGUAGES
@@ -32,7 +34,7 @@ from fte_sniff.tui.title import Mode
 # Not the installed package: that has no `.po` files, and is not what is to be changed.
 PACKAGE = Path(__file__).parents[1] / "fte_sniff"
 
-SCREEN, EXPLANATIONS = PACKAGE / "tui", PACKAGE / "protocol"
+SCREEN = PACKAGE / "tui"
 
 KEYWORDS = ("_", "later", "Said")
 """What is called with a text that is to be translated."""
@@ -51,6 +53,8 @@ def table_texts() -> Iterator[str]:
     yield from (column.meaning for column in COLUMNS)
     yield from (meaning for _, meaning in EXAMPLES)
     yield from Mode
+    yield from LowLatency
+    yield from (term_type.value for term_type in TermType)
     yield from (event_words(kind) for kind in PortEventKind)
     for style in TimeStyle:
         yield from (style, style.meaning)
@@ -70,7 +74,7 @@ def said_in(folder: Path) -> Iterator[str]:
 def template() -> Catalog:
     """Every text there is."""
     found = Catalog(project=DOMAIN, fuzzy=False)
-    for text in (*said_in(SCREEN), *said_in(EXPLANATIONS)):
+    for text in said_in(PACKAGE):
         found.add(text)
     for text in table_texts():
         if text:

@@ -17,6 +17,7 @@ The rooms, from the top of the import order down; each imports only from those b
     analysis   columns, filter, tally, row store               } other
     protocol   what the bytes mean: the frame table, codec, framer; standard library only
     errors     the exceptions, their tree, and the exit code of each
+    said       sentences that keep their values, for the screen to say in its language
 
 Three promises hold everywhere. Every byte that came in stands in exactly one row, in order, and
 damage is labelled with its cause. A recording is complete in itself at every moment. Whatever a

@@ -1,6 +1,6 @@
 """The exceptions that a user of fte-sniff can cause, the exit code of each, and their wording.
 
-This module knows no other part of the program: it stands at the bottom of the import order.
+This module knows no other part of the program but `said`, in which a message keeps its values.
 
     FteSniffError                 anything below; `exit_code` and a one-line message
     ├── UsageError          2     the command line contradicts itself
@@ -20,6 +20,8 @@ from __future__ import annotations
 import errno
 from typing import ClassVar
 
+from fte_sniff.said import Said
+
 
 def shown(text: str) -> str:
     """Text from outside (a name, metadata) on one line, its control characters made visible."""
@@ -33,6 +35,12 @@ class FteSniffError(Exception):
 
     def __str__(self) -> str:
         return shown(super().__str__())
+
+    @property
+    def said(self) -> str:
+        """The message with the form and the values it was made of, where it keeps them."""
+        message = self.args[0] if len(self.args) == 1 else None
+        return message if isinstance(message, Said) else str(self)
 
 
 class UsageError(FteSniffError):
@@ -71,7 +79,10 @@ class RecordingWarning(UserWarning):
     """
 
 
-_FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up"}
+_FULL = {
+    errno.ENOSPC: Said("the disk is full"),
+    errno.EDQUOT: Said("the disk quota is used up"),
+}
 
 
 def reason_of(error: OSError) -> str:
@@ -83,25 +94,49 @@ def unreadable(path: object, error: OSError) -> FileError:
     """What to tell the user when a file cannot be opened or read."""
     match error:
         case FileNotFoundError():
-            return FileError(f"{path}: there is no such file; check the name and the folder")
+            return FileError(
+                Said("{path}: there is no such file; check the name and the folder", path=path)
+            )
         case IsADirectoryError():
-            return FileError(f"{path} is a directory; name the files in it")
+            return FileError(Said("{path} is a directory; name the files in it", path=path))
         case PermissionError():
-            return FileError(f"{path}: no permission to read it; try `ls -l` and `chmod u+r`")
-    return FileError(f"{path} cannot be read: {reason_of(error)}; copy it and try again")
+            return FileError(
+                Said("{path}: no permission to read it; try `ls -l` and `chmod u+r`", path=path)
+            )
+    return FileError(
+        Said(
+            "{path} cannot be read: {reason}; copy it and try again",
+            path=path,
+            reason=reason_of(error),
+        )
+    )
 
 
 def unwritable(path: object, error: OSError) -> FileError:
     """What to tell the user when a file cannot be made or written."""
     match error:
         case FileExistsError():
-            return FileError(f"{path} exists already; name another file, or use --force")
+            return FileError(
+                Said("{path} exists already; name another file, or use --force", path=path)
+            )
         case FileNotFoundError():
-            return FileError(f"{path}: its folder does not exist; make it with `mkdir -p`")
+            return FileError(
+                Said("{path}: its folder does not exist; make it with `mkdir -p`", path=path)
+            )
         case NotADirectoryError():
-            return FileError(f"{path}: part of this path is a file, not a folder; name another")
+            return FileError(
+                Said("{path}: part of this path is a file, not a folder; name another", path=path)
+            )
         case IsADirectoryError():
-            return FileError(f"{path} is a directory; name a file in it")
+            return FileError(Said("{path} is a directory; name a file in it", path=path))
         case PermissionError():
-            return FileError(f"{path}: no permission to write there; name another place with -o")
-    return FileError(f"{path} cannot be written: {reason_of(error)}; name another place with -o")
+            return FileError(
+                Said("{path}: no permission to write there; name another place with -o", path=path)
+            )
+    return FileError(
+        Said(
+            "{path} cannot be written: {reason}; name another place with -o",
+            path=path,
+            reason=reason_of(error),
+        )
+    )

@@ -37,6 +37,7 @@ from fte_sniff.analysis.side_by_side import SideBySide
 from fte_sniff.analysis.table import table_frame
 from fte_sniff.errors import FilterError, shown
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
+from fte_sniff.said import Said
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +109,9 @@ class RowFilter:
 
 def _refused(error: BaseException) -> FilterError:
     why = shown(str(error).split("\n", 1)[0][:120])
-    return FilterError(f"filter: it cannot be computed ({why}); compare fields with plain values")
+    return FilterError(
+        Said("filter: it cannot be computed ({why}); compare fields with plain values", why=why)
+    )
 
 
 def _trial_rows() -> Iterator[Row]:

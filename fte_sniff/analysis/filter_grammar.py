@@ -23,6 +23,7 @@ from fte_sniff.analysis.filter_terms import COLUMN_OF_WORD, FUNCTIONS, Term, Ter
 from fte_sniff.analysis.filter_tokens import Token, TokenType, complaint, tokens
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME
+from fte_sniff.said import Said
 
 _MAX_NESTING: Final = 25
 _SQL_SIGNS: Final = ("=", "!=", "<", ">", "<=", ">=")
@@ -35,18 +36,18 @@ PATTERN_WORDS: Final = ("LIKE", "ILIKE", "REGEXP", "RLIKE")
 _LEVELS: Final = (("|",), ("&",), ("+", "-"), ("*", "/", "%"))
 """The signs that join numbers, the loosest first."""
 
-_ONE_ROW: Final = "a filter looks at one row at a time; statistics are for the stats command"
-_LEAVE_OUT: Final = "a filter is the condition alone, as in motor = 1 AND rpm > 500"
+_ONE_ROW: Final = Said("a filter looks at one row at a time; statistics are for the stats command")
+_LEAVE_OUT: Final = Said("a filter is the condition alone, as in motor = 1 AND rpm > 500")
 _REFUSED: Final = {
     **dict.fromkeys(["SELECT", "EXISTS", "OVER", "FROM", "UNION", "GROUP", "HAVING"], _ONE_ROW),
     **dict.fromkeys(["WHERE", "ORDER", "LIMIT", "AS"], _LEAVE_OUT),
-    **dict.fromkeys(["CASE", "WHEN", "IF"], "join conditions with AND, OR and NOT"),
+    **dict.fromkeys(["CASE", "WHEN", "IF"], Said("join conditions with AND, OR and NOT")),
     **dict.fromkeys(
         ["CAST", "DATE", "TIMESTAMP", "INTERVAL"],
-        "times are texts: time > '2026-01-31' or time > '12:00:05'",
+        Said("times are texts: time > '2026-01-31' or time > '12:00:05'"),
     ),
-    "XOR": "write (one condition) != (the other)",
-    "ESCAPE": "leave it out",
+    "XOR": Said("write (one condition) != (the other)"),
+    "ESCAPE": Said("leave it out"),
 }
 _AGGREGATES: Final = frozenset(
     ["AVG", "COUNT", "FIRST", "LAST", "MAX", "MEAN", "MEDIAN", "MIN", "RANK", "ROW_NUMBER", "SUM"]
@@ -76,10 +77,10 @@ class _Parser:
 
     def whole(self) -> Term:
         if self._peek().type is TokenType.END:
-            raise FilterError(f"filter: it is empty; {_LEAVE_OUT}")
+            raise FilterError(Said("filter: it is empty; {way_out}", way_out=_LEAVE_OUT))
         term = self._or()
         if self._peek().type is not TokenType.END:
-            raise self._unexpected("join conditions with AND or OR")
+            raise self._unexpected(Said("join conditions with AND or OR"))
         return self._mean.truth(term)
 
     # Tokens
@@ -107,13 +108,13 @@ class _Parser:
     def _unexpected(self, way_out: str) -> FilterError:
         token = self._peek()
         if token.type is TokenType.END:
-            return complaint(self._text, token.start, "the filter ends too soon", way_out)
+            return complaint(self._text, token.start, Said("the filter ends too soon"), way_out)
         known = token.word in _REFUSED
         return complaint(
             self._text,
             token.start,
-            f"{self._shown(token)} is out of place",
-            _REFUSED[token.word] if known else way_out,
+            Said("{token} is out of place", token=self._shown(token)),
+            (_REFUSED[token.word] if known else way_out),
         )
 
     def _shown(self, token: Token) -> str:
@@ -122,7 +123,9 @@ class _Parser:
     def _deeper(self, read: Callable[[], Term]) -> Term:
         self._nesting += 1
         if self._nesting > _MAX_NESTING:
-            raise complaint(self._text, self._peek().start, "nested too deeply", "take it apart")
+            raise complaint(
+                self._text, self._peek().start, Said("nested too deeply"), Said("take it apart")
+            )
         term = read()
         self._nesting -= 1
         return term
@@ -167,36 +170,44 @@ class _Parser:
     def _comparison(self, left: Term, sign: str, token: Token) -> Term:
         if sign not in COMPARISONS:
             raise complaint(
-                self._text, token.start, f"'{sign}' is no sign", f"write {sign[1]}{sign[0]}"
+                self._text,
+                token.start,
+                Said("'{sign}' is no sign", sign=sign),
+                Said("write {second}{first}", second=sign[1], first=sign[0]),
             )
         if self._take("ANY"):
             right = self._bracketed()
             if right.type is not TermType.WORDS:
                 raise complaint(
-                    self._text, right.start, "ANY wants a list", "as in 'noise' = ANY(faults)"
+                    self._text,
+                    right.start,
+                    Said("ANY wants a list"),
+                    Said("as in 'noise' = ANY(faults)"),
                 )
         else:
             right = self._value()
         found = self._mean.compared(left, COMPARISONS[sign], right)
         if self._peek().text in COMPARISONS and self._peek().type is TokenType.SYMBOL:
-            raise self._unexpected("join comparisons with AND; a single & joins bits")
+            raise self._unexpected(Said("join comparisons with AND; a single & joins bits"))
         return found
 
     def _bracketed(self) -> Term:
-        self._need("(", "a '(' is missing")
+        self._need("(", Said("a '(' is missing"))
         term = self._deeper(self._or)
-        self._need(")", "a ')' is missing")
+        self._need(")", Said("a ')' is missing"))
         return term
 
     def _is(self, left: Term) -> Term:
         negated = self._take("NOT")
         if self._take("DISTINCT"):
-            self._need("FROM", "write IS DISTINCT FROM")
+            self._need("FROM", Said("write IS DISTINCT FROM"))
             joint = "IS NOT DISTINCT FROM" if negated else "IS DISTINCT FROM"
             return self._mean.distinct(left, self._value(), joint)
         word = self._take("NULL", "TRUE", "FALSE")
         if word is None:
-            raise self._unexpected("after IS stands NULL, TRUE, FALSE; a value is asked for with =")
+            raise self._unexpected(
+                Said("after IS stands NULL, TRUE, FALSE; a value is asked for with =")
+            )
         found = self._mean.is_null(left) if word == "NULL" else self._mean.is_truth(left, word)
         return self._mean.negated(found) if negated else found
 
@@ -208,7 +219,7 @@ class _Parser:
             return self._in(left)
         if word == "BETWEEN":
             low = self._value()
-            self._need("AND", "write BETWEEN low AND high")
+            self._need("AND", Said("write BETWEEN low AND high"))
             return self._mean.between(left, low, self._value())
         pattern = self._value()
         if word in ("LIKE", "ILIKE"):
@@ -220,22 +231,27 @@ class _Parser:
             right = self._value()
             if right.type is not TermType.WORDS:
                 raise complaint(
-                    self._text, right.start, "IN wants a list", "write it in brackets: IN (1, 2)"
+                    self._text,
+                    right.start,
+                    Said("IN wants a list"),
+                    Said("write it in brackets: IN (1, 2)"),
                 )
             return self._mean.compared(right, "=", left)
         items = self._arguments()
         if not items:
-            raise complaint(self._text, left.start, "the list after IN is empty", "write IN (1, 2)")
+            raise complaint(
+                self._text, left.start, Said("the list after IN is empty"), Said("write IN (1, 2)")
+            )
         return self._mean.among(left, items)
 
     def _arguments(self) -> list[Term]:
-        self._need("(", "a '(' is missing")
+        self._need("(", Said("a '(' is missing"))
         if self._take(")"):
             return []
         items = [self._deeper(self._or)]
         while self._take(","):
             items.append(self._deeper(self._or))
-        self._need(")", "a ')' or a ',' is missing")
+        self._need(")", Said("a ')' or a ',' is missing"))
         return items
 
     # Values
@@ -265,7 +281,7 @@ class _Parser:
         if token.type is TokenType.SYMBOL and token.text == "(":
             return self._bracketed()
         if token.type in (TokenType.END, TokenType.SYMBOL):
-            raise self._unexpected("here a field or a value is missing")
+            raise self._unexpected(Said("here a field or a value is missing"))
         self._at += 1
         if token.type is TokenType.NUMBER:
             return self._mean.number(token.number, token.start, token.text)
@@ -288,7 +304,7 @@ class _Parser:
             return Term(TermType.NULL, "NULL", token.start, "NULL")
         if token.word in _REFUSED or token.word in OPERATOR_WORDS:
             self._at -= 1
-            raise self._unexpected("here a field or a value is missing")
+            raise self._unexpected(Said("here a field or a value is missing"))
         return Term(TermType.NAME, "", token.start, token.text)
 
     def _call(self, token: Token) -> Term:
@@ -296,13 +312,18 @@ class _Parser:
         if name in FUNCTIONS:
             return self._mean.called(name, self._arguments(), token.start)
         if name in COLUMN_BY_NAME or name in COLUMN_OF_WORD:
-            way_out = "a sign is missing between them: = or IN"
+            way_out = Said("a sign is missing between them: = or IN")
         elif token.word in _AGGREGATES:
             way_out = _ONE_ROW
         else:
-            way_out = _REFUSED.get(token.word, f"there are {', '.join(FUNCTIONS)}")
+            way_out = _REFUSED.get(
+                token.word, Said("there are {names}", names=", ".join(FUNCTIONS))
+            )
         raise complaint(
-            self._text, token.start, f"{self._shown(token)} is no function of a filter", way_out
+            self._text,
+            token.start,
+            Said("{token} is no function of a filter", token=self._shown(token)),
+            way_out,
         )
 
 

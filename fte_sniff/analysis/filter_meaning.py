@@ -26,6 +26,7 @@ from fte_sniff.analysis.filter_terms import (
 from fte_sniff.analysis.filter_tokens import complaint
 from fte_sniff.analysis.filter_values import Values
 from fte_sniff.protocol import Column, ColumnType
+from fte_sniff.said import Said
 
 MAX_DEPTH: Final = 18
 """Brackets inside brackets in the SQL; polars' parser gives up at 23."""
@@ -77,12 +78,16 @@ class Meaning:
         if isinstance(value, int):
             if value not in INT64:
                 raise self._values.error(
-                    term, f"{shown} is too large", "no field has more than 64 bits"
+                    term,
+                    Said("{shown} is too large", shown=shown),
+                    Said("no field has more than 64 bits"),
                 )
             return term
         if not math.isfinite(value):
             raise self._values.error(
-                term, f"{shown} is too large", "no field has more than 64 bits"
+                term,
+                Said("{shown} is too large", shown=shown),
+                Said("no field has more than 64 bits"),
             )
         return replace(term, sql=repr(value) if "e" in repr(value) else f"{value!r}e0")
 
@@ -95,7 +100,9 @@ class Meaning:
         if term.type is TermType.NAME:
             return self._bare_word(term)
         raise self._values.error(
-            term, f"{term.shown} is {term.type.value}, no condition", how_to_ask(term)
+            term,
+            Said("{term} is {type}, no condition", term=term.shown, type=Said(term.type.value)),
+            how_to_ask(term),
         )
 
     def _bare_word(self, term: Term) -> Term:
@@ -135,7 +142,7 @@ class Meaning:
         A quotient keeps its fraction; what is divided by 0 is null.
         """
         for term in terms:
-            self._expect(term, TermType.NUMBER, f"'{signs[0]}' joins numbers")
+            self._expect(term, TermType.NUMBER, Said("'{sign}' joins numbers", sign=signs[0]))
         first, *others = terms
         joined = [
             _divisor(term) if sign in ("/", "%") else term
@@ -146,7 +153,7 @@ class Meaning:
 
     def minus(self, term: Term, start: int) -> Term:
         """The negative of a number."""
-        self._expect(term, TermType.NUMBER, "'-' stands before a number")
+        self._expect(term, TermType.NUMBER, Said("'-' stands before a number"))
         made = self._made(f"(- {term.sql})", (term,), of_type=TermType.NUMBER)
         return replace(made, start=start, shown=f"-{term.shown}")
 
@@ -155,7 +162,14 @@ class Meaning:
             raise self._values.unknown(term)
         if term.type is not wanted:
             raise self._values.error(
-                term, f"{why}, and {term.shown} is {term.type.value}", how_to_ask(term)
+                term,
+                Said(
+                    "{why}, and {term} is {type}",
+                    why=why,
+                    term=term.shown,
+                    type=Said(term.type.value),
+                ),
+                how_to_ask(term),
             )
 
     # Comparisons
@@ -166,14 +180,18 @@ class Meaning:
             left, right, sign = right, left, _MIRRORED.get(sign, sign)
         if TermType.NULL in (left.type, right.type):
             null = left if left.type is TermType.NULL else right
-            raise self._values.error(null, "nothing equals NULL", "write IS NULL or IS NOT NULL")
+            raise self._values.error(
+                null, Said("nothing equals NULL"), Said("write IS NULL or IS NOT NULL")
+            )
         if left.type is TermType.WORDS:
             return self._has(left, sign, right)
         if left.type is TermType.TRUTH:
             right = self.truth(right)
         if left.type in (TermType.WORD, TermType.TRUTH) and sign not in ("=", "!="):
             raise self._values.error(
-                left, f"{left.shown} has no order", "ask with =, !=, IN or LIKE instead"
+                left,
+                Said("{left} has no order", left=left.shown),
+                Said("ask with =, !=, IN or LIKE instead"),
             )
         asked, value = self._values.sides(left, right)
         return self._made(f"({asked} {sign} {value})", (left, right))
@@ -206,9 +224,13 @@ class Meaning:
         if first is not None and last is not None and first > last:
             raise self._values.error(
                 low,
-                f"'{low.shown}' is later in the day than '{high.shown}'",
-                f"over midnight write {left.shown} >= '{low.shown}' OR "
-                f"{left.shown} <= '{high.shown}'",
+                Said("'{low}' is later in the day than '{high}'", low=low.shown, high=high.shown),
+                Said(
+                    "over midnight write {left} >= '{low}' OR {left} <= '{high}'",
+                    left=left.shown,
+                    low=low.shown,
+                    high=high.shown,
+                ),
             )
         ends = [self.compared(left, ">=", low), self.compared(left, "<=", high)]
         return self.chain(ends, "AND")
@@ -231,7 +253,9 @@ class Meaning:
     def _has(self, faults: Term, sign: str, right: Term) -> Term:
         if sign not in ("=", "!="):
             raise self._values.error(
-                faults, f"{faults.shown} has no order", "ask for one, as in faults = 'noise'"
+                faults,
+                Said("{faults} has no order", faults=faults.shown),
+                Said("ask for one, as in faults = 'noise'"),
             )
         if right.type is TermType.LITERAL and not right.shown:
             found = self.is_null(faults)
@@ -261,14 +285,18 @@ class Meaning:
         except pl.exceptions.PolarsError as error:
             why = str(error).split("error: ")[-1].splitlines()[0]
             raise self._values.error(
-                pattern, f"no regular expression ({why})", "use LIKE, or escape signs with \\"
+                pattern,
+                Said("no regular expression ({why})", why=why),
+                Said("use LIKE, or escape signs with \\"),
             ) from None
         return self._made(f"({text} ~ {quoted(found)})", (left, pattern))
 
     def _expect_pattern(self, pattern: Term, sign: str) -> None:
         if pattern.type is not TermType.LITERAL:
             raise self._values.error(
-                pattern, f"{sign} wants a pattern in quotes", f"as in port {sign} '%USB%'"
+                pattern,
+                Said("{sign} wants a pattern in quotes", sign=sign),
+                Said("as in port {sign} '%USB%'", sign=sign),
             )
 
     def _as_text(self, term: Term, sign: str) -> str:
@@ -281,7 +309,14 @@ class Meaning:
         if term.type in (TermType.TEXT, TermType.HEX):
             return term.sql
         raise self._values.error(
-            term, f"{sign} wants a text, and {term.shown} is {term.type.value}", how_to_ask(term)
+            term,
+            Said(
+                "{sign} wants a text, and {term} is {type}",
+                sign=sign,
+                term=term.shown,
+                type=Said(term.type.value),
+            ),
+            how_to_ask(term),
         )
 
     def called(self, name: str, arguments: Sequence[Term], start: int) -> Term:
@@ -289,17 +324,30 @@ class Meaning:
         function = FUNCTIONS[name]
         if len(arguments) != len(function.takes):
             count = len(function.takes)
-            what = f"{name} takes {count} value{'s' * (count > 1)}, here are {len(arguments)}"
-            raise complaint(self._text, start, what, f"write {function.example}")
+            what = Said("{name} takes 1 value, here are {found}", name=name, found=len(arguments))
+            if count > 1:
+                what = Said(
+                    "{name} takes {count} values, here are {found}",
+                    name=name,
+                    count=count,
+                    found=len(arguments),
+                )
+            raise complaint(
+                self._text, start, what, Said("write {example}", example=function.example)
+            )
         sqls = []
         for wanted, term in zip(function.takes, arguments, strict=True):
             if wanted is TermType.TEXT:
                 sqls.append(self._as_text(term, name))
             elif wanted is TermType.LITERAL and arguments[0].type is TermType.HEX:
-                self._expect(term, wanted, f"{name} wants a text in quotes")
+                self._expect(term, wanted, Said("{name} wants a text in quotes", name=name))
                 sqls.append(quoted(self._values.hex_digits(term)))
             else:
-                self._expect(term, wanted, f"{name} wants {wanted.value}")
+                self._expect(
+                    term,
+                    wanted,
+                    Said("{name} wants {wanted}", name=name, wanted=Said(wanted.value)),
+                )
                 sqls.append(term.sql)
         made = self._made(f"{name}({', '.join(sqls)})", arguments, of_type=function.gives)
         return replace(made, start=start, shown=f"{name}(...)")
@@ -315,12 +363,14 @@ class Meaning:
         depth = 1 + max(term.depth for term in parts)
         first = min(parts, key=lambda term: term.start)
         if depth > MAX_DEPTH or len(sql) > MAX_SQL:
-            raise self._values.error(first, "the filter is too deep or too large", "take it apart")
+            raise self._values.error(
+                first, Said("the filter is too deep or too large"), Said("take it apart")
+            )
         return Term(
             of_type,
             sql,
             first.start,
-            "this condition" if of_type is TermType.TRUTH else "this value",
+            Said("this condition") if of_type is TermType.TRUTH else Said("this value"),
             depth,
             names=names.union(*(term.names for term in parts)),
         )

@@ -12,6 +12,7 @@ from enum import Enum
 from typing import Final
 
 from fte_sniff.protocol import COLUMNS, Column
+from fte_sniff.said import Said
 
 
 class TermType(Enum):
@@ -90,23 +91,25 @@ def nearest(word: str, choices: Iterable[str]) -> str:
     names = list(choices)
     begun = [name for name in names if len(word) > 1 and name.startswith(word.lower())]
     near = begun or difflib.get_close_matches(word.lower(), names, n=1)
-    return f"did you mean {near[0]}?" if near else ""
+    return Said("did you mean {near}?", near=near[0]) if near else ""
 
 
 def how_to_ask(term: Term) -> str:
     """How a term of that type is asked about."""
     name = term.shown if term.column else "motor"
     return {
-        TermType.NUMBER: f"compare it, as in {name} = 1",
-        TermType.TIME: "compare it, as in time > '2026-01-31T12:00:00Z'",
-        TermType.TEXT: "compare it, as in port LIKE '%USB%'",
-        TermType.HEX: "compare it, as in raw LIKE 'AA01%'",
-        TermType.WORDS: "ask for one, as in faults = 'noise', or for any: faults IS NOT NULL",
-        TermType.WORD: f"compare it, as in {name} = '{_first_word(term)}'",
-        TermType.LITERAL: "compare a field with it, as in kind = 'speed'",
-        TermType.NULL: "write IS NULL or IS NOT NULL",
-        TermType.TRUTH: "join conditions with AND or OR",
-        TermType.NAME: "compare it with a field",
+        TermType.NUMBER: Said("compare it, as in {name} = 1", name=name),
+        TermType.TIME: Said("compare it, as in time > '2026-01-31T12:00:00Z'"),
+        TermType.TEXT: Said("compare it, as in port LIKE '%USB%'"),
+        TermType.HEX: Said("compare it, as in raw LIKE 'AA01%'"),
+        TermType.WORDS: Said("ask for one, as in faults = 'noise', or for any: faults IS NOT NULL"),
+        TermType.WORD: Said(
+            "compare it, as in {name} = '{word}'", name=name, word=_first_word(term)
+        ),
+        TermType.LITERAL: Said("compare a field with it, as in kind = 'speed'"),
+        TermType.NULL: Said("write IS NULL or IS NOT NULL"),
+        TermType.TRUTH: Said("join conditions with AND or OR"),
+        TermType.NAME: Said("compare it with a field"),
     }[term.type]
 
 

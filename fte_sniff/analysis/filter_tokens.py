@@ -11,6 +11,7 @@ from enum import Enum, auto
 from typing import Final
 
 from fte_sniff.errors import FilterError, shown
+from fte_sniff.said import Said
 
 MAX_LENGTH: Final = 8_000
 """Characters in a filter; more are an accident, not a question."""
@@ -74,20 +75,20 @@ _TOKEN: Final = re.compile(
 )
 
 _ADVICE: Final = {
-    "'": "this quote is never closed; a quote inside a text is written twice: 'it''s'",
-    '"': "this quote is never closed",
-    "`": "this quote is never closed",
-    ";": "a filter is one expression; leave out the ';'",
-    "^": "there is no '^'; bits are asked for with & and |, as in online & 0x01 = 1",
-    ".": "names have no dots; write the field alone",
-    ":": "there is no ':'; times are texts, as in time > '12:00:05'",
+    "'": Said("this quote is never closed; a quote inside a text is written twice: 'it''s'"),
+    '"': Said("this quote is never closed"),
+    "`": Said("this quote is never closed"),
+    ";": Said("a filter is one expression; leave out the ';'"),
+    "^": Said("there is no '^'; bits are asked for with & and |, as in online & 0x01 = 1"),
+    ".": Said("names have no dots; write the field alone"),
+    ":": Said("there is no ':'; times are texts, as in time > '12:00:05'"),
     **dict.fromkeys(
         "\u2018\u2019\u201c\u201d\u201e\u00ab\u00bb\uff07\uff02",
-        "texts stand in plain single quotes, as in kind = 'speed'",
+        Said("texts stand in plain single quotes, as in kind = 'speed'"),
     ),
     **dict.fromkeys(
         "\uff08\uff09\uff0c\uff1d\uff1e\uff1c\uff01",
-        "this is a full-width character; type the ASCII one",
+        Said("this is a full-width character; type the ASCII one"),
     ),
 }
 
@@ -105,14 +106,22 @@ def complaint(text: str, at: int, what: str, way_out: str = "") -> FilterError:
     after = text[at : at + _EXCERPT]
     start = "..." if at > _EXCERPT else ""
     end = "..." if at + _EXCERPT < len(text) else ""
-    place = f'{at + 1} of "{start}{shown(before)}-->{shown(after)}{end}"'
-    tail = f"; {_short(way_out)}" if way_out else ""
-    return FilterError(f"filter: {_short(what)} at character {place}{tail}")
+    where = Said(
+        'filter: {what} at character {number} of "{excerpt}"',
+        what=_short(what),
+        number=at + 1,
+        excerpt=f"{start}{shown(before)}-->{shown(after)}{end}",
+    )
+    if not way_out:
+        return FilterError(where)
+    return FilterError(Said("{where}; {way_out}", where=where, way_out=_short(way_out)))
 
 
 def _short(text: str) -> str:
     line = shown(text)
-    return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}..."
+    if len(line) > _LONGEST:
+        return f"{line[:_LONGEST]}..."
+    return text if line == text else line
 
 
 def tokens(text: str) -> list[Token]:
@@ -123,7 +132,11 @@ def tokens(text: str) -> list[Token]:
     """
     if len(text) > MAX_LENGTH:
         raise FilterError(
-            f"filter: {len(text)} characters are too many; the limit is {MAX_LENGTH}: ask for less"
+            Said(
+                "filter: {count} characters are too many; the limit is {most}: ask for less",
+                count=len(text),
+                most=MAX_LENGTH,
+            )
         )
     found: list[Token] = []
     at = 0
@@ -134,8 +147,12 @@ def tokens(text: str) -> list[Token]:
             found.append(token)
     if len(found) > MAX_TOKENS:
         raise FilterError(
-            f"filter: {len(found)} words and signs are too many; the limit is {MAX_TOKENS}: "
-            "split it, or ask for a range with BETWEEN"
+            Said(
+                "filter: {count} words and signs are too many; the limit is "
+                "{most}: split it, or ask for a range with BETWEEN",
+                count=len(found),
+                most=MAX_TOKENS,
+            )
         )
     return [*found, Token(TokenType.END, "", len(text), len(text))]
 
@@ -150,7 +167,9 @@ def _token_at(text: str, at: int) -> Token | None:
     match = _TOKEN.match(text, at)
     if match is None:
         char = text[at]
-        raise complaint(text, at, f"'{char}' is in no filter", _ADVICE.get(char, ""))
+        raise complaint(
+            text, at, Said("'{char}' is in no filter", char=shown(char)), _ADVICE.get(char, "")
+        )
     name, content = str(match.lastgroup), match.group()
     if name == "SPACE":
         return None
@@ -166,14 +185,16 @@ def _token_at(text: str, at: int) -> Token | None:
 
 def _check_number(text: str, match: re.Match[str]) -> None:
     if len(match.group()) > _LONGEST_NUMBER:
-        raise complaint(text, match.start(), "this number is too long", "no field is as large")
+        raise complaint(
+            text, match.start(), Said("this number is too long"), Said("no field is as large")
+        )
     rest = re.compile(r"[\w.]+").match(text, match.end())
     if rest:
         raise complaint(
             text,
             match.start(),
-            f"'{match.group()}{rest.group()}' is no number",
-            "write plain digits or hex as 0x0F, without a unit",
+            Said("'{number}{rest}' is no number", number=match.group(), rest=rest.group()),
+            Said("write plain digits or hex as 0x0F, without a unit"),
         )
 
 
@@ -182,5 +203,8 @@ def _check_unicode(text: str, match: re.Match[str]) -> None:
         match.group().encode()
     except UnicodeEncodeError as error:
         raise complaint(
-            text, match.start() + error.start, "this text is not valid Unicode", "type it again"
+            text,
+            match.start() + error.start,
+            Said("this text is not valid Unicode"),
+            Said("type it again"),
         ) from None

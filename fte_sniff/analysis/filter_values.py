@@ -22,6 +22,7 @@ from fte_sniff.analysis.filter_tokens import complaint
 from fte_sniff.analysis.moments import DAY_NS, clock_ns, time_ns
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME, ColumnType
+from fte_sniff.said import Said
 
 
 class Values:
@@ -39,8 +40,11 @@ class Values:
         choices = [*COLUMN_BY_NAME, *COLUMN_OF_WORD]
         return self.error(
             term,
-            f"unknown name '{term.shown}'",
-            nearest(term.shown, choices) or f"the fields are {', '.join(COLUMN_BY_NAME)}",
+            Said("unknown name '{term}'", term=term.shown),
+            (
+                nearest(term.shown, choices)
+                or Said("the fields are {names}", names=", ".join(COLUMN_BY_NAME))
+            ),
         )
 
     def sides(self, left: Term, right: Term) -> tuple[str, str]:
@@ -83,7 +87,9 @@ class Values:
     def _refuse_name(self, left: Term, name: Term) -> None:
         if left.type in (TermType.TEXT, TermType.HEX):
             raise self.error(
-                name, f"unknown name '{name.shown}'", f"a text stands in quotes: '{name.shown}'"
+                name,
+                Said("unknown name '{term}'", term=name.shown),
+                Said("a text stands in quotes: '{name}'", name=name.shown),
             )
         if name.shown.lower() in COLUMN_OF_WORD:
             raise self._mismatch(left, name)
@@ -92,16 +98,30 @@ class Values:
     def _mismatch(self, left: Term, right: Term) -> FilterError:
         if left.type in UNTYPED and right.type in UNTYPED:
             return self.error(
-                left, "two texts are compared", "a field's name stands without single quotes"
+                left,
+                Said("two texts are compared"),
+                Said("a field's name stands without single quotes"),
             )
         if left.column is None and right.type is TermType.LITERAL:
             near = nearest(right.shown, COLUMN_BY_NAME) or "name a field"
-            return self.error(right, f"'{right.shown}' is a text, no field", f"{near} (no quotes)")
-        what = f"{left.shown} is {left.type.value}, {right.shown} is {right.type.value}"
+            return self.error(
+                right,
+                Said("'{right}' is a text, no field", right=right.shown),
+                Said("{near} (no quotes)", near=near),
+            )
+        what = Said(
+            "{left} is {left_is}, {right} is {right_is}",
+            left=left.shown,
+            left_is=Said(left.type.value),
+            right=right.shown,
+            right_is=Said(right.type.value),
+        )
         if left.type is TermType.NUMBER and right.type is TermType.LITERAL:
-            return self.error(right, what, "write a number, without quotes")
+            return self.error(right, what, Said("write a number, without quotes"))
         if left.type is TermType.HEX and right.type is TermType.NUMBER:
-            return self.error(right, what, "write the bytes as a text, as in raw LIKE 'AA01%'")
+            return self.error(
+                right, what, Said("write the bytes as a text, as in raw LIKE 'AA01%'")
+            )
         return self.error(right, what, how_to_ask(left))
 
     def word(self, left: Term, right: Term) -> str:
@@ -114,14 +134,24 @@ class Values:
             return quoted(word)
         if column.type is ColumnType.WORDS and {*re.split(r"[\s,]+", word)} <= {*column.words}:
             raise self.error(
-                right, "several faults in one text", f"ask for each: {_example_of_two(word)}"
+                right,
+                Said("several faults in one text"),
+                Said("ask for each: {example}", example=_example_of_two(word)),
             )
         other = COLUMN_OF_WORD.get(word)
-        hint = f"it is a word of {other.name}: {other.name} = '{word}'" if other else ""
+        hint = (
+            Said("it is a word of {other}: {other} = '{word}'", other=other.name, word=word)
+            if other
+            else ""
+        )
         raise self.error(
             right,
-            f"{column.name} is never '{right.shown}'",
-            hint or nearest(word, column.words) or f"it is one of {', '.join(column.words)}",
+            Said("{column} is never '{right}'", column=column.name, right=right.shown),
+            (
+                hint
+                or nearest(word, column.words)
+                or Said("it is one of {words}", words=", ".join(column.words))
+            ),
         )
 
     def _time(self, literal: Term) -> str:
@@ -129,9 +159,11 @@ class Values:
         if found is None or found not in INT64:
             raise self.error(
                 literal,
-                f"'{literal.shown}' is no time",
-                "write UTC as '2026-01-31T12:00:00.5Z' or '2026-01-31 12:00', or '12:00:05' "
-                "for that time of any day",
+                Said("'{literal}' is no time", literal=literal.shown),
+                Said(
+                    "write UTC as '2026-01-31T12:00:00.5Z' or '2026-01-31 12:00', or "
+                    "'12:00:05' for that time of any day"
+                ),
             )
         return f"({found})" if found < 0 else str(found)
 
@@ -140,7 +172,9 @@ class Values:
         digits = "".join(literal.shown.split()).upper()
         if not set(digits) <= set("0123456789ABCDEF" + wild):
             raise self.error(
-                literal, f"'{literal.shown}' is not hex", "write the bytes as in raw LIKE 'AA01%'"
+                literal,
+                Said("'{literal}' is not hex", literal=literal.shown),
+                Said("write the bytes as in raw LIKE 'AA01%'"),
             )
         return digits
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 
 from fte_sniff.capture.items import Item
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from fte_sniff.said import Said
 
 CAPACITY = 32 * 2**20
 """Bytes that may wait for the consumer, its bookkeeping included, before reads are dropped."""
@@ -109,18 +110,22 @@ class Backlog:
                 lost += item.count if isinstance(item, PortEvent) else 0
             item = self._take()
         if left or lost:
-            why = f"{left} waited to be written at the end, {lost} came too fast before"
+            why = Said(
+                "{left} waited to be written at the end, {lost} came too fast before",
+                left=left,
+                lost=lost,
+            )
             yield self._overrun(first_ns, left + lost, why)
         yield from events
 
     def _tell_of_overrun(self) -> None:
         if self._dropped:
-            why = "they came faster than they were taken"
+            why = Said("they came faster than they were taken")
             self._put(self._overrun(self._dropped_at_ns, self._dropped, why))
             self._dropped = self._dropped_at_ns = 0
 
     def _overrun(self, t_ns: int, count: int, why: str) -> PortEvent:
-        detail = f"{count} bytes were not kept: {why}"
+        detail = Said("{count} bytes were not kept: {why}", count=count, why=why)
         return PortEvent(t_ns, self._port, PortEventKind.OVERRUN, detail, count)
 
     def _put(self, item: Item) -> None:

@@ -12,6 +12,7 @@ import serial
 from fte_sniff.capture.latency import LowLatency, ask_low_latency, is_usb, latency_timer_ms
 from fte_sniff.capture.line_errors import LineWatch, line_watch_of
 from fte_sniff.capture.ports import device_of
+from fte_sniff.said import Said
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +27,15 @@ class Granted:
     usb: bool
 
     def __str__(self) -> str:
-        timer = "" if self.timer_ms is None else f", latency timer {self.timer_ms} ms"
-        return f"{self.low_latency}{timer}; {self.line.words}"
+        low, line = Said(self.low_latency.value), self.line.words
+        if self.timer_ms is None:
+            return Said("{low_latency}; {line}", low_latency=low, line=line)
+        return Said(
+            "{low_latency}, latency timer {ms} ms; {line}",
+            low_latency=low,
+            ms=self.timer_ms,
+            line=line,
+        )
 
 
 def ask(port: serial.Serial) -> Granted:

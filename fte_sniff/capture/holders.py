@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fte_sniff.errors import shown
+from fte_sniff.said import Said
 
 _PROC = Path("/proc")
 
@@ -45,14 +46,23 @@ def holders_of(device: str) -> list[Holder]:
 
 def have_open(holders: list[Holder]) -> str:
     """`socat (pid 7) has it open`, for one or several; for none, that nobody can be named."""
-    names = " and ".join(map(str, holders)) or "this or another program"
-    return f"{names} {'have' if len(holders) > 1 else 'has'} it open"
+    if not holders:
+        return Said("this or another program has it open")
+    names = " and ".join(map(str, holders))
+    if len(holders) > 1:
+        return Said("{programs} have it open", programs=names)
+    return Said("{program} has it open", program=names)
 
 
 def sharing_note(device: str | None) -> str:
     """What to add where a port is told to be open: who else has it; empty where nobody has."""
     holders = holders_of(device) if device else []
-    return "".join(f"; {holder} has it open too, and may take bytes away" for holder in holders)
+    if not holders:
+        return ""
+    names = " and ".join(map(str, holders))
+    if len(holders) > 1:
+        return Said("; {programs} have it open too, and may take bytes away", programs=names)
+    return Said("; {program} has it open too, and may take bytes away", program=names)
 
 
 def _others() -> list[int]:

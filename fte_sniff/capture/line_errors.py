@@ -29,6 +29,7 @@ from typing import Final, Protocol, TypeAlias
 import serial
 
 from fte_sniff.protocol import FRAME_LENGTH, LineErrorCounts
+from fte_sniff.said import Said
 
 Counters: TypeAlias = Callable[[], LineErrorCounts]
 """Reads what the driver has counted so far; each count is a 32-bit number that wraps."""
@@ -39,8 +40,8 @@ Places: TypeAlias = tuple[tuple[int, int], ...]
 TELL_EVERY_NS: Final = 1_000_000_000
 """Between two tellings of line errors at least: a wrong baud makes some with every byte."""
 
-AVAILABLE: Final = "line errors counted and marked"
-UNAVAILABLE: Final = "line errors unavailable"
+AVAILABLE: Final[str] = Said("line errors counted and marked")
+UNAVAILABLE: Final[str] = Said("line errors unavailable")
 
 _COUNT_WRAPS = 2**32
 _ICOUNTER = struct.Struct("=20I")

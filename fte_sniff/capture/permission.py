@@ -11,6 +11,8 @@ import pwd
 import stat
 from pathlib import Path
 
+from fte_sniff.said import Said
+
 _GROUP_MAY = stat.S_IRGRP | stat.S_IWGRP
 
 
@@ -20,18 +22,24 @@ def way_in(device: str) -> str:
         facts = Path(device).stat()
         group = grp.getgrgid(facts.st_gid)
     except (OSError, KeyError):
-        return "ask the machine's administrator"
+        return Said("ask the machine's administrator")
     if group.gr_gid == 0 or facts.st_mode & _GROUP_MAY != _GROUP_MAY:
-        return (
-            f"its group {group.gr_name} may not use it: let a group in with a udev rule, "
-            'SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"'
+        return Said(
+            "its group {group} may not use it: let a group in with a "
+            'udev rule, SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"',
+            group=group.gr_name,
         )
     user = _user()
     if user in group.gr_mem and group.gr_gid not in os.getgroups():
-        return f"{user} is in the group {group.gr_name}, but not since this login: log in again"
-    return (
-        f"it belongs to the group {group.gr_name}: sudo usermod -aG {group.gr_name} {user}, "
-        "then log in again"
+        return Said(
+            "{user} is in the group {group}, but not since this login: log in again",
+            user=user,
+            group=group.gr_name,
+        )
+    return Said(
+        "it belongs to the group {group}: sudo usermod -aG {group} {user}, then log in again",
+        group=group.gr_name,
+        user=user,
     )
 
 

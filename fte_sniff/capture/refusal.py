@@ -21,6 +21,7 @@ import serial
 from fte_sniff.capture.holders import have_open, holders_of
 from fte_sniff.capture.permission import way_in
 from fte_sniff.errors import PortError, shown
+from fte_sniff.said import Said
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 _OWN_TERMINAL = "/dev/tty"
@@ -49,26 +50,47 @@ def check_name(name: str) -> None:
     """Raise PortError where a name cannot be a port's before anything is opened."""
     scheme, mark, _ = name.partition("://")
     if not name.strip():
-        raise PortError(f"a port has an empty name; {_ports_there_are('')}")
+        raise PortError(Said("a port has an empty name; {there}", there=_ports_there_are("")))
     if not mark:
         if "\0" not in name and os.path.realpath(name) == _OWN_TERMINAL:
             there = _ports_there_are("")
-            raise PortError(f"{shown(name)} is the terminal that this runs in, no port; {there}")
+            raise PortError(
+                Said(
+                    "{port} is the terminal that this runs in, no port; {there}",
+                    port=shown(name),
+                    there=there,
+                )
+            )
         return
     known = known_schemes()
     if scheme.lower() not in known:
         listed = ", ".join(f"{scheme}://" for scheme in known)
-        raise PortError(f"{shown(name)}: no such kind of port; known are {listed}")
+        raise PortError(
+            Said(
+                "{port}: no such kind of port; known are {listed}", port=shown(name), listed=listed
+            )
+        )
     if scheme.lower() in _NETWORK_SCHEMES and not _names_host_and_port(name):
         example = f"{scheme.lower()}://192.168.0.7:4001"
-        raise PortError(f"{shown(name)} names no host and TCP port: write it like {example}")
+        raise PortError(
+            Said(
+                "{port} names no host and TCP port: write it like {example}",
+                port=shown(name),
+                example=example,
+            )
+        )
     if scheme.lower() == "spy" and "file=" not in name:
         raise PortError(
-            f"{shown(name)} would write over what is shown here: give it a file to write to, as "
-            "spy:///dev/ttyUSB0?file=spy.txt"
+            Said(
+                "{port} would write over what is shown here: give it a file to "
+                "write to, as spy:///dev/ttyUSB0?file=spy.txt",
+                port=shown(name),
+            )
         )
     if _LOGGING.search(name):
-        raise PortError(f"{shown(name)} would write over what is shown here: leave logging out")
+        raise PortError(
+            Said("{port} would write over what is shown here: leave logging out", port=shown(name))
+        )
 
 
 def refusal(name: str, device: str | None, error: BaseException) -> PortError:
@@ -85,18 +107,22 @@ def refusal(name: str, device: str | None, error: BaseException) -> PortError:
     if _NOT_SPOKEN in str(error):
         # pyserial's own words go on with a dump of the options that it asked for.
         bare = f"socket://{urlsplit(name).netloc}"
-        told = f"what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}"
-        return PortError(f"{named} cannot be opened: {shown(told)}")
+        told = Said(
+            "what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}",
+            bare=shown(bare),
+        )
+        return PortError(Said("{port} cannot be opened: {why}", port=named, why=told))
     what = None if device is None else _what_of_device(device, _errno_of(error))
     if what is None:
         # pyserial repeats the name in its own words; once is enough. Where it stumbles over options
         # that it does not know, its words say nothing.
-        told = one_line(error).rpartition(f"port {named}: ")[2]
-        stumbled = isinstance(error, LookupError)
-        what = f" cannot be opened: {'its options cannot be read' if stumbled else told}"
+        why = one_line(error).rpartition(f"port {named}: ")[2]
+        if isinstance(error, LookupError):
+            why = Said("its options cannot be read")
+        what = Said(" cannot be opened: {why}", why=why)
         if name.partition("://")[0].lower() in _NETWORK_SCHEMES:
-            what += "; does a server listen there?"
-    return PortError(f"{named}{what}")
+            what = Said(" cannot be opened: {why}; does a server listen there?", why=why)
+    return PortError(Said("{port}{what}", port=named, what=what))
 
 
 def one_line(error: BaseException) -> str:
@@ -114,15 +140,19 @@ def _names_host_and_port(url: str) -> bool:
 
 def _what_of_device(device: str, number: int | None) -> str | None:
     if number == errno.ENOENT:
-        return f": no such port; {_ports_there_are(device)}"
+        return Said(": no such port; {there}", there=_ports_there_are(device))
     if number in (errno.EACCES, errno.EPERM):
-        return f": no permission; {way_in(device)}"
+        return Said(": no permission; {way_in}", way_in=way_in(device))
     if number in (errno.EBUSY, errno.EAGAIN):
-        return f" is busy: {have_open(holders_of(device))}; close that first"
+        return Said(" is busy: {holders}; close that first", holders=have_open(holders_of(device)))
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
-        return f" is no serial port but {_file_type(device)}; {_ports_there_are(device)}"
+        return Said(
+            " is no serial port but {what}; {there}",
+            what=_file_type(device),
+            there=_ports_there_are(device),
+        )
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
-        return ": no hardware answers there, or it was just unplugged; check the plug"
+        return Said(": no hardware answers there, or it was just unplugged; check the plug")
     return None
 
 
@@ -142,22 +172,22 @@ def _ports_there_are(asked: str) -> str:
 
     near = Path("/dev") / asked
     if asked and "/" not in asked and near.is_char_device():
-        return f"did you mean {near}?"
+        return Said("did you mean {near}?", near=near)
     devices = sorted(port.device for port in comports())
     if devices:
-        return f"there are: {', '.join(devices)}"
-    return "none is plugged in ('fte-sniff ports' lists them; sim:// is a simulated one)"
+        return Said("there are: {devices}", devices=", ".join(devices))
+    return Said("none is plugged in ('fte-sniff ports' lists them; sim:// is a simulated one)")
 
 
 def _file_type(device: str) -> str:
     try:
         mode = Path(device).stat().st_mode
     except OSError:
-        return "no device either"
+        return Said("no device either")
     kinds = {
-        stat.S_IFDIR: "a directory",
-        stat.S_IFREG: "a file",
-        stat.S_IFIFO: "a pipe",
-        stat.S_IFCHR: "another kind of device",
+        stat.S_IFDIR: Said("a directory"),
+        stat.S_IFREG: Said("a file"),
+        stat.S_IFIFO: Said("a pipe"),
+        stat.S_IFCHR: Said("another kind of device"),
     }
-    return kinds.get(stat.S_IFMT(mode), "something else")
+    return kinds.get(stat.S_IFMT(mode), Said("something else"))

@@ -18,6 +18,7 @@ from fte_sniff.capture.holders import have_open, holders_of
 from fte_sniff.capture.identity import identity_of
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
 from fte_sniff.errors import PortError
+from fte_sniff.said import Said
 
 FIRST_WAIT_S = 0.25
 """Seconds before it is looked for at first: as long as a system takes to know an adapter."""
@@ -59,7 +60,7 @@ def way_back(name: str, settings: PortSettings, port: serial.Serial) -> Reopen |
     def reopen() -> Opened:
         found = identity.find(comports())
         if found is None:
-            raise PortError(f"{name} is not plugged in")
+            raise PortError(Said("{name} is not plugged in", name=name))
         if "://" in found:
             return Opened(open_port(found, settings), found)
         return _open_device(found, settings)
@@ -71,11 +72,17 @@ def _open_device(found: str, settings: PortSettings) -> Opened:
     target = os.path.realpath(found)
     if target.startswith(_PTY_FOLDER) and (holders := holders_of(target)):
         # The link may be left behind, and its number have become somebody's terminal.
-        raise RefusedError(f"{target} may be somebody's terminal: {have_open(holders)}; close that")
+        raise RefusedError(
+            Said(
+                "{target} may be somebody's terminal: {holders}; close that",
+                target=target,
+                holders=have_open(holders),
+            )
+        )
     try:
         return Opened(open_port(found, settings), target)
     except PortError as error:
-        raise RefusedError(str(error)) from error
+        raise RefusedError(error.said) from error
 
 
 class Return:
@@ -135,7 +142,7 @@ class Return:
             # At first it may just not be ready: a system takes a moment to set a device up.
             if self._refusals == _TOLD_AT:
                 with self._changed:
-                    self._refusal = f"it is back, but {error}"
+                    self._refusal = Said("it is back, but {why}", why=error.said)
 
     def _gives_up_within(self, seconds: float) -> bool:
         with self._changed:

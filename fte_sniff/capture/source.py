@@ -34,6 +34,7 @@ from fte_sniff.capture.returning import (
     way_back,
 )
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
+from fte_sniff.said import Said
 
 _BEAT_S = 0.05
 """Seconds between two signs of life while a port is waited for."""
@@ -147,10 +148,13 @@ class PortSource:
                 if self._reopen is None:
                     self._finish(SourceEnd.LOST, PortEventKind.LOST, one_line(error))
                     return
-                self._tell(PortEventKind.LOST, f"{one_line(error)}; waiting for it to come back")
+                self._tell(
+                    PortEventKind.LOST,
+                    Said("{error}; waiting for it to come back", error=one_line(error)),
+                )
                 self._come_back(self._reopen)
             self._tell_of_line_errors(self._clock.now_ns(), self._line.rest())
-            self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, "as asked")
+            self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, Said("as asked"))
         finally:
             self._backlog.end()
 
@@ -197,9 +201,14 @@ class PortSource:
     def _take_over(self, opened: Opened, away_s: float) -> None:
         self._port, self._line = opened.port, ask(opened.port).line
         self._read = reader_of(opened.port)
-        named = "" if opened.name == self.name else f" as {opened.name}"
+        named = "" if opened.name == self.name else Said(" as {port}", port=opened.name)
         shared = sharing_note(device_of(opened.port))
-        self._tell(PortEventKind.FOUND_AGAIN, f"after {away_s:.1f} s{named}{shared}")
+        self._tell(
+            PortEventKind.FOUND_AGAIN,
+            Said(
+                "after {seconds:.1f} s{named}{shared}", seconds=away_s, named=named, shared=shared
+            ),
+        )
 
     def _finish(self, end: SourceEnd, kind: PortEventKind, detail: str) -> None:
         self.end = end
@@ -236,7 +245,12 @@ def open_source(
         port,
         name,
         clock,
-        detail=f"{settings}; {granted}{sharing_note(device_of(port))}",
+        detail=Said(
+            "{settings}; {granted}{shared}",
+            settings=str(settings),
+            granted=str(granted),
+            shared=sharing_note(device_of(port)),
+        ),
         granted=granted,
         uncertainty_ns=lateness_ns(port),
         reopen=way_back(name, settings, port) if reconnect else None,

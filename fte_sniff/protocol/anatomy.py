@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from fte_sniff.protocol.columns import spaced_hex
 from fte_sniff.protocol.rows import Fault
-from fte_sniff.protocol.said import Said
 from fte_sniff.protocol.structure import HEADER_BYTES
 from fte_sniff.protocol.table import (
     CMD_PLACE,
@@ -23,6 +22,7 @@ from fte_sniff.protocol.table import (
     Field,
     FrameKind,
 )
+from fte_sniff.said import Said
 
 _WAY = {
     Direction.CONTROL: Said("header: control, host to controller"),
@@ -130,7 +130,7 @@ def _cmd(header: int, cmd: int) -> Part:
         bytes([cmd]),
         "cmd",
         str(cmd),
-        Said("CMD: {kind}, {meaning}", kind=kind.name, meaning=kind.meaning),
+        Said("CMD: {kind}, {meaning}", kind=kind.name, meaning=Said(kind.meaning)),
     )
 
 
@@ -169,7 +169,7 @@ def _value(raw: bytes, field: Field) -> Part:
     own = raw[field.start : field.start + field.size]
     if field.defined_bits is not None:
         return _flags(own[0], field)
-    meaning = Said("{meaning} ({range})", meaning=field.meaning, range=field.range_text)
+    meaning = Said("{meaning} ({range})", meaning=Said(field.meaning), range=field.range_text)
     fault, note = None, ""
     if not field.low <= value <= field.high:
         fault, note = (

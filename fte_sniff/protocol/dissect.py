@@ -10,10 +10,10 @@ from __future__ import annotations
 from fte_sniff.protocol.anatomy import Bit, Part, framed_parts
 from fte_sniff.protocol.patterns import DIVIDING
 from fte_sniff.protocol.rows import FAULT_MEANINGS, Fault, Frame, Row
-from fte_sniff.protocol.said import Said
 from fte_sniff.protocol.structure import HEADER_BYTES
 from fte_sniff.protocol.table import FRAME_LENGTH, TAIL
 from fte_sniff.protocol.wreckage import damaged_parts
+from fte_sniff.said import Said
 
 __all__ = ["Bit", "Part", "dissect", "explain"]
 
@@ -31,7 +31,7 @@ def explain(row: Row) -> list[str]:
 
 
 def _explained(fault: Fault, row: Row) -> Said:
-    plain = Said("{fault}: {meaning}", fault=fault.value, meaning=FAULT_MEANINGS[fault])
+    plain = Said("{fault}: {meaning}", fault=fault.value, meaning=Said(FAULT_MEANINGS[fault]))
     return _doubt(plain, row) if fault is Fault.AMBIGUOUS else plain
 
 

@@ -12,9 +12,10 @@ by the framer, and never changed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import reduce
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -25,6 +26,7 @@ from fte_sniff.protocol.table import (
     Direction,
     FrameKind,
 )
+from fte_sniff.said import Said
 
 
 class Status(StrEnum):
@@ -237,8 +239,17 @@ class LineErrorCounts:
 
     def __str__(self) -> str:
         """Those that there are: `2 framing, 1 break`."""
-        words = ("framing", "parity", "break", "overrun", "buffer overrun")
-        return ", ".join(f"{n:,} {word}" for n, word in zip(self.by_kind, words, strict=True) if n)
+        told = [words for words in self._words() if words.values["count"]]
+        if not told:
+            return ""
+        return reduce(lambda one, other: Said("{one}, {other}", one=one, other=other), told)
+
+    def _words(self) -> Iterator[Said]:
+        yield Said("{count:,} framing", count=self.framing)
+        yield Said("{count:,} parity", count=self.parity)
+        yield Said("{count:,} break", count=self.breaks)
+        yield Said("{count:,} overrun", count=self.overruns)
+        yield Said("{count:,} buffer overrun", count=self.buffer_overruns)
 
 
 @dataclass(frozen=True, slots=True)

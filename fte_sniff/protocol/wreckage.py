@@ -17,7 +17,6 @@ from fte_sniff.protocol.anatomy import (
     tail_part,
 )
 from fte_sniff.protocol.rows import Damage, Fault
-from fte_sniff.protocol.said import Said
 from fte_sniff.protocol.structure import HEADER_BYTES, Split, split_damaged
 from fte_sniff.protocol.table import (
     CMD_PLACE,
@@ -30,6 +29,7 @@ from fte_sniff.protocol.table import (
     Field,
     FrameKind,
 )
+from fte_sniff.said import Said
 
 
 def damaged_parts(row: Damage) -> Iterable[Part]:

@@ -18,6 +18,7 @@ from fte_sniff.errors import FileError, unwritable
 from fte_sniff.recording.keeping import DEFAULT_FREE_BYTES, Keeping, OnFull
 from fte_sniff.recording.outlet import is_outlet
 from fte_sniff.recording.place import Existing
+from fte_sniff.said import Said
 
 _ROTATE_BYTES = 512_000_000
 _FILES = 8
@@ -120,10 +121,14 @@ class Shelf:
         most, free = self._keeping.most_bytes, self._free_bytes
         total = size + sum(file.size for file in self._finished)
         if most is not None and total >= most:
-            return f"its files have reached {_told(most)} (--max-size)"
+            return Said("its files have reached {size} (--max-size)", size=_told(most))
         left = self._left()
         if left is not None and left < free:
-            return f"the disk is full but for {_told(left)} (--min-free {_told(free)})"
+            return Said(
+                "the disk is full but for {left} (--min-free {free})",
+                left=_told(left),
+                free=_told(free),
+            )
         return ""
 
     def remove_oldest(self, keep: int = 0) -> bool:
@@ -197,4 +202,10 @@ def _told(size: int) -> str:
 def check_room(shelf: Shelf) -> None:
     """Raise FileError if a bound does not hold before anything is recorded."""
     if shelf.seeks and (bound := shelf.over(0)):
-        raise FileError(f"{shelf.first} cannot be recorded: {bound}; make room, or lower the bound")
+        raise FileError(
+            Said(
+                "{path} cannot be recorded: {bound}; make room, or lower the bound",
+                path=shelf.first,
+                bound=bound,
+            )
+        )

@@ -19,6 +19,7 @@ from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.errors import FileError, FteSniffError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording.recorder import Outcome
+from fte_sniff.said import Said
 from fte_sniff.session.messages import DROP, STOP, Batch, Ended, Message, Started
 from fte_sniff.session.plan import CapturePlan
 from fte_sniff.session.process import capture
@@ -195,9 +196,11 @@ class LiveSession:
         """Kill a capture that was asked to end and has nothing to say to it."""
         if self._overdue:
             self._process.kill()
-            reason = (
-                f"the capture did not end within {END_WITHIN_S:g} s of being asked, and was killed;"
-                " what it had flushed to its recording until then is kept"
+            reason = Said(
+                "the capture did not end within {seconds:g} s of being asked, and "
+                "was killed; what it had flushed to its recording until then is "
+                "kept",
+                seconds=END_WITHIN_S,
             )
             self._take(self._gone(reason))
 
@@ -213,7 +216,7 @@ class LiveSession:
             message = self._capture.recv()
         except (EOFError, OSError):
             return self._gone(
-                "the capture process ended unexpectedly; what it had recorded is kept"
+                Said("the capture process ended unexpectedly; what it had recorded is kept")
             )
         finally:
             self._receiving = False
@@ -253,17 +256,19 @@ class LiveSession:
 
     def _state(self) -> FeedState:
         ended = self._ended
-        trouble = str(self.error) if ended is None and self.error is not None else None
+        trouble = self.error.said if ended is None and self.error is not None else None
         if trouble and self.recording:
-            trouble += f"; recording goes on in {self.recording}"
+            trouble = Said(
+                "{trouble}; recording goes on in {path}", trouble=trouble, path=self.recording
+            )
         if ended is None and trouble is None and self._leftover:
-            trouble = f"writing what has arrived: {self._leftover:,} bytes wait"
+            trouble = Said("writing what has arrived: {bytes:,} bytes wait", bytes=self._leftover)
         return FeedState(
             title=self._title(),
             recording=str(self.recording) if self.recording else None,
             running=ended is None,
             waiting=ended is None and bool(self._away),
-            ended=(ended.reason or "stopped") if ended else None,
+            ended=(ended.reason or Said("stopped")) if ended else None,
             trouble=trouble,
             rows=self._total,
             not_shown=self._not_shown,
@@ -276,7 +281,7 @@ def _check_folder() -> None:
     try:
         Path.cwd()
     except OSError as error:
-        raise FileError("the working folder is gone; go to another one with `cd`") from error
+        raise FileError(Said("the working folder is gone; go to another one with `cd`")) from error
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from fte_sniff.capture.items import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError
 from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row
 from fte_sniff.recording.recorder import Recorder
+from fte_sniff.said import Said
 from fte_sniff.session.messages import Ended
 from fte_sniff.session.ordering import Entry, Ordering
 from fte_sniff.session.outbox import Outbox
@@ -79,8 +80,12 @@ class Run:
         outcome = self._recorder.outcome if self._recorder else None
         lost = self._lost
         if lost is not None and self._source.end is SourceEnd.LOST and self._left != 0:
-            reason = f"{lost.port} was lost: {lost.detail}"
-            return Ended(reason, failure or PortError(f"{reason}; check cable and power"), outcome)
+            reason = Said("{port} was lost: {why}", port=lost.port, why=lost.detail)
+            return Ended(
+                reason,
+                failure or PortError(Said("{reason}; check cable and power", reason=reason)),
+                outcome,
+            )
         return Ended(None, failure, outcome)
 
     def _take_chunk(self, chunk: Chunk) -> None:
@@ -100,11 +105,7 @@ class Run:
     def _watch_clock(self, port: str, now_ns: int) -> None:
         step_ns = self._clock_watch.step(self._clock.system_ahead_ns())
         if step_ns:
-            way = "back" if step_ns < 0 else "forth"
-            detail = (
-                f"this machine's clock was set {way} by {abs(step_ns) / 1e9:.3f} s; "
-                "the times here go on evenly from the start of the capture"
-            )
+            detail = _step_words(step_ns)
             self._order.put(port, [PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail)])
 
     def _begin_at(self, now_ns: int) -> None:
@@ -163,3 +164,18 @@ class Run:
         do(self._recorder)
         if changes := self._recorder.changes():
             self._outbox.put_recording(changes)
+
+
+def _step_words(step_ns: int) -> Said:
+    seconds = abs(step_ns) / 1e9
+    if step_ns < 0:
+        return Said(
+            "this machine's clock was set back by {seconds:.3f} s; "
+            "the times here go on evenly from the start of the capture",
+            seconds=seconds,
+        )
+    return Said(
+        "this machine's clock was set forth by {seconds:.3f} s; "
+        "the times here go on evenly from the start of the capture",
+        seconds=seconds,
+    )

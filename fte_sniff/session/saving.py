@@ -16,6 +16,7 @@ from typing import Final
 
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
 from fte_sniff.protocol import Row
+from fte_sniff.said import Said
 from fte_sniff.session.sinks import SINKS, Sink
 
 OVERWRITE: Final = "!"
@@ -56,7 +57,9 @@ class Target:
         with suppress(RuntimeError):  # no such user
             path = path.expanduser()
         if path.suffix.lower() not in FORMS:
-            raise UsageError(f"the name's end says what is written: {' '.join(FORMS)}")
+            raise UsageError(
+                Said("the name's end says what is written: {forms}", forms=" ".join(FORMS))
+            )
         target = cls(path, replace, in_use)
         target.check()
         return target
@@ -68,18 +71,26 @@ class Target:
             FileError: it cannot.
         """
         if self.path.is_dir():
-            raise FileError(f"{self.path} is a folder; name a file in it")
+            raise FileError(Said("{path} is a folder; name a file in it", path=self.path))
         if not self.path.parent.is_dir():
-            raise FileError(f"{self.path.parent} does not exist; name a folder that does")
+            raise FileError(
+                Said("{folder} does not exist; name a folder that does", folder=self.path.parent)
+            )
         if any(_same(self.path, one) for one in self.in_use):
-            raise FileError(f"{self.path} holds what is shown, and would be lost; name another")
+            raise FileError(
+                Said("{path} holds what is shown, and would be lost; name another", path=self.path)
+            )
         if os.path.lexists(self.path) and not self.replace:
             raise FileError(
-                f"{self.path} exists already; name another, or replace it with"
-                f" {self.path.name}{OVERWRITE}"
+                Said(
+                    "{path} exists already; name another, or replace it with {name}{overwrite}",
+                    path=self.path,
+                    name=self.path.name,
+                    overwrite=OVERWRITE,
+                )
             )
         if self.replace and self.path.exists() and not self.path.is_file():
-            raise FileError(f"{self.path} is no regular file; name another")
+            raise FileError(Said("{path} is no regular file; name another", path=self.path))
 
 
 def _same(path: Path, other: str) -> bool:
@@ -112,7 +123,9 @@ class Saving:
             with self._part.open("xb"):
                 pass
         except FileExistsError as error:
-            raise FileError(f"{self._part} is in the way; delete it, or name another") from error
+            raise FileError(
+                Said("{path} is in the way; delete it, or name another", path=self._part)
+            ) from error
         except OSError as error:
             raise self._refused(error) from error
         try:
@@ -174,4 +187,10 @@ class Saving:
             self._part.unlink(missing_ok=True)
 
     def _refused(self, error: OSError) -> FileError:
-        return FileError(f"{self.path} cannot be written: {reason_of(error)}; name another place")
+        return FileError(
+            Said(
+                "{path} cannot be written: {reason}; name another place",
+                path=self.path,
+                reason=reason_of(error),
+            )
+        )

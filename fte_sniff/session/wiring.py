@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from fte_sniff.protocol import Direction, Frame, PortEvent, PortEventKind, Row
+from fte_sniff.said import Said
 
 SETTLED = 10
 """Sound frames of one direction that make a wire that direction's."""
@@ -49,16 +50,20 @@ class WiringWatch:
             return self._same_as_another(port, direction)
         if direction is own or counts[direction] < STRANGE:
             return None
-        return (
-            f"{direction} frames on the wire that carries {own} frames: "
-            "swapped or mixed wiring; each adapter's RX belongs on a wire of its own"
+        return Said(
+            "{direction} frames on the wire that carries {own} frames: swapped "
+            "or mixed wiring; each adapter's RX belongs on a wire of its own",
+            direction=direction,
+            own=own,
         )
 
     def _same_as_another(self, port: str, direction: Direction) -> str | None:
         for other, own in self._own.items():
             if other != port and own is direction:
-                return (
-                    f"{direction} frames here and on {other} too: are both adapters on the "
-                    "same wire? One RX belongs on each"
+                return Said(
+                    "{direction} frames here and on {other} too: are both adapters on "
+                    "the same wire? One RX belongs on each",
+                    direction=direction,
+                    other=other,
                 )
         return None

@@ -237,13 +237,13 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         for event in news.events if self._watched.state.live else ():
             self._notice.tell_event(event)
         if news.trouble:
-            self._notice.hold("recording", shown(news.trouble))
+            self._notice.hold("recording", shown(_(news.trouble)))
         elif not self._watched.state.trouble:
             self._notice.release("recording")
         if news.ended and self._opening.at_end is AtEnd.LEAVE:
             self.exit()
         elif news.ended and self._watched.state.ended:
-            why = shown(self._watched.state.ended)
+            why = shown(_(self._watched.state.ended))
             self._notice.hold("end", _("ended: {reason}").format(reason=why))
         elif news.ended and self._watched.events_words:
             self._notice.tell(self._watched.events_words)

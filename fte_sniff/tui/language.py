@@ -13,8 +13,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Final
 
-from fte_sniff.errors import UsageError
-from fte_sniff.protocol.said import Said
+from fte_sniff.errors import FteSniffError, UsageError, shown
+from fte_sniff.said import Said
 
 DOMAIN: Final = "fte-sniff"
 """The name of the catalogues."""
@@ -61,12 +61,17 @@ def _(text: str) -> str:
     """The text in the language that is spoken; one with values in it, with the values too."""
     if isinstance(text, Said):
         values = {
-            name: _(value) if isinstance(value, str) else value
+            name: _(value) if isinstance(value, Said) else value
             for name, value in text.values.items()
         }
         return _(text.form).format(**values)
     # To gettext, the empty text is the name of a catalogue's header.
     return _spoken.get(_ENGLISH).gettext(text) if text else ""
+
+
+def worded(error: FteSniffError) -> str:
+    """What went wrong, in the language that is spoken, on one line."""
+    return shown(_(error.said))
 
 
 def later(text: str) -> str:

@@ -55,7 +55,7 @@ def event_text(event: PortEvent) -> str:
     """The event in one line."""
     when = clock_text(event.t_ns, _MILLISECONDS)
     what = f"{event.port} {_(event_words(event.kind))}"
-    return shown(f"{when}  {what}: {event.detail}" if event.detail else f"{when}  {what}")
+    return shown(f"{when}  {what}: {_(event.detail)}" if event.detail else f"{when}  {what}")
 
 
 def event_words(kind: PortEventKind) -> str:

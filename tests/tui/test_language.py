@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import pickle
 import re
 from collections.abc import Callable, Iterator, Mapping
 from textwrap import wrap as wrapped_ascii
@@ -14,20 +16,31 @@ from rich.cells import cell_len
 from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import FeedState
-from fte_sniff.errors import UsageError
+from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.capture.refusal import refusal
+from fte_sniff.errors import FilterError, FteSniffError, UsageError, unreadable, unwritable
+from fte_sniff.protocol import LineErrorCounts, PortEvent, PortEventKind
 from fte_sniff.protocol.dissect import dissect, explain
-from fte_sniff.protocol.said import Said
+from fte_sniff.recording.refusals import bound_reached, stopped, taken_away
+from fte_sniff.said import Said
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.fitting import wrap
 from fte_sniff.tui.help import help_text
 from fte_sniff.tui.keys import SECTIONS
-from fte_sniff.tui.language import _, language_of, speak
+from fte_sniff.tui.language import _, language_of, speak, worded
 from fte_sniff.tui.opening import Opening
 from fte_sniff.tui.status import Numbers, status_text
 from fte_sniff.tui.title import Mode, badge_text, title_text
+from tests.analysis.test_filter_errors import MISTAKES
 from tests.tui.playing import Rows, Scenario, lines, page, play, press, settle, type_line
 
 CHINESE = Opening(language="zh")
+
+
+def ascii_id(text: str) -> str:
+    return text.encode("ascii", "backslashreplace").decode()[:40]
+
+
 CHARACTER = re.compile("[\u4e00-\u9fff]")
 
 
@@ -109,16 +122,79 @@ def test_help_has_every_key_in_chinese_and_every_name_as_it_is(feed: Any) -> Non
     play_chinese(feed, scenario)
 
 
-def test_what_is_wrong_with_a_filter_stays_english(feed: Any, speed_rows: Rows) -> None:
+def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
+    feed: Any, speed_rows: Rows
+) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(10))
         await press(app, pilot, "f")
-        await type_line(app, pilot, "xy")
-        assert "unknown name 'xy'" in page(app)
-        assert "过滤xy" in squeezed(app)
-        assert "enter应用" in squeezed(app)
+        await type_line(app, pilot, "moter")
+        text = squeezed(app)
+        assert "第1个字符处：没有名称'moter'" in text
+        assert "您是想写motor吗？" in text
+        assert "过滤moter" in text
+        assert "enter应用" in text
 
     play_chinese(feed, scenario)
+
+
+@pytest.mark.parametrize("text", [text for text, _fragments in MISTAKES], ids=ascii_id)
+def test_every_mistake_in_a_filter_is_told_in_chinese(text: str) -> None:
+    speak("zh")
+    with pytest.raises(FilterError) as caught:
+        RowFilter.parse(text)
+    told = worded(caught.value)
+    assert CHARACTER.search(told)
+    assert not re.search(r"\b(the|write|is|are|compare|wants)\b", told.replace(text, ""))
+    assert str(caught.value).isascii() or not text.isascii()
+
+
+def test_what_happens_to_a_port_is_told_in_chinese(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        lost = Said("{error}; waiting for it to come back", error="EIO")
+        feed.tell(PortEvent(0, "p", PortEventKind.LOST, lost))
+        await settle(app, pilot)
+        assert "EIO；等待其恢复" in squeezed(app)
+        detail = str(LineErrorCounts(framing=2, breaks=1))
+        feed.tell(PortEvent(0, "p", PortEventKind.LINE_ERROR, detail, 3))
+        await settle(app, pilot)
+        assert "帧错误2，断线1" in squeezed(app)
+
+    play_chinese(feed, scenario)
+
+
+def test_the_end_of_a_feed_is_told_in_chinese(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.end(Said("{port} was lost: {why}", port="ttyUSB0", why="EIO"))
+        await settle(app, pilot)
+        assert "ttyUSB0断开：EIO" in squeezed(app)
+
+    play_chinese(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        refusal("/dev/nowhere", "/dev/nowhere", OSError(errno.ENOENT, "no such file")),
+        refusal("p", "/dev/full", OSError(errno.EBUSY, "busy")),
+        refusal("p", "/dev/full", OSError(errno.EACCES, "denied")),
+        refusal("p", "/dev/full", OSError(errno.EIO, "broken")),
+        refusal("socket://h:1", None, OSError(errno.ECONNREFUSED, "refused")),
+        stopped("a.mcap", OSError(errno.ENOSPC, "full"), 7),
+        taken_away("a.mcap", 7, deleted=True),
+        bound_reached("a.mcap", Said("its files have reached {size} (--max-size)", size="1 GB"), 7),
+        unwritable("a.mcap", OSError(errno.ENOSPC, "full")),
+        unreadable("a.mcap", FileNotFoundError()),
+    ],
+)
+def test_errors_of_ports_and_files_are_chinese_and_travel_whole(error: FteSniffError) -> None:
+    english = str(error)
+    speak("zh")
+    again = pickle.loads(pickle.dumps(error))
+    assert str(again) == english
+    told = worded(again)
+    assert CHARACTER.search(told)
+    assert not re.search(r"\b(the|is|no|cannot|be|make)\b", told)
 
 
 @pytest.mark.parametrize("size", [(80, 24), (40, 10), (200, 60)])
@@ -151,6 +227,20 @@ def test_explanations_of_frames_and_damage_are_chinese(odd_rows: list[Any]) -> N
 
 def _notes(row: Any) -> list[str]:
     return [part.note for part in dissect(row)]
+
+
+def test_a_text_from_outside_is_never_translated() -> None:
+    speak("zh")
+    assert _(Said("unknown name '{term}'", term="stopped")) == "没有名称 'stopped'"
+
+
+@given(st.text(), st.integers())
+def test_a_sentence_travels_whole(text: str, number: int) -> None:
+    inner = Said("{count:,} framing", count=number)
+    said = Said("{one}, {other}", one=text, other=inner)
+    again = pickle.loads(pickle.dumps(said))
+    assert (again, again.form, again.values) == (said, said.form, said.values)
+    assert again == f"{text}, {number:,} framing"
 
 
 def test_a_sentence_keeps_its_values() -> None:

@@ -21,6 +21,7 @@ from fte_sniff.capture.ports import BAUD_RANGE
 from fte_sniff.capture.reading import reader_of
 from fte_sniff.capture.refusal import one_line
 from fte_sniff.protocol import PortEventKind
+from fte_sniff.said import Said
 
 
 class Exchange:
@@ -59,10 +60,13 @@ class Exchange:
         control.join()
         self._tell_not_given()
         if self._not_taken:
-            detail = f"{self._not_taken} bytes of the host program: the port did not take them"
+            detail = Said(
+                "{count} bytes of the host program: the port did not take them",
+                count=self._not_taken,
+            )
             self._wires.tell(HOST, PortEventKind.NOT_PASSED_ON, detail, self._not_taken)
         if self._host.present:
-            self._wires.tell(HOST, PortEventKind.CLOSED, "the bridge hangs up")
+            self._wires.tell(HOST, PortEventKind.CLOSED, Said("the bridge hangs up"))
         return self._lost
 
     # From the port to the host program
@@ -84,13 +88,18 @@ class Exchange:
 
     def _drop(self, count: int) -> None:
         if not self._not_given:
-            detail = "the host program does not read: what comes for it is dropped, but kept here"
+            detail = Said(
+                "the host program does not read: what comes for it is dropped, but kept here"
+            )
             self._wires.tell(HOST, PortEventKind.NOT_PASSED_ON, detail)
         self._not_given += count
 
     def _tell_not_given(self) -> None:
         if self._not_given:
-            detail = f"{self._not_given} bytes were kept here, but not given to the host program"
+            detail = Said(
+                "{count} bytes were kept here, but not given to the host program",
+                count=self._not_given,
+            )
             self._wires.tell(HOST, PortEventKind.NOT_PASSED_ON, detail, self._not_given)
             self._not_given = 0
 
@@ -126,7 +135,11 @@ class Exchange:
 
     def _tell_of_presence(self, present: bool) -> None:
         kind = PortEventKind.OPENED if present else PortEventKind.CLOSED
-        detail = f"a host program {'opened' if present else 'closed'} {self._host.name}"
+        name = self._host.name
+        if present:
+            detail = Said("a host program opened {name}", name=name)
+        else:
+            detail = Said("a host program closed {name}", name=name)
         self._wires.tell(HOST, kind, detail)
 
     def _follow_baud(self) -> None:
@@ -136,7 +149,7 @@ class Exchange:
         before, self._baud = self._baud, baud
         if not baud:
             self._set_lines(False, False)
-            detail = "the host program hung up (0 baud): DTR and RTS are off"
+            detail = Said("the host program hung up (0 baud): DTR and RTS are off")
             self._wires.tell(HOST, PortEventKind.BAUD_CHANGED, detail)
             return
         if not before:
@@ -146,7 +159,9 @@ class Exchange:
                 raise ValueError(f"it is out of range, {BAUD_RANGE[0]}..{BAUD_RANGE[1]}")
             self._port.baudrate = baud
         except (ValueError, OSError, termios.error) as error:
-            detail = f"{baud} baud is refused by the port: {one_line(error)}"
+            detail = Said(
+                "{baud} baud is refused by the port: {error}", baud=baud, error=one_line(error)
+            )
             self._wires.tell(HOST, PortEventKind.NOT_PASSED_ON, detail)
             return
         self._wires.pace(baud)

@@ -30,6 +30,7 @@ from fte_sniff.capture.refusal import one_line
 from fte_sniff.capture.returning import Opened, Reopen, Return, way_back
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEventKind
+from fte_sniff.said import Said
 
 _BEAT_S = 0.05
 """Seconds between two signs of life while a port is waited for."""
@@ -144,18 +145,18 @@ class BridgeSource:
             if self._reopen is None:
                 self._finish(SourceEnd.LOST, lost)
                 return
-            self._tell(PortEventKind.LOST, f"{lost}; waiting for it to come back")
+            self._tell(PortEventKind.LOST, Said("{lost}; waiting for it to come back", lost=lost))
             opened, away_s = self._wait_for_return(self._reopen)
             if opened is None:
                 break
             try:
                 self._take_over(opened, away_s)
             except FileError as refused:
-                self._finish(SourceEnd.LOST, str(refused))
+                self._finish(SourceEnd.LOST, refused.said)
                 return
         else:
             self._host.close()
-        self._finish(SourceEnd.STOPPED, "as asked")
+        self._finish(SourceEnd.STOPPED, Said("as asked"))
 
     def _wait_for_return(self, reopen: Reopen) -> tuple[Opened | None, float]:
         """The port once it is open again, None if the end is asked for; and how long, seconds.
@@ -182,8 +183,11 @@ class BridgeSource:
         ask_low_latency(self._port)
         _refuse_others(self._port, termios.TIOCEXCL)
         self._host = self._host.again(self._port.baudrate)
-        named = "" if opened.name == self._wires.port else f" as {opened.name}"
-        self._tell(PortEventKind.FOUND_AGAIN, f"after {away_s:.1f} s{named}")
+        named = "" if opened.name == self._wires.port else Said(" as {port}", port=opened.name)
+        self._tell(
+            PortEventKind.FOUND_AGAIN,
+            Said("after {seconds:.1f} s{named}", seconds=away_s, named=named),
+        )
         self._wires.start_again(self._port.baudrate)
         self._exchange = Exchange(self._port, self._host, self._wires)
         if self._stopping:
@@ -241,6 +245,11 @@ def open_bridge(
         port,
         host,
         Wires(name, settings.baud, clock),
-        detail=f"a host program can open {host.name}; {settings}{sharing_note(device_of(port))}",
+        detail=Said(
+            "a host program can open {name}; {settings}{shared}",
+            name=host.name,
+            settings=str(settings),
+            shared=sharing_note(device_of(port)),
+        ),
         reopen=way_back(name, settings, port) if reconnect and link is not None else None,
     )

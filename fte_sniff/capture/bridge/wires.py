@@ -13,6 +13,7 @@ from fte_sniff.capture.backlog import CAPACITY, Backlog
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.items import Item
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
+from fte_sniff.said import Said
 
 HOST = "host"
 """What the wire from the host program is called; the other is called as the port is."""
@@ -101,14 +102,14 @@ class Wires:
         """Both wires have this speed from now on, bits per second."""
         self._pace(baud)
         kind = PortEventKind.BAUD_CHANGED
-        self.tell(HOST, kind, f"the host program asks for {baud} baud", baud)
-        self.tell(self.port, kind, f"it has {baud} baud now", baud)
+        self.tell(HOST, kind, Said("the host program asks for {baud} baud", baud=baud), baud)
+        self.tell(self.port, kind, Said("it has {baud} baud now", baud=baud), baud)
 
     def start_again(self, baud: int) -> None:
         """The port was opened anew with this speed, whatever a host program had set before."""
         if baud != self._baud:
             self._pace(baud)
-            detail = f"it begins again with {baud} baud"
+            detail = Said("it begins again with {baud} baud", baud=baud)
             for wire in self._backlogs:
                 self.tell(wire, PortEventKind.BAUD_CHANGED, detail, baud)
 

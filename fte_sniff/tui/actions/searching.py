@@ -15,7 +15,7 @@ from time import monotonic
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.tui.actions.parts import Parts
-from fte_sniff.tui.language import _
+from fte_sniff.tui.language import _, worded
 
 AT_ONCE_S = 0.05
 """How long the search may hold up the screen before it goes on beside it."""
@@ -84,7 +84,7 @@ class Searching(Parts):
             look = next(steps, None)
         except FteSniffError as error:
             self._notice.release(GROUP)
-            self._notice.warn(str(error))
+            self._notice.warn(worded(error))
             return None
         if look is None:
             self._notice.release(GROUP)

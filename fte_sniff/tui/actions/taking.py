@@ -19,7 +19,7 @@ from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.session.saving import Saving, Target
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.clips import keep_copy, short_path
-from fte_sniff.tui.language import _
+from fte_sniff.tui.language import _, worded
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter import RowFilter
@@ -115,7 +115,7 @@ class Taking(Parts):
         try:
             self._saving = Saving(self._target(line), self._watched.ports)
         except FteSniffError as error:
-            self._notice.warn(str(error))
+            self._notice.warn(worded(error))
             return
         saving, row_filter = self._saving, store.filter
         self._work(GROUP, partial(self._write, saving, wanted, row_filter))
@@ -137,7 +137,7 @@ class Taking(Parts):
             saving.finish()
         except FteSniffError as error:
             self._end_of_saving()
-            self._notice.warn(str(error))
+            self._notice.warn(worded(error))
         else:
             self._end_of_saving()
             words = _("saved {count:,} rows to {file}")

@@ -17,9 +17,9 @@ from textual.suggester import Suggester
 from textual.widget import Widget
 from textual.widgets import Input, Static
 
-from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.errors import FteSniffError
 from fte_sniff.tui.keys import say_keys
-from fte_sniff.tui.language import _, later
+from fte_sniff.tui.language import _, later, worded
 from fte_sniff.tui.prompt.history import History
 from fte_sniff.tui.sentence import Sentence
 
@@ -194,8 +194,8 @@ class Field(Vertical):
             if line.strip():
                 self._check(line)
         except FteSniffError as reason:
-            words = str(reason).removeprefix(f"{self._label}: ")
-            self._tell("✗", shown(words), bad=True)
+            words = worded(reason).removeprefix(f"{self._label}: ")
+            self._tell("✗", words, bad=True)
             return False
         self._tell("✓" if line.strip() else " ", self._good, bad=False)
         return True
