@@ -11,7 +11,6 @@ tools scan the file. Who wants an index at every moment ends the file before, by
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -32,6 +31,7 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 from fte_sniff.recording.batch import Batch
+from fte_sniff.recording.checksum import crc32
 from fte_sniff.recording.growing import Growing
 from fte_sniff.recording.tail import Tail, bytes_of, groups_of
 
@@ -118,7 +118,7 @@ class McapFile:
             data=self._packer.compress(records),
             message_start_time=int(batch.times.min()),
             message_end_time=int(batch.times.max()),
-            uncompressed_crc=zlib.crc32(records),
+            uncompressed_crc=crc32(records),
             uncompressed_size=len(records),
         )
         self.add_packed(chunk, replace(batch, places=batch.places + len(definitions)), metadata)
@@ -189,7 +189,7 @@ class McapFile:
 
     def _extend(self, data: bytes) -> None:
         """Let the file grow by `data`, and end with all that is known then."""
-        end, crc = self._end + len(data), zlib.crc32(data, self._crc)
+        end, crc = self._end + len(data), crc32(data, self._crc)
         self._growing.grow(data, lambda: self._next_tail(end, crc))
         self._end, self._crc = end, crc
 

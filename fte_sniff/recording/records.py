@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import os
 import struct
-import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,6 +24,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
+
+from fte_sniff.recording.checksum import crc32
 
 MAGIC = MCAP0_MAGIC
 """The eight bytes that begin and end every MCAP file."""
@@ -164,16 +165,18 @@ class RecordStream:
 
     def _read(self, length: int) -> bytes:
         """Up to `length` bytes, by blocks, so that no claimed length takes memory by itself."""
-        blocks = [self._block(min(length, _BLOCK))]
+        if length <= _BLOCK:
+            return self._block(length)
+        blocks = [self._block(_BLOCK)]
         while len(blocks[-1]) == _BLOCK and (length := length - _BLOCK):
             blocks.append(self._block(min(length, _BLOCK)))
-        return blocks[0] if len(blocks) == 1 else b"".join(blocks)
+        return b"".join(blocks)
 
     def _block(self, length: int) -> bytes:
         block = self._stream.read(length)
         self._position += len(block)
         if self._crc is not None:
-            self._crc = zlib.crc32(block, self._crc)
+            self._crc = crc32(block, self._crc)
         return block
 
     def _next_start(self, position: int) -> int | None:
@@ -198,7 +201,7 @@ class RecordStream:
         if before is not None:
             length = len(footer)
             guarded = HEAD.pack(Opcode.FOOTER, length) + footer[:-_CRC_LENGTH]
-            self._check_crc(footer, zlib.crc32(guarded, before), "the summary")
+            self._check_crc(footer, crc32(guarded, before), "the summary")
         self._crc = None
         if self._read(len(MAGIC)) != MAGIC:
             self.ending = f"its last {len(MAGIC)} bytes are damaged or missing"
@@ -234,7 +237,7 @@ def unpack(body: bytes) -> bytes:
     records = _unpacked(body[_CHUNK_HEAD.size : place], packed, size)
     if len(records) != size:
         raise RecordError("a chunk that does not unpack to what it claims")
-    if crc and zlib.crc32(records) != crc:
+    if crc and crc32(records) != crc:
         raise RecordError("a chunk whose checksum does not match")
     return records
 

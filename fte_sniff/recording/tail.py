@@ -6,13 +6,14 @@ It must not know how a file grows. A tail can be put at any place: its offsets f
 from __future__ import annotations
 
 import struct
-import zlib
 from dataclasses import dataclass
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Footer, McapRecord, SummaryOffset
 from mcap.writer import MCAP0_MAGIC
+
+from fte_sniff.recording.checksum import crc32
 
 _FOOTER = struct.Struct("<BQQQ")
 _FOOTER_LENGTH = 8 + 8 + 4
@@ -60,7 +61,7 @@ class Tail:
         parts.append(bytes_of(*offsets))
         summary = b"".join(parts)
         guarded = _FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, start, place)
-        crc = zlib.crc32(guarded, zlib.crc32(summary))
+        crc = crc32(guarded, crc32(summary))
         return summary + _end(start, place, crc)
 
     def end_for(self, start: int) -> bytes:
@@ -73,7 +74,7 @@ class Tail:
 
 def bare_end() -> bytes:
     """Footer and magic of a file without summary."""
-    return _end(0, 0, zlib.crc32(_FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, 0, 0)))
+    return _end(0, 0, crc32(_FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, 0, 0)))
 
 
 def _end(summary: int, offsets: int, crc: int) -> bytes:
