@@ -21,13 +21,18 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     shelf      the files of one capture, and the room they may take
     gaps       what is missed while the disk fails, and when it is tried again
     recorder   Recorder: one capture into one file, or as many as it takes
+    memory     freed memory kept for the next chunk
+    checksum   CRC-32, at the speed of memory
     records    the records of any MCAP file, cut, damaged or hostile as it may be
     summary    what a file's summary tells before its rows are read
     reading    one pass over the records, one by one
     columns    rows side by side, in numpy arrays
     layout     where fields stand in messages that are equally long
     starts     where the messages of a chunk begin
-    gather     many messages to columns at once
+    side       messages of one length side by side
+    side_rows  those of one layout to columns at once
+    usual      the messages of sound frames to columns at once
+    gather     any messages to columns, as many at once as can be
     span       a part of time
     passage    some rows by where they stand in the file, to be read again
     bulk       one pass over the records by columns, on all cores

@@ -21,8 +21,9 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.columns import Array, RowColumns, Words
+from fte_sniff.recording.columns import Array, Room, RowColumns, Words
 from fte_sniff.recording.gather import Gathered, Readers, gather
+from fte_sniff.recording.memory import keep_freed_memory
 from fte_sniff.recording.passage import Passage, Range, ranges_of
 from fte_sniff.recording.reading import Reading
 from fte_sniff.recording.records import (
@@ -36,7 +37,7 @@ from fte_sniff.recording.records import (
     unpacked_size,
 )
 from fte_sniff.recording.span import Span
-from fte_sniff.recording.starts import indexed_places, message_starts
+from fte_sniff.recording.starts import MESSAGE_HEAD, indexed_places, message_starts, named_messages
 
 JOB = 8 * 1024 * 1024
 """Unpacked bytes that one batch of columns is made of, more or less: 64 thousand rows at least."""
@@ -51,6 +52,11 @@ that they stay in a core's cache."""
 SLOW_BATCH = 65_536
 """Rows of one batch, where they are read record by record."""
 
+_MOST_ROOM = 2 * JOB // MESSAGE_HEAD
+"""Rows that are given room before they are seen, whatever an index says."""
+
+keep_freed_memory()  # once for the process, and never within what a file makes happen
+
 _DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.HEADER})
 
 
@@ -63,6 +69,11 @@ class _Part:
     loose: bytearray = field(default_factory=bytearray)
     ranges: list[Range] = field(default_factory=list)
     """Where its records stand in the file."""
+
+    @property
+    def named(self) -> int:
+        """How many messages its indexes name."""
+        return named_messages(self.indexes)
 
     @property
     def size(self) -> int:
@@ -219,14 +230,17 @@ class BulkReading:
         """Runs in a thread. None where the parts must be read record by record."""
         gathered: list[Gathered] = []
         definitions: list[tuple[int, bytes]] = []
+        room = Room(self._words, min(sum(part.named for part in parts), _MOST_ROOM))
         try:
             for records, places in _pieces(parts):
-                starts, lengths, others = message_starts(records, places)
-                definitions += others
-                gathered.append(gather(records, starts, lengths, readers, self._words))
+                messages = message_starts(records, places)
+                definitions += messages.others
+                gathered.append(gather(messages, readers, room.take(len(messages))))
         except (RecordError, KeyError):
             return None
-        columns = RowColumns.joined([piece.columns for piece in gathered])
+        columns = room.taken() if all(piece.in_place for piece in gathered) else None
+        if columns is None:
+            columns = RowColumns.joined([piece.columns for piece in gathered])
         return _Outcome(version, gathered, self._span.part_of(columns), definitions)
 
 
@@ -249,9 +263,9 @@ def _joined_chunks(parts: Iterable[_Part]) -> Iterator[tuple[bytes, Array | None
     size = 0
     for part in parts:
         assert part.chunk is not None
-        named = indexed_places(part.indexes)
-        places.append(None if named is None else named + size)
         records.append(unpack(part.chunk.body))
+        named = indexed_places(part.indexes, len(records[-1]))
+        places.append(None if named is None else named + size)
         size += len(records[-1])
         if size >= PIECE:
             yield _joined(records), _all_places(places)

@@ -24,9 +24,12 @@ from fte_sniff.recording.columns import Array, RowColumns
 from fte_sniff.recording.container import McapFile
 from fte_sniff.recording.facts import PortFacts, library_name, recording_facts
 from fte_sniff.recording.growing import Stream
+from fte_sniff.recording.memory import keep_freed_memory
 from fte_sniff.recording.messages import plain
 from fte_sniff.recording.topics import Topic
 from fte_sniff.recording.writer import METADATA_NAME
+
+keep_freed_memory()
 
 CHUNK_ROWS = 16_384
 """Rows in a chunk: some 1.6 MB unpacked, which a core's cache holds."""

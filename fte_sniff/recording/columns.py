@@ -193,3 +193,25 @@ class RowColumns:
                 delay if delayed else None,
                 unordered,
             )
+
+
+class Room:
+    """Columns for rows that come piece by piece, so that they need not be joined by copying."""
+
+    def __init__(self, words: Words, rows: int) -> None:
+        """Room for so many rows; more can be taken."""
+        self._columns = RowColumns.blank(words, rows)
+        self._taken = 0
+
+    def take(self, rows: int) -> RowColumns:
+        """Blank columns: behind those before, where there is room."""
+        start = self._taken
+        self._taken += rows
+        if self._taken > len(self._columns):
+            return RowColumns.blank(self._columns.words, rows)
+        return self._columns.parted(slice(start, self._taken))
+
+    def taken(self) -> RowColumns | None:
+        """All that was taken, as one; None where there was no room for all."""
+        fits = self._taken <= len(self._columns)
+        return self._columns.parted(slice(0, self._taken)) if fits else None

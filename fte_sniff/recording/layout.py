@@ -81,6 +81,8 @@ class Layouts:
             frozenset(compress(names, lacks))
             for lacks in product(*(_MAY_LACK[name] for name in names))
         ]
+        self.usual = self._built(FRAME_LENGTH, 0, self._lacking[0]) if self._usable else None
+        """That of the most usual messages, whose rows are ten bytes without faults."""
 
     def of_length(self, length: int) -> tuple[Layout, ...]:
         """The layouts that make a message so long, the most usual first."""
