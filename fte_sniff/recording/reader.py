@@ -25,7 +25,7 @@ from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.bulk import BulkReading
 from fte_sniff.recording.columns import RowColumns, Words
 from fte_sniff.recording.facts import PortFacts
-from fte_sniff.recording.passage import Passage
+from fte_sniff.recording.passage import Definitions, Passage
 from fte_sniff.recording.reading import Reading, without_our_topics
 from fte_sniff.recording.records import (
     HEAD,
@@ -158,9 +158,10 @@ class RecordingReader:
         self, words: Words | None = None, span: Span = EVERYTHING
     ) -> Iterator[tuple[Passage, RowColumns]]:
         """The same as `batches`, each with the place at which `again` finds its rows."""
-        reading = Reading(self._path, self._port_of)
-        wanted = None if span.everything else span.touches
+        known = None if span.everything else self._definitions()
+        reading = Reading(self._path, self._port_of, known)
         with self._open() as stream:
+            wanted = None if known is None else span.touches
             records = RecordStream(stream, self._starts(), wanted)
             yield from BulkReading(reading, words or Words(), span).passages(records)
         self._finish(reading, records, whole=span.everything)
@@ -194,6 +195,19 @@ class RecordingReader:
 
     def _changed(self) -> FileError:
         return FileError(f"{self._path}: has changed since it was read; open it again")
+
+    def _definitions(self) -> Definitions | None:
+        """What the summary tells of the channels: a chunk passed over may have defined one.
+
+        None where it tells of none; then no chunk can be passed over.
+        """
+        summary = self._summary
+        if summary is None or not summary.channels:
+            return None
+        return Definitions(
+            {schema.id: schema for schema in summary.schemas},
+            {channel.id: channel for channel in summary.channels},
+        )
 
     def _starts(self) -> Sequence[int]:
         return self._summary.starts if self._summary else ()

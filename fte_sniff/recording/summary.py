@@ -7,13 +7,13 @@ contradicts the file, is as good as none.
 from __future__ import annotations
 
 import os
-import zlib
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Footer, Statistics
+from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 
+from fte_sniff.recording.checksum import crc32
 from fte_sniff.recording.records import HEAD, LARGEST, MAGIC, RecordError, parse, records_in
 
 _FOOTER_LENGTH = 8 + 8 + 4
@@ -25,6 +25,7 @@ _DATA_END_LENGTH = HEAD.size + 4
 class Summary:
     """The part of a summary that reading makes use of."""
 
+    schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
     statistics: Statistics | None = None
     starts: list[int] = field(default_factory=list)
@@ -47,7 +48,7 @@ def read_summary(stream: BinaryIO) -> Summary | None:
         return None
     stream.seek(footer.summary_start)
     records = stream.read(length)
-    if footer.summary_crc not in (0, zlib.crc32(end[: HEAD.size + 16], zlib.crc32(records))):
+    if footer.summary_crc not in (0, crc32(end[: HEAD.size + 16], crc32(records))):
         return None
     try:
         return _summary_of(records, footer.summary_start)
@@ -58,7 +59,9 @@ def read_summary(stream: BinaryIO) -> Summary | None:
 def _summary_of(records: bytes, start: int) -> Summary:
     summary = Summary()
     for opcode, body in records_in(records):
-        if opcode == Opcode.CHANNEL:
+        if opcode == Opcode.SCHEMA:
+            summary.schemas.append(parse(Schema, body))
+        elif opcode == Opcode.CHANNEL:
             summary.channels.append(parse(Channel, body))
         elif opcode == Opcode.STATISTICS:
             summary.statistics = parse(Statistics, body)

@@ -18,6 +18,7 @@ It must not know what shows the rows, nor how any of the rooms below does its wo
     saving     rows of the view to a new file
     sinks      what takes rows for such a file, by its form
     parquet_sink, recording_sink   those of them that need much to be loaded
+    tables     recordings as polars tables; `earliest` is where a filter lets them begin
 
 A capture runs in a process of its own. A slow, stopped or killed view costs it no byte, no
 timestamp and no file; only "stop" goes back up, and a view that is gone means the same.

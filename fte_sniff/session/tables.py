@@ -19,6 +19,8 @@ from fte_sniff.errors import RecordingWarning, shown
 from fte_sniff.recording.columns import RowColumns, Words
 from fte_sniff.recording.files import recordings_in, start_of
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.span import Span
+from fte_sniff.session.earliest import earliest_ns
 
 _MOST_LOSSES = 5
 """Losses that the warning of a file lists; of more it gives the number."""
@@ -30,8 +32,10 @@ def scan(paths: Paths) -> pl.LazyFrame:
     """Recordings as a lazy table with the columns of the row contract; see `read` for their types.
 
     Only what a query needs is read and decoded: its columns, its rows as they pass its filter, and
-    no more rows than it asks for. Rows come by batches of some 64 thousand, so that a recording of
-    any size takes bounded memory with `collect(engine="streaming")` and the `sink_` methods.
+    no more rows than it asks for. A filter such as `pl.col("time") >= start`, alone or joined by
+    AND, passes over the chunks before it unread. Rows come by batches of some 64 thousand, so that
+    a recording of any size takes bounded memory with `collect(engine="streaming")` and the `sink_`
+    methods.
 
     Args:
         paths: a recording, a folder of them, a pattern such as `logs/*.mcap`, or several of these;
@@ -43,7 +47,7 @@ def scan(paths: Paths) -> pl.LazyFrame:
 
     Warns:
         RecordingWarning: a file is damaged, and rows may be missing; one line a file says what is
-            lost, as `decode` does. Of files that a query does not read to their end none is said.
+            lost, as `decode` does. Of what a query passes over or does not come to, none is said.
     """
     readers = _opened(paths)
 
@@ -90,9 +94,12 @@ def _frames(
     readers: Sequence[RecordingReader], names: list[str] | None, wanted: pl.Expr | None
 ) -> Iterator[pl.DataFrame]:
     make = _maker(names, wanted)
+    # A row's time is never later than its log time, so no chunk that ends before can hold one. It
+    # may be earlier by any time, so chunks that begin after the last time must be looked through.
+    span = Span(0 if wanted is None else earliest_ns(wanted))
     words = Words()
     for reader in readers:
-        for columns in reader.batches(words):
+        for columns in reader.batches(words, span):
             if len(columns):
                 yield make(columns)
         _warn_of(reader)

@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import CompressionType, Writer
 
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, Row, encode
 from fte_sniff.recording.bulk import JOB
-from fte_sniff.recording.columns import RowColumns, Words
+from fte_sniff.recording.columns import Room, RowColumns, Words
 from fte_sniff.recording.facts import PortFacts
 from fte_sniff.recording.messages import MessageReader, encode_row
 from fte_sniff.recording.place import Existing
@@ -147,6 +148,45 @@ def test_a_message_that_only_looks_equally_long_is_not_misread(
     assert told(found) == told(mixed)
 
 
+@settings(deadline=None, max_examples=150)
+@given(st.data())
+def test_whatever_a_message_says_columns_say_what_reading_one_by_one_says(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """Without checksums a changed byte reaches the messages; the others stay as they are."""
+    path = tmp_path_factory.mktemp("bulk") / "changed.mcap"
+    kinds = data.draw(st.sampled_from([KINDS[:1], KINDS[3:4], KINDS]))
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start()
+        channels: dict[str, int] = {}
+        for number in range(70):
+            kind = kinds[number % len(kinds)]
+            values = {field.name: max(1, field.low) for field in kind.fields}
+            row = Frame("p", number * 10, encode(kind, values), number, (), 5)
+            topic = topic_of(row)
+            if topic.name not in channels:
+                schema = writer.register_schema(
+                    schema_name(topic), "protobuf", schema_data(topic.schema)
+                )
+                channels[topic.name] = writer.register_channel(topic.name, "protobuf", schema)
+            changed = bytearray(encode_row(topic, row, number))
+            if number == 33:
+                place = data.draw(st.integers(0, len(changed) - 1))
+                changed[place] = data.draw(
+                    st.one_of(st.sampled_from([*changed, 0xAA, 0x55, 0xEE]), st.integers(0, 255))
+                )
+            time = data.draw(st.sampled_from([number, 2**63])) if number == 34 else number
+            writer.add_message(channels[topic.name], time, bytes(changed), time)
+        writer.finish()
+    reader = RecordingReader(path)
+    rows = list(reader)
+    lost = reader.losses
+    batches = list(reader.batches())
+    assert [row for batch in batches for row in batch.rows()] == rows
+    assert reader.losses == lost
+
+
 def test_a_span_leaves_out_what_is_outside(recorded: Recorded) -> None:
     path, rows, events = recorded
     times = [row.t_ns or 0 for row in rows]
@@ -193,3 +233,36 @@ def test_a_reader_that_is_left_early_leaves_no_thread_behind(
     next(batches)
     batches.close()
     assert threading.active_count() == before
+
+
+def test_a_channel_that_a_chunk_defines_is_known_when_the_chunk_is_passed_over(
+    tmp_path: Path, make_rows: MakeRows
+) -> None:
+    """A port that was not named at first is defined where its first rows stand."""
+    rows = make_rows(60)
+    path = tmp_path / "unnamed.mcap"
+    with RecordingWriter(path, []) as writer:
+        for start in range(0, len(rows), 20):
+            writer.write(rows[start : start + 20])
+            writer.flush()
+    found, _ = _columns(path, Span(rows[45].t_ns or 0))
+    assert found == rows[45:]
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"fte.MotorControl", len(content) // 2)])
+    reader = RecordingReader(path)
+    batches = list(reader.batches(span=Span(rows[45].t_ns or 0)))
+    assert [row for batch in batches for row in batch.rows()] == rows[45:]
+    assert reader.losses == ()
+
+
+def test_room_is_one_only_if_all_that_was_taken_fits() -> None:
+    room = Room(Words(), 10)
+    for start, end in ((0, 4), (4, 10)):
+        taken = room.take(end - start)
+        taken.t_ns[:] = range(start, end)
+    whole = room.taken()
+    assert whole is not None
+    assert whole.t_ns.tolist() == list(range(10))
+    assert len(room.take(3)) == 3
+    assert room.taken() is None
+    assert whole.t_ns.tolist() == list(range(10))

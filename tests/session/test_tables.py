@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import polars as pl
@@ -13,6 +14,7 @@ from fte_sniff.analysis.table import TABLE_SCHEMA
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row, record
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.session.earliest import earliest_ns
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 RECORDINGS = sorted(SAMPLES.glob("*.mcap"))
@@ -162,3 +164,102 @@ def test_the_example_runs(tmp_path: Path) -> None:
     assert "motor" in done.stdout
     assert done.stdout.endswith("rows in damaged.parquet\n")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["damaged.mcap", "tables.py"]
+
+
+_START = datetime(2026, 1, 31, 12, tzinfo=UTC)
+_time = pl.col("time")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "bounded"),
+    [
+        (_time > _START, True),
+        (_time >= _START, True),
+        (_time == _START, True),
+        (pl.lit(_START) <= _time, True),
+        (_time >= pl.datetime(2026, 1, 31, 12, time_zone="UTC"), True),
+        (_time.is_between(_START, datetime(2027, 1, 1, tzinfo=UTC)), True),
+        ((_time >= _START) & (pl.col("rpm") > 3), True),
+        (
+            (pl.col("rpm") > 3) & ((_time < datetime(2027, 1, 1, tzinfo=UTC)) & (_time > _START)),
+            True,
+        ),
+        ((_time >= _START) | (_time == datetime(2027, 1, 1, tzinfo=UTC)), True),
+        ((_time >= _START) | (pl.col("rpm") > 3), False),
+        (_time < _START, False),
+        (_time != _START, False),
+        (~(_time > _START), False),
+        (_time > _time, False),
+        (_time > pl.lit(None), False),
+        (_time.is_not_null(), False),
+        (pl.col("offset") > 10**18, False),
+        (_time.dt.offset_by("1h") > _START, False),
+        (_time.cast(pl.Int64) > 10**18, False),
+        (pl.lit(True), False),
+    ],
+    ids=str,
+)
+def test_a_bound_is_taken_from_a_filter_only_where_it_holds(wanted: pl.Expr, bounded: bool) -> None:
+    start_ns = int(_START.timestamp()) * 10**9
+    assert earliest_ns(wanted) in ({start_ns, start_ns + 999} if bounded else {0})
+
+
+def test_a_bound_holds_however_polars_writes_the_filter(tmp_path: Path) -> None:
+    """What reaches the reader is rewritten by polars: rounded, turned around, parted anew."""
+    rows = _rows(SAMPLES / "clean.mcap")
+    path = _recording_by_chunks(tmp_path, rows)
+    whole = fte_sniff.read(path)
+    for at in (0, 1, 300, len(rows) - 1):
+        time = whole["time"][at]
+        for wanted in (_time > time, _time >= time, _time == time, _time.is_between(time, time)):
+            both = wanted & (pl.col("length") > 0)
+            for asked in (wanted, both):
+                found = fte_sniff.scan(path).filter(asked).collect()
+                assert found.equals(whole.filter(asked))
+
+
+def test_chunks_before_the_earliest_time_are_passed_over(tmp_path: Path) -> None:
+    """The first chunk is damaged, and a query for what comes after it neither sees nor says it."""
+    rows = _rows(SAMPLES / "clean.mcap")
+    path = _recording_by_chunks(tmp_path, rows)
+    start = fte_sniff.read(path)["time"][500]
+    content = bytearray(path.read_bytes())
+    content[content.index(b"zstd") + 40] ^= 0xFF
+    path.write_bytes(content)
+    found = fte_sniff.scan(path).filter(_time >= start).collect()
+    assert _records(found) == [record(row) for row in rows[500:]]
+    with pytest.warns(fte_sniff.RecordingWarning):
+        fte_sniff.scan(path).filter(_time <= start).collect()
+
+
+def test_a_row_that_came_late_is_found_by_its_own_time(tmp_path: Path) -> None:
+    """It stands in a chunk whose log times are all later."""
+    from fte_sniff.protocol import Frame
+    from fte_sniff.recording.facts import PortFacts
+    from fte_sniff.recording.writer import RecordingWriter
+
+    rows = [row for row in _rows(SAMPLES / "clean.mcap") if isinstance(row, Frame)][:40]
+    last = rows[-1]
+    late = Frame("late", 0, last.raw, (rows[0].t_ns or 0) + 1, (), 0)
+    path = tmp_path / "late.mcap"
+    with RecordingWriter(path, [PortFacts("p"), PortFacts("late")]) as writer:
+        for row in (*rows, late, *rows[-1:]):
+            writer.write([row])
+            writer.flush()
+    whole = fte_sniff.read(path)
+    time = whole.filter(pl.col("port") == "late")["time"][0]
+    for wanted in (_time <= time, _time == time, _time >= time):
+        assert fte_sniff.scan(path).filter(wanted).collect().equals(whole.filter(wanted))
+        assert "late" in fte_sniff.scan(path).filter(wanted).collect()["port"].to_list()
+
+
+def _recording_by_chunks(folder: Path, rows: list[Row]) -> Path:
+    from fte_sniff.recording.facts import PortFacts
+    from fte_sniff.recording.writer import RecordingWriter
+
+    path = folder / "chunks.mcap"
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        for start in range(0, len(rows), 100):
+            writer.write(rows[start : start + 100])
+            writer.flush()
+    return path
