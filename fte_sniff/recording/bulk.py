@@ -55,8 +55,6 @@ SLOW_BATCH = 65_536
 _MOST_ROOM = 2 * JOB // MESSAGE_HEAD
 """Rows that are given room before they are seen, whatever an index says."""
 
-keep_freed_memory()  # once for the process, and never within what a file makes happen
-
 _DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.HEADER})
 
 
@@ -116,6 +114,7 @@ class BulkReading:
             words: takes up ports and faults.
             span: rows outside it are left out.
         """
+        keep_freed_memory()
         self._reading, self._words, self._span = reading, words, span
         self._readers: tuple[int, Readers] = (-1, {})
         self._jobs: deque[_Job] = deque()

@@ -29,8 +29,6 @@ from fte_sniff.recording.messages import plain
 from fte_sniff.recording.topics import Topic
 from fte_sniff.recording.writer import METADATA_NAME
 
-keep_freed_memory()
-
 CHUNK_ROWS = 16_384
 """Rows in a chunk: some 1.6 MB unpacked, which a core's cache holds."""
 
@@ -71,6 +69,7 @@ class _Writer:
     def __init__(
         self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str]
     ) -> None:
+        keep_freed_memory()
         self._channels = Channels()
         self._packer = ColumnPacker(self._channel_id)
         self._last_time = 0
