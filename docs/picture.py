@@ -15,6 +15,7 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from html import escape, unescape
 from pathlib import Path
 
@@ -89,7 +90,7 @@ PICTURES: Mapping[str, Picture] = {
 class Capture:
     """A capture that has run for a while, as a feed with a clock of its own."""
 
-    def __init__(self, rows: list[Row]) -> None:
+    def __init__(self, rows: Sequence[Row]) -> None:
         self._rows = rows
         self._given = 0
         self._looks = 0
@@ -127,7 +128,8 @@ class Pictured(SniffApp):
         return self._capture.now_ns
 
 
-def rows(frames: int) -> list[Row]:
+@cache
+def rows(frames: int) -> Sequence[Row]:
     """What the simulated wire brings with so many frames."""
     framer = Framer(PORT, DEFAULT_BAUD)
     found: list[Row] = []
