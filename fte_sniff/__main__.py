@@ -1,6 +1,7 @@
 """Owns the door of the program: `fte-sniff`, and `python -m fte_sniff`. It knows only what to load.
 
-Until all is loaded Ctrl-C ends the program as it ends any other, without a traceback.
+Until all is loaded Ctrl-C ends the program as it ends any other, without a traceback; from then on
+`cli` says what it does.
 """
 
 import signal
@@ -8,13 +9,10 @@ import signal
 
 def main() -> None:
     """Load the command line, and run it."""
-    interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if interruptible:
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from fte_sniff.cli import main as run
 
-    if interruptible:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
     run()
 
 

@@ -14,6 +14,7 @@ from typing import NoReturn
 
 import click
 
+from fte_sniff.cli.signals import interruptible
 from fte_sniff.cli.stdout import abandon_stdout, settle_streams
 from fte_sniff.cli.telling import tell
 from fte_sniff.errors import FteSniffError, unwritable
@@ -58,7 +59,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the program and exit with the code of the contract."""
     settle_streams()
     try:
-        sys.exit(_run(sys.argv[1:] if arguments is None else arguments))
+        with interruptible():
+            code = _run(sys.argv[1:] if arguments is None else arguments)
+        sys.exit(code)
     except FteSniffError as error:
         _end(str(error), error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:

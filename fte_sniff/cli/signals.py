@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -15,6 +16,39 @@ PATIENCE_S = 3.0
 _AGAIN_S = 1.0
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """The signals that ask for the end, where nobody says otherwise."""
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """While in this context, the first Ctrl-C raises KeyboardInterrupt: what is half made goes.
+
+    Any other ends the program at once and in silence, as it does outside. Where Ctrl-C is ignored
+    or somebody else's, it stays so.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
+        yield
+        return
+
+    def hear(*_: object) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        raise KeyboardInterrupt
+
+    def heed(unraisable: sys.UnraisableHookArgs) -> None:
+        # Where nobody can catch it, as when an object goes, it would be printed, and forgotten.
+        if isinstance(unraisable.exc_value, KeyboardInterrupt):
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            signal.raise_signal(signal.SIGINT)
+        tell_unraisable(unraisable)
+
+    tell_unraisable = sys.unraisablehook
+    try:
+        sys.unraisablehook = heed
+        signal.signal(signal.SIGINT, hear)
+        yield
+    finally:
+        if signal.getsignal(signal.SIGINT) is hear:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+        sys.unraisablehook = tell_unraisable
 
 
 @contextmanager

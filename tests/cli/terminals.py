@@ -11,7 +11,7 @@ import struct
 import subprocess
 import termios
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from time import monotonic
 
@@ -87,19 +87,24 @@ def terminal(
     size: tuple[int, int] = (80, 24),
     manner: Callable[[], None] = silent,
     program: Sequence[str] = PROGRAM,
+    errors: Path | None = None,
 ) -> Iterator[Terminal]:
+    """The program in a terminal, but for its standard error where that goes to a file."""
     far, near = pty.openpty()
     fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-    with subprocess.Popen(
-        [*program, *arguments],
-        stdin=near,
-        stdout=near,
-        stderr=near,
-        env=environment,
-        cwd=folder,
-        start_new_session=True,
-        preexec_fn=manner,
-    ) as process:
+    with (
+        nullcontext(near) if errors is None else errors.open("wb") as told,
+        subprocess.Popen(
+            [*program, *arguments],
+            stdin=near,
+            stdout=near,
+            stderr=told,
+            env=environment,
+            cwd=folder,
+            start_new_session=True,
+            preexec_fn=manner,
+        ) as process,
+    ):
         os.close(near)
         screen = Terminal(far, process)
         try:

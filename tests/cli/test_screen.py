@@ -36,6 +36,18 @@ def test_ctrl_c_and_a_bounded_capture_end_it_too(environment, tmp_path: Path) ->
     assert b"recorded to x.mcap" in screen.drawn
 
 
+def test_standard_error_in_a_file_is_no_part_of_the_screen(environment, tmp_path: Path) -> None:
+    told = tmp_path / "err.log"
+    arguments = ("live", "sim://?rate=500", "-o", "x.mcap")
+    with terminal(environment, tmp_path, *arguments, errors=told) as screen:
+        screen.until("speed fb")
+        assert told.read_bytes() == b""
+        screen.type("q")
+        assert screen.ended() == 0
+    assert told.read_text() == "recorded to x.mcap\n"
+    assert b"recorded to" not in screen.drawn
+
+
 def test_no_color(environment, tmp_path: Path) -> None:
     environment = environment | {"NO_COLOR": "1"}
     with terminal(environment, tmp_path, "live", "sim://?drop=0.3", "--no-record") as screen:
