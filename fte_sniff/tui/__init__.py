@@ -31,6 +31,7 @@ files mirror the screen:
     keys.py          every key, once
     watched.py       the feed's rows, their numbers, and ways to a row; knows no Textual
     pane.py          what the panes have in common
+    abstract.py      methods that are left to derived classes
     braille.py       drawing with dots
     quantities.py    numbers with units in few cells
     sentence.py      a sentence in few lines, its start and end kept

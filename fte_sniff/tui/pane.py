@@ -5,6 +5,7 @@ It must not know what a pane shows.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -20,6 +21,7 @@ from fte_sniff.analysis.bench import Bench
 from fte_sniff.analysis.following import Following
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.protocol import Row
+from fte_sniff.tui.abstract import AbstractMeta
 from fte_sniff.tui.language import _
 from fte_sniff.tui.table.palette import Palette
 
@@ -46,7 +48,7 @@ class Sight:
     palette: Palette
 
 
-class Pane(VerticalScroll, can_focus=False):
+class Pane(VerticalScroll, can_focus=False, metaclass=AbstractMeta):
     """A page below the table; keys and the mouse wheel scroll it."""
 
     EVERY_S: ClassVar[float] = 0.0
@@ -71,9 +73,9 @@ class Pane(VerticalScroll, can_focus=False):
         bar = 0 if self.show_vertical_scrollbar else 1
         return Size(max(1, region.width - bar), max(1, region.height))
 
+    @abstractmethod
     def see(self, sight: Sight) -> None:
         """Draw what there is to see."""
-        raise NotImplementedError
 
     def entitle(self, title: str) -> None:
         """Put a title over the page."""

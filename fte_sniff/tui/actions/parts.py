@@ -5,10 +5,13 @@ It must not make them; the screen does. Nor does it know any key.
 
 from __future__ import annotations
 
+from abc import abstractmethod
+
 from textual.app import App
 from textual.worker import WorkType
 
 from fte_sniff.session.saving import Saving
+from fte_sniff.tui.abstract import AbstractMeta
 from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.panes import Panes
 from fte_sniff.tui.prompt.filter import FilterField
@@ -19,7 +22,7 @@ from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.watched import Watched
 
 
-class Parts(App[None]):
+class Parts(App[None], metaclass=AbstractMeta):
     """A screen whose parts have been made."""
 
     _watched: Watched
@@ -43,10 +46,10 @@ class Parts(App[None]):
         """Do something beside the screen; what was done in its group before ends."""
         self.run_worker(work, group=group, exclusive=True)
 
+    @abstractmethod
     def _show_state(self) -> None:
         """Draw the lines around the table, where they changed."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _unselect(self) -> bool:
         """End the selection; whether there was one."""
-        raise NotImplementedError

@@ -5,11 +5,14 @@ It must not know rows.
 
 from __future__ import annotations
 
+from abc import abstractmethod
+
 from textual import events, on
 from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.scrollbar import ScrollDown, ScrollTo, ScrollUp
 
+from fte_sniff.tui.abstract import AbstractMeta
 from fte_sniff.tui.table.scale import Scale
 from fte_sniff.tui.table.viewport import Viewport
 
@@ -17,18 +20,18 @@ WHEEL = 3
 """Rows that one notch of the mouse wheel moves the window."""
 
 
-class Scrolling(ScrollView):
+class Scrolling(ScrollView, metaclass=AbstractMeta):
     """What is scrolled by a viewport."""
 
     viewport: Viewport
 
+    @abstractmethod
     def _moved(self) -> None:
         """Draw what the viewport shows now."""
-        raise NotImplementedError
 
+    @abstractmethod
     def action_aside(self, by: int) -> None:
         """Move sideways by columns."""
-        raise NotImplementedError
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         """Move the scroll bar alone; what is in view is drawn by `_draw`."""
