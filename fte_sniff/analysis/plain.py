@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, KINDS, TAIL
+from fte_sniff.protocol.patterns import USUAL_FLAGS, ends_freely
 from fte_sniff.protocol.structure import legal_bytes
 from fte_sniff.protocol.table import MOTORS, NUM_PLACE
 
@@ -50,7 +51,8 @@ def _forbidden_bits() -> tuple[Array, Array, Array]:
     without the tail, must not be set then.
 
     Motors begin with 1 and are a power of two many: NUM less 1 must not have higher bits. (Where
-    NUM is 0, more than its own bits change; the frame is not plain then anyhow.)
+    NUM is 0, more than its own bits change; the frame is not plain then anyhow.) Where NUM means
+    nothing, it must be small: neither header nor tail is.
     """
     first = np.zeros(NO_KIND + 1, np.uint64)
     masks = np.zeros((NO_KIND + 1, FRAME_LENGTH), np.uint8)
@@ -58,7 +60,7 @@ def _forbidden_bits() -> tuple[Array, Array, Array]:
     for code, kind in enumerate(KINDS):
         if kind.names_motor:
             first[code] = MOTORS.start << 8 * NUM_PLACE
-            masks[code, NUM_PLACE] = 0x100 - len(MOTORS)
+        masks[code, NUM_PLACE] = 0x100 - len(MOTORS)
         for place in range(NUM_PLACE + 1, FRAME_LENGTH - 1):
             legal = legal_bytes(kind)[place]
             if legal is not None:
@@ -83,6 +85,15 @@ _TAILS: Final = np.uint64(TAIL) * _EVERY_BYTE
 _ABOVE_CMDS: Final = np.uint64(0xFC) * _EVERY_BYTE
 _ABOVE_NUMS: Final = np.uint64(0xF8) * _EVERY_BYTE
 _NO_PAYLOAD: Final = np.uint64(0xFF << 56)
+_ENDS_AS_IT_MUST: Final = np.array([not ends_freely(kind) for kind in KINDS] + [True])
+_ENDINGS: Final = tuple(
+    (
+        np.uint64(8 * (FRAME_LENGTH - 3 - len(flags))),
+        np.uint64(int.from_bytes(flags + b"\xff", "little")),
+    )
+    for flags in USUAL_FLAGS
+)
+"""What nothing else may end with: how far a payload is to be shifted, and what is left then."""
 
 
 class PlainRuns:
@@ -180,6 +191,8 @@ def _plain(front: Array, back: Array) -> Array:
     plain &= kinds != NO_KIND
     payload = front >> np.uint64(16) | back.astype(np.uint64) << np.uint64(48) | _NO_PAYLOAD
     plain[_dividing(payload)] = False
+    for shift, flags in _ENDINGS:
+        plain &= (payload >> shift != flags) | _ENDS_AS_IT_MUST.take(kinds, mode="clip")
     return np.asarray(plain)
 
 

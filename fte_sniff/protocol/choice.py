@@ -5,7 +5,7 @@ It must not know of chunks, times or rows, nor reckon weights: `weighing` does.
 - Shown are those frames that together are the most probable, none overlapping another.
 - What lies between them is divided into the pieces that weigh most.
 - A frame whose probability is below `CERTAIN` is `ambiguous`, unless it stands in step between a
-  certain frame and another.
+  certain frame and another, and could not also be two truncated ones.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fte_sniff.protocol.likelihood import (
     NOISE_STAYS,
     SHOWN,
 )
-from fte_sniff.protocol.patterns import DIVIDING
+from fte_sniff.protocol.patterns import PLAIN_FRAME
 from fte_sniff.protocol.pieces import Piece
 from fte_sniff.protocol.reading import Stretch
 from fte_sniff.protocol.rows import Fault
@@ -93,7 +93,7 @@ def _believing_neighbours(data: bytes, reading: list[Stretch]) -> list[Stretch]:
         if frame.faults != _DOUBT or frame.probability < LIKELY:
             continue
         in_step = reading[number - 1].certain and reading[number + 1].probability
-        if in_step and not DIVIDING.search(data, frame.start + 1, frame.stop - 1):
+        if in_step and PLAIN_FRAME.match(data, frame.start):
             reading[number] = frame._replace(faults=())
     return reading
 

@@ -7,8 +7,14 @@ from __future__ import annotations
 
 import re
 
-from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG, strict_regex
-from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, MOTORS, TAIL, FrameKind
+from fte_sniff.protocol.structure import (
+    HEADER_BYTES,
+    LONGEST_OVERLONG,
+    legal_bytes,
+    places_regex,
+    strict_regex,
+)
+from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, MOTORS, NUM_PLACE, TAIL, FrameKind
 
 _HEADER = b"[%b]" % re.escape(HEADER_BYTES)
 _TAIL = re.escape(bytes([TAIL]))
@@ -39,15 +45,45 @@ _DIVIDING = b"%b%b|%b[%b][%b]" % (
 _CALM = b"[^%b%b]{%d}" % (re.escape(HEADER_BYTES), _TAIL, FRAME_LENGTH - 2)
 
 
+_NO_MARK = bytes(value for value in range(256) if value not in {*HEADER_BYTES, TAIL})
+
+
+def _usual_flags(kind: FrameKind) -> bytes:
+    """The flags that nearly every frame of a kind has, with which it ends; empty if it has none."""
+    return bytes(field.default for field in kind.fields if field.default is not None)
+
+
+USUAL_FLAGS = tuple({flags: None for kind in KINDS if (flags := _usual_flags(kind))})
+"""What nearly every frame with flags ends with, before its tail."""
+
+
+def ends_freely(kind: FrameKind) -> bool:
+    """Whether a frame of that kind can end with what are another one's flags."""
+    return legal_bytes(kind)[-2] is None
+
+
+def no_flags_before(kind: FrameKind) -> bytes:
+    """Matches behind the tail of a frame that does not end with another kind's usual flags."""
+    if not ends_freely(kind):
+        return b""
+    return b"".join(b"(?<!%b%b)" % (re.escape(flags), _TAIL) for flags in USUAL_FLAGS)
+
+
 def _plain_regex(kind: FrameKind) -> bytes:
-    """As `strict_regex`, but nothing dividing begins in the free bytes."""
-    free = re.compile(rb"\.{2,}")
+    """As `strict_regex`, but not what is too much like two truncated frames: nothing dividing
+    begins in the free bytes, a NUM that means nothing is no header or tail, and no free bytes
+    before the tail are another frame's flags."""
+    places = list(legal_bytes(kind))
+    if places[NUM_PLACE] is None:
+        places[NUM_PLACE] = _NO_MARK
     plain = b"(?:[^%b%b]{%d}|(?:(?!%b).){%d})"
     headers = re.escape(HEADER_BYTES)
-    return free.sub(
+    plain_frame = re.sub(
+        rb"\.{2,}",
         lambda dots: plain % (headers, _TAIL, len(dots[0]), _DIVIDING, len(dots[0])),
-        strict_regex(kind),
+        places_regex(places),
     )
+    return plain_frame + no_flags_before(kind)
 
 
 STRICT = re.compile(_STRICT, re.DOTALL)
@@ -57,6 +93,8 @@ _RUN_FRAMES = 128
 
 PLAIN = b"(?:%b)" % b"|".join(_plain_regex(kind) for kind in KINDS)
 """A frame that fits its kind at every place, and could not also be two truncated ones."""
+
+PLAIN_FRAME = re.compile(PLAIN, re.DOTALL)
 
 PLAIN_RUN = re.compile(b"%b{0,%d}+" % (PLAIN, _RUN_FRAMES), re.DOTALL)
 """Such frames in step, up to `LONG_RUN` bytes, none of which could also be two truncated ones."""

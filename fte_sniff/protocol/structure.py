@@ -63,9 +63,12 @@ def legal_bytes(kind: FrameKind) -> tuple[bytes | None, ...]:
 
 def strict_regex(kind: FrameKind) -> bytes:
     """A regular expression (bytes, DOTALL) for ten bytes that fit `kind` at every place."""
-    return b"".join(
-        b"." if legal is None else b"[%b]" % re.escape(legal) for legal in legal_bytes(kind)
-    )
+    return places_regex(legal_bytes(kind))
+
+
+def places_regex(places: Iterable[bytes | None]) -> bytes:
+    """The same for any places, given as `legal_bytes` gives them."""
+    return b"".join(b"." if legal is None else b"[%b]" % re.escape(legal) for legal in places)
 
 
 def _as_far_as(places: Iterable[bytes | None]) -> re.Pattern[bytes]:

@@ -16,7 +16,7 @@ import re
 
 from fte_sniff.protocol.codec import frame_faults
 from fte_sniff.protocol.likelihood import LONGEST_JUNK, WIDEST_CHANGE
-from fte_sniff.protocol.patterns import PLAIN
+from fte_sniff.protocol.patterns import PLAIN, no_flags_before
 from fte_sniff.protocol.reading import Stretch
 from fte_sniff.protocol.rows import Fault
 from fte_sniff.protocol.structure import (
@@ -39,7 +39,7 @@ def _plain(kind: FrameKind) -> bytes:
     places = [_CALM if legal is None else b"[%b]" % re.escape(legal) for legal in legal_bytes(kind)]
     if legal_bytes(kind)[NUM_PLACE] is None:
         places[NUM_PLACE] = rb"\x00"
-    return b"".join(places)
+    return b"".join(places) + no_flags_before(kind)
 
 
 _PLAIN = b"(?:%b)" % b"|".join(_plain(kind) for kind in KINDS)
@@ -122,7 +122,7 @@ def _named(shape: str, raw: bytes) -> Fault | None:
 def _framed_damage(raw: bytes) -> Fault | None:
     """What is wrong with bytes that begin with a header and end with a tail."""
     if len(raw) == FRAME_LENGTH:
-        return _FRAMED
+        return _FRAMED if frame_faults(raw) else None
     kinds = kinds_of(raw)
     head = head_fit(kinds[0], raw[:-1]) if len(kinds) == 1 else 1
     whole = min(len(raw), FRAME_LENGTH)

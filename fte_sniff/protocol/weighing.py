@@ -12,7 +12,6 @@ the stretch, which the framer bounds.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from operator import mul
@@ -180,20 +179,27 @@ class Weighing:
 
     def whole_frames(self) -> dict[int, float]:
         """Where whole frames can stand, from left to right, and how probable they are (0-1)."""
-        return {
-            start.place: self.probability(start.place, *start.ends[0][:2])
-            for start in self.window.starts
-            if start.front.whole
-        }
+        return self._whole_frames(self._after_piece, self._after_noise, self._total)
 
     def whole_frames_behind_rows(self) -> dict[int, float]:
         """The same, where all rows so far are taken for granted."""
         if not self._carried.ends_frame:
             return self.whole_frames()
-        other = copy(self)
-        other._after_piece, other._after_noise, _ = self._forward(_TRUSTED, self.size)
-        other._total = self._in_all(_TRUSTED)
-        return other.whole_frames()
+        after_piece, after_noise, _ = self._forward(_TRUSTED, self.size)
+        return self._whole_frames(after_piece, after_noise, self._in_all(_TRUSTED))
+
+    def _whole_frames(
+        self, after_piece: list[float], after_noise: list[float], total: float
+    ) -> dict[int, float]:
+        to_end = self._to_end
+        return {
+            place: (after_piece[place] + after_noise[place])
+            * ends[0][1]
+            * to_end[place + FRAME_LENGTH]
+            / total
+            for place, front, _, ends in self.window.starts
+            if front.whole
+        }
 
     def carry(self, place: int, *, ends_frame: bool) -> Carry:
         """What the bytes before `place`, where a row ends, say of those behind it."""

@@ -84,6 +84,32 @@ CASES: dict[str, list[tuple[str, str]]] = {
         ("55 02 03 EE AA 03 EE 00 0F EE", ""),
         (SPEED, ""),
     ],
+    "a frame that ends as only another kind does": [
+        (SPEED, ""),
+        ("AA 02 04 FF 59 FF FE 00 0F EE", "ambiguous"),
+        (SPEED, ""),
+    ],
+    "behind damage, a frame that ends as only another kind does": [
+        (SPEED, ""),
+        ("55 01 04 16 AC 20 44 00 00 0F EE", "overlong"),
+        ("AA 02 02 FB 09 FF CC 00 0F EE", "ambiguous"),
+        (FEEDBACK, ""),
+    ],
+    "a header for a NUM that means nothing": [
+        (SPEED, ""),
+        ("AA 03 AA FF 93 00 00 00 00 EE", "ambiguous"),
+        (SPEED, ""),
+    ],
+    "a tail for a NUM that means nothing": [
+        (SPEED, ""),
+        ("AA 03 EE 00 84 00 00 00 00 EE", "ambiguous"),
+        (SPEED, ""),
+    ],
+    "any other NUM that means nothing": [
+        (SPEED, ""),
+        ("AA 03 77 00 84 00 10 00 20 EE", ""),
+        (SPEED, ""),
+    ],
     "a frame the protocol has not, alone": [("AA 09 01 02 03 04 05 06 07 EE", "unknown_cmd")],
 }
 

@@ -58,7 +58,16 @@ def test_plain_damage_needs_no_weighing(damage: str, fault: Fault) -> None:
 
 
 @pytest.mark.parametrize(
-    "damage", ["EE", "34 EE", "AA 01", "12 AA 03 EE", "55 77 12 34 56 78 EE", "55 02 01 55 02"]
+    "damage",
+    [
+        "EE",
+        "34 EE",
+        "AA 01",
+        "12 AA 03 EE",
+        "55 77 12 34 56 78 EE",
+        "55 02 01 55 02",
+        "AA 02 04 FF 59 FF FE 00 0F EE",
+    ],
 )
 def test_doubtful_damage_is_left_to_weighing(damage: str) -> None:
     assert undisputed(bytes.fromhex(damage) + FRAME * 2, 0) is None
