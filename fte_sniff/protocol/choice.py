@@ -37,13 +37,16 @@ _Best: TypeAlias = dict[int, tuple[float, int, Piece | None]]
 """By place: the weight of the best reading up to it, where its last part begins, and the piece
 that this is; None for noise."""
 
+_NOTHING = (0.0, 0, None)
+"""A place that no reading has reached."""
+
 
 def chosen(weighing: Weighing) -> list[Stretch]:
     """The chosen reading of a window, which begins where the rows so far end."""
-    probable = weighing.whole_frames()
+    probable, behind_rows = weighing.whole_frames(), weighing.whole_frames_behind_rows()
     reading: list[Stretch] = []
     at = 0
-    for place in _shown_frames(weighing.whole_frames_behind_rows()):
+    for place in _shown_frames(probable if behind_rows is None else behind_rows):
         if at < place:
             reading += _Gap(weighing, at, place, open_end=False).parts()
         reading.append(_frame(place, probable[place]))
@@ -105,6 +108,8 @@ class _Gap:
         """From `start` to `stop`; with an `open_end` a frame may go on behind it."""
         self._weighing = weighing
         self._start, self._stop = start, stop
+        window = weighing.window
+        self._headers = [header.place for header in window.starts if start < header.place < stop]
         self._best: _Best = {start: (1.0, start, None)}
         for place in range(start, stop):
             if place in self._best:
@@ -123,31 +128,28 @@ class _Gap:
         return parts[::-1]
 
     def _extend(self, place: int) -> None:
-        weight, begin, last = self._best[place]
-        window = self._weighing.window
-        for piece in window.pieces_at(place):
+        best, end = self._best, self._stop
+        weight, begin, last = best[place]
+        for piece in self._weighing.window.pieces_at(place):
             stop, own, whole = piece
-            if stop <= self._stop and not whole:
-                self._improve(stop, weight * own, place, piece)
+            if stop <= end and not whole and weight * own > best.get(stop, _NOTHING)[0]:
+                best[stop] = weight * own, place, piece
         if last is None and begin != place:
             return
-        for start in window.starts:
-            header = start.place
-            if place < header < self._stop:
-                self._improve(header, weight * _NOISE_WEIGHT[header - place], place, None)
-        self._improve(self._stop, weight * _NOISE_WEIGHT[self._stop - place], place, None)
+        for stop in (*self._headers, end):
+            if place < stop:
+                noise = weight * _NOISE_WEIGHT[stop - place]
+                if noise > best.get(stop, _NOTHING)[0]:
+                    best[stop] = noise, place, None
 
     def _extend_cut_off(self) -> None:
         """Let the reading end with a frame that goes on behind the end, where that is best."""
         for start in self._weighing.window.starts:
-            place, weight = start.place, self._weighing.cut_off(start)
-            if place in self._best and weight:
-                cut_off = (self._stop, weight, False)
-                self._improve(self._stop, self._best[place][0] * weight, place, cut_off)
-
-    def _improve(self, place: int, weight: float, begin: int, piece: Piece | None) -> None:
-        if weight > self._best.get(place, (0.0, 0, None))[0]:
-            self._best[place] = weight, begin, piece
+            place, own = start.place, self._weighing.cut_off(start)
+            if place in self._best:
+                weight = self._best[place][0] * own
+                if weight > self._best.get(self._stop, _NOTHING)[0]:
+                    self._best[self._stop] = weight, place, (self._stop, own, False)
 
     def _part(self, start: int, stop: int, piece: Piece | None) -> Stretch:
         raw = self._weighing.window.data[start:stop]

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import accumulate
-from operator import mul
+from operator import add, mul
 from types import MappingProxyType
 from typing import Final, NamedTuple, TypeAlias
 
@@ -31,7 +31,7 @@ from fte_sniff.protocol.likelihood import (
     WIDEST_CHANGE,
 )
 from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG
-from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, NUM_PLACE
+from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, NUM_PLACE, TAIL
 
 Weights: TypeAlias = Sequence[float]
 """Cumulative: entry x is the weight of the first (or last) x bytes fitting their places."""
@@ -40,6 +40,7 @@ _PLACES = tuple(PLACE_WEIGHTS[kind.name] for kind in KINDS)
 _NUMBER: Mapping[tuple[int, int], int] = MappingProxyType(
     {(kind.header, cmd): number for number, kind in enumerate(KINDS) for cmd in kind.cmds}
 )
+_PLACES_BACKWARDS = tuple(places[::-1] for places in _PLACES)
 _SHARES = tuple(KIND_SHARE[kind.name] for kind in KINDS)
 _WITH_HEADER: Mapping[int, tuple[int, ...]] = MappingProxyType(
     {
@@ -48,7 +49,22 @@ _WITH_HEADER: Mapping[int, tuple[int, ...]] = MappingProxyType(
     }
 )
 _LEAST_LEFT = FRAME_LENGTH - WIDEST_CHANGE
-_CUT_FRONT = tuple(BROKEN + weight for weight in LOST)
+_TAIL_ALONE: Weights = (1.0, _PLACES[0][-1][TAIL])
+"""How far bytes fit of which the tail does, and nothing before it."""
+_CUT_FRONT = tuple(tuple(share * (BROKEN + weight) for weight in LOST) for share in _SHARES)
+"""By kind and length left: the weight of a frame whose first bytes are gone."""
+_CHANGED_FRONT = tuple(
+    tuple(share * CHANGED[FRAME_LENGTH - left] for left in range(_LEAST_LEFT, FRAME_LENGTH))
+    for share in _SHARES
+)
+"""By kind and length left, from `_LEAST_LEFT` on: that of one whose first bytes are wrong."""
+_CHANGED_CMD = tuple(
+    CHANGED[FRAME_LENGTH - 1 - left] for left in range(_LEAST_LEFT - 1, FRAME_LENGTH - 1)
+)
+"""By length left, from `_LEAST_LEFT - 1` on: the weight of all between it and the header wrong."""
+_NO_CMD = tuple(share * 256 for share in _SHARES)
+"""By kind: the weight of its header alone."""
+_BROKEN = tuple(share * BROKEN for share in _SHARES)
 _REMEMBERED: Final = 1 << 14
 """Ends of each sort that are remembered; a few megabytes at most."""
 
@@ -88,19 +104,22 @@ class Front(NamedTuple):
 class Back:
     """Up to ten bytes that end with a tail: what a frame that ends so weighs."""
 
-    __slots__ = ("headless", "only_header", "rests")
+    __slots__ = ("headless", "rests")
 
     def __init__(self, ending: bytes) -> None:
         """`ending` are the bytes, the tail the last of them."""
+        backwards = ending[::-1]
+        last = backwards[1] if len(backwards) > 1 else TAIL
         self.rests: tuple[Weights, ...] = tuple(
-            _fitting(places[::-1], ending[::-1]) for places in _PLACES
+            [
+                _fitting(places, backwards) if places[1][last] else _TAIL_ALONE
+                for places in _PLACES_BACKWARDS
+            ]
         )
         """By kind, how far the bytes fit its last places."""
-        self.headless = tuple(_headless(self.rests)[:0:-1])
+        self.headless = _headless(self.rests)[:0:-1]
         """From the longest length down to 1: the weight of a frame whose first bytes are gone or
         wrong. Entry -n is that of length n."""
-        self.only_header = {header: _only_header(self.rests, header) for header in HEADER_BYTES}
-        """By header and length: the weight of a frame of which the header is left, not the CMD."""
 
     def rest(self, length: int) -> float:
         """The weight of the last `length` bytes being the rest of a frame of any kind."""
@@ -140,7 +159,7 @@ def back_of(ending: bytes) -> Back:
 
 def between(front: Front, back: Back, length: int) -> float:
     """The weight of a damaged frame of `length` bytes (2-14) with this front and this back."""
-    weight = back.headless[-length] + back.only_header[front.header][length]
+    weight = back.headless[-length] + _only_header(length, front.header, back.rests)
     if length == FRAME_LENGTH:
         weight += _unusual(front.head)
     if front.kind is not None:
@@ -163,33 +182,37 @@ def _headless(rests: tuple[Weights, ...]) -> list[float]:
     """By length: the weight of a frame whose first bytes are gone or wrong."""
     weights = [0.0] * (LONGEST_OVERLONG + 1)
     longer = [0.0] * (LONGEST_OVERLONG + 1)
-    for rest, share in zip(rests, _SHARES, strict=True):
-        fit = min(len(rest), FRAME_LENGTH) - 1
-        for length in range(1, fit + 1):
-            weights[length] += share * _CUT_FRONT[length] * rest[length]
-        longer[fit + 1] += share * BROKEN * rest[fit]
-        for left in range(_LEAST_LEFT, fit + 1):
-            weights[FRAME_LENGTH] += share * CHANGED[FRAME_LENGTH - left] * rest[left]
-    return [own + more for own, more in zip(weights, accumulate(longer), strict=True)]
+    for rest, cut, changed, broken in zip(rests, _CUT_FRONT, _CHANGED_FRONT, _BROKEN, strict=True):
+        fit = len(rest) - 1 if len(rest) < FRAME_LENGTH else FRAME_LENGTH - 1
+        weights[1] += cut[1] * rest[1]
+        if fit > 1:
+            for length in range(2, fit + 1):
+                weights[length] += cut[length] * rest[length]
+            if fit >= _LEAST_LEFT:
+                weights[FRAME_LENGTH] += sum(map(mul, changed, rest[_LEAST_LEFT : fit + 1]))
+        longer[fit + 1] += broken * rest[fit]
+    return list(map(add, weights, accumulate(longer)))
 
 
-def _only_header(rests: tuple[Weights, ...], header: int) -> list[float]:
-    """By length: the weight of a frame of which the header is left, and not the CMD."""
-    weights = [0.0] * (LONGEST_OVERLONG + 1)
+def _only_header(length: int, header: int, rests: tuple[Weights, ...]) -> float:
+    """The weight of a frame of that length of which the header is left, and not the CMD."""
+    weight = 0.0
+    if length == FRAME_LENGTH:
+        for number in _WITH_HEADER[header]:
+            left = rests[number][_LEAST_LEFT - 1 : FRAME_LENGTH - 1]
+            weight += _NO_CMD[number] * sum(map(mul, _CHANGED_CMD, left))
+        return weight
+    behind = min(length, FRAME_LENGTH) - 1
     for number in _WITH_HEADER[header]:
-        _add_only_header(weights, rests[number], _SHARES[number] * 256)
-    return weights
+        rest = rests[number]
+        if len(rest) > behind:
+            weight += _NO_CMD[number] * rest[behind]
+    return weight * _one_damage(length)
 
 
-def _add_only_header(weights: list[float], rest: Weights, share: float) -> None:
-    fit = min(len(rest), FRAME_LENGTH) - 1
-    for left in range(1, min(fit, FRAME_LENGTH - 2) + 1):
-        weights[left + 1] += share * LOST[left + 1] * rest[left]
-        if left + 1 >= _LEAST_LEFT:
-            weights[FRAME_LENGTH] += share * CHANGED[FRAME_LENGTH - 1 - left] * rest[left]
-    if fit == FRAME_LENGTH - 1:
-        for length in range(FRAME_LENGTH + 1, LONGEST_OVERLONG + 1):
-            weights[length] += share * PUT_IN * rest[fit]
+def _one_damage(length: int) -> float:
+    """The weight of bytes lost, or put in, at one certain place, for a frame of that length."""
+    return LOST[length] if length < FRAME_LENGTH else PUT_IN
 
 
 def _damaged(length: int, head: Weights, rest: Weights) -> float:
@@ -201,7 +224,7 @@ def _damaged(length: int, head: Weights, rest: Weights) -> float:
     if first >= behind:
         return 0.0
     total: float = sum(map(mul, head[first:behind], rest[left - first : left - behind : -1]))
-    return total * (LOST[length] if length < FRAME_LENGTH else PUT_IN)
+    return total * _one_damage(length)
 
 
 def _changed(head: Weights, rest: Weights) -> float:

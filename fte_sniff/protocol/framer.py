@@ -34,7 +34,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from fte_sniff.protocol.choice import chosen
-from fte_sniff.protocol.due import WIDEST, lead, next_due, next_promised, settled_part
+from fte_sniff.protocol.due import LEAST_DUE, WIDEST, lead, next_due, next_promised, settled_part
 from fte_sniff.protocol.ends import CANONICAL, front_of
 from fte_sniff.protocol.patterns import (
     ANCHOR_REACH,
@@ -242,6 +242,8 @@ class Framer:
 
     def _weigh_if_due(self) -> bool:
         """Disputed: weigh the readings once enough bytes are there; False before that."""
+        if len(self._data) - self._at < LEAST_DUE:
+            return False
         if self._carry is _IN_STEP and not self._paused():
             plain = undisputed(self._data, self._at)
             if plain is not None:

@@ -122,14 +122,14 @@ class Window:
 
     def pieces_at(self, place: int) -> list[Piece]:
         """Every piece that can begin at `place`."""
-        for start in self.starts:
-            if start.place == place:
-                cut = enumerate(start.truncated, start=place + 1)
-                return [*((stop, own, False) for stop, own in cut), *start.ends]
+        if self.data[place] in HEADER_BYTES:
+            start = next(start for start in self.starts if start.place == place)
+            cut = enumerate(start.truncated, start=place + 1)
+            return [*((stop, own, False) for stop, own in cut), *start.ends]
         return [
-            (stop.place, stop.headless[place - stop.first], False)
-            for stop in self.stops
-            if stop.first <= place < stop.place
+            (stop, headless[place - first], False)
+            for stop, first, headless, _ in self.stops
+            if first <= place < stop
         ]
 
     def rests_from_first(self, longest: int) -> list[float]:

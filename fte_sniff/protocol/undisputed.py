@@ -13,8 +13,11 @@ weighing.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from functools import lru_cache
 
 from fte_sniff.protocol.codec import frame_faults
+from fte_sniff.protocol.ends import CANONICAL
 from fte_sniff.protocol.likelihood import LONGEST_JUNK, WIDEST_CHANGE
 from fte_sniff.protocol.patterns import PLAIN, no_flags_before
 from fte_sniff.protocol.reading import Stretch
@@ -25,6 +28,7 @@ from fte_sniff.protocol.structure import (
     head_fit,
     kinds_of,
     legal_bytes,
+    places_regex,
     rest_fit,
 )
 from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, NUM_PLACE, TAIL, FrameKind
@@ -34,18 +38,33 @@ _TAIL = re.escape(bytes([TAIL]))
 _CALM = b"[^%b%b]" % (re.escape(HEADER_BYTES), _TAIL)
 
 
+def _calm_places(kind: FrameKind) -> list[bytes]:
+    """By place, what fits the kind there and is no second header or tail."""
+    return [_CALM if legal is None else b"[%b]" % re.escape(legal) for legal in legal_bytes(kind)]
+
+
 def _plain(kind: FrameKind) -> bytes:
     """A frame that fits its kind, with NUM as usual and no header or tail inside."""
-    places = [_CALM if legal is None else b"[%b]" % re.escape(legal) for legal in legal_bytes(kind)]
+    places = _calm_places(kind)
     if legal_bytes(kind)[NUM_PLACE] is None:
         places[NUM_PLACE] = rb"\x00"
     return b"".join(places) + no_flags_before(kind)
+
+
+def _cut_off(kind: FrameKind) -> bytes:
+    """The first bytes of a frame, at least `_ALONE` of them and not all."""
+    places, more = _calm_places(kind)[:-1], b""
+    for place in reversed(places[_ALONE:]):
+        more = b"(?:%b%b)?" % (place, more)
+    return b"".join(places[:_ALONE]) + more
 
 
 _PLAIN = b"(?:%b)" % b"|".join(_plain(kind) for kind in KINDS)
 _ALONE = LONGEST_OVERLONG - FRAME_LENGTH + 1
 """Bytes that are too many for one overlong frame together with a whole one."""
 _LEAST_LEFT = FRAME_LENGTH - WIDEST_CHANGE
+_BEGINNING = b"|".join(places_regex(legal_bytes(kind)[:_LEAST_LEFT]) for kind in KINDS)
+_ENDING = b"|".join(places_regex(legal_bytes(kind)[-_LEAST_LEFT:]) for kind in KINDS)
 
 _NO_FRONT = b"%b(?![%b])" % (
     _HEADER,
@@ -53,20 +72,48 @@ _NO_FRONT = b"%b(?![%b])" % (
 )
 """A header that no CMD follows, which begins nothing."""
 
-_NOISE = b"(?P<noise>%b{1,%d}|%b(?:%b|%b){1,%d}%b{%d}|%b{%d,%d}%b)" % (
+_NOISE = b"%b{1,%d}+|%b(?:%b|%b){1,%d}%b{%d}|%b{%d,%d}+%b" % (
     *(_CALM, LONGEST_JUNK),
     *(_CALM, _CALM, _NO_FRONT, LONGEST_JUNK - _ALONE, _CALM, _ALONE - 1),
     *(_CALM, _ALONE - 1, FRAME_LENGTH - 2, _TAIL),
 )
-_STUB = b"(?P<stub>%b%b?)" % (_HEADER, _CALM)
+_STUB = b"%b%b?" % (_HEADER, _CALM)
 """Too few bytes to be alone, if the frame behind them can be the rest of theirs."""
+_TRUNCATED = b"|".join(_cut_off(kind) for kind in KINDS)
+_BAD_TAIL = b"(?=%b)%b%b{%d}" % (_BEGINNING, _HEADER, _CALM, FRAME_LENGTH - 1)
+_BAD_HEADER = b"%b{%d}%b(?<=%b)" % (_CALM, FRAME_LENGTH - 1, _TAIL, _ENDING)
+_BOTH = b"%b%b{%d,%d}+%b" % (_HEADER, _CALM, _ALONE - 2, LONGEST_OVERLONG - 2, _TAIL)
+"""A header and a tail, with anything between them."""
 
-_HEADED = b"(?P<headed>%b%b{%d,%d})" % (_HEADER, _CALM, _ALONE - 1, FRAME_LENGTH - 1)
-_TAILED = b"(?P<tailed>%b{%d}%b)" % (_CALM, FRAME_LENGTH - 1, _TAIL)
-_BOTH = b"(?P<both>%b%b{%d,%d}%b)" % (*(_HEADER, _CALM, _ALONE - 2, LONGEST_OVERLONG - 2, _TAIL),)
+
+def _shape(group: str, regex: bytes) -> bytes:
+    return b"(?P<%b>%b)" % (group.encode(), regex)
+
+
 _SHAPE = re.compile(
-    b"(?:%b)%b%b" % (b"|".join((_NOISE, _STUB, _HEADED, _TAILED, _BOTH)), _PLAIN, PLAIN), re.DOTALL
+    b"(?:%b)%b%b"
+    % (
+        b"|".join(
+            (
+                _shape(Fault.NOISE, _NOISE),
+                _shape("stub", _STUB),
+                _shape(Fault.TRUNCATED, _TRUNCATED),
+                _shape(Fault.BAD_TAIL, _BAD_TAIL),
+                _shape(Fault.BAD_HEADER, _BAD_HEADER),
+                _shape("both", _BOTH),
+            )
+        ),
+        _PLAIN,
+        PLAIN,
+    ),
+    re.DOTALL,
 )
+_FAULTS: Mapping[str, tuple[Fault, ...]] = {
+    fault.value: (fault,)
+    for fault in (Fault.NOISE, Fault.TRUNCATED, Fault.BAD_TAIL, Fault.BAD_HEADER)
+}
+"""By shape, where it tells what the damage is."""
+_LEAST = 1 + 2 * FRAME_LENGTH
 
 
 def undisputed(data: bytes, at: int) -> Stretch | None:
@@ -75,57 +122,41 @@ def undisputed(data: bytes, at: int) -> Stretch | None:
     Behind it the stream is in step: two plain frames follow. It is counted from `at`, as all
     parts of a reading are.
     """
+    if len(data) - at < _LEAST:
+        return None
     match = _SHAPE.match(data, at)
-    if match is None or match.lastgroup is None:
+    if match is None:
         return None
-    raw = match[match.lastgroup]
-    if match.lastgroup == "stub" and _goes_on(raw, match[0][len(raw) :][:FRAME_LENGTH]):
-        return None
-    damage = _named(match.lastgroup, raw)
-    if damage is None:
-        return None
-    return Stretch(0, len(raw), damage is _FRAMED, _faults(damage, raw), 0.0)
+    shape = match.lastgroup
+    assert shape is not None
+    size = match.end(shape) - at
+    faults = _FAULTS.get(shape)
+    if faults is None:
+        raw = data[at : at + size]
+        behind = data[at + size : at + size + FRAME_LENGTH]
+        faults = _stub_faults(raw, behind) if shape == "stub" else _faults(raw.translate(CANONICAL))
+        if not faults:
+            return None
+    return Stretch(0, size, size == FRAME_LENGTH and shape == "both", faults, 0.0)
 
 
-_FRAMED = Fault.UNKNOWN_CMD
-"""Stands for whatever faults ten framed bytes show by themselves."""
-
-
-def _faults(damage: Fault, raw: bytes) -> tuple[Fault, ...]:
-    return frame_faults(raw) if damage is _FRAMED else (damage,)
-
-
-def _goes_on(stub: bytes, behind: bytes) -> bool:
-    """Whether the frame behind a stub can be the rest of one overlong frame."""
+def _stub_faults(stub: bytes, behind: bytes) -> tuple[Fault, ...]:
+    """Truncated; none where the frame behind a stub can be the rest of one overlong frame."""
     missing = FRAME_LENGTH - len(stub)
-    return any(rest_fit(kind, behind) >= missing for kind in kinds_of(stub))
+    kinds = kinds_of(stub)
+    if any(rest_fit(kind, behind) >= missing for kind in kinds):
+        return ()
+    return (Fault.TRUNCATED,) if len(stub) == 1 or len(kinds) == 1 else ()
 
 
-def _named(shape: str, raw: bytes) -> Fault | None:
-    """What this damage is; None where that is not plain."""
-    if shape == "noise":
-        return Fault.NOISE
-    if shape == "tailed":
-        fits = any(rest_fit(kind, raw) >= _LEAST_LEFT for kind in KINDS)
-        return Fault.BAD_HEADER if fits else None
-    if shape == "both":
-        return _framed_damage(raw)
-    kinds = kinds_of(raw)
-    if len(kinds) != 1:
-        return Fault.TRUNCATED if len(raw) == 1 else None
-    fitting = head_fit(kinds[0], raw)
-    if len(raw) == FRAME_LENGTH:
-        return Fault.BAD_TAIL if fitting >= _LEAST_LEFT else None
-    return Fault.TRUNCATED if fitting == len(raw) else None
-
-
-def _framed_damage(raw: bytes) -> Fault | None:
-    """What is wrong with bytes that begin with a header and end with a tail."""
-    if len(raw) == FRAME_LENGTH:
-        return _FRAMED if frame_faults(raw) else None
-    kinds = kinds_of(raw)
-    head = head_fit(kinds[0], raw[:-1]) if len(kinds) == 1 else 1
-    whole = min(len(raw), FRAME_LENGTH)
-    if not any(min(head, whole - 1) + rest_fit(kind, raw) >= whole for kind in kinds):
-        return None
-    return Fault.TRUNCATED if len(raw) < FRAME_LENGTH else Fault.OVERLONG
+@lru_cache(1 << 12)
+def _faults(own: bytes) -> tuple[Fault, ...]:
+    """What is wrong with bytes, made canonical, between a header and a tail; none if unclear."""
+    if len(own) == FRAME_LENGTH:
+        return frame_faults(own)
+    kinds = kinds_of(own)
+    head = head_fit(kinds[0], own[:-1]) if len(kinds) == 1 else 1
+    whole = min(len(own), FRAME_LENGTH)
+    if not any(min(head, whole - 1) + rest_fit(kind, own) >= whole for kind in kinds):
+        return ()
+    return (Fault.TRUNCATED,) if len(own) < FRAME_LENGTH else (Fault.OVERLONG,)

@@ -181,10 +181,10 @@ class Weighing:
         """Where whole frames can stand, from left to right, and how probable they are (0-1)."""
         return self._whole_frames(self._after_piece, self._after_noise, self._total)
 
-    def whole_frames_behind_rows(self) -> dict[int, float]:
-        """The same, where all rows so far are taken for granted."""
+    def whole_frames_behind_rows(self) -> dict[int, float] | None:
+        """The same, if all rows so far are taken for granted; None where that is no matter."""
         if not self._carried.ends_frame:
-            return self.whole_frames()
+            return None
         after_piece, after_noise, _ = self._forward(_TRUSTED, self.size)
         return self._whole_frames(after_piece, after_noise, self._in_all(_TRUSTED))
 

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from fte_sniff.protocol import frame_faults
 from fte_sniff.protocol.choice import chosen
-from fte_sniff.protocol.ends import CANONICAL, back_of, front_of
+from fte_sniff.protocol.ends import CANONICAL, back_of, between, front_of
 from fte_sniff.protocol.pieces import Window
+from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG
 from fte_sniff.protocol.weighing import Ending, Weighing, joined, trusted
 
 some = st.one_of(
@@ -31,7 +32,10 @@ def test_a_back_weighs_what_its_canonical_bytes_weigh(before: list[int]) -> None
     for back in (reckon(own.translate(CANONICAL)), back_of(own.translate(CANONICAL))):
         assert back.rests == reckon(own).rests
         assert back.headless == reckon(own).headless
-        assert back.only_header == reckon(own).only_header
+        for header in HEADER_BYTES:
+            front = front_of(bytes([header]))
+            for length in range(2, LONGEST_OVERLONG + 1):
+                assert between(front, back, length) == between(front, reckon(own), length)
 
 
 @given(st.lists(some, min_size=1, max_size=64), st.booleans())
