@@ -19,7 +19,7 @@ from fte_sniff.analysis.plain import KIND_OF, NO_KIND, SLAB, Array, PlainRuns
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Chunk, Fault, Framer
 from fte_sniff.protocol.tiling import Tiles
 
-_BLOCK: Final = 1 << 13
+_BLOCK: Final = 1 << 14
 """Rows whose bytes and columns stay in the cache."""
 
 
@@ -67,7 +67,7 @@ class _Rows(Tiles):
 
     def __init__(self) -> None:
         super().__init__()
-        self._parts: list[bytes] = []
+        self._parts: list[bytes | memoryview] = []
         """The bytes of the frames, and blank ones for damage: ten bytes a row."""
         self._count = 0
         self._odd: list[int] = []
@@ -87,7 +87,7 @@ class _Rows(Tiles):
 
     def run(self, offset: int, data: bytes, start: int, stop: int) -> None:
         """Frames in step."""
-        self._parts.append(data[start:stop])
+        self._parts.append(memoryview(data)[start:stop])
         self._count += (stop - start) // FRAME_LENGTH
 
     def columns(self, port: str, threads: Executor) -> BulkColumns:

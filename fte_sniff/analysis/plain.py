@@ -30,7 +30,7 @@ NO_KIND: Final = len(KINDS)
 SLAB: Final = 1 << 20
 """Bytes that one thread looks at, or turns into columns, at once."""
 
-_BLOCK: Final = 1 << 13
+_BLOCK: Final = 1 << 14
 """Frames whose numbers stay in the cache."""
 
 
@@ -78,6 +78,7 @@ _NEARLY_ALL: Final = 0.97
 
 _FIRST, _FRONT_MASK, _BACK_MASK = _forbidden_bits()
 _LOW_BITS: Final = np.uint64(0x7F7F7F7F7F7F7F7F)
+_HIGH_BITS: Final = ~_LOW_BITS
 _EVERY_BYTE: Final = np.uint64(0x0101010101010101)
 _HEADERS: Final = tuple(np.uint64(header) * _EVERY_BYTE for header in HEADERS.values())
 _TAIL_HIGH: Final = np.uint16(TAIL << 8)
@@ -198,16 +199,28 @@ def _plain(front: Array, back: Array) -> Array:
 
 def _dividing(payload: Array) -> Array:
     """Where a header follows a tail, or stands before what can be a CMD and a motor."""
+    somewhere = _any_zero(payload ^ _HEADERS[0])
+    for header in _HEADERS[1:]:
+        somewhere |= _any_zero(payload ^ header)
+    somewhere &= _HIGH_BITS
+    with_header = (somewhere != 0).nonzero()[0]
+    payload = payload[with_header]
     headers = _zeros(payload ^ _HEADERS[0])
     for header in _HEADERS[1:]:
         headers |= _zeros(payload ^ header)
-    with_header = (headers != 0).nonzero()[0]
-    headers, payload = headers[with_header], payload[with_header]
     tails = _zeros(payload ^ _TAILS)
     cmds = _zeros(payload & _ABOVE_CMDS) & ~_zeros(payload)
     nums = _zeros(payload & _ABOVE_NUMS)
     named = headers & cmds >> np.uint64(8) & nums >> np.uint64(16)
     return np.asarray(with_header[(tails & headers >> np.uint64(8) | named) != 0])
+
+
+def _any_zero(numbers: Array) -> Array:
+    """Some byte's highest bit is set if a byte is 0, and none is if no byte is 0."""
+    less = numbers - _EVERY_BYTE
+    np.invert(numbers, out=numbers)
+    less &= numbers
+    return np.asarray(less)
 
 
 def _zeros(numbers: Array) -> Array:
