@@ -52,7 +52,7 @@ def _forbidden_bits() -> tuple[Array, Array, Array]:
 
     Motors begin with 1 and are a power of two many: NUM less 1 must not have higher bits. (Where
     NUM is 0, more than its own bits change; the frame is not plain then anyhow.) Where NUM means
-    nothing, it must be small: neither header nor tail is.
+    nothing, it must be 00.
     """
     first = np.zeros(NO_KIND + 1, np.uint64)
     masks = np.zeros((NO_KIND + 1, FRAME_LENGTH), np.uint8)
@@ -60,7 +60,7 @@ def _forbidden_bits() -> tuple[Array, Array, Array]:
     for code, kind in enumerate(KINDS):
         if kind.names_motor:
             first[code] = MOTORS.start << 8 * NUM_PLACE
-        masks[code, NUM_PLACE] = 0x100 - len(MOTORS)
+        masks[code, NUM_PLACE] = 0x100 - len(MOTORS) if kind.names_motor else 0xFF
         for place in range(NUM_PLACE + 1, FRAME_LENGTH - 1):
             legal = legal_bytes(kind)[place]
             if legal is not None:
@@ -86,7 +86,9 @@ _TAILS: Final = np.uint64(TAIL) * _EVERY_BYTE
 _ABOVE_CMDS: Final = np.uint64(0xFC) * _EVERY_BYTE
 _ABOVE_NUMS: Final = np.uint64(0xF8) * _EVERY_BYTE
 _NO_PAYLOAD: Final = np.uint64(0xFF << 56)
-_ENDS_AS_IT_MUST: Final = np.array([not ends_freely(kind) for kind in KINDS] + [True])
+_ENDS_AS_IT_MUST: Final = np.array(
+    [not (kind.names_motor and ends_freely(kind)) for kind in KINDS] + [True]
+)
 _ENDINGS: Final = tuple(
     (
         np.uint64(8 * (FRAME_LENGTH - 3 - len(flags))),

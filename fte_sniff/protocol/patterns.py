@@ -63,10 +63,19 @@ def ends_freely(kind: FrameKind) -> bool:
 
 
 def no_flags_before(kind: FrameKind) -> bytes:
-    """Matches behind the tail of a frame that does not end with another kind's usual flags."""
+    """Matches behind the tail of a frame that does not end with another kind's usual flags; it may
+    where a NUM that means nothing is 00, as usual, which speaks for the frame."""
     if not ends_freely(kind):
         return b""
-    return b"".join(b"(?<!%b%b)" % (re.escape(flags), _TAIL) for flags in USUAL_FLAGS)
+    return b"".join(
+        b"(?<!%b%b%b)" % (b"" if kind.names_motor else _other_num(flags), re.escape(flags), _TAIL)
+        for flags in USUAL_FLAGS
+    )
+
+
+def _other_num(flags: bytes) -> bytes:
+    """Any NUM but 00, and what stands between it and the flags at the end."""
+    return rb"[^\x00].{%d}" % (FRAME_LENGTH - 2 - len(flags) - NUM_PLACE)
 
 
 def _plain_regex(kind: FrameKind) -> bytes:
