@@ -6,6 +6,8 @@ It must not know of chunks, times or rows, nor reckon weights: `weighing` does.
 - What lies between them is divided into the pieces that weigh most.
 - A frame whose probability is below `CERTAIN` is `ambiguous`, unless it stands in step between a
   certain frame and another, and could not also be two truncated ones.
+- Where the line has shown no damage for long, two truncated frames that together have ten bytes
+  are no other reading.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from fte_sniff.protocol.likelihood import (
     NOISE_STAYS,
     SHOWN,
 )
-from fte_sniff.protocol.patterns import PLAIN_FRAME
+from fte_sniff.protocol.patterns import PLAIN_FRAME, UNDIVIDED_FRAME
 from fte_sniff.protocol.pieces import Piece
 from fte_sniff.protocol.reading import Stretch
 from fte_sniff.protocol.rows import Fault
@@ -31,7 +33,8 @@ from fte_sniff.protocol.structure import HEADER_BYTES
 from fte_sniff.protocol.table import FRAME_LENGTH, TAIL
 from fte_sniff.protocol.weighing import Weighing
 
-_DOUBT = (Fault.AMBIGUOUS,)
+DOUBT = (Fault.AMBIGUOUS,)
+"""The faults of a frame that is whole, but for another reading."""
 
 _Best: TypeAlias = dict[int, tuple[float, int, Piece | None]]
 """By place: the weight of the best reading up to it, where its last part begins, and the piece
@@ -80,7 +83,7 @@ def _shown_frames(probable: dict[int, float]) -> list[int]:
 
 def _frame(start: int, probability: float) -> Stretch:
     """A whole frame: it fits its kind at every place, so its only fault can be doubt."""
-    faults = () if probability >= CERTAIN else _DOUBT
+    faults = () if probability >= CERTAIN else DOUBT
     return Stretch(start, start + FRAME_LENGTH, True, faults, probability)
 
 
@@ -93,10 +96,28 @@ def _believing_neighbours(data: bytes, reading: list[Stretch]) -> list[Stretch]:
     """
     for number in range(1, len(reading) - 1):
         frame = reading[number]
-        if frame.faults != _DOUBT or frame.probability < LIKELY:
+        if frame.faults != DOUBT or frame.probability < LIKELY:
             continue
         in_step = reading[number - 1].certain and reading[number + 1].probability
         if in_step and PLAIN_FRAME.match(data, frame.start):
+            reading[number] = frame._replace(faults=())
+    return reading
+
+
+def calmly(weighing: Weighing, reading: list[Stretch]) -> list[Stretch]:
+    """The reading of a line that was calm, with its frames believed up to the first damage.
+
+    A calm line takes the frame for two truncated ones whenever a target ends as another kind's
+    flags do, if it is only weighed: those who hold a motor at 15 pulses would see nothing else.
+    """
+    data = weighing.window.data
+    for number, frame in enumerate(reading):
+        if not frame.framed:
+            break
+        doubted = frame.faults == DOUBT and frame.probability >= LIKELY
+        if not (doubted and UNDIVIDED_FRAME.match(data, frame.start)):
+            continue
+        if min(map(weighing.boundary, (frame.start, frame.stop))) >= CERTAIN:
             reading[number] = frame._replace(faults=())
     return reading
 
@@ -158,7 +179,7 @@ class _Gap:
             return Stretch(start, stop, False, (fault or Fault.NOISE,), 0.0)
         faults = frame_faults(raw)
         if self._weighing.probability(start, *piece[:2]) < LIKELY:
-            faults += _DOUBT
+            faults += DOUBT
         return Stretch(start, stop, True, faults, 0.0)
 
 

@@ -11,9 +11,10 @@ cut into chunks. There are three states:
     in step   A frame ended here beyond doubt. Frames that fit their kind at every place are taken
               as long as each is followed by another one in step, unless a header in their
               payload, behind a tail or before a CMD and a motor, could make them two truncated
-              ones. Even the last is taken, if it holds no second header or tail: on a calm line,
-              that is before any damage and `CALM_STREAK` frames behind it, at once; else when the
-              bytes behind it show that it is not the beginning of an overlong one.
+              ones; so could an end that is another kind's, but on a calm line: before any damage,
+              and `CALM_STREAK` frames behind it. Even the last is taken, if it holds no second
+              header or tail: on a calm line at once; else when the bytes behind it show that it is
+              not the beginning of an overlong one.
     disputed  Anything else. Bytes are gathered to the first of: two frames that fit, in step;
               three that fit, in step or not; three times ten framed bytes in step; `AHEAD` bytes
               behind ten framed ones; `WIDEST` bytes; silence. Then all readings of them are
@@ -33,7 +34,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeAlias
 
-from fte_sniff.protocol.choice import chosen
+from fte_sniff.protocol.choice import DOUBT, calmly, chosen
 from fte_sniff.protocol.due import LEAST_DUE, WIDEST, lead, next_due, next_promised, settled_part
 from fte_sniff.protocol.ends import CANONICAL, front_of
 from fte_sniff.protocol.patterns import (
@@ -43,6 +44,7 @@ from fte_sniff.protocol.patterns import (
     FIRM,
     LONG_RUN,
     PLAIN_RUN,
+    UNDIVIDED_RUN,
 )
 from fte_sniff.protocol.pieces import Window
 from fte_sniff.protocol.reading import Stretch
@@ -223,10 +225,11 @@ class Framer:
     def _frames_in_step(self) -> int:
         """How many frames that fit follow each other from here."""
         end = self._at
+        in_step = PLAIN_RUN if self._streak < CALM_STREAK else UNDIVIDED_RUN
         while True:
             if self._skip is not None:
                 end += self._skip(end) * FRAME_LENGTH
-            match = PLAIN_RUN.match(self._data, end)
+            match = in_step.match(self._data, end)
             run = 0 if match is None else match.end() - end
             end += run
             if run < LONG_RUN:
@@ -254,7 +257,7 @@ class Framer:
         if end is None:
             return False
         weighing = self._weigh(end, Ending.OPEN)
-        reading = chosen(weighing)
+        reading = self._read(weighing)
         self._weighed_to = end
         if len(reading) > 1 and reading[-1].certain and reading[-2].certain:
             self._decide(reading[:-1])
@@ -286,6 +289,10 @@ class Framer:
         pauses = [place - offset for place in self._pauses if place - offset < end - self._at]
         window = Window(self._data[self._at : end], pauses)
         return Weighing(window, self._carry or _IN_STEP, ending)
+
+    def _read(self, weighing: Weighing) -> list[Stretch]:
+        reading = chosen(weighing)
+        return reading if self._streak < CALM_STREAK else calmly(weighing, reading)
 
     def _pass_noise(self) -> bool:
         """Lost: pass over the noise to the next anchor; False where none has come yet."""
@@ -322,7 +329,7 @@ class Framer:
         """Decide everything up to here; `hold` the beginning of a frame that may go on."""
         size = len(self._data) - self._at
         if size:
-            reading = chosen(self._weigh(len(self._data), Ending.CLOSED))
+            reading = self._read(self._weigh(len(self._data), Ending.CLOSED))
             last = reading[-1]
             held = hold and not last.framed and self._can_go_on(last)
             self._decide(reading[:-1] if held else reading)
@@ -354,7 +361,10 @@ class Framer:
                 self._tiles.end_noise()
                 self._tiles.row(offset, raw, part.faults, framed=part.framed)
                 self._at = stop
-            self._streak = self._streak + 1 if part.certain or stop <= first else 0
+            if part.certain or stop <= first:
+                self._streak += 1
+            elif part.faults != DOUBT:
+                self._streak = 0
 
     def _one_stub_too_many(self, part: Stretch) -> bool:
         """Whether this is one more of the short truncated frames that really are noise."""

@@ -78,21 +78,24 @@ def _other_num(flags: bytes) -> bytes:
     return rb"[^\x00].{%d}" % (FRAME_LENGTH - 2 - len(flags) - NUM_PLACE)
 
 
-def _plain_regex(kind: FrameKind) -> bytes:
-    """As `strict_regex`, but not what is too much like two truncated frames: nothing dividing
-    begins in the free bytes, a NUM that means nothing is no header or tail, and no free bytes
-    before the tail are another frame's flags."""
+def _undivided_regex(kind: FrameKind) -> bytes:
+    """As `strict_regex`, but nothing dividing begins in the free bytes, and a NUM that means
+    nothing is no header or tail."""
     places = list(legal_bytes(kind))
     if places[NUM_PLACE] is None:
         places[NUM_PLACE] = _NO_MARK
     plain = b"(?:[^%b%b]{%d}|(?:(?!%b).){%d})"
     headers = re.escape(HEADER_BYTES)
-    plain_frame = re.sub(
+    return re.sub(
         rb"\.{2,}",
         lambda dots: plain % (headers, _TAIL, len(dots[0]), _DIVIDING, len(dots[0])),
         places_regex(places),
     )
-    return plain_frame + no_flags_before(kind)
+
+
+def _plain_regex(kind: FrameKind) -> bytes:
+    """The same, and no free bytes before the tail are another frame's flags."""
+    return _undivided_regex(kind) + no_flags_before(kind)
 
 
 STRICT = re.compile(_STRICT, re.DOTALL)
@@ -108,8 +111,17 @@ PLAIN_FRAME = re.compile(PLAIN, re.DOTALL)
 PLAIN_RUN = re.compile(b"%b{0,%d}+" % (PLAIN, _RUN_FRAMES), re.DOTALL)
 """Such frames in step, up to `LONG_RUN` bytes, none of which could also be two truncated ones."""
 
+_UNDIVIDED = b"(?:%b)" % b"|".join(_undivided_regex(kind) for kind in KINDS)
+
+UNDIVIDED_FRAME = re.compile(_UNDIVIDED, re.DOTALL)
+"""A frame that fits its kind at every place, and could be two truncated ones only if the second
+was cut by chance behind what tells it from the rest of this one."""
+
+UNDIVIDED_RUN = re.compile(b"%b{0,%d}+" % (_UNDIVIDED, _RUN_FRAMES), re.DOTALL)
+"""As `PLAIN_RUN`, of such frames."""
+
 LONG_RUN = _RUN_FRAMES * FRAME_LENGTH
-"""Bytes of the longest run that `PLAIN_RUN` matches; behind it there may be more."""
+"""Bytes of the longest run that they match; behind it there may be more."""
 
 DIVIDING = re.compile(_DIVIDING, re.DOTALL)
 """In a payload: here one truncated frame could end and another begin, or begin with its motor."""

@@ -177,6 +177,11 @@ class Weighing:
         before = self._after_piece[start] + self._after_noise[start]
         return before * weight * self._to_end[stop] / self._total
 
+    def boundary(self, place: int) -> float:
+        """The probability (0-1) that no frame, whole or damaged, goes on over that place."""
+        before = self._after_piece[place] + self._after_noise[place]
+        return before * self._to_end[place] / self._total
+
     def whole_frames(self) -> dict[int, float]:
         """Where whole frames can stand, from left to right, and how probable they are (0-1)."""
         return self._whole_frames(self._after_piece, self._after_noise, self._total)

@@ -2,9 +2,30 @@
 
 from __future__ import annotations
 
+from random import Random
+
 from hypothesis import strategies as st
 
 from benchmarks.faults import PAYLOADS, damaged_stream
+
+_CALM_LINE = tuple(
+    map(
+        bytes.fromhex,
+        (
+            "AA 01 01 03 E8 00 00 00 00 EE",
+            "AA 02 01 03 E8 00 00 00 0F EE",
+            "AA 02 03 AA 55 EE AA 00 EE EE",
+            "AA 01 01 03 E8",
+        ),
+    )
+)
+"""A plain frame, one that ends as a feedback does, one that could be two, and damage."""
+
+
+def _mostly_calm(seed: int) -> bytes:
+    """So many frames that the line becomes calm again behind damage."""
+    return b"".join(Random(seed).choices(_CALM_LINE, [94, 4, 1, 1], k=250))
+
 
 imitating = st.sampled_from([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03, 0x0F])
 raw_bytes = st.one_of(
@@ -22,5 +43,6 @@ raw_bytes = st.one_of(
         st.lists(imitating, min_size=8, max_size=28).map(bytes),
         st.integers(0, 60),
     ),
+    st.builds(_mostly_calm, st.integers(0, 10_000)),
     st.builds(lambda unit, times: unit * times, st.binary(min_size=1, max_size=12), st.just(40)),
 )

@@ -10,6 +10,7 @@ from itertools import pairwise
 import pytest
 
 from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, Row
+from fte_sniff.protocol.patterns import USUAL_FLAGS
 
 SPEED = "AA 01 01 03 E8 00 00 00 00 EE"
 POSITION = "AA 02 02 03 E8 00 00 27 10 EE"
@@ -86,9 +87,10 @@ CASES: dict[str, list[tuple[str, str]]] = {
     ],
     "a frame that ends as only another kind does": [
         (SPEED, ""),
-        ("AA 02 04 FF 59 FF FE 00 0F EE", "ambiguous"),
+        ("AA 02 04 FF 59 FF FE 00 0F EE", ""),
         (SPEED, ""),
     ],
+    "such a frame alone": [("AA 02 01 03 E8 00 00 00 0F EE", "")],
     "behind damage, a frame that ends as only another kind does": [
         (SPEED, ""),
         ("55 01 04 16 AC 20 44 00 00 0F EE", "overlong"),
@@ -191,6 +193,30 @@ def test_silence_decides_the_undecidable_stream(shift: int) -> None:
     rows += framer.flush()
     assert all(isinstance(row, Frame) for row in rows)
     assert [row.faults for row in rows[3:-1]] == [()] * (len(rows) - 4)
+
+
+@pytest.mark.parametrize("flags", USUAL_FLAGS, ids=bytes.hex)
+@pytest.mark.parametrize("apart_ns", [None, 900_000, 5_000_000, 30_000_000])
+def test_a_calm_line_may_say_the_same_for_ever(flags: bytes, apart_ns: int | None) -> None:
+    """A target whose last bytes are another kind's flags is no reason for doubt each time."""
+    frame = b"\xaa\x02\x01\x03\xe8\x00\x00" + flags + b"\xee"
+    framer, rows = Framer("p"), []
+    for number in range(300):
+        t_ns = None if apart_ns is None else 10**18 + number * apart_ns
+        rows += framer.feed(Chunk("p", t_ns, frame))
+    rows += framer.flush()
+    assert [(row.raw, row.faults) for row in rows] == [(frame, ())] * 300
+
+
+def test_behind_damage_such_a_frame_is_doubted_until_the_line_is_calm_again() -> None:
+    plain, doubted = bytes.fromhex(SPEED), bytes.fromhex("AA 02 01 03 E8 00 00 00 0F EE")
+    stream = plain * 3 + plain[:7] + (plain * 20 + doubted) * 10
+    framer = Framer("p")
+    rows = framer.feed(Chunk("p", None, stream)) + framer.flush()
+    assert [row.faults for row in rows if row.raw == plain] == [()] * 203
+    told = [row.faults for row in rows if row.raw == doubted]
+    assert told[0] == (Fault.AMBIGUOUS,)
+    assert told[5:] == [()] * 5
 
 
 TWO_READINGS = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
