@@ -112,6 +112,10 @@ def refusal(name: str, device: str | None, error: BaseException) -> PortError:
             bare=shown(bare),
         )
         return PortError(Said("{port} cannot be opened: {why}", port=named, why=told))
+    hung_up = _errno_of(error) in (errno.ECONNRESET, errno.EPIPE)
+    if hung_up and name.lower().startswith("rfc2217://"):
+        told = Said("the server hung up: it does not speak RFC 2217, or serves somebody else")
+        return PortError(Said("{port} cannot be opened: {why}", port=named, why=told))
     what = None if device is None else _what_of_device(device, _errno_of(error))
     if what is None:
         # pyserial repeats the name in its own words; once is enough. Where it stumbles over options

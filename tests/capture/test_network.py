@@ -3,6 +3,7 @@
 import os
 import random
 import socket
+import struct
 import threading
 
 import pytest
@@ -104,13 +105,31 @@ def test_a_server_that_does_not_speak_rfc2217_is_refused():
             client, _ = listening.accept()
             with client:
                 client.sendall(b"\xff\xfa" + b"x" * 10_000)
-                client.recv(1)
+                while client.recv(4096):  # what is left unread would end it as if it were no server
+                    pass
 
         speaker = threading.Thread(target=speak)
         speaker.start()
         with pytest.raises(PortError, match="does not speak RFC 2217"):
             open_port(url)
         speaker.join()
+
+
+def test_a_server_that_hangs_up_at_once_is_told_from_none():
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        url = f"rfc2217://127.0.0.1:{listening.getsockname()[1]}"
+
+        def hang_up():
+            client, _ = listening.accept()
+            client.recv(1)
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            client.close()
+
+        server = threading.Thread(target=hang_up)
+        server.start()
+        with pytest.raises(PortError, match="hung up: it does not speak RFC 2217, or serves"):
+            open_port(url)
+        server.join()
 
 
 @pytest.mark.parametrize("scheme", ["rfc2217", "socket"])
