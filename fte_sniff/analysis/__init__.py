@@ -3,10 +3,10 @@
 This package knows no screen and no file: rows come in, answers go out. To read it, in this order:
 
     packing         rows in a numpy array, and back
-    fields          kinds and field values out of many packed rows at once
-    columns         rows to a polars frame with the contract's names and types
+    fields          kinds and field values out of many rows at once
     side_by_side    what rows side by side are
-    table           such rows to a polars frame in the smallest types
+    table           rows to a polars frame with the contract's names, in the smallest types
+    columns         such a frame made wide, as the filter computes with it
     filter          the filter
     filter_help     what people are told of its language
     filter_tokens   its text cut into words and signs; errors that point at a place

@@ -15,7 +15,8 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from fte_sniff.analysis.plain import KIND_OF, NO_KIND, SLAB, Array, PlainRuns
+from fte_sniff.analysis.fields import KIND_OF, NO_KIND, Array
+from fte_sniff.analysis.plain import SLAB, PlainRuns
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Chunk, Fault, Framer
 from fte_sniff.protocol.tiling import Tiles
 

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fte_sniff.analysis.fields import kind_codes
 from fte_sniff.analysis.packing import PackedRows
-from fte_sniff.analysis.side_by_side import SideBySide, kind_codes
+from fte_sniff.analysis.side_by_side import SideBySide
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import KINDS, Row, status_of
 
@@ -39,7 +40,7 @@ def count_columns(tally: Tally, rows: SideBySide) -> None:
             for fault in dict.fromkeys(faults):
                 tally.by_fault[fault] += count
     for kind, count in zip(
-        KINDS, np.bincount(kind_codes(rows), minlength=len(KINDS)), strict=False
+        KINDS, np.bincount(kind_codes(rows.raw, rows.framed), minlength=len(KINDS)), strict=False
     ):
         if count:
             tally.by_kind[kind.name] += int(count)

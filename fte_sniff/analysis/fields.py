@@ -1,4 +1,4 @@
-"""Owns how kinds and field values are read out of many packed rows at once.
+"""Owns how kinds and field values are read out of many rows at once, from their first ten bytes.
 
 It must not know who asks, nor keep anything between two calls. Kinds and the places of their fields
 come from `protocol.KINDS`; numpy reads one field in all rows at once. Who needs several columns of
@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.packing import FRAMED, TIMED, Packed
-from fte_sniff.protocol import KINDS, FrameKind
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, FrameKind
 from fte_sniff.protocol.table import CMD_PLACE, NUM_PLACE
 
+Array: TypeAlias = npt.NDArray[Any]
 Bools: TypeAlias = npt.NDArray[np.bool_]
 Codes: TypeAlias = npt.NDArray[np.uint8]
 Ints: TypeAlias = npt.NDArray[np.int64]
@@ -29,9 +30,10 @@ NO_TIME: Final = -(2**63)
 
 
 def _kind_codes() -> Codes:
-    codes = np.full((256, 256), NO_KIND, np.uint8)
+    codes = np.full(1 << 16, NO_KIND, np.uint8)
     for code, kind in enumerate(KINDS):
-        codes[kind.header, list(kind.cmds)] = code
+        for cmd in kind.cmds:
+            codes[kind.header | cmd << 8] = code
     return codes
 
 
@@ -48,16 +50,27 @@ def _field_places() -> dict[str, dict[tuple[int, int, bool], Bools]]:
     return places
 
 
-_KIND_CODES: Final = _kind_codes()
+KIND_OF: Final = _kind_codes()
+"""By header and CMD, read as one little-endian number: the kind's place in `KINDS`."""
+
 _FIELD_PLACES: Final = _field_places()
 
 
-def kinds_of(packed: Packed) -> Codes:
-    """The place in `KINDS` of every row's kind, `NO_KIND` where it has none."""
-    raw = packed["raw"]
-    kinds: Codes = _KIND_CODES[raw[:, 0], raw[:, CMD_PLACE]]
-    kinds[(packed["form"] & FRAMED) == 0] = NO_KIND
+def kind_codes(raw: Array, framed: Bools) -> Codes:
+    """The place in `KINDS` of every row's kind, `NO_KIND` where it has none.
+
+    Args:
+        raw: the first ten bytes of every row.
+        framed: which rows are frames.
+    """
+    kinds: Codes = KIND_OF[raw[:, 0] | raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)]
+    kinds[~framed] = NO_KIND
     return kinds
+
+
+def kinds_of(packed: Packed) -> Codes:
+    """The same of packed rows."""
+    return kind_codes(packed["raw"], (packed["form"] & FRAMED).astype(np.bool_))
 
 
 def timed(packed: Packed) -> Bools:
@@ -65,21 +78,27 @@ def timed(packed: Packed) -> Bools:
     return (packed["form"] & TIMED).astype(np.bool_)
 
 
-def field_values(raw: npt.NDArray[np.uint8], kinds: Codes, name: str) -> tuple[Ints, Bools]:
-    """A field's value in every row, and which rows have it; elsewhere the value means nothing."""
-    values = np.zeros(len(raw), np.int64)
-    known = np.zeros(len(raw), np.bool_)
-    for place, having in _FIELD_PLACES[name].items():
+def field_values(raw: Array, kinds: Codes, name: str) -> tuple[Array, Bools]:
+    """A field's value in every row, and which rows have it; elsewhere the value means nothing.
+
+    The values are as wide as on the wire.
+    """
+    (place, having), *others = _FIELD_PLACES[name].items()
+    values, known = read_place(raw, *place), having[kinds]
+    for place, having in others:
         here = having[kinds]
         np.copyto(values, read_place(raw, *place), where=here)
         known |= here
     return values, known
 
 
-def read_place(raw: npt.NDArray[np.uint8], start: int, size: int, signed: bool) -> npt.NDArray[Any]:
+def read_place(raw: Array, start: int, size: int, signed: bool) -> Array:
     """One field in every row; fields are big-endian (PROTOCOL.md, "Framing")."""
-    places = np.ascontiguousarray(raw[:, start : start + size])
-    return places.view(f">{'i' if signed else 'u'}{size}").reshape(-1)
+    wire = np.dtype(f">{'i' if signed else 'u'}{size}")
+    if not len(raw):
+        return np.empty(0, wire.newbyteorder("="))
+    found: Array = np.ndarray((len(raw),), wire, np.ascontiguousarray(raw), start, (FRAME_LENGTH,))
+    return found.astype(wire.newbyteorder("="))
 
 
 class Decoded:
@@ -106,7 +125,8 @@ class Decoded:
 
     def values(self, name: str, places: Ints) -> Ints:
         """One field of the rows at those places, which all have it."""
-        return field_values(self.raw[places], self.kinds[places], name)[0]
+        values, _ = field_values(self.raw[places], self.kinds[places], name)
+        return values.astype(np.int64)
 
 
 def subject(kind: FrameKind) -> str | None:

@@ -29,7 +29,7 @@ from typing import Final
 
 import polars as pl
 
-from fte_sniff.analysis.columns import SCHEMA, packed_frame, row_frame
+from fte_sniff.analysis.columns import packed_frame, row_frame, wide
 from fte_sniff.analysis.fields import Bools
 from fte_sniff.analysis.filter_grammar import condition
 from fte_sniff.analysis.packing import Codebook, Packed
@@ -88,8 +88,7 @@ class RowFilter:
         Raises:
             FilterError: the filter cannot be computed for these rows.
         """
-        names = self.names or ("offset",)
-        return self.mask(table_frame(rows, names).cast({name: SCHEMA[name] for name in names}))
+        return self.mask(wide(table_frame(rows, self.names or ("offset",))))
 
     def of_packed(self, packed: Packed, long: Mapping[int, bytes], codebook: Codebook) -> Bools:
         """For every packed row whether it is wanted; `long` by place in `packed`.

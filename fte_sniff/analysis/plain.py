@@ -12,38 +12,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Executor
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from fte_sniff.analysis.fields import KIND_OF, NO_KIND, Array
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, KINDS, TAIL
 from fte_sniff.protocol.patterns import USUAL_FLAGS, ends_freely
 from fte_sniff.protocol.structure import legal_bytes
 from fte_sniff.protocol.table import MOTORS, NUM_PLACE
-
-Array: TypeAlias = npt.NDArray[Any]
-
-NO_KIND: Final = len(KINDS)
-"""The kind code of bytes that no kind fits."""
 
 SLAB: Final = 1 << 20
 """Bytes that one thread looks at, or turns into columns, at once."""
 
 _BLOCK: Final = 1 << 14
 """Frames whose numbers stay in the cache."""
-
-
-def _kind_codes() -> Array:
-    """By header and CMD, read as one little-endian number: the kind's place in the table."""
-    codes = np.full(1 << 16, NO_KIND, np.uint8)
-    for code, kind in enumerate(KINDS):
-        for cmd in kind.cmds:
-            codes[kind.header | cmd << 8] = code
-    return codes
-
-
-KIND_OF: Final = _kind_codes()
 
 
 def _forbidden_bits() -> tuple[Array, Array, Array]:

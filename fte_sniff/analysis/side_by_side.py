@@ -6,18 +6,10 @@ It must not know polars, which takes long to load: who only counts such rows doe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Protocol
+from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-from fte_sniff.protocol import KINDS, Fault
-from fte_sniff.protocol.table import CMD_PLACE
-
-Array = npt.NDArray[Any]
-
-NO_KIND: Final = len(KINDS)
-"""The kind code of a row that has no kind."""
+from fte_sniff.analysis.fields import Array
+from fte_sniff.protocol import Fault
 
 
 class Words(Protocol):
@@ -81,22 +73,3 @@ class SideBySide(Protocol):
     def long(self) -> Mapping[int, bytes]:
         """All bytes of the rows longer than ten, by place."""
         ...
-
-
-def kind_codes(rows: SideBySide) -> Array:
-    """For every row its kind's place in `KINDS`; `len(KINDS)` where it has none."""
-    raw = rows.raw
-    kinds: Array = _KIND_CODES[raw[:, 0] | raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)]
-    kinds[~rows.framed] = NO_KIND
-    return kinds
-
-
-def _kind_codes() -> Array:
-    codes = np.full(1 << 16, NO_KIND, np.uint8)
-    for code, kind in enumerate(KINDS):
-        for cmd in kind.cmds:
-            codes[kind.header | cmd << 8] = code
-    return codes
-
-
-_KIND_CODES: Final = _kind_codes()

@@ -1,7 +1,8 @@
 """Owns the contract's columns in their smallest types, as a polars frame, from rows side by side.
 
-It must not know where the rows come from. Unlike `columns`, which serves the filter and computes in
-Int64, this is for handing out: a frame of millions of rows stays small, and polars knows all words.
+It must not know where the rows come from, nor where values stand in them (`fields` does). Names,
+order and words come from `protocol.COLUMNS`; numpy reads one field in all rows at once. A frame of
+millions of rows stays small, and polars knows all words.
 
     time                     Datetime("ns", "UTC"), null where the row has no time
     port, raw                String (raw: hex, upper case, no spaces)
@@ -19,8 +20,9 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.columns import row_frame
-from fte_sniff.analysis.side_by_side import NO_KIND, Array, SideBySide, kind_codes
+from fte_sniff.analysis.fields import Array, Bools, Codes, field_values, kind_codes, timed
+from fte_sniff.analysis.packing import Codebook, Packed, PackedRows, pack
+from fte_sniff.analysis.side_by_side import SideBySide
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
@@ -85,35 +87,37 @@ def table_frame(rows: SideBySide, names: Collection[str] | None = None) -> pl.Da
     return pl.DataFrame([maker.series(name) for name in wanted])
 
 
-def rows_table(rows: Sequence[Row]) -> pl.DataFrame:
-    """Rows that come as objects, with or without times, as a frame of `TABLE_SCHEMA`."""
-    return row_frame(rows).cast(pl.Schema(TABLE_SCHEMA))
+def packed_table(
+    packed: Packed,
+    long: Mapping[int, bytes],
+    codebook: Codebook,
+    names: Collection[str] | None = None,
+) -> pl.DataFrame:
+    """The same from packed rows, with or without times; `long` holds the bytes of long rows by
+    place in `packed`.
+    """
+    frame = table_frame(PackedRows(packed, long, codebook), names)
+    if "time" not in frame.columns:
+        return frame
+    return frame.with_columns(_known(frame["time"], timed(packed)))
 
 
-def _direction_codes() -> Array:
+def rows_table(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
+    """The same from rows that come as objects, of any ports, in any order."""
+    codebook = Codebook()
+    packed, long = pack(rows, codebook)
+    return packed_table(packed, long, codebook, names)
+
+
+def _direction_codes() -> Codes:
     codes = np.full(256, _NO_DIRECTION, np.uint8)
     for code, direction in enumerate(Direction):
         codes[HEADERS[direction]] = code
     return codes
 
 
-def _field_places() -> dict[str, list[tuple[int, str, Array]]]:
-    """For every row name: where kinds keep it, its form on the wire, and which kinds those are."""
-    found: dict[str, dict[tuple[int, str], Array]] = {}
-    for code, kind in enumerate(KINDS):
-        for field in kind.fields:
-            form = f">{'i' if field.signed else 'u'}{field.size}"
-            places = found.setdefault(field.name, {})
-            has = places.setdefault((field.start, form), np.zeros(NO_KIND + 1, np.bool_))
-            has[code] = True
-    return {
-        name: [(start, form, has) for (start, form), has in places.items()]
-        for name, places in found.items()
-    }
-
-
 _DIRECTION_CODES: Final = _direction_codes()
-_FIELD_PLACES: Final = _field_places()
+_FIELD_NAMES: Final = frozenset(field.name for field in VALUE_FIELDS)
 _HEX_PAIRS: Final = np.frombuffer(
     b"".join(f"{byte:02X}".encode() for byte in range(256)), np.uint16
 )
@@ -124,28 +128,22 @@ class _Maker:
 
     def __init__(self, rows: SideBySide) -> None:
         self._rows = rows
-        self._kinds: Array | None = None
+        self._bytes: Array = np.ascontiguousarray(rows.raw)
+        self._kinds: Codes | None = None
 
     def series(self, name: str) -> pl.Series:
         """The column of that name."""
-        if name in _FIELD_PLACES:
+        if name in _FIELD_NAMES:
             return self._field(name).rename(name)
         return _MAKERS[name](self).rename(name)
 
-    def _kind_of_row(self) -> Array:
+    def _kind_of_row(self) -> Codes:
         if self._kinds is None:
-            self._kinds = kind_codes(self._rows)
+            self._kinds = kind_codes(self._bytes, self._rows.framed)
         return self._kinds
 
     def _field(self, name: str) -> pl.Series:
-        kinds = self._kind_of_row()
-        (start, form, has), *others = _FIELD_PLACES[name]
-        known = has[kinds]
-        values = _read(self._rows.raw, start, form)
-        for start, form, has in others:
-            here = has[kinds]
-            np.copyto(values, _read(self._rows.raw, start, form), where=here)
-            known |= here
+        values, known = field_values(self._bytes, self._kind_of_row(), name)
         return _known(pl.Series(values), known)
 
     def _time(self) -> pl.Series:
@@ -157,7 +155,7 @@ class _Maker:
         return _looked_up(ports, self._rows.port, pl.String())
 
     def _direction(self) -> pl.Series:
-        codes = _DIRECTION_CODES[self._rows.raw[:, 0]]
+        codes = _DIRECTION_CODES[self._bytes[:, 0]]
         codes[~self._rows.framed] = _NO_DIRECTION
         return _looked_up([*map(str, Direction), None], codes, TABLE_SCHEMA["direction"])
 
@@ -166,7 +164,7 @@ class _Maker:
         return _looked_up(words, self._kind_of_row(), TABLE_SCHEMA["kind"])
 
     def _cmd(self) -> pl.Series:
-        return _known(pl.Series(self._rows.raw[:, CMD_PLACE].copy()), self._rows.framed)
+        return _known(pl.Series(self._bytes[:, CMD_PLACE].copy()), self._rows.framed)
 
     def _status(self) -> pl.Series:
         words = [status_of(faults).value for faults in self._rows.words.faults]
@@ -177,7 +175,7 @@ class _Maker:
         return _looked_up(words, self._rows.faults, TABLE_SCHEMA["faults"])
 
     def _raw(self) -> pl.Series:
-        digits = _HEX_PAIRS[self._rows.raw].view(np.uint8)
+        digits = _HEX_PAIRS[self._bytes].view(np.uint8)
         texts = (
             pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * FRAME_LENGTH))
             .cast(pl.List(pl.UInt8()))
@@ -192,7 +190,7 @@ class _Maker:
 
     def _hex(self, at: int) -> str:
         long = self._rows.long.get(at)
-        raw = self._rows.raw[at, : self._rows.length[at]].tobytes() if long is None else long
+        raw = self._bytes[at, : self._rows.length[at]].tobytes() if long is None else long
         return raw.hex().upper()
 
 
@@ -210,16 +208,7 @@ _MAKERS: Final[Mapping[str, Callable[[_Maker], pl.Series]]] = {
 }
 
 
-def _read(raw: Array, start: int, form: str) -> Array:
-    """One field in every row; fields are big-endian (PROTOCOL.md, "Framing")."""
-    wire = np.dtype(form)
-    if not len(raw):
-        return np.empty(0, wire.newbyteorder("="))
-    found: Array = np.ndarray((len(raw),), wire, np.ascontiguousarray(raw), start, (FRAME_LENGTH,))
-    return found.astype(wire.newbyteorder("="))
-
-
-def _known(values: pl.Series, known: Array) -> pl.Series:
+def _known(values: pl.Series, known: Bools) -> pl.Series:
     """The values, null where they are not known."""
     if known.all():
         return values

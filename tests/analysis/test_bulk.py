@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.faults import damaged_stream
 from fte_sniff.analysis.bulk import bulk_columns
-from fte_sniff.analysis.plain import NO_KIND
+from fte_sniff.analysis.fields import NO_KIND
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Frame, Framer
 
 
