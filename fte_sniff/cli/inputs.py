@@ -1,64 +1,30 @@
-"""Owns the way from files, folders, patterns or standard input to batches of rows.
+"""Owns the way from what the user names to inputs: files, folders, patterns or standard input.
 
-It must not know what a command does with the rows. A recording is read by `recording`, all else by
-`formats` and framed here.
+It must not know what an input gives (`one_input` does), nor what a command does with that.
 """
 
 from __future__ import annotations
 
 import shutil
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from io import BufferedReader, FileIO
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import IO, TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import click
 
-from fte_sniff.cli.batches import Batch, ColumnBatch, RowBatch
+from fte_sniff.cli.one_input import STDIN_NAME, Input, LogInput, RecordingInput
 from fte_sniff.cli.paths import FileName
-from fte_sniff.errors import FileError, FteSniffError, UsageError
+from fte_sniff.errors import UsageError
 from fte_sniff.formats.hex_log import HexLog
 from fte_sniff.formats.kinds import InputKind, kind_of_content, kind_of_file
 from fte_sniff.formats.log_clock import LogClock, day_of, zone_of
 from fte_sniff.formats.raw import raw_chunks, raw_stream_chunks
-from fte_sniff.protocol import (
-    FRAME_LENGTH,
-    Chunk,
-    Damage,
-    Fault,
-    Framer,
-    PortEventKind,
-    Row,
-    iso_time,
-)
-
-if TYPE_CHECKING:
-    from fte_sniff.recording.facts import PortFacts
-    from fte_sniff.recording.reader import RecordingReader
-    from fte_sniff.recording.span import Span
 
 STDIN = Path("-")
-STDIN_NAME = "stdin"
-"""The port of rows that came through standard input."""
-
-BATCH = 4096
-"""Rows handed on at once, at most, where they come one by one."""
-
-TROUBLES = (
-    PortEventKind.OVERRUN,
-    PortEventKind.LINE_ERROR,
-    PortEventKind.LOST,
-    PortEventKind.NOT_PASSED_ON,
-)
-"""Events of a recording that tell of bytes that are not in it, or not as they were sent."""
-
-Note = Callable[[str], None]
-"""Takes one line for people about an input, such as that it ends in the middle."""
 
 
 def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -108,49 +74,6 @@ def _same(one: Path, other: Path) -> bool:
         return one.samefile(other)
     except OSError:
         return False
-
-
-class Input(Protocol):
-    """One thing to read rows from."""
-
-    @property
-    def name(self) -> str:
-        """What people know it by; may hold text from outside, so show it, never obey it."""
-        ...
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """First and last time of its rows, nanoseconds since 1970 UTC; None where it has none."""
-        ...
-
-    @property
-    def count(self) -> int | None:
-        """How many rows and events it holds, as far as that can be told before it is read."""
-        ...
-
-    @property
-    def ports(self) -> Sequence[PortFacts]:
-        """The ports that it names before it is read."""
-        ...
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        """What it says about itself beside the ports: the host, the clock."""
-        ...
-
-    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
-        """Its rows, batch by batch.
-
-        Args:
-            span: only rows in it; None for all.
-            note: is told, at the end, what is wrong with the input.
-
-        Raises:
-            FileError: it cannot be read, or is not what it should be.
-            InputTextError: text in it is not hex.
-            UsageError: rows of a span are asked for, and they have no times.
-        """
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,161 +172,3 @@ def _stdin(how: HowToRead) -> Input:
     if chosen is InputKind.RAW:
         return LogInput(raw_stream_chunks(stream, STDIN_NAME), STDIN_NAME)
     return LogInput(HexLog.of_stream(stream, STDIN_NAME, how.clock()), STDIN_NAME)
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingInput:
-    """A recording."""
-
-    reader: RecordingReader
-    copy: IO[bytes] | None = None
-    """The temporary file that it is, to be kept as long as this."""
-
-    @property
-    def name(self) -> str:
-        """Its path, or that it came through standard input."""
-        return str(self.reader.path) if self.copy is None else STDIN_NAME
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """First and last time of its rows, as the file tells."""
-        return self.reader.times
-
-    @property
-    def count(self) -> int | None:
-        """How many messages the file tells of."""
-        return self.reader.count
-
-    @property
-    def ports(self) -> Sequence[PortFacts]:
-        """The ports that the file names."""
-        return self.reader.ports
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        """What the file says about itself, but not who wrote it."""
-        from fte_sniff.recording.facts import PROGRAM
-
-        told = self.reader.metadata.get(PROGRAM, {})
-        own = ("library", "port.")
-        return {name: fact for name, fact in told.items() if not name.startswith(own)}
-
-    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
-        """Its rows, many thousands side by side; see `Input`."""
-        from fte_sniff.recording.span import EVERYTHING
-
-        path = self.reader.path
-        troubles: Counter[PortEventKind] = Counter()
-        some = False
-        for passage, columns in self.reader.passages(span=span or EVERYTHING):
-            troubles.update(event.kind for event in columns.events)
-            some = some or bool(len(columns))
-            if len(columns) or columns.events:
-                yield ColumnBatch(columns, partial(self.reader.again, passage))
-        for kind in TROUBLES:
-            if troubles[kind]:
-                times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
-                note(f"{path}: the port reported {kind} {times} while it was recorded")
-        for loss in (*self.reader.losses, self.reader.ending):
-            if loss:
-                note(f"{path}: {loss}")
-        if span is not None and not some and self.times is not None:
-            held = "rows" if self.count is None else f"{self.count:,} rows and events"
-            note(f"{path}: {_none_in_span(held, *self.times)}")
-
-
-@dataclass(frozen=True, slots=True)
-class LogInput:
-    """Anything else: bytes that are framed here."""
-
-    chunks: Iterable[Chunk]
-    name: str
-
-    @property
-    def times(self) -> None:
-        """Nothing tells the times of a log before it is read."""
-        return
-
-    @property
-    def count(self) -> None:
-        """Nothing tells how many rows a log has before it is read."""
-        return
-
-    @property
-    def ports(self) -> Sequence[PortFacts]:
-        """A log names none but itself."""
-        from fte_sniff.recording.facts import PortFacts
-
-        return [PortFacts(self.name)]
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        """A log says nothing."""
-        return {}
-
-    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
-        """Its rows, some thousands at once; see `Input`."""
-        batches = _framed_batches(self.chunks, self.name, note)
-        if isinstance(self.chunks, HexLog):
-            batches = _compared(batches, self.chunks, note)
-        for rows in batches if span is None else self._spanned(batches, span, note):
-            yield RowBatch(rows)
-
-    def _spanned(self, batches: Iterable[list[Row]], span: Span, note: Note) -> Iterator[list[Row]]:
-        """Only rows of the span; where there is none, which there are is told."""
-        count, some, times = 0, False, list[int]()
-        for rows in batches:
-            read = [row.t_ns for row in rows if row.t_ns is not None]
-            if len(read) < len(rows):
-                raise UsageError(f"{self.name} has no times; --from and --to need a recording")
-            count += len(rows)
-            times = [min([*times[:1], *read]), max([*times[1:], *read])]
-            found = [row for row in rows if span.holds(row)]
-            some = some or bool(found)
-            yield found
-        if times and not some:
-            note(f"{self.name}: {_none_in_span(f'{count:,} rows', *times)}")
-
-
-def _compared(batches: Iterable[list[Row]], log: HexLog, note: Note) -> Iterator[list[Row]]:
-    """The same rows; what the log says of them, and they of the log, is told in the end."""
-    for rows in batches:
-        log.compare(rows)
-        yield rows
-    for doubt in (*log.doubts, *log.about_times):
-        note(f"{log.name}: {doubt}")
-
-
-def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
-    return (
-        f"none of its {held} lies between --from and --to;"
-        f" they go from {iso_time(first_ns)} to {iso_time(last_ns)}"
-    )
-
-
-def _framed_batches(chunks: Iterable[Chunk], name: str, note: Note) -> Iterator[list[Row]]:
-    framer = Framer(name)
-    rows: list[Row] = []
-    some = False
-    try:
-        for chunk in chunks:
-            some = True
-            rows += framer.feed(chunk)
-            if len(rows) >= BATCH:
-                yield rows
-                rows = []
-    except FteSniffError:
-        # What stood before the fault is not lost with it.
-        yield rows + framer.flush()
-        raise
-    if not some:
-        raise FileError(f"{name}: is empty; there is nothing to decode")
-    rows += framer.flush()
-    if rows:
-        yield rows
-        _note_cut_frame(rows[-1], name, note)
-
-
-def _note_cut_frame(last: Row, name: str, note: Note) -> None:
-    if isinstance(last, Damage) and Fault.TRUNCATED in last.faults:
-        note(f"{name}: ends in the middle of a frame ({len(last.raw)} of {FRAME_LENGTH} bytes)")

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from fte_sniff.cli.batches import Batch
-from fte_sniff.cli.inputs import Input
+from fte_sniff.cli.one_input import Input
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter import RowFilter

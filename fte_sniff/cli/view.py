@@ -18,14 +18,13 @@ from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import (
     STDIN,
     HowToRead,
-    Input,
-    RecordingInput,
     check_inputs,
     input_arguments,
     meant,
     opened,
 )
 from fte_sniff.cli.keeping import REREAD, keep_rows_option
+from fte_sniff.cli.one_input import Input, RecordingInput
 from fte_sniff.cli.remembered import config_option, lang_option, remembered
 from fte_sniff.cli.signals import signals_call
 from fte_sniff.cli.spans import span_of, span_options
