@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from rich.cells import cell_len
-from rich.markup import escape
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
@@ -81,7 +80,7 @@ class Pane(VerticalScroll, can_focus=False, metaclass=AbstractMeta):
         """Put a title over the page."""
         both = f"{title}   {_(self._hint)}"
         line = both if cell_len(both) + _CORNERS <= self.size.width else title
-        self.border_title = escape(line)
+        self.border_title = Text(line)
 
     def draw(self, page: Text) -> None:
         """Put this onto the page, if it is not what is there."""

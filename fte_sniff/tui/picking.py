@@ -124,9 +124,9 @@ class Picker(ModalScreen[Picked | None], Generic[Picked]):
         shown = self.shown
         self._at = min(max(0, self._at), max(0, len(shown) - 1))
         box = self.query_one("#picker")
-        box.border_title = self._heading
+        box.border_title = Text(self._heading)
         hint = _("type to find, enter picks, esc goes back")
-        box.border_subtitle = f"{self._typed}_" if self._typed else hint
+        box.border_subtitle = Text(f"{self._typed}_" if self._typed else hint)
         lines = [(entry.words, entry.aside) for entry in shown] or [
             (_("nothing is called that"), "")
         ]

@@ -384,6 +384,25 @@ def test_everything_can_be_picked_from_a_list(feed: Any, speed_rows: Rows) -> No
     play(feed, scenario)
 
 
+@pytest.mark.parametrize("typed", ["[/", '[a="', "[/x]", "[b]"])
+def test_what_is_typed_into_a_list_is_shown_and_not_obeyed(
+    feed: Any, speed_rows: Rows, typed: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        for list_key in ("ctrl+p", "x"):
+            await press(app, pilot, list_key)
+            await press(app, pilot, *typed)
+            box = app.screen.query_one("#picker")
+            assert box._border_subtitle is not None
+            assert f"{typed}_" in box._border_subtitle.plain
+            await press(app, pilot, "escape")
+        assert len(app.screen_stack) == 1
+
+    play(feed, scenario)
+
+
 @pytest.mark.parametrize("size", [(1, 1), (3, 2), (20, 5), (40, 10)])
 def test_lists_draw_on_the_smallest_terminals(
     feed: Any, speed_rows: Rows, size: tuple[int, int]
