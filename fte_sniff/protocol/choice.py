@@ -151,10 +151,12 @@ class _Gap:
     def _extend(self, place: int) -> None:
         best, end = self._best, self._stop
         weight, begin, last = best[place]
-        for piece in self._weighing.window.pieces_at(place):
+        window = self._weighing.window
+        meeting = weight if last is None and begin != place else weight * window.meeting(place)
+        for piece in window.pieces_at(place):
             stop, own, whole = piece
-            if stop <= end and not whole and weight * own > best.get(stop, _NOTHING)[0]:
-                best[stop] = weight * own, place, piece
+            if stop <= end and not whole and meeting * own > best.get(stop, _NOTHING)[0]:
+                best[stop] = meeting * own, place, piece
         if last is None and begin != place:
             return
         for stop in (*self._headers, end):

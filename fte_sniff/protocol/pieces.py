@@ -107,18 +107,25 @@ class Window:
                 ends.append((place, own, False))
         if self.pauses:
             headless = [
-                self._paused(start, place, own) for start, own in enumerate(headless, start=first)
+                self._paused(start, place, own) * self.meeting(start)
+                for start, own in enumerate(headless, start=first)
             ]
         stop = Stop(place, first, headless, back)
         self.stops.append(stop)
         self.marks.append(stop)
 
     def _paused(self, start: int, stop: int, weight: float) -> float:
-        """The weight of a piece, seeing where the line paused."""
-        if start and start not in self.pauses:
-            weight *= UNPAUSED
+        """The weight of a piece, seeing where the line paused within."""
         within = sum(start < pause < stop for pause in self.pauses)
         return weight * PAUSE_WITHIN**within
+
+    def meeting(self, place: int) -> float:
+        """The weight of two pieces meeting there, of which the second begins with a header.
+
+        (It is within the weight of one that begins with none. Noise meets a frame for nothing: junk
+        stands right before it.)
+        """
+        return UNPAUSED if self.pauses and place and place not in self.pauses else 1.0
 
     def pieces_at(self, place: int) -> list[Piece]:
         """Every piece that can begin at `place`."""

@@ -112,7 +112,7 @@ class Weighing:
             noise = _gone_on(noise, after_piece[noisy_to:place])
             noisy_to = place
             after_noise[place] += sum(after_piece[before:place]) * JUNK + noise * NOISE_ENDS
-            weight = after_piece[place] + after_noise[place]
+            weight = after_piece[place] * self.window.meeting(place) + after_noise[place]
             if weight:
                 at = place
                 for own in truncated:
@@ -139,7 +139,7 @@ class Weighing:
                     weight += own * to_end[at]
                 if place > size - FRAME_LENGTH:
                     weight += self.cut_off(mark)
-                to_end[place] += weight
+                to_end[place] += weight * self.window.meeting(place)
                 at_header.append((place, weight))
                 first, others = 0, _TO_HEADER[_LONGEST - place :]
             to_end[first:place] = [
@@ -174,7 +174,7 @@ class Weighing:
 
     def probability(self, start: int, stop: int, weight: float) -> float:
         """The probability (0-1) of a piece of that weight at `start`."""
-        before = self._after_piece[start] + self._after_noise[start]
+        before = self._after_piece[start] * self.window.meeting(start) + self._after_noise[start]
         return before * weight * self._to_end[stop] / self._total
 
     def boundary(self, place: int) -> float:
@@ -196,9 +196,9 @@ class Weighing:
     def _whole_frames(
         self, after_piece: list[float], after_noise: list[float], total: float
     ) -> dict[int, float]:
-        to_end = self._to_end
+        to_end, meeting = self._to_end, self.window.meeting
         return {
-            place: (after_piece[place] + after_noise[place])
+            place: (after_piece[place] * meeting(place) + after_noise[place])
             * ends[0][1]
             * to_end[place + FRAME_LENGTH]
             / total

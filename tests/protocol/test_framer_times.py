@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from random import Random
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -51,6 +53,19 @@ def test_behind_damage_a_frame_waits_for_what_could_make_it_overlong() -> None:
     assert [row.raw for rows in out for row in rows] == [SPEED]
     (waiting, _) = framer.feed(Chunk("p", None, SPEED * 3))[:2]
     assert (waiting.raw, waiting.faults) == (SPEED, (Fault.AMBIGUOUS,))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000))
+def test_junk_right_before_a_frame_is_no_reason_for_doubt_where_the_line_pauses(seed: int) -> None:
+    random, framer = Random(seed), Framer("p")
+    rows: list[Row] = []
+    for number in range(100):
+        junk = bytes(random.randrange(0x10, 0x50) for _ in range(random.choice([0, 0, 0, 1, 2, 3])))
+        t_ns = START + number * 5 * MS
+        rows += framer.feed(Chunk("p", t_ns, junk + SPEED))
+    rows += framer.flush()
+    assert [row.faults for row in rows if row.raw == SPEED] == [()] * 100
 
 
 @settings(max_examples=300, deadline=None)
