@@ -25,7 +25,7 @@ from fte_sniff.protocol.likelihood import (
     NOISE_STAYS,
     SHOWN,
 )
-from fte_sniff.protocol.patterns import PLAIN_FRAME, UNDIVIDED_FRAME
+from fte_sniff.protocol.patterns import PLAIN_FRAME, STRICT, UNDIVIDED_FRAME
 from fte_sniff.protocol.pieces import Piece
 from fte_sniff.protocol.reading import Stretch
 from fte_sniff.protocol.rows import Fault
@@ -107,19 +107,40 @@ def _believing_neighbours(data: bytes, reading: list[Stretch]) -> list[Stretch]:
 def calmly(weighing: Weighing, reading: list[Stretch]) -> list[Stretch]:
     """The reading of a line that was calm, with its frames believed up to the first damage.
 
-    A calm line takes the frame for two truncated ones whenever a target ends as another kind's
-    flags do, if it is only weighed: those who hold a motor at 15 pulses would see nothing else.
+    If it is only weighed, a frame is taken for two truncated ones whenever a target ends as another
+    kind's flags do: those who hold a motor at 15 pulses would see nothing else. Where they even
+    weigh more, as where a payload imitates a tail and a header, the frame is shown, and doubted.
     """
-    data = weighing.window.data
-    for number, frame in enumerate(reading):
-        if not frame.framed:
-            break
-        doubted = frame.faults == DOUBT and frame.probability >= LIKELY
-        if not (doubted and UNDIVIDED_FRAME.match(data, frame.start)):
-            continue
-        if min(map(weighing.boundary, (frame.start, frame.stop))) >= CERTAIN:
-            reading[number] = frame._replace(faults=())
-    return reading
+    believed: list[Stretch] = []
+    rest = iter(reading)
+    for part in rest:
+        if not part.framed:
+            whole = _whole_of_two(weighing, part, next(rest, None))
+            if whole is None:
+                break
+            part = whole
+        believed.append(_believed(weighing, part))
+    covered = believed[-1].stop if believed else 0
+    return believed + [part for part in reading if part.start >= covered]
+
+
+def _whole_of_two(weighing: Weighing, first: Stretch, second: Stretch | None) -> Stretch | None:
+    """The one frame that two damaged ones in a row are together; None where they are none."""
+    if second is None or second.framed or second.stop - first.start != FRAME_LENGTH:
+        return None
+    if not STRICT.match(weighing.window.data, first.start):
+        return None
+    return Stretch(first.start, second.stop, True, DOUBT, 0.0)
+
+
+def _believed(weighing: Weighing, frame: Stretch) -> Stretch:
+    """The frame without its doubt, if only two truncated ones could stand there instead."""
+    if frame.faults != DOUBT or frame.probability < LIKELY:
+        return frame
+    if not UNDIVIDED_FRAME.match(weighing.window.data, frame.start):
+        return frame
+    certain = min(map(weighing.boundary, (frame.start, frame.stop))) >= CERTAIN
+    return frame._replace(faults=()) if certain else frame
 
 
 class _Gap:

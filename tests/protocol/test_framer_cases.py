@@ -208,6 +208,33 @@ def test_a_calm_line_may_say_the_same_for_ever(flags: bytes, apart_ns: int | Non
     assert [(row.raw, row.faults) for row in rows] == [(frame, ())] * 300
 
 
+@pytest.mark.parametrize(
+    "frame",
+    [
+        "AA 03 00 EE 55 01 04 00 0F EE",
+        "AA 02 01 03 EE 55 01 04 0F EE",
+        "AA 03 00 55 EE 55 01 03 03 EE",
+        "AA 03 55 EE 55 01 03 03 0F EE",
+        "AA 03 EE 55 02 04 04 0F 00 EE",
+        "AA 03 00 EE 55 02 04 04 0F EE",
+    ],
+)
+@pytest.mark.parametrize("apart_ns", [None, 868_060, 1_900_000, 30_000_000])
+def test_a_calm_line_is_not_called_damaged_for_what_it_carries(
+    frame: str, apart_ns: int | None
+) -> None:
+    """Two truncated frames together would be as long; but this line has shown no damage."""
+    stream = [bytes.fromhex(frame), bytes.fromhex(SPEED)] * 30
+    framer, rows = Framer("p"), []
+    for number, raw in enumerate(stream):
+        t_ns = None if apart_ns is None else 10**18 + number * apart_ns
+        rows += framer.feed(Chunk("p", t_ns, raw))
+    rows += framer.flush()
+    assert [row.raw for row in rows] == stream
+    assert {row.faults for row in rows if row.raw == stream[1]} == {()}
+    assert {row.faults for row in rows} <= {(), (Fault.AMBIGUOUS,)}
+
+
 def test_behind_damage_such_a_frame_is_doubted_until_the_line_is_calm_again() -> None:
     plain, doubted = bytes.fromhex(SPEED), bytes.fromhex("AA 02 01 03 E8 00 00 00 0F EE")
     stream = plain * 3 + plain[:7] + (plain * 20 + doubted) * 10
