@@ -6,6 +6,7 @@ simulated ones.
 
     ports          opening a port, and what can go wrong with it
     items          what a source is, whatever it reads; how a line is got at
+    threaded       the life of a source that reads in a thread of its own
     source         an open port as an iterable of chunks and port events
     merged         several sources as one, on one time line
     tap            listening: one port, or one for each of two wires

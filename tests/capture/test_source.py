@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.items import SourceEnd
 from fte_sniff.capture.ports import PortSettings, open_port
 from fte_sniff.capture.simulator import SimulationParameters, simulate
-from fte_sniff.capture.source import PortSource, SourceEnd, open_source
+from fte_sniff.capture.source import PortSource, open_source
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 CLOCK = Clock.tied()

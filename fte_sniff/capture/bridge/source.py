@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import fcntl
 import termios
-import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -22,30 +21,22 @@ from fte_sniff.capture.bridge.host_end import HostEnd
 from fte_sniff.capture.bridge.wires import HOST, Wires
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.holders import sharing_note
-from fte_sniff.capture.items import Item, SourceEnd
 from fte_sniff.capture.latency import ask_low_latency
 from fte_sniff.capture.lateness import lateness_ns
 from fte_sniff.capture.ports import PortSettings, device_of, open_port
-from fte_sniff.capture.refusal import one_line
-from fte_sniff.capture.returning import Opened, Reopen, Return, way_back
-from fte_sniff.errors import FileError
+from fte_sniff.capture.returning import Opened, Reopen, way_back
+from fte_sniff.capture.threaded import ThreadedSource
 from fte_sniff.protocol import PortEventKind
 from fte_sniff.said import Said
 
-_BEAT_S = 0.05
-"""Seconds between two signs of life while a port is waited for."""
 
-
-class BridgeSource:
+class BridgeSource(ThreadedSource):
     """The chunks and events of both directions, in order of their times; iterate once.
 
     `opened` comes for the port at once, and for the host's wire whenever a host program comes. The
     last item is the port's `lost` or `closed`; then the port is closed, and the pseudo-terminal is
     hung up, as an adapter's device is that was unplugged.
     """
-
-    end: SourceEnd | None = None
-    """How the passing on ended, though items may still wait to be taken; None while it goes on."""
 
     def __init__(
         self,
@@ -65,20 +56,17 @@ class BridgeSource:
             detail: how the port was opened, for the event.
             reopen: how to open the port again when it is lost; None to end then.
         """
+        super().__init__(wires, wires.clock, reopen)
         self.device = host.name
         """What a host program is to open."""
         self._port = port
         self._host = host
         self._wires = wires
-        self._reopen = reopen
-        self._stopping = False
         self._low_latency = ask_low_latency(port)
         self._lateness_ns = lateness_ns(port)
         _refuse_others(port, termios.TIOCEXCL)
         self._exchange = Exchange(port, host, wires)
-        self._tell(PortEventKind.OPENED, detail)
-        self._thread = threading.Thread(target=self._run, name="port to host", daemon=True)
-        self._thread.start()
+        self._begin("port to host", detail)
 
     @property
     def uncertainty_ns(self) -> Mapping[str, int]:
@@ -93,90 +81,25 @@ class BridgeSource:
         """
         return {self._wires.port: str(self._low_latency), HOST: "a pseudo-terminal"}
 
-    def __iter__(self) -> Iterator[Item]:
-        try:
-            yield from self._wires
-        finally:
-            self.close()
-
-    def __enter__(self) -> BridgeSource:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
-
     def stop(self) -> None:
         """Ask for the end: what has arrived until now is still passed on and yielded.
 
         Returns at once; may be called from any thread and from signal handlers, and repeatedly.
         """
-        self._stopping = True
+        super().stop()
         self._exchange.end()
 
     def stop_at(self, t_ns: float) -> None:
         """Ask for the end at a time of the clock, as `stop` would then; returns at once."""
         self._wires.end_ns = t_ns
 
-    @property
-    def waiting(self) -> int:
-        """How many bytes of both wires wait to be taken."""
-        return self._wires.waiting
+    def _read_on(self) -> OSError | None:
+        error = self._exchange.run()
+        self._host.close()
+        return error
 
-    def drop(self) -> None:
-        """Once it has ended: yield no more bytes, but an overrun a wire that counts them."""
-        self._wires.drop()
-
-    def close(self) -> None:
-        """Stop, wait for the threads (some 10 ms), and close both ends."""
-        self.stop()
-        self._thread.join()
-        self._close_port()
-
-    def _run(self) -> None:
-        try:
-            self._exchange_until_the_end()
-        finally:
-            self._wires.end()
-
-    def _exchange_until_the_end(self) -> None:
-        while (error := self._exchange.run()) is not None:
-            self._host.close()
-            lost = one_line(error)
-            if self._reopen is None:
-                self._finish(SourceEnd.LOST, lost)
-                return
-            self._tell(PortEventKind.LOST, Said("{lost}; waiting for it to come back", lost=lost))
-            opened, away_s = self._wait_for_return(self._reopen)
-            if opened is None:
-                break
-            try:
-                self._take_over(opened, away_s)
-            except FileError as refused:
-                self._finish(SourceEnd.LOST, refused.said)
-                return
-        else:
-            self._host.close()
-        self._finish(SourceEnd.STOPPED, Said("as asked"))
-
-    def _wait_for_return(self, reopen: Reopen) -> tuple[Opened | None, float]:
-        """The port once it is open again, None if the end is asked for; and how long, seconds.
-
-        Both lines are told to be silent meanwhile, so that nothing waits for them.
-        """
-        lost_ns = self._wires.now_ns()
-        self._close_port()
-        returning = Return(reopen)
-        while not (self._stopping or self._wires.due):
-            opened = returning.wait(_BEAT_S)
-            away_s = (self._wires.now_ns() - lost_ns) / 1e9
-            if opened is not None:
-                return opened, away_s
-            if refusal := returning.refusal():
-                self._tell(PortEventKind.NOT_OPENED, refusal)
-            self._wires.read(self._wires.now_ns(), b"")
-            self._wires.written(b"")
-        returning.give_up()
-        return None, 0
+    def _is_to_end(self) -> bool:
+        return self._stopping or self._wires.due
 
     def _take_over(self, opened: Opened, away_s: float) -> None:
         self._port = opened.port
@@ -193,13 +116,12 @@ class BridgeSource:
         if self._stopping:
             self._exchange.end()
 
-    def _finish(self, end: SourceEnd, detail: str) -> None:
-        self.end = end
-        kind = PortEventKind.LOST if end is SourceEnd.LOST else PortEventKind.CLOSED
-        self._tell(kind, detail)
-
     def _tell(self, kind: PortEventKind, detail: str) -> None:
         self._wires.tell(self._wires.port, kind, detail)
+
+    def _tell_of_silence(self) -> None:
+        self._wires.read(self._wires.now_ns(), b"")
+        self._wires.written(b"")
 
     def _close_port(self) -> None:
         _refuse_others(self._port, termios.TIOCNXCL)

@@ -60,7 +60,8 @@ class Wires:
             capacity: how many bytes of each wire may wait for the consumer.
         """
         self.port = port
-        self._clock = clock
+        self.clock = clock
+        """What chunks and events are stamped with."""
         self._baud = baud
         self._departures = Departures(baud)
         self.end_ns = inf
@@ -73,7 +74,7 @@ class Wires:
     @property
     def due(self) -> bool:
         """Whether the end is due."""
-        return self._clock.now_ns() >= self.end_ns
+        return self.clock.now_ns() >= self.end_ns
 
     @property
     def waiting(self) -> int:
@@ -87,7 +88,7 @@ class Wires:
 
     def now_ns(self) -> int:
         """The time now, to be taken as soon as bytes were read."""
-        return self._clock.now_ns()
+        return self.clock.now_ns()
 
     def read(self, t_ns: int, data: bytes) -> None:
         """Bytes were read from the port at `t_ns`; none mean silence."""
@@ -95,7 +96,7 @@ class Wires:
 
     def written(self, data: bytes) -> None:
         """Bytes of the host program were put onto the line just now; none mean silence."""
-        t_ns = self._departures.last_of(len(data), self._clock.now_ns())
+        t_ns = self._departures.last_of(len(data), self.clock.now_ns())
         self._backlogs[HOST].put(Chunk(HOST, t_ns, data))
 
     def pace(self, baud: int) -> None:
@@ -115,7 +116,7 @@ class Wires:
 
     def tell(self, wire: str, kind: PortEventKind, detail: str, count: int = 0) -> None:
         """An event of a wire happened just now."""
-        t_ns = self._clock.now_ns()
+        t_ns = self.clock.now_ns()
         if wire == HOST:
             t_ns = max(t_ns, self._departures.free_ns)
         self._backlogs[wire].tell(PortEvent(t_ns, wire, kind, detail, count))
