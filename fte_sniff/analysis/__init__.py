@@ -10,6 +10,7 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     filter          the filter
     filter_help     what people are told of its language
     filter_tokens   its text cut into words and signs; errors that point at a place
+    filter_cursor   a place among them, and what is said of one out of place
     filter_terms    what a part of it is
     filter_values   what a value stands for beside a field
     filter_meaning  what parts mean together

@@ -18,9 +18,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from fte_sniff.analysis.filter_cursor import AGGREGATES, LEAVE_OUT, ONE_ROW, REFUSED, Cursor
 from fte_sniff.analysis.filter_meaning import Meaning
 from fte_sniff.analysis.filter_terms import COLUMN_OF_WORD, FUNCTIONS, Term, TermType, quoted
-from fte_sniff.analysis.filter_tokens import Token, TokenType, complaint, tokens
+from fte_sniff.analysis.filter_tokens import Token, TokenType, complaint
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.said import Said
@@ -36,22 +37,6 @@ PATTERN_WORDS: Final = ("LIKE", "ILIKE", "REGEXP", "RLIKE")
 _LEVELS: Final = (("|",), ("&",), ("+", "-"), ("*", "/", "%"))
 """The signs that join numbers, the loosest first."""
 
-_ONE_ROW: Final = Said("a filter looks at one row at a time; statistics are for the stats command")
-_LEAVE_OUT: Final = Said("a filter is the condition alone, as in motor = 1 AND rpm > 500")
-_REFUSED: Final = {
-    **dict.fromkeys(["SELECT", "EXISTS", "OVER", "FROM", "UNION", "GROUP", "HAVING"], _ONE_ROW),
-    **dict.fromkeys(["WHERE", "ORDER", "LIMIT", "AS"], _LEAVE_OUT),
-    **dict.fromkeys(["CASE", "WHEN", "IF"], Said("join conditions with AND, OR and NOT")),
-    **dict.fromkeys(
-        ["CAST", "DATE", "TIMESTAMP", "INTERVAL"],
-        Said("times are texts: time > '2026-01-31' or time > '12:00:05'"),
-    ),
-    "XOR": Said("write (one condition) != (the other)"),
-    "ESCAPE": Said("leave it out"),
-}
-_AGGREGATES: Final = frozenset(
-    ["AVG", "COUNT", "FIRST", "LAST", "MAX", "MEAN", "MEDIAN", "MIN", "RANK", "ROW_NUMBER", "SUM"]
-)
 OPERATOR_WORDS: Final = frozenset(
     ["AND", "OR", "NOT", "IN", "IS", "BETWEEN", "DISTINCT", "ANY", *PATTERN_WORDS]
 )
@@ -70,61 +55,26 @@ def condition(text: str) -> Term:
 class _Parser:
     def __init__(self, text: str) -> None:
         self._text = text
-        self._tokens = tokens(text)
-        self._at = 0
+        self._cursor = Cursor(text)
         self._nesting = 0
         self._mean = Meaning(text)
 
     def whole(self) -> Term:
-        if self._peek().type is TokenType.END:
-            raise FilterError(Said("filter: it is empty; {way_out}", way_out=_LEAVE_OUT))
+        if self._cursor.peek().type is TokenType.END:
+            raise FilterError(Said("filter: it is empty; {way_out}", way_out=LEAVE_OUT))
         term = self._or()
-        if self._peek().type is not TokenType.END:
-            raise self._unexpected(Said("join conditions with AND or OR"))
+        if self._cursor.peek().type is not TokenType.END:
+            raise self._cursor.unexpected(Said("join conditions with AND or OR"))
         return self._mean.truth(term)
-
-    # Tokens
-
-    def _peek(self) -> Token:
-        return self._tokens[self._at]
-
-    def _advance(self) -> Token:
-        self._at += 1
-        return self._tokens[self._at - 1]
-
-    def _take(self, *choices: str) -> str | None:
-        """The next token's word or sign, taken, where it is one of the choices."""
-        token = self._peek()
-        found = token.word or (token.text if token.type is TokenType.SYMBOL else "")
-        if found not in choices:
-            return None
-        self._at += 1
-        return found
-
-    def _need(self, choice: str, why: str) -> None:
-        if self._take(choice) is None:
-            raise self._unexpected(why)
-
-    def _unexpected(self, way_out: str) -> FilterError:
-        token = self._peek()
-        if token.type is TokenType.END:
-            return complaint(self._text, token.start, Said("the filter ends too soon"), way_out)
-        known = token.word in _REFUSED
-        return complaint(
-            self._text,
-            token.start,
-            Said("{token} is out of place", token=self._shown(token)),
-            (_REFUSED[token.word] if known else way_out),
-        )
-
-    def _shown(self, token: Token) -> str:
-        return f"'{self._text[token.start : token.end][:40]}'"
 
     def _deeper(self, read: Callable[[], Term]) -> Term:
         self._nesting += 1
         if self._nesting > _MAX_NESTING:
             raise complaint(
-                self._text, self._peek().start, Said("nested too deeply"), Said("take it apart")
+                self._text,
+                self._cursor.peek().start,
+                Said("nested too deeply"),
+                Said("take it apart"),
             )
         term = read()
         self._nesting -= 1
@@ -134,36 +84,36 @@ class _Parser:
 
     def _or(self) -> Term:
         terms = [self._and()]
-        while self._take("OR", "||"):
+        while self._cursor.take("OR", "||"):
             terms.append(self._and())
         return terms[0] if len(terms) == 1 else self._mean.chain(terms, "OR")
 
     def _and(self) -> Term:
         terms = [self._not()]
-        while self._take("AND", "&&"):
+        while self._cursor.take("AND", "&&"):
             terms.append(self._not())
         return terms[0] if len(terms) == 1 else self._mean.chain(terms, "AND")
 
     def _not(self) -> Term:
-        if self._take("NOT", "!"):
+        if self._cursor.take("NOT", "!"):
             return self._mean.negated(self._deeper(self._not))
         return self._predicate()
 
     def _predicate(self) -> Term:
         left = self._value()
-        token = self._peek()
-        sign = self._take(*COMPARISONS, "=>", "=<")
+        token = self._cursor.peek()
+        sign = self._cursor.take(*COMPARISONS, "=>", "=<")
         if sign:
             return self._comparison(left, sign, token)
-        if self._take("IS"):
+        if self._cursor.take("IS"):
             return self._is(left)
-        start = self._at
-        negated = self._take("NOT", "!~")
+        start = self._cursor.place
+        negated = self._cursor.take("NOT", "!~")
         if negated == "!~":
             return self._mean.negated(self._mean.regexp(left, self._value()))
         found = self._worded(left)
         if found is None:
-            self._at = start
+            self._cursor.place = start
             return left
         return self._mean.negated(found) if negated else found
 
@@ -175,7 +125,7 @@ class _Parser:
                 Said("'{sign}' is no sign", sign=sign),
                 Said("write {second}{first}", second=sign[1], first=sign[0]),
             )
-        if self._take("ANY"):
+        if self._cursor.take("ANY"):
             right = self._bracketed()
             if right.type is not TermType.WORDS:
                 raise complaint(
@@ -187,39 +137,39 @@ class _Parser:
         else:
             right = self._value()
         found = self._mean.compared(left, COMPARISONS[sign], right)
-        if self._peek().text in COMPARISONS and self._peek().type is TokenType.SYMBOL:
-            raise self._unexpected(Said("join comparisons with AND; a single & joins bits"))
+        if self._cursor.stands(*COMPARISONS):
+            raise self._cursor.unexpected(Said("join comparisons with AND; a single & joins bits"))
         return found
 
     def _bracketed(self) -> Term:
-        self._need("(", Said("a '(' is missing"))
+        self._cursor.need("(", Said("a '(' is missing"))
         term = self._deeper(self._or)
-        self._need(")", Said("a ')' is missing"))
+        self._cursor.need(")", Said("a ')' is missing"))
         return term
 
     def _is(self, left: Term) -> Term:
-        negated = self._take("NOT")
-        if self._take("DISTINCT"):
-            self._need("FROM", Said("write IS DISTINCT FROM"))
+        negated = self._cursor.take("NOT")
+        if self._cursor.take("DISTINCT"):
+            self._cursor.need("FROM", Said("write IS DISTINCT FROM"))
             joint = "IS NOT DISTINCT FROM" if negated else "IS DISTINCT FROM"
             return self._mean.distinct(left, self._value(), joint)
-        word = self._take("NULL", "TRUE", "FALSE")
+        word = self._cursor.take("NULL", "TRUE", "FALSE")
         if word is None:
-            raise self._unexpected(
+            raise self._cursor.unexpected(
                 Said("after IS stands NULL, TRUE, FALSE; a value is asked for with =")
             )
         found = self._mean.is_null(left) if word == "NULL" else self._mean.is_truth(left, word)
         return self._mean.negated(found) if negated else found
 
     def _worded(self, left: Term) -> Term | None:
-        word = self._take("IN", "BETWEEN", "~", *PATTERN_WORDS)
+        word = self._cursor.take("IN", "BETWEEN", "~", *PATTERN_WORDS)
         if word is None:
             return None
         if word == "IN":
             return self._in(left)
         if word == "BETWEEN":
             low = self._value()
-            self._need("AND", Said("write BETWEEN low AND high"))
+            self._cursor.need("AND", Said("write BETWEEN low AND high"))
             return self._mean.between(left, low, self._value())
         pattern = self._value()
         if word in ("LIKE", "ILIKE"):
@@ -227,7 +177,7 @@ class _Parser:
         return self._mean.regexp(left, pattern)
 
     def _in(self, left: Term) -> Term:
-        if self._peek().text != "(" or self._peek().type is not TokenType.SYMBOL:
+        if not self._cursor.stands("("):
             right = self._value()
             if right.type is not TermType.WORDS:
                 raise complaint(
@@ -245,13 +195,13 @@ class _Parser:
         return self._mean.among(left, items)
 
     def _arguments(self) -> list[Term]:
-        self._need("(", Said("a '(' is missing"))
-        if self._take(")"):
+        self._cursor.need("(", Said("a '(' is missing"))
+        if self._cursor.take(")"):
             return []
         items = [self._deeper(self._or)]
-        while self._take(","):
+        while self._cursor.take(","):
             items.append(self._deeper(self._or))
-        self._need(")", Said("a ')' or a ',' is missing"))
+        self._cursor.need(")", Said("a ')' or a ',' is missing"))
         return items
 
     # Values
@@ -260,29 +210,29 @@ class _Parser:
         if level == len(_LEVELS):
             return self._unary()
         terms, signs = [self._value(level + 1)], []
-        while sign := self._take(*_LEVELS[level]):
+        while sign := self._cursor.take(*_LEVELS[level]):
             signs.append(sign)
             terms.append(self._value(level + 1))
         return self._mean.arithmetic(terms, signs) if signs else terms[0]
 
     def _unary(self) -> Term:
-        token = self._peek()
-        sign = self._take("-", "+")
+        token = self._cursor.peek()
+        sign = self._cursor.take("-", "+")
         if sign is None:
             return self._primary()
-        if self._peek().type is TokenType.NUMBER and sign == "-":
-            number = self._advance()
+        if self._cursor.peek().type is TokenType.NUMBER and sign == "-":
+            number = self._cursor.advance()
             return self._mean.number(-number.number, token.start, f"-{number.text}")
         term = self._deeper(self._unary)
         return self._mean.minus(term, token.start) if sign == "-" else term
 
     def _primary(self) -> Term:
-        token = self._peek()
-        if token.type is TokenType.SYMBOL and token.text == "(":
+        token = self._cursor.peek()
+        if self._cursor.stands("("):
             return self._bracketed()
         if token.type in (TokenType.END, TokenType.SYMBOL):
-            raise self._unexpected(Said("here a field or a value is missing"))
-        self._at += 1
+            raise self._cursor.unexpected(Said("here a field or a value is missing"))
+        self._cursor.advance()
         if token.type is TokenType.NUMBER:
             return self._mean.number(token.number, token.start, token.text)
         if token.type is TokenType.TEXT:
@@ -291,7 +241,7 @@ class _Parser:
 
     def _named(self, token: Token) -> Term:
         column = COLUMN_BY_NAME.get(token.text.lower())
-        called = self._peek().text == "(" and self._peek().type is TokenType.SYMBOL
+        called = self._cursor.stands("(")
         if token.type is TokenType.NAME and called and token.word not in OPERATOR_WORDS:
             return self._call(token)
         if column:
@@ -302,9 +252,9 @@ class _Parser:
             return Term(TermType.TRUTH, token.word, token.start, token.word)
         if token.word == "NULL":
             return Term(TermType.NULL, "NULL", token.start, "NULL")
-        if token.word in _REFUSED or token.word in OPERATOR_WORDS:
-            self._at -= 1
-            raise self._unexpected(Said("here a field or a value is missing"))
+        if token.word in REFUSED or token.word in OPERATOR_WORDS:
+            self._cursor.place -= 1
+            raise self._cursor.unexpected(Said("here a field or a value is missing"))
         return Term(TermType.NAME, "", token.start, token.text)
 
     def _call(self, token: Token) -> Term:
@@ -313,16 +263,14 @@ class _Parser:
             return self._mean.called(name, self._arguments(), token.start)
         if name in COLUMN_BY_NAME or name in COLUMN_OF_WORD:
             way_out = Said("a sign is missing between them: = or IN")
-        elif token.word in _AGGREGATES:
-            way_out = _ONE_ROW
+        elif token.word in AGGREGATES:
+            way_out = ONE_ROW
         else:
-            way_out = _REFUSED.get(
-                token.word, Said("there are {names}", names=", ".join(FUNCTIONS))
-            )
+            way_out = REFUSED.get(token.word, Said("there are {names}", names=", ".join(FUNCTIONS)))
         raise complaint(
             self._text,
             token.start,
-            Said("{token} is no function of a filter", token=self._shown(token)),
+            Said("{token} is no function of a filter", token=self._cursor.shown(token)),
             way_out,
         )
 
