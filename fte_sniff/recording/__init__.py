@@ -42,6 +42,8 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     bulk_packing  columns to the messages of a chunk
     bulk_writer   columns to a whole recording
     salvage    what is whole in a damaged file
+    believed   which of the definitions found in it are used
+    unpacked   the messages of a chunk, whatever they say
     repair     a damaged file to a whole one
     refusals   the lines that tell why a recording cannot begin, or came to stop
 

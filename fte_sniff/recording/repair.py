@@ -7,35 +7,28 @@ there is and once to copy it, so that no more than one chunk is held at a time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, Metadata, Schema, Statistics
-from numpy.typing import NDArray
 
 from fte_sniff.errors import FileError, unreadable, unwritable
 from fte_sniff.protocol import iso_time
-from fte_sniff.recording.batch import Batch
+from fte_sniff.recording.believed import believed
 from fte_sniff.recording.container import McapFile
 from fte_sniff.recording.facts import library_name
 from fte_sniff.recording.growing import Stream
-from fte_sniff.recording.messages import MessageReader
-from fte_sniff.recording.model import MESSAGE, MESSAGE_HEAD
 from fte_sniff.recording.place import Existing, Place
-from fte_sniff.recording.records import HEAD, RecordError, RecordStream, parse, records_in, unpack
+from fte_sniff.recording.records import RecordError, RecordStream, parse, records_in, unpack
 from fte_sniff.recording.salvage import Descriptions, FoundChunk, Salvage
-from fte_sniff.recording.schema import schema_name
-from fte_sniff.recording.topics import TOPIC_BY_NAME
+from fte_sniff.recording.unpacked import UnpackedMessages, messages_of
 
 REPAIR_NAME = "fte-sniff.repair"
 """The name of the metadata record that tells what was lost."""
 
 _SEQUENCES = 2**32
-_Definition = TypeVar("_Definition", Schema, Channel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,10 +133,10 @@ class _Mending:
         last_ns = 0
         for found in self._salvage.chunks():
             self._describe(found)
-            messages = _messages(found.records)
+            messages = messages_of(found.records)
             before_ns = after_ns
             if len(messages.sequences):
-                before_ns, last_ns = _span(messages.batch)
+                before_ns, last_ns = messages.span
             self._lose(position, found.position, after_ns, before_ns)
             self._number(messages)
             position = found.stop
@@ -154,7 +147,7 @@ class _Mending:
             raise FileError(
                 f"{self._path}: no whole chunk is left in it, so there is nothing to mend"
             )
-        self._settle()
+        self._channels, self._schemas = believed(self._inside, self._outside)
         self._reckon()
 
     def write(self, output: Path, existing: Existing) -> None:
@@ -194,28 +187,6 @@ class _Mending:
         file.add_metadata(_without_doubles(self._outside.metadata))
         return file
 
-    def _settle(self) -> None:
-        """Choose the schema and channel of each number, and none that cannot be used.
-
-        What a chunk defines is guarded by its checksum; of the rest what was found most often is
-        believed first.
-        """
-        channels = _preferred(self._inside.channels, self._outside.channels)
-        schemas = _preferred(self._inside.schemas, self._outside.schemas)
-        for channel in channels:
-            if channel.id in self._channels:
-                continue
-            for schema in schemas:
-                settled = self._schemas.get(schema.id, schema)
-                if (
-                    schema.id == channel.schema_id
-                    and settled == schema
-                    and _usable(channel, schema)
-                ):
-                    self._channels[channel.id] = channel
-                    self._schemas[schema.id] = schema
-                    break
-
     def _describe(self, found: FoundChunk) -> None:
         for opcode, body in records_in(found.records):
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -225,7 +196,7 @@ class _Mending:
         for lost, end in self._salvage.between(start, stop, self._outside):
             self.damage.losses.append(Loss(lost, end, after, before))
 
-    def _number(self, messages: _Messages) -> None:
+    def _number(self, messages: UnpackedMessages) -> None:
         """Note how far each channel's messages are numbered, and how many of them there are."""
         for channel in np.unique(messages.batch.channels).tolist():
             own = messages.batch.channels == channel
@@ -248,51 +219,14 @@ class _Mending:
 
     def _copy(self, found: FoundChunk, file: McapFile) -> None:
         """Write a chunk as it is, or what is described of it, if anything is."""
-        messages = _messages(found.records)
+        messages = messages_of(found.records)
         known = np.isin(messages.batch.channels, list(self._channels))
         if known.all() and len(known):
-            first, last = _span(messages.batch)
+            first, last = messages.span
             chunk = replace(found.chunk, message_start_time=first, message_end_time=last)
             file.add_packed(chunk, messages.batch)
         elif known.any():
             file.add_chunk(messages.only(known))
-
-
-@dataclass(frozen=True, slots=True)
-class _Messages:
-    """The messages of an unpacked chunk."""
-
-    batch: Batch
-    """Its data is the whole chunk."""
-    sequences: NDArray[np.int64]
-    stops: NDArray[np.int64]
-    """Where each message record ends."""
-
-    def only(self, kept: NDArray[np.bool_]) -> Batch:
-        """The messages that are kept, packed anew."""
-        starts, stops = self.batch.places[kept], self.stops[kept]
-        data = [self.batch.data[a:b] for a, b in zip(starts, stops, strict=True)]
-        places = np.cumsum(stops - starts) - (stops - starts)
-        return Batch(b"".join(data), self.batch.channels[kept], self.batch.times[kept], places)
-
-
-def _messages(records: bytes) -> _Messages:
-    """The messages of an unpacked chunk; what is too short to be one is left out."""
-    found = []
-    place = 0
-    for opcode, body in records_in(records):
-        stop = place + HEAD.size + len(body)
-        if opcode == Opcode.MESSAGE and len(body) >= MESSAGE_HEAD:
-            _, _, channel, sequence, time, _ = MESSAGE.unpack_from(records, place)
-            found.append((channel, time, place, sequence, stop))
-        place = stop
-    columns = np.array(found, np.uint64).reshape(-1, 5).astype(np.int64).T
-    channels, times, places, sequences, stops = columns
-    return _Messages(Batch(records, channels, times, places), sequences, stops)
-
-
-def _span(batch: Batch) -> tuple[int, int]:
-    return int(batch.times.min()), int(batch.times.max())
 
 
 def _counted(statistics: Statistics | None) -> int | None:
@@ -301,25 +235,6 @@ def _counted(statistics: Statistics | None) -> int | None:
         return None
     each = sum(statistics.channel_message_counts.values())
     return each if each == statistics.message_count else None
-
-
-def _preferred(guarded: Sequence[_Definition], others: Sequence[_Definition]) -> list[_Definition]:
-    """The definitions, those to be believed most first."""
-    numbers = {one.id for one in guarded}
-    unguarded: list[_Definition] = [one for one in others if one.id not in numbers]
-    unguarded.sort(key=list(unguarded).count, reverse=True)
-    return list(guarded) + unguarded
-
-
-def _usable(channel: Channel, schema: Schema) -> bool:
-    """Whether messages of ours can be read by this channel and schema."""
-    if channel.topic not in TOPIC_BY_NAME:
-        return False
-    try:
-        MessageReader(channel.topic, "", schema.name, schema.data)
-    except FileError:
-        return False
-    return schema.name == schema_name(TOPIC_BY_NAME[channel.topic])
 
 
 def _without_doubles(metadata: list[Metadata]) -> list[Metadata]:
