@@ -27,7 +27,7 @@ from fte_sniff.recording.keeping import Keeping, OnFull
 from fte_sniff.recording.place import Existing
 from fte_sniff.recording.refusals import bound_reached, not_recorded
 from fte_sniff.recording.shelf import Shelf, check_room
-from fte_sniff.recording.trigger import Entry, LeftOut, Select, Trigger
+from fte_sniff.recording.trigger import Entry, Select, Trigger
 from fte_sniff.recording.writer import RecordingWriter
 
 GAP_NAME = f"{PROGRAM}.gap"
@@ -305,13 +305,4 @@ class Recorder:
 
     def _note_left_out(self, writer: RecordingWriter) -> None:
         for stretch in self._trigger.left_out() if self._trigger else ():
-            writer.note(Metadata(LEFT_OUT_NAME, _told(stretch)))
-
-
-def _told(stretch: LeftOut) -> dict[str, str]:
-    return {
-        "rows": str(stretch.rows),
-        "from": iso_time(stretch.first_ns),
-        "to": iso_time(stretch.last_ns),
-        "reason": "the trigger did not ask for them",
-    }
+            writer.note(Metadata(LEFT_OUT_NAME, stretch.told()))

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol import PortEvent, Row, iso_time
 from fte_sniff.recording.keeping import Surroundings
 
 MOST_WAITING = 500_000
@@ -30,6 +30,15 @@ class LeftOut:
     first_ns: int
     """Time of the first of them, nanoseconds since 1970 UTC."""
     last_ns: int
+
+    def told(self) -> dict[str, str]:
+        """The stretch as the file tells it."""
+        return {
+            "rows": str(self.rows),
+            "from": iso_time(self.first_ns),
+            "to": iso_time(self.last_ns),
+            "reason": "the trigger did not ask for them",
+        }
 
 
 class Trigger:
