@@ -9,14 +9,15 @@ loads only what it needs:
         text_lines   text of whatever encoding, to lines
         line_head    a time and a direction in front of the bytes
         log_clock    which moment such a time is
-        dumps        lines of a hex dump, each a dump_line, and numbered lines
+        pasted_line  a line on its way to its bytes
+        dumps        lines of a hex dump, each a dump_line
+        line_numbers numbered lines
         decimals     hex or decimal?
         hex_text     the digits of one line
     layout     a row as the cells of a line of text
     lines      rows to plain or coloured lines
     jsonl      rows to JSON lines
     csv        rows to comma-separated values
-    hex_lines  the bytes of rows, as lines of hex
     hex_lines  the bytes of rows, as lines of hex
     dissection a row taken apart byte by byte, to text
 """

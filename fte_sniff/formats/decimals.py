@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.dumps import Line
 from fte_sniff.formats.hex_text import bytes_of_line, first_wrong, not_hex, without_literals
+from fte_sniff.formats.pasted_line import Line
 
 _MOST_HELD = 1000
 _FEWEST_HALVES = 4
@@ -155,7 +155,7 @@ def _refuse_mixture(line: Line) -> None:
     bare = [token for token in _TOKEN.findall(_PREFIXED.sub(" ", text)) if token]
     doubtful = [token for token in bare if len(token) == 2 and not _is_hex(token)]
     if doubtful and not any(_is_hex(token) for token in bare):
-        raise InputTextError(
-            f"line {line.piece.line}: {doubtful[0]} may be hex or decimal among numbers with 0x;"
+        raise line.refused(
+            f"{doubtful[0]} may be hex or decimal among numbers with 0x;"
             f" write 0x{doubtful[0]} or 0x{int(doubtful[0]):02X}"
         )

@@ -1,8 +1,9 @@
-"""Owns which lines are those of a hex dump, or numbered: addresses and numbers are no bytes.
+"""Owns which lines are those of a hex dump: addresses, and text beside bytes, are no bytes.
 
-It must not know what the bytes mean. A line is one of a dump if the text beside its bytes shows
-them, or if addresses rise by as many bytes as stand on a line; so it waits for the next line where
-it alone does not tell. What cannot be told even then is refused.
+It must not know what the bytes mean, nor which numbers count lines (`line_numbers` does). A line is
+one of a dump if the text beside its bytes shows them, or if addresses rise by as many bytes as
+stand on a line; so it waits for the next line where it alone does not tell. What cannot be told
+even then is refused.
 """
 
 from __future__ import annotations
@@ -11,10 +12,9 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
-from fte_sniff.errors import InputTextError
-from fte_sniff.formats.dump_line import DumpLine, address_of, dump_line, text_beside
-from fte_sniff.formats.line_head import Mark, Stamp
-from fte_sniff.formats.text_lines import Piece
+from fte_sniff.formats.dump_line import DumpLine, address_of, dump_line
+from fte_sniff.formats.line_numbers import LineNumbers, number_before
+from fte_sniff.formats.pasted_line import Line
 
 Note = Callable[[str], None]
 
@@ -24,29 +24,8 @@ _WIDTHS = (6, 7, 8, 16)
 _DIGITS_OF_OD = 7
 """Its addresses are octal, or decimal with -A d."""
 _MOST_REPEATED = 1 << 20
-_NUMBER = re.compile(
-    r"\s*(?:\[(?P<boxed>\d{1,7})\]|(?P<marked>\d{1,7})\s?[.:)](?=\s)|(?P<grep>\d{1,7}):|"
-    r"(?P<bare>\d{1,7})(?=\s))\s*(?=(?:0x)?[0-9A-Fa-f]{2}(?:[\s,]|\Z))[^:\[\]]*\Z"
-)
 _COMMENT = re.compile(r"\s(?:#|//|/\*)")
 _REPEATED = re.compile(r"\s*\*\s*")
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """A line, or a piece of a very long one, on the way to its bytes."""
-
-    piece: Piece
-    text: str
-    """As the piece has it, but for what is known to be no bytes: that is blank."""
-    at: int
-    """Where in the text the bytes begin."""
-    stamp: Stamp | None
-    mark: Mark | None
-    pairs: bool = False
-    """Whether there is nothing but pairs of digits, white space between them."""
-    data: bytes | None = None
-    """The bytes, where they are known by now."""
 
 
 @dataclass(slots=True)
@@ -73,14 +52,16 @@ class _Dump:
 
 @dataclass(slots=True)
 class Dumps:
-    """Finds the lines of dumps, and numbers of lines."""
+    """Finds the lines of dumps among others, which may be numbered."""
 
     note: Note
     _dumps: list[_Dump] = field(default_factory=list)
     _held: tuple[Line, DumpLine] | None = None
-    _number: int | None = None
-    _numbered: tuple[Line, re.Match[str]] | None = None
+    _numbers: LineNumbers = field(init=False)
     _told: bool = False
+
+    def __post_init__(self) -> None:
+        self._numbers = LineNumbers(self.note)
 
     def lines(self, lines: Iterable[Line]) -> Iterator[Line]:
         """The same lines, with blanks where addresses, numbers and text beside bytes stood.
@@ -91,7 +72,7 @@ class Dumps:
         for line in lines:
             if line.piece.column or not line.text[line.at :].strip():
                 yield line
-            elif line.pairs and self._number is None:
+            elif line.pairs and not self._numbers.counting:
                 yield from self._release()
                 yield line
             else:
@@ -99,25 +80,25 @@ class Dumps:
         yield from self._release()
 
     def _line(self, line: Line) -> Iterator[Line]:
-        number = _NUMBER.match(line.text, line.at)
-        if number is not None and (self._is_next(number) or self._numbered is not None):
-            yield from self._counted(line, number)
-            return
+        number = number_before(line)
+        if number is not None:
+            yield from self._numbers.unless_broken_by(number)
+            if self._numbers.expects(number):
+                yield from self._numbers.counted(line, number)
+                return
         dumped = _dump_line(line)
         if dumped is not None:
-            yield from self._release_number()
+            yield from self._numbers.release()
             yield from self._dumped(line, dumped)
         elif (self._dumps or self._held) and _REPEATED.fullmatch(line.text, line.at):
             yield from self._repeats()
         else:
             yield from self._release()
             self._refuse_garbled(line)
-            if number is not None and not _like_others(number):
-                self._numbered = line, number
+            if number is not None and not number.like_others:
+                self._numbers.hold(line, number)
             else:
-                yield _without_text_beside(line)
-
-    # Dumps.
+                yield line.without_text_beside()
 
     def _dumped(self, line: Line, dumped: DumpLine) -> Iterator[Line]:
         if self._held is not None:
@@ -135,7 +116,7 @@ class Dumps:
                 return
         if not dumped.data:
             yield from self._release()
-            yield _without_text_beside(line)
+            yield line.without_text_beside()
         elif dumped.shown:
             self._begin(line, dumped)
             yield self._accepted(line, dumped)
@@ -158,7 +139,7 @@ class Dumps:
         if repeated:
             data = dump.last.data * repeated
             if len(data) > _MOST_REPEATED:
-                raise _refused(line, "* stands for too many bytes; dump with -v")
+                raise line.refused("* stands for too many bytes; dump with -v")
             yield replace(line, text="", at=0, data=data)
         if dumped.data:
             dump.last, dump.start, dump.repeats = dumped, follows, False
@@ -180,16 +161,14 @@ class Dumps:
         """Refuse a line of a dump that is none."""
         found = address_of(line.text, line.at)
         if found is not None and any(dump.follows(found) for dump in self._dumps):
-            raise _refused(
-                line,
+            raise line.refused(
                 f"behind the address {found.address}, bytes and text do not agree; paste the"
                 " dump again",
             )
 
     def _accepted(self, line: Line, dumped: DumpLine) -> Line:
         if dumped.unordered:
-            raise _refused(
-                line,
+            raise line.refused(
                 "the bytes of a group may stand in the machine's order, as hexdump, od -x and"
                 " xxd -e show them; dump them again with hexdump -C",
             )
@@ -197,7 +176,7 @@ class Dumps:
 
     def _release(self) -> Iterator[Line]:
         """What was held, now that nothing more will tell of it."""
-        yield from self._release_number()
+        yield from self._numbers.release()
         if self._held is None:
             return
         (line, dumped), self._held = self._held, None
@@ -212,61 +191,9 @@ class Dumps:
             self._dumps = [_Dump(dumped, _starts(dumped))]
             yield self._accepted(line, dumped)
         else:
-            raise _refused(
-                line,
+            raise line.refused(
                 f"{dumped.address} may be an address or bytes; delete it, or write its bytes apart",
             )
-
-    # Numbered lines.
-
-    def _is_next(self, number: re.Match[str]) -> bool:
-        return self._number is not None and _number_of(number) == self._number + 1
-
-    def _counted(self, line: Line, number: re.Match[str]) -> Iterator[Line]:
-        if self._numbered is not None:
-            before, first = self._numbered
-            if _number_of(number) != _number_of(first) + 1:
-                yield from self._release_number()
-                yield from self._line(line)
-                return
-            self._numbered = None
-            yield _blank(before, _number_end(first))
-            if first["bare"] is not None:
-                self.note(
-                    f"line {before.piece.line}: {first['bare']} and the numbers below it count"
-                    " lines, and are not read as bytes"
-                )
-        self._number = _number_of(number)
-        yield _blank(line, _number_end(number))
-
-    def _release_number(self) -> Iterator[Line]:
-        if self._numbered is None:
-            return
-        (line, number), self._numbered = self._numbered, None
-        if number["bare"] is None and number["grep"] is None:
-            raise _refused(
-                line,
-                f"{number[0][: _number_end(number) - number.start()].strip()} may be a line's"
-                " number or a byte; delete it, or what makes it look like a number",
-            )
-        yield _without_text_beside(line)
-
-
-def _number_of(number: re.Match[str]) -> int:
-    return int(next(digits for digits in number.groups() if digits is not None))
-
-
-def _number_end(number: re.Match[str]) -> int:
-    """Behind the number and what marks it."""
-    end = max(number.end(name) for name in ("boxed", "marked", "grep", "bare"))
-    while end < len(number.string) and number.string[end] in " ].:)":
-        end += 1
-    return end
-
-
-def _like_others(number: re.Match[str]) -> bool:
-    """Whether the number looks like the others on the line, so that it is one of them."""
-    return number["bare"] is not None and len(number["bare"]) > 1
 
 
 def _dump_line(line: Line) -> DumpLine | None:
@@ -277,28 +204,12 @@ def _dump_line(line: Line) -> DumpLine | None:
     return comment and dump_line(line.text[: comment.start()], line.at)
 
 
-def _blank(line: Line, until: int) -> Line:
-    return _without_text_beside(replace(line, at=until))
-
-
-def _without_text_beside(line: Line) -> Line:
-    try:
-        end = text_beside(line.text, line.at)
-    except ValueError as error:
-        (place,) = error.args
-        beside = line.text[place:].strip()
-        raise _refused(
-            line, f"{beside} may be bytes, or the text of those before it; delete it"
-        ) from None
-    return line if end is None else replace(line, text=line.text[:end])
-
-
 def _base(line: Line, dump: _Dump, follows: dict[int, int]) -> int:
     """The base of an address; where it says how many lines were left out, it must be certain."""
     usual = (8, 10) if len(dump.last.address) == _DIGITS_OF_OD else (16,)
     likely = [base for base in follows if base in usual] or list(follows)
     if dump.repeats and len({follows[base] for base in likely}) > 1:
-        raise _refused(line, "nothing tells how many lines * stands for; dump again with -v")
+        raise line.refused("nothing tells how many lines * stands for; dump again with -v")
     return likely[0]
 
 
@@ -312,7 +223,3 @@ def _value(digits: str, base: int) -> int | None:
         return int(digits, base)
     except ValueError:
         return None
-
-
-def _refused(line: Line, why: str) -> InputTextError:
-    return InputTextError(f"line {line.piece.line}: {why}")

@@ -4,7 +4,8 @@ It must not know where the text came from. Line by line, and as they come:
 
     text_lines   text of whatever encoding, to lines
     line_head    a time and a direction in front
-    dumps        addresses, numbers of lines, and text beside bytes, which are no bytes
+    dumps        addresses, and text beside bytes, which are no bytes
+    line_numbers nor are numbers of lines
     decimals     decimal numbers, where they are no hex
     hex_text     the digits
 
@@ -18,9 +19,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from fte_sniff.formats.decimals import Numbers
-from fte_sniff.formats.dumps import Dumps, Line
+from fte_sniff.formats.dumps import Dumps
 from fte_sniff.formats.hex_text import without_literals
 from fte_sniff.formats.line_head import Mark, Stamp, head_of
+from fte_sniff.formats.pasted_line import Line
 from fte_sniff.formats.text_lines import Piece
 
 _FENCE = re.compile(r"\s*(?:(?:```|~~~)[\w-]*|[\u2500-\u257f]{3,})\s*")
