@@ -74,7 +74,7 @@ class Packer:
             for place, record in zip(places, _model(head, uncertain).records(columns), strict=True):
                 records[place] = record
         for place in odd:
-            records[place] = _record(
+            records[place] = message_record(
                 taken[place], int(channels[place]), int(sequences[place]), int(times[place])
             )
         return _joined(records, channels, times)
@@ -152,7 +152,8 @@ def _columns(
     )
 
 
-def _record(entry: Row | PortEvent, channel: int, sequence: int, time: int) -> bytes:
+def message_record(entry: Row | PortEvent, channel: int, sequence: int, time: int) -> bytes:
+    """The record of one message, from the row or event in it."""
     if isinstance(entry, PortEvent):
         data = encode_event(entry, time)
     else:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from functools import cache
 
 import numpy as np
-from mcap.opcode import Opcode
 
 from fte_sniff.protocol import (
     FRAME_LENGTH,
@@ -24,10 +23,10 @@ from fte_sniff.protocol import (
     status_of,
 )
 from fte_sniff.protocol.table import CMD_PLACE, NUM_PLACE
-from fte_sniff.recording.batch import Batch
+from fte_sniff.recording.batch import Batch, message_record
 from fte_sniff.recording.columns import Array, RowColumns
-from fte_sniff.recording.messages import class_of, encode_event, encode_row
-from fte_sniff.recording.model import MESSAGE, MESSAGE_HEAD, Columns, Model
+from fte_sniff.recording.messages import class_of, encode_row
+from fte_sniff.recording.model import Columns, Model
 from fte_sniff.recording.topics import EVENTS, MALFORMED, Topic, topic_of
 from fte_sniff.recording.wire import SOUND_LACKS
 
@@ -80,7 +79,7 @@ class ColumnPacker:
         channels = self._channels(rows, forms, single)
         sequences = self._count(channels, order)
         records = {
-            place: _record(
+            place: message_record(
                 entry, int(channels[place]), int(sequences[place]), int(all_times[place])
             )
             for place, entry in single
@@ -190,15 +189,6 @@ def _model(code: int) -> Model:
 
 def _rows_at(rows: RowColumns, places: Array) -> Iterator[tuple[int, Row]]:
     return zip(places.tolist(), rows.parted(places).rows(), strict=True)
-
-
-def _record(entry: Row | PortEvent, channel: int, sequence: int, time: int) -> bytes:
-    if isinstance(entry, PortEvent):
-        data = encode_event(entry, time)
-    else:
-        data = encode_row(topic_of(entry), entry, time)
-    head = (Opcode.MESSAGE, MESSAGE_HEAD + len(data), channel, sequence, time, time)
-    return MESSAGE.pack(*head) + data
 
 
 def _put(data: Array, places: Array, lines: Array) -> None:

@@ -7,8 +7,8 @@ file has its name only when the last of them is in it. Until then it lies beside
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -151,14 +151,8 @@ class Saving:
         Raises:
             FileError: they cannot be written, or the form cannot hold them; nothing is left.
         """
-        try:
+        with self._all_or_nothing():
             self._sink.write(rows)
-        except OSError as error:
-            self.abandon()
-            raise self._refused(error) from error
-        except FteSniffError:
-            self.abandon()
-            raise
         self.rows += len(rows)
 
     def finish(self) -> None:
@@ -168,16 +162,10 @@ class Saving:
             FileError: it cannot be ended, or a file of that name has come meanwhile; nothing is
                 left.
         """
-        try:
+        with self._all_or_nothing():
             self._sink.end()
             self._target.check()
             self._part.replace(self._target.path)
-        except OSError as error:
-            self.abandon()
-            raise self._refused(error) from error
-        except FteSniffError:
-            self.abandon()
-            raise
 
     def abandon(self) -> None:
         """Leave nothing."""
@@ -185,6 +173,18 @@ class Saving:
             self._sink.abandon()
         with suppress(OSError):
             self._part.unlink(missing_ok=True)
+
+    @contextmanager
+    def _all_or_nothing(self) -> Iterator[None]:
+        """What fails leaves nothing, and its error is one of ours."""
+        try:
+            yield
+        except OSError as error:
+            self.abandon()
+            raise self._refused(error) from error
+        except FteSniffError:
+            self.abandon()
+            raise
 
     def _refused(self, error: OSError) -> FileError:
         return FileError(
