@@ -17,7 +17,6 @@ from fte_sniff.cli.reading import Reading
 from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.summary import summary
 from fte_sniff.errors import shown
-from fte_sniff.formats.kinds import InputKind
 from fte_sniff.formats.writers import OutputFormat, row_writer
 
 
@@ -36,10 +35,7 @@ from fte_sniff.formats.writers import OutputFormat, row_writer
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
     files: tuple[Path, ...],
-    kind: InputKind | None,
-    topic: str | None,
-    day: str | None,
-    zone: str | None,
+    how: HowToRead,
     form: OutputFormat | None,
     output: Path | None,
     force: bool,
@@ -62,7 +58,7 @@ def command(
     check_inputs(files, output)
     form = form or form_of(output)
     wanted = row_filter(filter_text)
-    inputs = opened(files, HowToRead(kind, topic, day, zone))
+    inputs = opened(files, how)
     span = span_of(since, until, [one.times for one in inputs])
     reading = Reading(inputs, span, wanted, limit)
     _write(form, output, reading, force=force)

@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -28,7 +29,22 @@ STDIN = Path("-")
 
 
 def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
-    """FILE... and what says how to read them, as every command that reads files has it."""
+    """FILE... and what says how to read them, as every command that reads files has it.
+
+    The command gets `files`, and as `how` a `HowToRead`.
+    """
+
+    @wraps(command)
+    def with_how(
+        *,
+        kind: InputKind | None,
+        topic: str | None,
+        day: str | None,
+        zone: str | None,
+        **others: Any,
+    ) -> Any:
+        return command(how=HowToRead(kind, topic, day, zone), **others)
+
     files = click.argument("files", nargs=-1, required=True, metavar="FILE...", type=FileName())
     kind = click.option(
         "--input",
@@ -53,7 +69,7 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
         metavar="ZONE",
         help="Of hex logs: the zone of their times, as +08:00 or Asia/Shanghai.  [default: UTC]",
     )
-    return files(kind(topic(day(zone(command)))))
+    return files(kind(topic(day(zone(with_how)))))
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:

@@ -20,7 +20,6 @@ from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.stats_document import Asked, document
 from fte_sniff.cli.summary import hint
 from fte_sniff.cli.telling import tell
-from fte_sniff.formats.kinds import InputKind
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
@@ -54,10 +53,7 @@ class Form(StrEnum):
 )
 def command(
     files: tuple[Path, ...],
-    kind: InputKind | None,
-    topic: str | None,
-    day: str | None,
-    zone: str | None,
+    how: HowToRead,
     form: Form,
     filter_text: str | None,
     since: str | None,
@@ -77,7 +73,7 @@ def command(
     """
     check_inputs(files)
     wanted = row_filter(filter_text)
-    inputs = opened(files, HowToRead(kind, topic, day, zone))
+    inputs = opened(files, how)
     span = span_of(since, until, [one.times for one in inputs])
     reading = Reading(inputs, span, wanted)
     survey = _surveyed(reading, baud)

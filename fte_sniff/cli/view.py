@@ -31,7 +31,6 @@ from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.telling import tell
 from fte_sniff.cli.units import remembered_bench, units_options
 from fte_sniff.errors import UsageError
-from fte_sniff.formats.kinds import InputKind
 
 if TYPE_CHECKING:
     from fte_sniff.session.pages import RecordedPages
@@ -48,10 +47,7 @@ if TYPE_CHECKING:
 @lang_option
 def command(
     files: tuple[Path, ...],
-    kind: InputKind | None,
-    topic: str | None,
-    day: str | None,
-    zone: str | None,
+    how: HowToRead,
     filter_text: str | None,
     since: str | None,
     until: str | None,
@@ -81,7 +77,7 @@ def command(
 
     wanted = row_filter(filter_text)
     notes: list[str] = []
-    inputs = opened(files, HowToRead(kind, topic, day, zone))
+    inputs = opened(files, how)
     ports = [port.name for one in inputs for port in one.ports]
     bench = remembered_bench(settings, ports, resolution, gear_ratio)
     span = span_of(since, until, [one.times for one in inputs])
