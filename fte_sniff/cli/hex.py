@@ -15,7 +15,7 @@ import click
 from fte_sniff.cli.outputs import format_option
 from fte_sniff.cli.telling import tell
 from fte_sniff.errors import InputTextError, UsageError
-from fte_sniff.formats.hex_log import HexLog
+from fte_sniff.formats.hex_log import HexLog, feed
 from fte_sniff.formats.text_lines import Piece
 from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Framer, Row
@@ -64,10 +64,11 @@ def _dissection() -> RowWriter:
 def _rows_of(log: HexLog) -> Iterator[list[Row]]:
     """The rows of what is asked about, which is at least one byte."""
     framer = Framer(PORT_NAME)
-    some = False
+    some, before_ns = False, None
     for chunk in log:
         some = True
-        yield framer.feed(replace(chunk, port=PORT_NAME))
+        yield feed(framer, replace(chunk, port=PORT_NAME), before_ns)
+        before_ns = chunk.t_ns
     if not some:
         raise UsageError(
             f"no bytes on {log.name}; try: fte-sniff hex AA 01 01 03 E8 00 00 00 00 EE"

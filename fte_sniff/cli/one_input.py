@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Protocol
 
 from fte_sniff.cli.batches import Batch, ColumnBatch, RowBatch
 from fte_sniff.errors import FileError, FteSniffError, UsageError
-from fte_sniff.formats.hex_log import HexLog
+from fte_sniff.formats.hex_log import HexLog, feed
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     Chunk,
@@ -161,9 +161,9 @@ class LogInput:
     name: str
 
     @property
-    def times(self) -> None:
-        """Nothing tells the times of a log before it is read."""
-        return
+    def times(self) -> tuple[int, int] | None:
+        """Those of a log of text, which is read for them; raw bytes have none."""
+        return self.chunks.times if isinstance(self.chunks, HexLog) else None
 
     @property
     def count(self) -> None:
@@ -225,11 +225,12 @@ def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
 def _framed_batches(chunks: Iterable[Chunk], name: str, note: Note) -> Iterator[list[Row]]:
     framer = Framer(name)
     rows: list[Row] = []
-    some = False
+    some, before_ns = False, None
     try:
         for chunk in chunks:
             some = True
-            rows += framer.feed(chunk)
+            rows += feed(framer, chunk, before_ns)
+            before_ns = chunk.t_ns
             if len(rows) >= BATCH:
                 yield rows
                 rows = []

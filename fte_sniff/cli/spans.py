@@ -10,7 +10,8 @@ It must not know how rows are read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -36,13 +37,14 @@ def span_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return first(end(command))
 
 
-def span_of(since: str | None, until: str | None, times: Sequence[Times]) -> Span | None:
+def span_of(since: str | None, until: str | None, times: Iterable[Times]) -> Span | None:
     """The span that is asked for; None where none is.
 
     Args:
         since: the text of `--from`, if given.
         until: the text of `--to`, if given.
-        times: first and last time of each input, nanoseconds since 1970 UTC.
+        times: first and last time of each input, nanoseconds since 1970 UTC; asked for only where
+            a text is relative to them, as a log has to be read for them.
 
     Raises:
         InputTextError: a text is no time.
@@ -52,8 +54,7 @@ def span_of(since: str | None, until: str | None, times: Sequence[Times]) -> Spa
         return None
     from fte_sniff.recording.span import Span
 
-    known = [found for found in times if found is not None]
-    bounds = (min(first for first, _ in known), max(last for _, last in known)) if known else None
+    bounds = cache(lambda: _bounds(times))
     span = Span()
     first = span.first_ns if since is None else _time(since, "--from", bounds)
     end = span.end_ns if until is None else _time(until, "--to", bounds)
@@ -62,14 +63,19 @@ def span_of(since: str | None, until: str | None, times: Sequence[Times]) -> Spa
     return Span(first, end)
 
 
-def _time(text: str, option: str, bounds: Times) -> int:
+def _bounds(times: Iterable[Times]) -> Times:
+    known = [found for found in times if found is not None]
+    return (min(first for first, _ in known), max(last for _, last in known)) if known else None
+
+
+def _time(text: str, option: str, bounds: Callable[[], Times]) -> int:
     wanted = text.strip()
     if wanted[:1] in ("+", "-"):
-        first, last = _known(bounds, option, text)
+        first, last = _known(bounds(), option, text)
         length = _length(wanted[1:], option)
         return first + length if wanted[0] == "+" else last - length
     if (clock := clock_ns(wanted)) is not None:
-        first, _ = _known(bounds, option, text)
+        first, _ = _known(bounds(), option, text)
         return first - first % DAY_NS + clock
     return _absolute(wanted, option)
 
@@ -77,7 +83,7 @@ def _time(text: str, option: str, bounds: Times) -> int:
 def _known(bounds: Times, option: str, text: str) -> tuple[int, int]:
     if bounds is None:
         raise UsageError(
-            f"{option} {text}: the input tells no times; give a recording that has rows"
+            f"{option} {text}: the input tells no times; give a recording or a dated log, with rows"
         )
     return bounds
 

@@ -6,16 +6,18 @@ It must not know how lines are read; `pastes` does.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import IO, BinaryIO, NamedTuple
 
-from fte_sniff.errors import InputTextError, unreadable
+from fte_sniff.errors import FteSniffError, InputTextError, UsageError, unreadable
 from fte_sniff.formats.line_head import Mark
 from fte_sniff.formats.log_clock import LogClock
 from fte_sniff.formats.pastes import logged_bytes
 from fte_sniff.formats.text_lines import Piece, text_pieces
-from fte_sniff.protocol import Chunk, Frame, Row
+from fte_sniff.protocol import Chunk, Frame, Framer, Row
 from fte_sniff.protocol.table import Direction
 
 MARK_OF_DIRECTION: dict[Direction, Mark] = {
@@ -25,11 +27,60 @@ MARK_OF_DIRECTION: dict[Direction, Mark] = {
 """What a log of the host says of the frames of each direction."""
 
 
+_UNITS = (
+    (86_400 * 10**9, "day"),
+    (3600 * 10**9, "h"),
+    (60 * 10**9, "min"),
+    (10**9, "s"),
+    (10**6, "ms"),
+    (10**3, "µs"),
+    (1, "ns"),
+)
+
+
 class _Marked(NamedTuple):
     stop: int
     """Offset behind the last byte of a line."""
     mark: Mark | None
     line: int
+
+
+@dataclass(slots=True)
+class _Setbacks:
+    """Where the times of a log go back, as they do where logs were joined or a clock was set."""
+
+    _last_ns: int | None = None
+    _line: int = 0
+    _by_ns: int = 0
+    _count: int = 0
+
+    def see(self, t_ns: int | None, line: int) -> None:
+        if t_ns is None:
+            return
+        if self._last_ns is not None and t_ns < self._last_ns:
+            if not self._count:
+                self._line, self._by_ns = line, self._last_ns - t_ns
+            self._count += 1
+        self._last_ns = t_ns
+
+    @property
+    def told(self) -> list[str]:
+        if not self._count:
+            return []
+        more = f", and {self._count - 1:,} times more" if self._count > 2 else ""
+        more = ", and once more" if self._count == 2 else more
+        return [f"line {self._line}: the time goes back by {_length(self._by_ns)}{more}"]
+
+
+def _length(ns: int) -> str:
+    """A length of time in its largest unit, with what is left in the next."""
+    for (size, unit), (smaller, small) in pairwise(_UNITS):
+        if ns >= size:
+            count, rest = divmod(ns, size)
+            rest //= smaller
+            text = f"{count:,} {unit}{'s' if unit == 'day' and count > 1 else ''}"
+            return f"{text} {rest} {small}" if rest else text
+    return f"{ns} ns"
 
 
 class HexLog:
@@ -55,6 +106,8 @@ class HexLog:
         self._compared = 0
         self._against = 0
         self._first_against = ""
+        self._setbacks = _Setbacks()
+        self._again: Callable[[], HexLog] | None = None
 
     @classmethod
     def of_stream(
@@ -66,7 +119,11 @@ class HexLog:
     @classmethod
     def of_file(cls, path: Path, clock: LogClock | None = None) -> HexLog:
         """The log that a file holds; it is opened when the chunks are asked for."""
-        return cls(_pieces_of_file(path), str(path), clock, f"{path}: ")
+        log = cls(_pieces_of_file(path), str(path), clock, f"{path}: ")
+        if path.is_file():
+            anew = log._clock.anew()
+            log._again = lambda: cls.of_file(path, anew)
+        return log
 
     def __iter__(self) -> Iterator[Chunk]:
         """The chunks.
@@ -80,10 +137,37 @@ class HexLog:
             for logged in logged_bytes(self._pieces, self._doubts.append):
                 stop += len(logged.data)
                 self._marked.append(_Marked(stop, logged.mark, logged.line))
-                t_ns = None if logged.stamp is None else self._clock.t_ns(logged.stamp)
+                t_ns = None
+                if logged.stamp is not None:
+                    t_ns = self._clock.t_ns(logged.stamp, logged.line)
+                    self._setbacks.see(t_ns, logged.line)
                 yield Chunk(self.name, t_ns, logged.data)
         except InputTextError as error:
             raise InputTextError(f"{self._where}{error}") from error
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """The earliest and latest time of its rows, for which it is read once more.
+
+        None where it has no times; up to what cannot be read, which reading it will tell.
+
+        Raises:
+            UsageError: it can be read only once.
+        """
+        if self._again is None:
+            raise UsageError(
+                f"{self.name} can be read only once, so its first and last time are not known"
+                " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
+            )
+        log = self._again()
+        first = last = None
+        for rows in _framed(log):
+            known = [row.t_ns for row in rows if row.t_ns is not None]
+            first = min([*known, *([] if first is None else [first])], default=None)
+            last = max([*known, *([] if last is None else [last])], default=None)
+        if first is None and log._clock.undated:
+            raise UsageError(f"{self.name}: its times have no date; add --date 2026-01-31")
+        return None if first is None or last is None else (first, last)
 
     def compare(self, rows: Iterable[Row]) -> None:
         """See whether the rows, which are those of the chunks in order, go as the log says."""
@@ -114,12 +198,38 @@ class HexLog:
     @property
     def about_times(self) -> list[str]:
         """What became of its times, one line each, where that is not plain."""
-        told = []
+        told = [*self._clock.wrong, *self._setbacks.told]
         if self._clock.undated:
             told.append("its times have no date, and are left out; --date 2026-01-31 says the day")
         if self._clock.zoneless:
             told.append("its times name no zone, and are taken as UTC; --zone +08:00 says another")
         return told
+
+
+def feed(framer: Framer, chunk: Chunk, before_ns: int | None) -> list[Row]:
+    """The rows that a chunk of a log completes, at the log's own times, which may fall.
+
+    Args:
+        framer: of the log.
+        chunk: of it.
+        before_ns: the time of the chunk before.
+    """
+    if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
+        framer.set_back()
+    return framer.feed(chunk)
+
+
+def _framed(log: HexLog) -> Iterator[list[Row]]:
+    """Its rows, up to what cannot be read."""
+    framer, before_ns = Framer(log.name), None
+    try:
+        for chunk in log:
+            yield feed(framer, chunk, before_ns)
+            before_ns = chunk.t_ns
+    except FteSniffError:
+        # Who reads it in earnest is told.
+        pass
+    yield framer.flush()
 
 
 def _pieces_of_file(path: Path) -> Iterator[Piece]:

@@ -23,19 +23,37 @@ class LogClock:
             day: of times of day before the first midnight; None where that is not known.
             zone: of times that name none; None for UTC, which is then told.
         """
-        self._day = day
+        self._day = self._first_day = day
         self._zone = zone
         self._last_ns: int | None = None
         self.undated = False
         """Whether a time was left out because nothing says its day."""
         self.zoneless = False
         """Whether a time was taken as UTC because nothing says its zone."""
+        self._first_wrong = ""
+        self._wrong_line = 0
+        self._wrong_lines = 0
 
-    def t_ns(self, stamp: Stamp) -> int | None:
-        """When that was; None where it cannot be told."""
+    def anew(self) -> LogClock:
+        """Another one, for the same log from its beginning."""
+        return LogClock(self._first_day, self._zone)
+
+    def t_ns(self, stamp: Stamp, line: int = 0) -> int | None:
+        """When that was; None where it cannot be told.
+
+        Args:
+            stamp: the time as it is written.
+            line: where it holds, to be told where it is none.
+        """
         if stamp.epoch_ns is not None or stamp.clock_ns is None:
             return stamp.epoch_ns
-        if stamp.clock_ns >= _DAY_NS:
+        # 24:00:00 is the end of a day; nothing else is behind it.
+        if stamp.clock_ns > _DAY_NS:
+            self._refuse(f"{_clock_text(stamp.clock_ns)} is no time of day", line)
+            return None
+        if stamp.date is not None and not _is_day(stamp.date):
+            year, month, day_of_month = stamp.date
+            self._refuse(f"{year:04}-{month:02}-{day_of_month:02} is no day", line)
             return None
         day = self._day_of(stamp)
         if day is None:
@@ -43,12 +61,22 @@ class LogClock:
             return None
         return self._moment(day, stamp)
 
+    @property
+    def wrong(self) -> list[str]:
+        """Of times that are none, the first, and how many more there are; one line or none."""
+        if not self._wrong_lines:
+            return []
+        more = f" (nor are {self._wrong_lines - 1:,} more)" if self._wrong_lines > 1 else ""
+        return [f"line {self._wrong_line}: {self._first_wrong}; rows there have no time{more}"]
+
+    def _refuse(self, why: str, line: int) -> None:
+        if not self._wrong_lines:
+            self._first_wrong, self._wrong_line = why, line
+        self._wrong_lines += 1
+
     def _day_of(self, stamp: Stamp) -> date | None:
         if stamp.date is not None:
-            try:
-                return date(*stamp.date)
-            except ValueError:
-                return None
+            return date(*stamp.date)
         clock_ns = stamp.clock_ns or 0
         if self._day is not None and self._last_ns is not None:
             # A clock that falls by more than half a day has passed midnight.
@@ -66,6 +94,19 @@ class LogClock:
         when = (midnight + timedelta(seconds=clock_s)).replace(tzinfo=zone or UTC)
         seconds = int((when - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
         return seconds * 10**9 + rest_ns if seconds >= 0 else None
+
+
+def _is_day(written: tuple[int, int, int]) -> bool:
+    try:
+        date(*written)
+    except ValueError:
+        return False
+    return True
+
+
+def _clock_text(clock_ns: int) -> str:
+    minutes, seconds = divmod(clock_ns // 10**9, 60)
+    return f"{minutes // 60:02}:{minutes % 60:02}:{seconds:02}"
 
 
 def day_of(text: str) -> date:

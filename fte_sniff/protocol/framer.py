@@ -159,6 +159,13 @@ class Framer:
         self._begin = self._base
         return rows
 
+    def set_back(self) -> None:
+        """The clock was set: times from the next chunk on may be before those by now.
+
+        It is for logs, whose times are as they were written; the bytes go on as they did.
+        """
+        self._timeline.set_back()
+
     @property
     def waits_since_ns(self) -> int | None:
         """When the first byte that stands in no row yet began; None where there is none."""

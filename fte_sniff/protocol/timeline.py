@@ -72,6 +72,10 @@ class Timeline:
             return 0
         return max(0, chunk.t_ns - len(chunk.data) * self._byte_ns - before)
 
+    def set_back(self) -> None:
+        """The clock was set: the next bytes may have begun before those read by now."""
+        self._floor = self._silent_since = None
+
     def silence_at(self, t_ns: int | None) -> int:
         """How long the line has been silent at `t_ns`, nanoseconds, 0 if unknown."""
         if t_ns is None or self._silent_since is None:

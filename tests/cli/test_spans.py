@@ -90,6 +90,41 @@ def test_decode_leaves_out_what_lies_outside(run, samples: Path) -> None:
     assert every[-len(last) :] == last
 
 
+LOG = "".join(
+    f"[2026-01-31 14:03:{second:02}.123Z] AA 01 01 03 E8 00 00 00 00 EE\n" for second in range(60)
+)
+UNDATED = LOG.replace("2026-01-31 ", "").replace("Z]", "]")
+
+
+@pytest.mark.parametrize(
+    ("option", "count"),
+    [("14:03:58", 2), ("+57.5s", 2), ("-5s", 6), ("2026-01-31T14:03:50Z", 10)],
+)
+@pytest.mark.parametrize("dated", [["ok.log"], ["undated.log", "--date", "2026-01-31"]])
+def test_times_relative_to_a_log(
+    run, tmp_path: Path, option: str, count: int, dated: list[str]
+) -> None:
+    (tmp_path / "ok.log").write_text(LOG)
+    (tmp_path / "undated.log").write_text(UNDATED)
+    name, *said = dated
+    done = run("decode", tmp_path / name, *said, "--format", "csv", "--from", option)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 1 + count
+    done = run("stats", tmp_path / name, *said, "--from", option)
+    assert f"rows       {count}, " in done.stdout
+
+
+def test_a_log_whose_times_are_not_known_before_says_why(run, tmp_path: Path) -> None:
+    (tmp_path / "undated.log").write_text(UNDATED)
+    done = run("decode", tmp_path / "undated.log", "--from", "+5s")
+    assert done.returncode == 2
+    assert done.stderr.strip().endswith("its times have no date; add --date 2026-01-31")
+    done = run("decode", "-", "--from", "+5s", stdin=LOG)
+    assert done.returncode == 2
+    assert "stdin can be read only once" in done.stderr
+    assert "write the times in full" in done.stderr
+
+
 def test_logs_have_no_times(run, samples: Path) -> None:
     done = run("decode", samples / "clean.raw", "--from", "2026-01-31")
     assert done.returncode == 2

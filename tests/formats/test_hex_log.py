@@ -7,12 +7,12 @@ from datetime import date, timedelta, timezone
 import pytest
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.hex_log import HexLog
+from fte_sniff.formats.hex_log import HexLog, feed
 from fte_sniff.formats.line_head import Mark
 from fte_sniff.formats.log_clock import LogClock, day_of, zone_of
 from fte_sniff.formats.pastes import logged_bytes
 from fte_sniff.formats.text_lines import Piece
-from fte_sniff.protocol import Framer, iso_time
+from fte_sniff.protocol import Framer, Row, iso_time
 
 DAY = date(2026, 1, 31)
 CHINA = timezone(timedelta(hours=8))
@@ -95,6 +95,62 @@ def test_a_time_in_a_zone() -> None:
     assert unsaid.about_times == [
         "its times name no zone, and are taken as UTC; --zone +08:00 says another"
     ]
+
+
+def rows_of(log: HexLog) -> list[Row]:
+    framer, before_ns, rows = Framer("f"), None, list[Row]()
+    for chunk in log:
+        rows += feed(framer, chunk, before_ns)
+        before_ns = chunk.t_ns
+    return rows + framer.flush()
+
+
+@pytest.mark.parametrize(
+    ("times", "told"),
+    [
+        (["31 14:00:00", "31 14:00:01"], []),
+        (["31 14:00:00", "30 14:00:00"], ["line 2: the time goes back by 1 day"]),
+        (
+            ["31 14:00:00", "31 13:00:01", "31 13:00:02"],
+            ["line 2: the time goes back by 59 min 59 s"],
+        ),
+        (["31 14:00:00.002", "31 14:00:00.001"], ["line 2: the time goes back by 1 ms"]),
+        (
+            ["31 14:00:00", "28 12:00:00", "27 12:00:00"],
+            ["line 2: the time goes back by 3 days 2 h, and once more"],
+        ),
+        (
+            ["31 14:00:01", "31 14:00:00"] * 4,
+            ["line 2: the time goes back by 1 s, and 3 times more"],
+        ),
+    ],
+)
+def test_times_that_go_back_are_kept_and_told_once(times: list[str], told: list[str]) -> None:
+    log = log_of("\n".join(f"[2026-01-{time}Z] {BYTES}" for time in times))
+    one_byte_ns = 86_805
+    found = [iso_time((row.t_ns or 0) + 10 * one_byte_ns + 600_00)[8:19] for row in rows_of(log)]
+    assert found == [time.replace(" ", "T")[:11] for time in times]
+    assert log.about_times == told
+
+
+@pytest.mark.parametrize(
+    ("time", "is_at", "told"),
+    [
+        ("2026-01-31 24:00:00Z", "2026-02-01T00:00:00", []),
+        ("2026-02-30 14:00:00Z", None, ["line 2: 2026-02-30 is no day; rows there have no time"]),
+        (
+            "2026-01-31 25:00:00Z",
+            None,
+            ["line 2: 25:00:00 is no time of day; rows there have no time"],
+        ),
+    ],
+)
+def test_a_time_that_is_none_is_told_with_its_line(
+    time: str, is_at: str | None, told: list[str]
+) -> None:
+    log = log_of(f"[2026-01-31 10:00:00Z] AA\n[{time}] AA")
+    assert [chunk.t_ns and iso_time(chunk.t_ns)[:19] for chunk in log][1] == is_at
+    assert log.about_times == told
 
 
 def test_what_a_head_says_holds_for_the_lines_below_it() -> None:
