@@ -12,6 +12,7 @@ loads only what it needs:
         pasted_line  a line on its way to its bytes
         dumps        lines of a hex dump, each a dump_line
         line_numbers numbered lines
+        fronts       what stands before the bytes and may be none
         decimals     hex or decimal?
         hex_text     the digits of one line
     layout     a row as the cells of a line of text

@@ -1,10 +1,11 @@
-"""Owns one line of a hex dump: its address, its bytes, and the text beside them.
+r"""Owns one line of a hex dump: its address, its bytes, and the text beside them.
 
 It must not know the lines around it, which say whether the address is one; `dumps` does.
 
     00000010  aa 01 01 03 e8 00 00 00  00 ee 55 01 01 03 e8 00  |..........U.....|   hexdump -C
     00000010: aa01 0103 e800 0000 00ee 5501 0103 e800  ..........U.....              xxd
     000010 aa 01 01 03 e8 00 00 00 00 ee 55 01 01 03 e8 00  >..........U.....<        od -t x1z
+    0x20000000 <buffer>:\t0xaa\t0x01                                                   gdb x/2xb
     0010   aa 01 01 03 e8 00 00 00 00 ee 55 01 01 03 e8 00   ..........U.....         Wireshark
 """
 
@@ -18,11 +19,13 @@ LONGEST_LINE = 1000
 """Characters; no dump has longer lines."""
 
 _ADDRESS = re.compile(
-    r"\s*[│|]?\s*(?:0x)?(?P<digits>[0-9A-Fa-f]{4,16})h?"
+    r"\s*[│|]?\s*(?:0x)?(?P<digits>[0-9A-Fa-f]{4,16})h?(?:\s+<[\w.+]+>(?=:))?"
     r"(?P<mark>:\s*|\s*[│|]\s*|\s+|\s*\Z)",
     re.IGNORECASE,
 )
-_GROUP = re.compile(r"(?P<gap>\s*[-┊│|]\s*|\s*)(?P<digits>(?:[0-9A-Fa-f]{2}){1,8})(?![0-9A-Za-z])")
+_GROUP = re.compile(
+    r"(?P<gap>\s*[-┊│|]\s*|\s*)(?:0x)?(?P<digits>(?:[0-9A-Fa-f]{2}){1,8})(?![0-9A-Za-z])"
+)
 _BARS = {"|": "|", ">": "<", "│": "│", "[": "]"}
 _MOST_BESIDE = 64
 _ONE_MORE = re.compile(r"\s[0-9A-Fa-f](?:\s?[0-9A-Fa-f])*\s*")

@@ -4,7 +4,8 @@ It must not know what else stands on the line or around it; `pastes` does.
 
 Accepted: digits in pairs, together or apart (`AA0202`, `AA 02 02`), a lone digit that stands by
 itself (`AA 2 2`), `0x`, `\x`, `$` and the like in front or `h` behind, any of `, ; : - |` and
-brackets and quotes between, a Python bytes literal (`b"\xaa\x02..."`), upper or lower case.
+brackets and quotes between, a Python bytes literal (`b"\xaa\x02..."`), upper or lower case, and
+bits on a line with nothing else (`0b10101010 0b00000001`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ _BETWEEN = re.compile(
     r"|\.(?=\s|\Z|[\])}\"'])|(?<=[0-9a-fA-F]{2})\.(?=[0-9a-fA-F]{2}))+"
     r"|bytearray(?=\()|bytes(?=\()"
 )
+_BITS = re.compile(r"(?<![0-9A-Za-z])0b(?P<bits>[01]{8})(?![0-9A-Za-z])")
+_LINE_OF_BITS = re.compile(r"[\s\[({]*(?:0b[01]{8}[\s,;]+)+0b[01]{8}[\s\])},;]*")
+"""Two at least, and nothing else: five bytes that look like bits are not often side by side."""
 _BASE64 = re.compile(r"\s*(?:[A-Za-z0-9+/]{4}){2,}(?:[A-Za-z0-9+/]{2}==|[A-Za-z0-9+/]{3}=)?\s*")
 _WAY_OUT = "write bytes as hex digits, like AA 01 01 03 E8 00 00 00 00 EE; # starts a comment"
 
@@ -41,12 +45,18 @@ def bytes_of_line(text: str, at: int, piece: Piece) -> bytes:
         InputTextError: something is not hex; the message names line, column and the character.
     """
     found = bytearray()
+    bits = _BITS.search(text, at) and _LINE_OF_BITS.fullmatch(text, at)
     while at < len(text):
         if between := _BETWEEN.match(text, at):
             at = between.end()
         elif literal := _BYTES_LITERAL.match(text, at):
             found += _bytes_of_literal(literal.group(), piece, at)
             at = literal.end()
+        elif one := _BITS.match(text, at):
+            if not bits:
+                raise not_hex(piece, at, "begins eight bits or five bytes")
+            found.append(int(one["bits"], 2))
+            at = one.end()
         elif word := _WORD.match(text, at):
             found += _bytes_of_word(word, piece)
             at = word.end()

@@ -4,6 +4,7 @@ It must not know what the bytes are, nor which day or zone a time belongs to.
 
     [14:03:22.123]收←◆55 01 ...                     SSCOM
     [2026-01-31 10:15:02.123]# RECV HEX>            the bytes on the lines below
+    1769860802.123 AA 01 ...                        seconds since 1970
     2026-01-31 10:15:02,123 - INFO - TX: AA 01 ...
     [INFO] [1769860800.123456789] [base]: AA 01 ... ROS
     Incoming raw data at 2026-01-31 10:15:02        PuTTY, a dump below
@@ -47,6 +48,8 @@ class Head:
     """Where the bytes begin."""
     stamp: Stamp | None = None
     mark: Mark | None = None
+    wrong_count: str = ""
+    """A count of bytes before them, which they are not as many as; empty where there is none."""
 
 
 _RECEIVED = r"RX[0-9]?|RXD|RECV|RECEIVED?|READ|IN|Incoming"
@@ -67,13 +70,23 @@ _ABOUT = (
 
 _CLOCK = r"(?P<h{0}>\d{{1,2}}):(?P<m{0}>\d{{2}}):(?P<s{0}>\d{{2}})"
 _DATE = r"(?P<y{0}>\d{{4}})[-/.年](?P<o{0}>\d{{1,2}})[-/.月](?P<d{0}>\d{{1,2}})日?[T ]\s*"
+_DAY = r"(?P<y{0}>\d{{4}})[-/.](?P<o{0}>\d{{1,2}})[-/.](?P<d{0}>\d{{1,2}})"
+_MINUTES = r"(?P<h{0}>[01]?\d|2[0-3]):(?P<m{0}>[0-5]\d)"
 _ZONE = r"(?:\s*(?P<z{0}>Z|UTC|[+-]\d{{2}}:?\d{{2}}))?"
 _HALF = r"(?:\s*(?P<a{0}>[AP]M))?"
-_HEADER = "|".join(f"{header:02X}" for header in HEADERS.values())
+_FRAME = rf"(?:0x)?(?:{'|'.join(f'{header:02X}' for header in HEADERS.values())})"
+_BYTE = "(?:0x)?[0-9A-F][0-9A-F]"
 
 
 def _form(number: int, pattern: str) -> str:
-    parts = {"CLOCK": _CLOCK, "DATE": _DATE, "ZONE": _ZONE, "HALF": _HALF}
+    parts = {
+        "MINUTES": _MINUTES,
+        "DAY": _DAY,
+        "CLOCK": _CLOCK,
+        "DATE": _DATE,
+        "ZONE": _ZONE,
+        "HALF": _HALF,
+    }
     for name, part in parts.items():
         pattern = pattern.replace(name, part.format(number))
     return pattern.replace("FRACTION", f"(?P<f{number}>[0-9]{{1,9}})")
@@ -84,16 +97,34 @@ _FORMS = (
     r"DATECLOCK(?:[.,:]FRACTION)?HALFZONE(?![\w:])",
     r"CLOCK[.,]FRACTION(?![\w:])",
     rf"CLOCK(?::(?P<t>\d{{3}})(?![\w:]))?HALF(?=\s*{_DIRECTION})",
-    rf"CLOCK(?=\s+(?:0x)?(?:{_HEADER})\b)",
 )
-_TIME = re.compile(
-    r"\s*(?:"
-    + "|".join(_form(number, form) for number, form in enumerate(_FORMS))
-    + r"|[\[(]\s*(?P<count>\d{1,10}\.\d{3,9})\s*[\])]"
-    rf"|(?P<plain>\d{{1,10}}\.\d{{3,9}})(?=\s+(?:{_RECEIVED_WORD}|{_SENT_WORD}))"
-    r")",
-    re.IGNORECASE,
-)
+
+
+def _plain_forms(begin: str) -> tuple[str, ...]:
+    # Colons are between bytes too.
+    behind = rf"(?=\s+{begin}(?:[\s,](?!.*:)|\Z))"
+    return tuple(form + behind for form in ("CLOCK", "(?:DATE)?MINUTES", "DAY"))
+
+
+def _time(begin: str) -> re.Pattern[str]:
+    """What is a time; without a mark, only where `begin` and no colon is behind it."""
+    return re.compile(
+        r"\s*(?:"
+        + "|".join(
+            _form(number, form) for number, form in enumerate((*_FORMS, *_plain_forms(begin)))
+        )
+        + r"|[\[(]\s*(?P<count>\d{1,10}\.\d{3,9})\s*[\])]"
+        rf"|(?P<plain>\d{{1,10}}\.\d{{3,9}})(?=\s+(?:{_RECEIVED_WORD}|{_SENT_WORD}))"
+        rf"|(?P<epoch>1\d{{9}}(?:\.\d{{1,9}})?)(?=\s+{begin}(?:[\s,](?!.*:)|\Z))"
+        r")",
+        re.IGNORECASE,
+    )
+
+
+_TIME = _time(_FRAME)
+_TIME_AS_BEFORE = _time(_BYTE)
+"""In a log that has had times, lines may begin within a frame."""
+
 _ITEM = re.compile(
     r"\s*(?:"
     rf"[\[(]?(?P<received>{_RECEIVED_WORD})[\])]?{_COUNT}"
@@ -103,6 +134,11 @@ _ITEM = re.compile(
     r")",
     re.IGNORECASE,
 )
+_LENGTH = re.compile(
+    r"\s*:\s?(?P<count>\d{1,4})(?:\s{2,}|\t)(?P<bytes>(?:[0-9A-F]{2}\s)*[0-9A-F]{2})\s*\Z",
+    re.IGNORECASE,
+)
+"""How many bytes there are, apart from them as they are not from each other."""
 _SOURCE = re.compile(r"\s*\[[A-Za-z_/][\w./ -]*\]\s*(?=:)")
 _HASH = re.compile(rf"\s*#\s*(?={_DIRECTION})", re.IGNORECASE)
 _PUTTY = re.compile(
@@ -118,13 +154,19 @@ _DECLARATION = re.compile(
 )
 
 
-def head_of(line: str) -> Head:
-    """What stands in front of the bytes of a line."""
+def head_of(line: str, *, timed: bool = False) -> Head:
+    """What stands in front of the bytes of a line.
+
+    Args:
+        line: the line.
+        timed: whether a line before it had a time.
+    """
     if putty := _PUTTY.match(line):
         return _of_putty(line, putty)
     stamp, mark, at = None, None, 0
+    time_of = _TIME_AS_BEFORE if timed else _TIME
     while True:
-        if stamp is None and (time := _TIME.match(line, at)):
+        if stamp is None and (time := time_of.match(line, at)):
             stamp, at = _stamp(time), time.end()
             # Elsewhere it begins a comment.
             at = hashed.end() if (hashed := _HASH.match(line, at)) else at
@@ -133,6 +175,10 @@ def head_of(line: str) -> Head:
         elif (item := _ITEM.match(line, at)) and item.end() > at:
             said = Mark.RECEIVED if item["received"] else Mark.SENT if item["sent"] else None
             mark, at = mark or said, item.end()
+            if said and (length := _LENGTH.match(line, at)):
+                if int(length["count"]) != len(length["bytes"].split()):
+                    return Head(at, stamp, mark, length["count"])
+                at = length.start("bytes")
         else:
             break
     if declared := _DECLARATION.match(line, at):
@@ -150,16 +196,18 @@ def _of_putty(line: str, heading: re.Match[str]) -> Head:
 
 def _stamp(time: re.Match[str]) -> Stamp:
     found = {name[0]: text for name, text in time.groupdict().items() if text is not None}
-    counted = time["count"] or time["plain"]
+    counted = time["count"] or time["plain"] or time["epoch"]
     if counted is not None:
-        whole, fraction = counted.split(".")
+        whole, _, fraction = counted.partition(".")
         # What has fewer digits counts from when something was switched on.
         since_1970 = int(whole) * 10**9 + int(fraction.ljust(9, "0"))
         return Stamp(epoch_ns=since_1970 if len(whole) >= 9 else None)
+    if "h" not in found:
+        return Stamp()
     hours = int(found["h"])
     if "a" in found:
         hours = hours % 12 + (12 if found["a"].upper() == "PM" else 0)
-    seconds = (hours * 60 + int(found["m"])) * 60 + int(found["s"])
+    seconds = (hours * 60 + int(found["m"])) * 60 + int(found.get("s", 0))
     fraction = found.get("f") or found.get("t") or ""
     clock_ns = seconds * 10**9 + int(fraction.ljust(9, "0"))
     date = (int(found["y"]), int(found["o"]), int(found["d"])) if "y" in found else None

@@ -6,6 +6,7 @@ It must not know where the text came from. Line by line, and as they come:
     line_head    a time and a direction in front
     dumps        addresses, and text beside bytes, which are no bytes
     line_numbers nor are numbers of lines
+    fronts       what stands before the bytes of every line, and may be none
     decimals     decimal numbers, where they are no hex
     hex_text     the digits
 
@@ -18,8 +19,10 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
+from fte_sniff.errors import InputTextError
 from fte_sniff.formats.decimals import Numbers
 from fte_sniff.formats.dumps import Dumps
+from fte_sniff.formats.fronts import without_doubtful_fronts
 from fte_sniff.formats.hex_text import without_literals
 from fte_sniff.formats.line_head import Mark, Stamp, head_of
 from fte_sniff.formats.pasted_line import Line
@@ -73,7 +76,8 @@ def logged_bytes(
         InputTextError: something cannot be read; the message names the line.
     """
     tell = note or _unheard
-    read = Numbers(tell).bytes_of(_uncommented(Dumps(tell).lines(_headed(pieces))))
+    bare = _uncommented(Dumps(tell).lines(_headed(pieces)))
+    read = Numbers(tell).bytes_of(without_doubtful_fronts(bare, tell))
     for line, data in read:
         if data:
             yield Logged(data, line.piece.line, line.stamp, line.mark)
@@ -98,7 +102,12 @@ def _headed(pieces: Iterable[Piece]) -> Iterator[Line]:
             continue
         if _FENCE.fullmatch(text):
             continue
-        head = head_of(text)
+        head = head_of(text, timed=stamp is not None)
+        if head.wrong_count:
+            raise InputTextError(
+                f"line {piece.line}: {head.wrong_count} may be a byte, or a count that the bytes"
+                " behind it do not come to; delete it, or set it as far apart as they are"
+            )
         stamp = head.stamp or stamp
         if text[head.end :].strip():
             pairs = _PAIRS.fullmatch(text, head.end) is not None

@@ -219,3 +219,52 @@ def test_what_is_no_text_is_told_with_the_way_out(content: bytes, said: str) -> 
         list(HexLog.of_stream(io.BytesIO(content), "f"))
     assert said in str(caught.value)
     assert "--input raw" in str(caught.value)
+
+
+FRAME = "AA 02 02 03 E8 00 00 27 10 EE"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0x20000000:\t0xaa\t0x02\t0x02\t0x03\t0xe8\t0x00\t0x00\t0x27\n0x20000008:\t0x10\t0xee",
+        "0x20000000 <rx>:\t0xaa\t0x02\t0x02\t0x03\t0xe8\n"
+        "0x20000005 <rx+5>:\t0x00\t0x00\t0x27 0x10 0xee",
+        f"2026-01-31 {FRAME}",
+        f"14:03 {FRAME}",
+        "14:03 AA 02 02 03 E8\n14:04 00 00 27 10 EE",
+        "14:03:22 AA 02 02 03 E8\n14:03:23 00 00 27 10 EE",
+        f"1706702602 {FRAME}",
+        f"1706702602.123 {FRAME}",
+        f"Rx:10  {FRAME}",
+        "0b10101010 0b00000010 0b00000010 0b00000011\n E8 00 00 27 10 EE",
+    ],
+)
+def test_times_addresses_and_counts_in_front_are_no_bytes(text: str) -> None:
+    assert read(text) == (bytes.fromhex(FRAME), [])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0x20000000: 0xAA 0x02", "line 1: 20000000 may be an address or bytes"),
+        (f"Rx:11  {FRAME}", "line 1: 11 may be a byte, or a count"),
+        ("0b10101010", "begins eight bits or five bytes"),
+        ("0b10101010 AA 02", "begins eight bits or five bytes"),
+        ("14:03 01 02\n14:03 02 03", "line 1: 14:03 stands before the bytes"),
+        ("\n1234 01 02\n5678 02 03", "line 2: 1234 stands before the bytes"),
+        ("7 AA 01\n7 AA 01", "line 1: 7 stands before the bytes"),
+        ("0x0007 0xAA, 0x01\n0x0007 0xAA, 0x01", "line 1: 0x0007 stands before the bytes"),
+    ],
+)
+def test_what_is_unlike_the_bytes_behind_it_on_every_line_is_refused(text: str, said: str) -> None:
+    with pytest.raises(InputTextError) as caught:
+        bytes_of_text(text)
+    assert said in str(caught.value)
+
+
+def test_what_is_unlike_the_bytes_behind_it_on_the_only_line_is_told() -> None:
+    assert read("1234 01 02") == (
+        bytes.fromhex("12340102"),
+        ["line 1: 1234 at its front is read as bytes"],
+    )
