@@ -14,7 +14,7 @@ import click
 
 from fte_sniff.cli.outputs import format_option
 from fte_sniff.cli.telling import tell
-from fte_sniff.errors import InputTextError, UsageError
+from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.hex_log import HexLog, feed
 from fte_sniff.formats.text_lines import Piece
 from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
@@ -46,6 +46,10 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
             writer.write(rows)
     except InputTextError as error:
         raise _about_a_file(text) or error from error
+    except FileError as error:
+        raise FileError(
+            f"{log.name}: holds no text; if it holds raw bytes, try: fte-sniff decode - --input raw"
+        ) from error
     writer.end()
     for doubt in log.doubts:
         tell(f"fte-sniff: {doubt}")

@@ -7,6 +7,7 @@ loads only what it needs:
     raw        a file of raw bytes, to chunks
     hex_log    hex as people paste it and log it, to chunks with their times; it stands on pastes:
         text_lines   text of whatever encoding, to lines
+        code         words of source code around the bytes
         line_head    a time and a direction in front of the bytes
         log_clock    which moment such a time is
         pasted_line  a line on its way to its bytes

@@ -127,6 +127,8 @@ def _shows(beside: str, data: bytes) -> bool:
     bare = beside.strip().lstrip("┊ ")
     if bare[:1] in _BARS and bare.endswith(_BARS[bare[0]]) and len(bare) > 1:
         inside = bare[1:-1]
+        if bare[0] == "│":
+            inside = _without_zeros(inside, data)
         for one in (inside, inside.replace("┊", "").replace("│", "")):
             if _same(one.rstrip().ljust(len(data)), data):
                 return True
@@ -138,6 +140,14 @@ def _shows(beside: str, data: bytes) -> bool:
         if _same(one.ljust(len(data)), data) or _same((one[:8] + one[9:]).ljust(len(data)), data):
             return True
     return False
+
+
+def _without_zeros(shown: str, data: bytes) -> str:
+    """What hexyl shows, with a dot for the 0 that stands for a zero byte."""
+    letters = shown.replace("┊", "").replace("│", "")
+    zeros = (letter == "0" and not byte for letter, byte in zip(letters, data, strict=False))
+    dotted = ("." if zero else letter for zero, letter in zip(zeros, letters, strict=False))
+    return "".join(dotted)
 
 
 def _same(shown: str, data: bytes) -> bool:

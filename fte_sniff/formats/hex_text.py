@@ -15,7 +15,7 @@ import re
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.text_lines import Piece
 
-_BYTES_LITERAL = re.compile(
+BYTES_LITERAL = re.compile(
     r"""(?<![0-9a-z])b(?:'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""", re.IGNORECASE
 )
 _WORD = re.compile(
@@ -45,15 +45,16 @@ def bytes_of_line(text: str, at: int, piece: Piece) -> bytes:
         InputTextError: something is not hex; the message names line, column and the character.
     """
     found = bytearray()
-    bits = _BITS.search(text, at) and _LINE_OF_BITS.fullmatch(text, at)
+    has_bits = "0b" in text and _BITS.search(text, at) is not None
+    only_bits = has_bits and _LINE_OF_BITS.fullmatch(text, at)
     while at < len(text):
         if between := _BETWEEN.match(text, at):
             at = between.end()
-        elif literal := _BYTES_LITERAL.match(text, at):
+        elif literal := BYTES_LITERAL.match(text, at):
             found += _bytes_of_literal(literal.group(), piece, at)
             at = literal.end()
-        elif one := _BITS.match(text, at):
-            if not bits:
+        elif has_bits and (one := _BITS.match(text, at)):
+            if not only_bits:
                 raise not_hex(piece, at, "begins eight bits or five bytes")
             found.append(int(one["bits"], 2))
             at = one.end()
@@ -67,7 +68,7 @@ def bytes_of_line(text: str, at: int, piece: Piece) -> bytes:
 
 def without_literals(text: str) -> str:
     """The text with blanks where Python's bytes literals stand."""
-    return _BYTES_LITERAL.sub(lambda literal: " " * len(literal.group()), text)
+    return BYTES_LITERAL.sub(lambda literal: " " * len(literal.group()), text)
 
 
 def first_wrong(text: str, number: re.Pattern[str]) -> int | None:

@@ -4,6 +4,7 @@ It must not know where the text came from. Line by line, and as they come:
 
     text_lines   text of whatever encoding, to lines
     line_head    a time and a direction in front
+    code         words of source code around the bytes
     dumps        addresses, and text beside bytes, which are no bytes
     line_numbers nor are numbers of lines
     fronts       what stands before the bytes of every line, and may be none
@@ -20,6 +21,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from fte_sniff.errors import InputTextError
+from fte_sniff.formats.code import ESCAPES, without_code
 from fte_sniff.formats.decimals import Numbers
 from fte_sniff.formats.dumps import Dumps
 from fte_sniff.formats.fronts import without_doubtful_fronts
@@ -102,6 +104,10 @@ def _headed(pieces: Iterable[Piece]) -> Iterator[Line]:
             continue
         if _FENCE.fullmatch(text):
             continue
+        if "\x1b" in text:
+            text = ESCAPES.sub("", text)
+            piece = replace(piece, text=text)
+        text = without_code(text)
         head = head_of(text, timed=stamp is not None)
         if head.wrong_count:
             raise InputTextError(

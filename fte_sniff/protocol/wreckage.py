@@ -200,6 +200,8 @@ def _pieces(raw: bytes, kind: FrameKind | None, places: range, shift: int) -> It
 def _why_noise(raw: bytes) -> str:
     """Why no frame was read here: what each header byte in the noise lacks."""
     places = [place for place, byte in enumerate(raw) if byte in HEADER_BYTES]
+    if not places and len(raw) == 1:
+        return Said("no header ({headers}) in this byte", headers=HEADERS_TEXT)
     if not places:
         return Said(
             "no header ({headers}) in these {count} bytes", headers=HEADERS_TEXT, count=len(raw)

@@ -5,6 +5,7 @@ import io
 import json
 import os
 import subprocess
+from pathlib import Path
 
 from tests.cli.processes import started
 from tests.cli.terminals import terminal
@@ -114,3 +115,17 @@ def test_a_paste_on_a_terminal(environment, tmp_path) -> None:
         screen.type(f"[14:03:22.123]发→◇{FRAME}\n\x04")
         screen.until("10000 pulses")
         assert screen.process.wait(20) == 0
+
+
+def test_raw_bytes_on_standard_input_are_decodes_business(run, samples: Path) -> None:
+    done = run("hex", stdin=(samples / "clean.raw").read_bytes()[:300])
+    assert done.returncode == 4
+    assert done.stderr.splitlines() == [
+        "fte-sniff: standard input: holds no text; if it holds raw bytes, try:"
+        " fte-sniff decode - --input raw"
+    ]
+
+
+def test_one_byte_is_one_byte(run) -> None:
+    assert "no header (AA or 55) in this byte" in run("hex", "01").stdout
+    assert "no header (AA or 55) in these 2 bytes" in run("hex", "01 02").stdout

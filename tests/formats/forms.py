@@ -89,6 +89,19 @@ def hexyl(data: bytes) -> str:
     )
 
 
+def hexyl_of_debian(data: bytes) -> str:
+    """Version 0.8, in colours: a zero byte is shown as 0, white space as _."""
+    text = ""
+    for at, row in _rows(data):
+        seen = "".join(
+            chr(b) if 0x20 < b < 0x7F else "0" if not b else "_" if b in b" \t\n\r\x0c" else "•"
+            for b in row
+        )
+        halves = f"{row[:8].hex(' '):23} ┊ {row[8:].hex(' '):23}".replace("00", "\x1b[90m00\x1b[0m")
+        text += f"│\x1b[90m{at:08x}\x1b[0m│ {halves} │{seen[:8]:8}┊{seen[8:]:8}│\n"
+    return text
+
+
 def spy(data: bytes) -> str:
     return "".join(
         f"{at // 16:06d}.001 {('TX', 'RX')[at // 16 % 2]:5} 0000  {row.hex(' ').upper():48}  "
@@ -219,7 +232,7 @@ FORMS: dict[str, Callable[[bytes], str]] = {
     form.__name__: form
     for form in (
         *(xxd, xxd_bytes, hexdump, od, od_decimal, od_text, wireshark, wireshark_stream),
-        *(putty, hexyl, spy, beside, c_array, c_string, python_bytes, python_list),
+        *(putty, hexyl, hexyl_of_debian, spy, beside, c_array, c_string, python_bytes, python_list),
         *(full_width, chinese_commas, fenced, h_behind, dashes, sscom, xcom, labelled),
         *(ros, logging, node, *DECIMAL, *NUMBERED),
     )

@@ -89,8 +89,12 @@ def test_what_is_no_hex_is_pointed_at(text: str, place: str, character: str) -> 
 
 def test_a_terminal_escape_in_the_text_is_shown_not_obeyed() -> None:
     with pytest.raises(InputTextError) as caught:
-        bytes_of_text("AA \x1b[31m")
+        bytes_of_text("AA \x1b[2J")
     assert "\x1b" not in str(caught.value)
+
+
+def test_colours_are_passed_over() -> None:
+    assert bytes_of_text("\x1b[1;31mAA\x1b[0m 01\x1b[K") == b"\xaa\x01"
 
 
 @given(

@@ -268,3 +268,68 @@ def test_what_is_unlike_the_bytes_behind_it_on_the_only_line_is_told() -> None:
         bytes.fromhex("12340102"),
         ["line 1: 1234 at its front is read as bytes"],
     )
+
+
+PREFIXED = ["0x" + pair for pair in FRAME.split()]
+LIST = ", ".join(PREFIXED)
+NUMBERS = ", ".join(str(byte) for byte in bytes.fromhex(FRAME))
+ESCAPED = "".join(f"\\x{pair.lower()}" for pair in FRAME.split())
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"uint8_t f[2][10] = {{{LIST}}};",
+        f"uint8_t f[1][10] = {{\n  {{{LIST}}}\n}};",
+        "; ".join(f"buf[{place}] = {byte}" for place, byte in enumerate(PREFIXED)) + ";",
+        "\n".join(f"msg->buf[{place}] = {byte};" for place, byte in enumerate(PREFIXED)),
+        "，".join(f"DATA[{place}] ={byte}" for place, byte in enumerate(PREFIXED)),
+        "{" + ", ".join(f"{byte}u" for byte in PREFIXED) + "}",
+        "{" + ", ".join(f"{byte}U" for byte in PREFIXED) + "}",
+        "{" + ", ".join(f"(uint8_t){byte}" for byte in PREFIXED) + "}",
+        f"static const unsigned char x[] PROGMEM = {{{LIST}}};",
+        f"#define CMD {{{LIST}}}",
+        f'bytes.fromhex("{FRAME}")',
+        f"ser.write(b'{ESCAPED}')",
+        f"ser.write(bytes([{LIST}]))",
+        f"array([{NUMBERS}], dtype=uint8)",
+        f"np.array([{NUMBERS}], dtype=np.uint8)",
+        f"[]byte{{{LIST}}}",
+        f"x := []byte{{{LIST}}}",
+        f"[{LIST.replace(',', 'u8,', 1)}]",
+        f"let f: [u8; 10] = [{LIST}];",
+        "new byte[]{" + ", ".join(f"(byte){byte}" for byte in PREFIXED) + "}",
+        f'{{"data": [{NUMBERS}]}}',
+        ", ".join(("0" if pair[0] > "9" else "") + pair + "h" for pair in FRAME.split()),
+        f"unsigned char foo[] = {{\n  {LIST}\n}};\nunsigned int foo_len = 10;",
+        f"\x1b[32m{FRAME[:8]}\x1b[0m{FRAME[8:]}",
+    ],
+)
+def test_bytes_in_source_code(text: str) -> None:
+    assert read(text)[0] == bytes.fromhex(FRAME)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "buf[1] = 0xAA; buf[0] = 0x02;",
+        "buf[0] = 10;",
+        "int speed = 10;",
+        "#define COUNT 10\nspeed[2] = {x}",
+    ],
+)
+def test_source_code_that_says_more_than_bytes_is_refused(text: str) -> None:
+    with pytest.raises(InputTextError):
+        bytes_of_text(text)
+
+
+def test_rows_as_json_lines_are_their_bytes() -> None:
+    text = (
+        '{"time": "2026-01-31T12:00:00.000000000Z", "port": "a", "offset": 0, "faults": [], '
+        f'"raw": "{FRAME.replace(" ", "")}"}}\n'
+    )
+    log = HexLog.of_stream(io.BytesIO(text.replace(": ", ":").encode()), "f")
+    (chunk,) = log
+    assert chunk.data == bytes.fromhex(FRAME)
+    assert chunk.t_ns == 1_769_860_800 * 10**9
+    assert bytes_of_text(text * 2) == chunk.data * 2
