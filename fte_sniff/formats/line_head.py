@@ -59,8 +59,8 @@ _COUNT = (
     r"|\s*\d{1,5}\s*(?:bytes?|字节)(?![A-Za-z]))?"
 )
 _WORD_END = r"(?![A-Za-z0-9])"
-_RECEIVED_WORD = rf"(?:(?:{_RECEIVED}){_WORD_END}|接收到?|收到?|读取?)"
-_SENT_WORD = rf"(?:(?:{_SENT}){_WORD_END}|已?发送|发|写入?)"
+_RECEIVED_WORD = rf"(?:(?:{_RECEIVED}){_WORD_END}|R(?=\s?:)|接收到?|收到?|读取?)"
+_SENT_WORD = rf"(?:(?:{_SENT}){_WORD_END}|T(?=\s?:)|已?发送|发|写入?)"
 _ARROW = r"(?:[→←↑↓◆◇►◄▶◀>=<]|-(?![0-9]))+"
 _DIRECTION = rf"(?:{_RECEIVED_WORD}|{_SENT_WORD}|{_ARROW})"
 _ABOUT = (
@@ -103,7 +103,8 @@ _FORMS = (
 def _plain_forms(begin: str) -> tuple[str, ...]:
     # Colons are between bytes too.
     behind = rf"(?=\s+{begin}(?:[\s,](?!.*:)|\Z))"
-    return tuple(form + behind for form in ("CLOCK", "(?:DATE)?MINUTES", "DAY"))
+    forms = ("CLOCK", r"CLOCK:(?P<t2>\d{3})", "(?:DATE)?MINUTES", "DAY")
+    return tuple(form + behind for form in forms)
 
 
 def _time(begin: str) -> re.Pattern[str]:
@@ -140,6 +141,12 @@ _LENGTH = re.compile(
 )
 """How many bytes there are, apart from them as they are not from each other."""
 _SOURCE = re.compile(r"\s*\[[A-Za-z_/][\w./ -]*\]\s*(?=:)")
+_PROGRAM = re.compile(
+    r"\s*\[[A-Za-z_/][\w./-]*-\d+\]\s*(?=\[(?:TRACE|DEBUG|INFO|WARN|ERROR)\])"
+    r"|[EWIDV] \(\d+\) [A-Za-z_][\w.-]*:(?=\s)"
+    rf"|\s*(?:COM\d{{1,3}}|/dev/tty\w+)\s*:?\s+(?={_DIRECTION})"
+)
+"""What wrote the line, or where: ros2 launch, ESP-IDF, a port."""
 _HASH = re.compile(rf"\s*#\s*(?={_DIRECTION})", re.IGNORECASE)
 _PUTTY = re.compile(
     r"\s*(?:(?P<way>Incoming|Outgoing) raw data at (?P<when>.*)|=~[=~]*\s.*|Event Log: .*)"
@@ -163,7 +170,8 @@ def head_of(line: str, *, timed: bool = False) -> Head:
     """
     if putty := _PUTTY.match(line):
         return _of_putty(line, putty)
-    stamp, mark, at = None, None, 0
+    program = _PROGRAM.match(line)
+    stamp, mark, at = None, None, program.end() if program else 0
     time_of = _TIME_AS_BEFORE if timed else _TIME
     while True:
         if stamp is None and (time := time_of.match(line, at)):
