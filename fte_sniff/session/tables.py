@@ -54,8 +54,7 @@ def scan(paths: Paths) -> pl.LazyFrame:
     def batches(
         names: list[str] | None, wanted: pl.Expr | None, limit: int | None, _size: int | None
     ) -> Iterator[pl.DataFrame]:
-        found = _frames(readers, names, wanted)
-        return found if limit is None else _limited(found, limit)
+        return _frames(readers, names, wanted, limit)
 
     return register_io_source(batches, schema=dict(TABLE_SCHEMA), is_pure=True)
 
@@ -78,7 +77,7 @@ def read(paths: Paths) -> pl.DataFrame:
             lost, as `decode` does.
     """
     readers = _opened(paths)
-    frames = list(_frames(readers, None, None))
+    frames = list(_frames(readers, None, None, None))
     if not frames:
         return pl.DataFrame(schema=dict(TABLE_SCHEMA))
     return pl.concat(frames, rechunk=False)
@@ -91,18 +90,37 @@ def _opened(paths: Paths) -> list[RecordingReader]:
 
 
 def _frames(
-    readers: Sequence[RecordingReader], names: list[str] | None, wanted: pl.Expr | None
+    readers: Sequence[RecordingReader],
+    names: list[str] | None,
+    wanted: pl.Expr | None,
+    limit: int | None,
 ) -> Iterator[pl.DataFrame]:
+    """The frames of a query: of the first `limit` rows, those that pass the filter."""
     make = _maker(names, wanted)
     # A row's time is never later than its log time, so no chunk that ends before can hold one. It
     # may be earlier by any time, so chunks that begin after the last time must be looked through.
-    span = Span(0 if wanted is None else earliest_ns(wanted))
+    # Where rows are numbered, those that do not pass count too, so none may be passed over.
+    span = Span(0 if wanted is None or limit is not None else earliest_ns(wanted))
+    for columns in _first(_columns(readers, span), limit):
+        yield make(columns)
+
+
+def _columns(readers: Sequence[RecordingReader], span: Span) -> Iterator[RowColumns]:
     words = Words()
     for reader in readers:
-        for columns in reader.batches(words, span):
-            if len(columns):
-                yield make(columns)
+        yield from (columns for columns in reader.batches(words, span) if len(columns))
         _warn_of(reader)
+
+
+def _first(batches: Iterator[RowColumns], limit: int | None) -> Iterator[RowColumns]:
+    """The first so many rows of all batches; nothing is read behind them."""
+    if limit is None:
+        yield from batches
+        return
+    left = limit
+    while left > 0 and (columns := next(batches, None)) is not None:
+        yield columns if len(columns) <= left else columns.parted(slice(left))
+        left -= len(columns)
 
 
 def _warn_of(reader: RecordingReader) -> None:
@@ -111,9 +129,9 @@ def _warn_of(reader: RecordingReader) -> None:
     if len(lost) > _MOST_LOSSES:
         lost[_MOST_LOSSES:] = [f"{len(lost) - _MOST_LOSSES} more losses"]
     if lost:
-        # Above are the generator and `read`: the line that called it is where the warning belongs.
+        # Above are the generators and `read`: the line that called it is where the warning belongs.
         told = shown(f"{reader.path}: {'; '.join(lost)}")
-        warnings.warn(told, RecordingWarning, stacklevel=4)
+        warnings.warn(told, RecordingWarning, stacklevel=6)
 
 
 def _maker(names: list[str] | None, wanted: pl.Expr | None) -> Callable[[RowColumns], pl.DataFrame]:
@@ -130,12 +148,3 @@ def _maker(names: list[str] | None, wanted: pl.Expr | None) -> Callable[[RowColu
         return table_frame(left, names).select(names or pl.all())
 
     return make
-
-
-def _limited(frames: Iterator[pl.DataFrame], limit: int) -> Iterator[pl.DataFrame]:
-    left = limit
-    for frame in frames:
-        if left <= 0:
-            return
-        yield frame.head(left)
-        left -= frame.height

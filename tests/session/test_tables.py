@@ -3,11 +3,14 @@
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
 import polars as pl
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import fte_sniff
 from fte_sniff.analysis.table import TABLE_SCHEMA
@@ -63,6 +66,65 @@ def test_a_filter_gives_the_same_before_and_after_reading(wanted: pl.Expr) -> No
     assert asked.collect().equals(expected)
     assert asked.collect(engine="streaming").sort("offset").equals(expected.sort("offset"))
     assert asked.head(7).collect().equals(expected.head(7))
+
+
+_Frame = pl.LazyFrame | pl.DataFrame
+_FILTERS = [
+    pl.col("motor") == 3,
+    pl.col("length") > 0,
+    pl.col("offset") % 20 == 0,
+    *(pl.col("time") >= datetime(2026, 1, 31, 12, 0, at, tzinfo=UTC) for at in (1, 10, 19)),
+]
+
+
+@st.composite
+def _steps(draw: st.DrawFn) -> Callable[[_Frame], _Frame]:
+    rows = draw(st.integers(0, 1300))
+    columns = ["time", "motor", "offset", "length"]
+    return draw(
+        st.sampled_from(
+            [
+                lambda table: table.head(rows),
+                lambda table: table.tail(rows),
+                lambda table: table.slice(rows // 2, rows),
+                lambda table: table.slice(-rows, rows // 3),
+                lambda table: table.select(columns),
+                *(lambda table, by=by: table.filter(by) for by in _FILTERS),
+            ]
+        )
+    )
+
+
+@pytest.fixture(scope="module")
+def two_files(tmp_path_factory: pytest.TempPathFactory) -> tuple[pl.LazyFrame, pl.DataFrame]:
+    """Two recordings, each of several chunks, some of which end before a filter's time."""
+    rows = _rows(SAMPLES / "clean.mcap")
+    folders = [tmp_path_factory.mktemp(name) for name in ("first", "second")]
+    parts = (rows[:500], rows[500:])
+    paths = [_recording_by_chunks(*given) for given in zip(folders, parts, strict=True)]
+    return fte_sniff.scan(paths), fte_sniff.read(paths)
+
+
+@settings(max_examples=150, deadline=None)
+@given(steps=st.lists(_steps(), min_size=1, max_size=5))
+def test_a_query_gives_what_the_same_steps_give_of_the_whole(
+    two_files: tuple[pl.LazyFrame, pl.DataFrame], steps: list[Callable[[_Frame], _Frame]]
+) -> None:
+    """The first rows of a filter's are not the filter's of the first rows."""
+    lazy, whole = two_files
+    for step in steps:
+        lazy, whole = step(lazy), step(whole)
+    assert lazy.collect().equals(whole)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 499, 500, 501, 1200, 5000])
+def test_the_first_rows_are_counted_before_those_the_filter_leaves(
+    two_files: tuple[pl.LazyFrame, pl.DataFrame], count: int
+) -> None:
+    lazy, whole = two_files
+    for by in _FILTERS:
+        assert lazy.head(count).filter(by).collect().equals(whole.head(count).filter(by))
+        assert lazy.filter(by).head(count).collect().equals(whole.filter(by).head(count))
 
 
 def test_filters_columns_and_limits_reach_the_reader() -> None:
