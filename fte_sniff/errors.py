@@ -22,10 +22,17 @@ from typing import ClassVar
 
 from fte_sniff.said import Said
 
+_MOST_QUOTED = 60
+
 
 def shown(text: str) -> str:
     """Text from outside (a name, metadata) on one line, its control characters made visible."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def quoted(text: str) -> str:
+    """What a user wrote, in quotation marks; of what would fill a screen only the beginning."""
+    return repr(text if len(text) <= _MOST_QUOTED else f"{text[:_MOST_QUOTED]}…")
 
 
 class FteSniffError(Exception):

@@ -5,12 +5,20 @@ It must not know how a line is laid out.
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from datetime import UTC, date, datetime, timedelta, timezone, tzinfo
 
-from fte_sniff.errors import InputTextError
+from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.formats.line_head import Stamp
 
-_DAY_NS = 24 * 3600 * 10**9
+_DAY_S = 24 * 3600
+_DAY_NS = _DAY_S * 10**9
+_YEARS = range(1970, 2263)
+_END_NS = 2**63
+"""In 2262: a table's times are 64 bits, nanoseconds since 1970."""
+_OUTSIDE = f"its time is not from {_YEARS.start} to {_YEARS[-1]}"
+_OFFSET = re.compile(r"([+-])([01]?[0-9]|2[0-3])(?::?([0-5][0-9]))?", re.ASCII)
 
 
 class LogClock:
@@ -45,6 +53,13 @@ class LogClock:
             stamp: the time as it is written.
             line: where it holds, to be told where it is none.
         """
+        t_ns = self._told(stamp, line)
+        if t_ns is None or 0 <= t_ns < _END_NS:
+            return t_ns
+        self._refuse(_OUTSIDE, line)
+        return None
+
+    def _told(self, stamp: Stamp, line: int) -> int | None:
         if stamp.epoch_ns is not None or stamp.clock_ns is None:
             return stamp.epoch_ns
         # 24:00:00 is the end of a day; nothing else is behind it.
@@ -58,6 +73,12 @@ class LogClock:
         day = self._day_of(stamp)
         if day is None:
             self.undated = True
+            return None
+        if day.year not in _YEARS:
+            self._refuse(_OUTSIDE, line)
+            return None
+        if stamp.zone_s is not None and abs(stamp.zone_s) >= _DAY_S:
+            self._refuse("its zone is none, for it is a day or more from UTC", line)
             return None
         return self._moment(day, stamp)
 
@@ -80,11 +101,12 @@ class LogClock:
         clock_ns = stamp.clock_ns or 0
         if self._day is not None and self._last_ns is not None:
             # A clock that falls by more than half a day has passed midnight.
-            self._day += timedelta(days=clock_ns < self._last_ns - _DAY_NS // 2)
+            with suppress(OverflowError):
+                self._day += timedelta(days=clock_ns < self._last_ns - _DAY_NS // 2)
         self._last_ns = clock_ns
         return self._day
 
-    def _moment(self, day: date, stamp: Stamp) -> int | None:
+    def _moment(self, day: date, stamp: Stamp) -> int:
         zone: tzinfo | None = self._zone
         if stamp.zone_s is not None:
             zone = timezone(timedelta(seconds=stamp.zone_s))
@@ -92,8 +114,8 @@ class LogClock:
         clock_s, rest_ns = divmod(stamp.clock_ns or 0, 10**9)
         midnight = datetime(day.year, day.month, day.day)
         when = (midnight + timedelta(seconds=clock_s)).replace(tzinfo=zone or UTC)
-        seconds = int((when - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
-        return seconds * 10**9 + rest_ns if seconds >= 0 else None
+        since_1970 = when - datetime(1970, 1, 1, tzinfo=UTC)
+        return since_1970 // timedelta(seconds=1) * 10**9 + rest_ns
 
 
 def _is_day(written: tuple[int, int, int]) -> bool:
@@ -116,27 +138,32 @@ def day_of(text: str) -> date:
         InputTextError: it is none.
     """
     try:
-        return date.fromisoformat(text.strip())
+        day = date.fromisoformat(text.strip())
     except ValueError:
-        raise InputTextError(f"--date: {text!r} is no day; write it as 2026-01-31") from None
+        raise InputTextError(f"--date: {quoted(text)} is no day; write it as 2026-01-31") from None
+    if day.year not in _YEARS:
+        raise InputTextError(
+            f"--date: {day} cannot be kept; times go from {_YEARS.start} to {_YEARS[-1]}"
+        )
+    return day
 
 
 def zone_of(text: str) -> tzinfo:
-    """The zone that `--zone` names: `+08:00`, `UTC`, or as `Asia/Shanghai`.
+    """The zone that `--zone` names: `+08:00`, `+8`, `UTC`, or as `Asia/Shanghai`.
 
     Raises:
         InputTextError: it is none.
     """
     name = text.strip()
+    if offset := _OFFSET.fullmatch(name):
+        sign, hours, minutes = offset.groups()
+        east = timedelta(hours=int(hours), minutes=int(minutes or 0))
+        return timezone(-east if sign == "-" else east)
     try:
-        if name[:1] in ("+", "-"):
-            found = datetime.strptime(name, "%z").tzinfo
-            assert found is not None
-            return found
         from zoneinfo import ZoneInfo
 
         return UTC if name.upper() in ("UTC", "Z") else ZoneInfo(name)
     except (ValueError, OSError, KeyError):
         raise InputTextError(
-            f"--zone: {text!r} is no zone; write +08:00, UTC, or a name as Asia/Shanghai"
+            f"--zone: {quoted(text)} is no zone; write +08:00, UTC, or a name as Asia/Shanghai"
         ) from None

@@ -4,8 +4,9 @@ It must not know of frames.
 
 A chunk of n bytes was read at t. Its byte i is taken to have begun n - i byte times before t, but
 not before the read before it: `max(P, t - (n - i) * byte time)`, where P is the latest time at
-which bytes of this port were read before. So times never fall, and they are the same however the
-bytes were cut into chunks, if a piece cut off earlier carries the correspondingly earlier time.
+which bytes of this port were read before, and 1970 for the first. So times never fall, and they are
+the same however the bytes were cut into chunks, if a piece cut off earlier carries the
+correspondingly earlier time.
 
 Silence before a chunk is what is left between P and its first byte. An empty chunk says that
 nothing came up to its time; it is silence too, but moves no byte.
@@ -28,7 +29,7 @@ class Mark(NamedTuple):
     """Offset behind the last byte."""
     t_ns: int | None
     """When they were read, nanoseconds since 1970 UTC."""
-    floor_ns: int | None
+    floor_ns: int
     """No byte of them began before this time."""
     byte_ns: int
 
@@ -38,7 +39,7 @@ class Mark(NamedTuple):
         if t_ns is None:
             return None, None
         delay = (stop - offset) * byte_ns
-        if floor_ns is None or t_ns - delay >= floor_ns:
+        if t_ns - delay >= floor_ns:
             return t_ns - delay, delay
         return floor_ns, t_ns - floor_ns if t_ns > floor_ns else 0
 
@@ -50,7 +51,7 @@ class Timeline:
         self._byte_ns = byte_ns
         self._marks: deque[Mark] = deque()
         self._size = 0
-        self._floor: int | None = None
+        self._floor = 0
         self._silent_since: int | None = None
 
     def pace(self, byte_ns: int) -> None:
@@ -65,16 +66,14 @@ class Timeline:
         before, self._silent_since = self._silent_since, chunk.t_ns
         if chunk.t_ns is None:
             return 0
-        if self._floor is not None:
-            self._silent_since = max(self._floor, chunk.t_ns)
-        self._floor = self._silent_since
+        self._silent_since = self._floor = max(self._floor, chunk.t_ns)
         if before is None:
             return 0
         return max(0, chunk.t_ns - len(chunk.data) * self._byte_ns - before)
 
     def set_back(self) -> None:
         """The clock was set: the next bytes may have begun before those read by now."""
-        self._floor = self._silent_since = None
+        self._floor, self._silent_since = 0, None
 
     def silence_at(self, t_ns: int | None) -> int:
         """How long the line has been silent at `t_ns`, nanoseconds, 0 if unknown."""

@@ -14,6 +14,7 @@ from fte_sniff.formats.pastes import logged_bytes
 from fte_sniff.formats.text_lines import Piece
 from fte_sniff.protocol import Framer, Row, iso_time
 
+OUTSIDE = "line 2: its time is not from 1970 to 2262; rows there have no time"
 DAY = date(2026, 1, 31)
 CHINA = timezone(timedelta(hours=8))
 SENT, RECEIVED = Mark.SENT, Mark.RECEIVED
@@ -150,13 +151,27 @@ def test_times_that_go_back_are_kept_and_told_once(times: list[str], told: list[
             None,
             ["line 2: 25:00:00 is no time of day; rows there have no time"],
         ),
+        ("2262-04-11 23:47:16.854Z", "2262-04-11T23:47:16", []),
+        ("1970-01-01 07:59:59+08:00", None, [OUTSIDE]),
+        ("1969-12-31 23:59:59Z", None, [OUTSIDE]),
+        ("0001-01-01 00:00:00+09:00", None, [OUTSIDE]),
+        ("2262-04-11 23:47:16.855Z", None, [OUTSIDE]),
+        ("9999-12-31 23:59:59-09:00", None, [OUTSIDE]),
+        ("9999-12-31 24:00:00Z", None, [OUTSIDE]),
+        ("9999999999.123", None, [OUTSIDE]),
+        (
+            "2026-01-31 14:00:00+99:99",
+            None,
+            ["line 2: its zone is none, for it is a day or more from UTC; rows there have no time"],
+        ),
     ],
 )
 def test_a_time_that_is_none_is_told_with_its_line(
     time: str, is_at: str | None, told: list[str]
 ) -> None:
     log = log_of(f"[2026-01-31 10:00:00Z] AA\n[{time}] AA")
-    assert [chunk.t_ns and iso_time(chunk.t_ns)[:19] for chunk in log][1] == is_at
+    _, t_ns = (chunk.t_ns for chunk in log)
+    assert (None if t_ns is None else iso_time(t_ns)[:19]) == is_at
     assert log.about_times == told
 
 
@@ -171,13 +186,44 @@ def test_what_is_no_day(text: str) -> None:
         day_of(text)
 
 
-@pytest.mark.parametrize("text", ["Beijing", "+99:99", "", "../etc"])
+@pytest.mark.parametrize("text", ["9999-12-31", "1969-12-31", "2263-01-01"])
+def test_a_day_whose_times_cannot_be_kept(text: str) -> None:
+    with pytest.raises(InputTextError, match=f"--date: {text} cannot be kept; times go from 1970"):
+        day_of(text)
+
+
+def test_the_first_row_of_all_times_is_not_before_them() -> None:
+    rows = rows_of(log_of(f"[1970-01-01 00:00:00Z] {BYTES}"))
+    assert [row.t_ns for row in rows] == [0]
+
+
+def test_midnight_may_pass_on_the_last_day() -> None:
+    text = "[2262-12-31 00:00:00Z] AA\n[23:00:00] AA\n[01:00:00] AA"
+    log = log_of(text, LogClock(date.max))
+    assert [chunk.t_ns for chunk in log] == [None, None, None]
+
+
+@pytest.mark.parametrize(
+    "text", ["Beijing", "+99:99", "", "../etc", "+24", "+08:60", "+23:59:59.5", "+8:", "8", "+٨"]
+)
 def test_what_is_no_zone(text: str) -> None:
     with pytest.raises(InputTextError, match=r"--zone: .* is no zone; write \+08:00"):
         zone_of(text)
 
 
-@pytest.mark.parametrize("text", ["+08:00", "+0800", "Asia/Shanghai"])
+def test_what_fills_a_screen_is_not_quoted_whole() -> None:
+    for of in (day_of, zone_of):
+        with pytest.raises(InputTextError) as caught:
+            of("X" * 5000)
+        assert len(str(caught.value)) < 200
+
+
+def test_a_zone_west_of_utc() -> None:
+    clock = LogClock(DAY, zone_of("-3:30"))
+    assert times_of("[08:00:00.0] AA", clock) == ["2026-01-31T11:30:00.000000000Z"]
+
+
+@pytest.mark.parametrize("text", ["+08:00", "+0800", "+08", "+8", "+8:00", "Asia/Shanghai"])
 def test_a_zone_can_be_written_so(text: str) -> None:
     clock = LogClock(DAY, zone_of(text))
     assert times_of("[08:00:00.0] AA", clock) == ["2026-01-31T00:00:00.000000000Z"]
