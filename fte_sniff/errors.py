@@ -30,9 +30,14 @@ def shown(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def shortened(text: str) -> str:
+    """What a user wrote; of what would fill a screen only the beginning."""
+    return text if len(text) <= _MOST_QUOTED else f"{text[:_MOST_QUOTED]}…"
+
+
 def quoted(text: str) -> str:
-    """What a user wrote, in quotation marks; of what would fill a screen only the beginning."""
-    return repr(text if len(text) <= _MOST_QUOTED else f"{text[:_MOST_QUOTED]}…")
+    """The same in quotation marks."""
+    return repr(shortened(text))
 
 
 class FteSniffError(Exception):

@@ -107,8 +107,10 @@ class RecordingInput:
 
     @property
     def times(self) -> tuple[int, int] | None:
-        """First and last time of its rows, as the file tells."""
-        return self.reader.times
+        """First and last time of its rows, for which some of it is read."""
+        from fte_sniff.recording.row_times import row_times
+
+        return row_times(self.reader)
 
     @property
     def count(self) -> int | None:
@@ -148,9 +150,9 @@ class RecordingInput:
         for loss in (*self.reader.losses, self.reader.ending):
             if loss:
                 note(f"{path}: {loss}")
-        if span is not None and not some and self.times is not None:
+        if span is not None and not some and (known := self.reader.times) is not None:
             held = "rows" if self.count is None else f"{self.count:,} rows and events"
-            note(f"{path}: {_none_in_span(held, *self.times)}")
+            note(f"{path}: {_none_in_span(held, *known)}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,7 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     passage    some rows by where they stand in the file, to be read again
     bulk       one pass over the records by columns, on all cores
     reader     RecordingReader: the rows and events of a file, one by one or by columns
+    row_times  when the first row was and when the last, for little reading
     files      which files a folder or a pattern means, and their order
     topic      the bytes that another program recorded on a topic of its own
     bulk_packing  columns to the messages of a chunk

@@ -7,7 +7,11 @@ import pytest
 
 from fte_sniff.cli.spans import span_of
 from fte_sniff.errors import FteSniffError
-from fte_sniff.protocol import iso_time
+from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, iso_time
+from fte_sniff.recording.facts import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.row_times import row_times
+from fte_sniff.recording.writer import RecordingWriter
 
 SECOND = 10**9
 FIRST = 1_769_860_800 * SECOND + 500_000_000
@@ -62,6 +66,14 @@ def test_no_text_is_no_span() -> None:
         (None, "+10s", None, "--to +10s: the input tells no times"),
         ("12:00", None, None, "the input tells no times"),
         ("+20s", "+10s", (FIRST, LAST), "nothing lies between"),
+        ("12:00:20", "12:00:10", (FIRST, LAST), "a time of day is one of the first row's day"),
+        ("9999-12-31", None, (FIRST, LAST), "'9999-12-31' is after 2262-04-11T23:47:16.854775807Z"),
+        ("+99999999999999999999s", None, (FIRST, LAST), "and so after any row"),
+        (f"+{'9' * 5000}s", None, (FIRST, LAST), "and so after any row"),
+        ("9" * 5000, "x", (FIRST, LAST), "is no time"),
+        (f"+{'9' * 5000}", None, (FIRST, LAST), "is no length of time"),
+        (None, "+" + "9" * 5000, None, "the input tells no times"),
+        (f"-{'0' * 5000}1s", f"-{'0' * 5000}2s", (FIRST, LAST), "is not before --to"),
     ],
 )
 def test_what_is_no_span_is_refused(
@@ -70,7 +82,88 @@ def test_what_is_no_span_is_refused(
     with pytest.raises(FteSniffError) as caught:
         span_of(since, until, [times])
     assert told in str(caught.value)
+    assert len(str(caught.value)) < 300
     assert caught.value.exit_code == 2
+
+
+DAY = 86400 * SECOND
+OVERNIGHT = (FIRST - FIRST % DAY + DAY - 10 * SECOND, FIRST - FIRST % DAY + DAY + 20 * SECOND)
+"""2026-01-31T23:59:50 to 2026-02-01T00:00:20."""
+
+
+@pytest.mark.parametrize(
+    ("since", "until", "times", "end"),
+    [
+        ("23:59:58", "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        (None, "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        ("+1s", "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        ("2026-02-01", "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        ("23:59:52", "23:59:55", OVERNIGHT, "2026-01-31T23:59:55"),
+        (None, "23:59:55", OVERNIGHT, "2026-01-31T23:59:55"),
+        ("12:00:20", "12:00:30", (FIRST, LAST), "2026-01-31T12:00:30"),
+        (None, "11:00", (FIRST, LAST), "2026-01-31T11:00:00"),
+        (None, "9999-12-31", (FIRST, LAST), "2262-04-11T23:47:16"),
+        (None, "+99999999999999999999s", (FIRST, LAST), "2262-04-11T23:47:16"),
+    ],
+)
+def test_the_end_is_the_first_such_time_behind_the_beginning(
+    since: str | None, until: str, times: tuple[int, int], end: str
+) -> None:
+    span = span_of(since, until, [times])
+    assert span is not None
+    assert iso_time(span.end_ns)[:19] == end
+
+
+def test_a_length_beyond_all_times_lets_all_rows_pass() -> None:
+    assert span_of("-99999999999999999999s", None, [(FIRST, LAST)]).holds(
+        Frame("p", 0, bytes(10), FIRST, (), 0)
+    )
+
+
+def _with_events(path: Path, samples: Path) -> list[Row]:
+    """A recording whose port was opened long before its first row, and closed long after."""
+    rows = list(RecordingReader(samples / "clean.mcap"))
+    times = [row.t_ns for row in rows if row.t_ns is not None]
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write([PortEvent(min(times) - DAY, "p", PortEventKind.OPENED, "")])
+        writer.flush()
+        for at in range(0, len(rows), 100):
+            writer.write(rows[at : at + 100])
+            writer.flush()
+        writer.write([PortEvent(max(times) + DAY, "p", PortEventKind.LOST, "")])
+    return rows
+
+
+@pytest.mark.parametrize("cut", [0, 100])
+def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
+    run, samples: Path, tmp_path: Path, cut: int
+) -> None:
+    path = tmp_path / "events.mcap"
+    rows = _with_events(path, samples)
+    if cut:
+        path.write_bytes(path.read_bytes()[:-cut])
+    first, last = rows[0].t_ns, rows[-1].t_ns
+    assert row_times(RecordingReader(path)) == (first, last)
+    known = [row.t_ns - first for row in rows]
+    for options, count in (
+        (["--from", "+10s"], sum(at >= 10 * SECOND for at in known)),
+        (["--from", "-1s"], sum(at >= known[-1] - SECOND for at in known)),
+        (["--to", "+1s"], sum(at < SECOND for at in known)),
+        (["--to", "-1s"], sum(at < known[-1] - SECOND for at in known)),
+    ):
+        assert 0 < count < len(rows)
+        done = run("decode", path, "--format", "csv", *options)
+        assert len(done.stdout.splitlines()) == 1 + count, options
+        assert f"rows       {count:,}, " in run("stats", path, *options).stdout
+
+
+def test_a_recording_of_events_alone_has_no_first_row(run, tmp_path: Path) -> None:
+    path = tmp_path / "events.mcap"
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write([PortEvent(FIRST, "p", PortEventKind.OPENED, "")])
+    done = run("decode", path, "--from", "+1s")
+    assert done.returncode == 2
+    assert "the input tells no times; give a recording or a dated log, with rows" in done.stderr
 
 
 def test_decode_leaves_out_what_lies_outside(run, samples: Path) -> None:
