@@ -24,10 +24,11 @@ damage is labelled with its cause. A recording is complete in itself at every mo
 user can do wrong ends in one line that says what, where, and the way out.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+# Nothing is imported here: `__main__` is to say first what Ctrl-C does.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from fte_sniff.errors import (
         FileError,
         FilterError,
@@ -78,8 +79,10 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     """Load the public names when they are asked for, so that the program can begin at once."""
+    from importlib import import_module
+
     if name in __all__:
         for room in ("errors", "protocol", "session.tables"):
             module = import_module(f"{__name__}.{room}")

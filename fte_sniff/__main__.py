@@ -4,7 +4,8 @@ Until all is loaded Ctrl-C ends the program as it ends any other, without a trac
 `cli` says what it does.
 """
 
-import signal
+# The one that `signal` is made on, and built in: nothing is loaded until Ctrl-C is seen to.
+import _signal as signal  # type: ignore[import-not-found]
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ from fte_sniff.cli.paths import FileName
 from fte_sniff.cli.reading import Reading
 from fte_sniff.cli.spans import span_of, span_options
 from fte_sniff.cli.summary import summary
-from fte_sniff.errors import shown
+from fte_sniff.cli.telling import tell
 from fte_sniff.formats.writers import OutputFormat, row_writer
 
 
@@ -63,7 +63,7 @@ def command(
     reading = Reading(inputs, span, wanted, limit)
     _write(form, output, reading, force=force)
     for note in reading.notes:
-        click.echo(f"fte-sniff: {shown(note)}", err=True)
+        tell(f"fte-sniff: {note}")
     told = summary(
         reading.tally,
         reading.written,
@@ -71,7 +71,7 @@ def command(
         filter_text=filter_text,
         spanned=span is not None,
     )
-    click.echo(told, err=True)
+    tell(told)
 
 
 def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: bool) -> None:

@@ -15,7 +15,7 @@ from typing import NoReturn
 import click
 
 from fte_sniff.cli.signals import interruptible
-from fte_sniff.cli.stdout import abandon_stdout, settle_streams
+from fte_sniff.cli.stdout import abandon, abandon_stdout, settle_streams, unwritable_stdout
 from fte_sniff.cli.telling import tell
 from fte_sniff.errors import FteSniffError, unwritable
 
@@ -65,7 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except FteSniffError as error:
         _end(str(error), error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message(), err=True)
+        with suppress(OSError):
+            click.echo(error.format_message(), err=True)
+        abandon(sys.stderr.fileno())
         sys.exit(error.exit_code)
     except click.ClickException as error:
         _end(_one_line(error), error.exit_code)
@@ -73,7 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         abandon_stdout()
         sys.exit(0)
     except OSError as error:
-        refused = unwritable(error.filename or "standard output", error)
+        known = error.filename is not None
+        refused = unwritable(error.filename, error) if known else unwritable_stdout(error)
         _end(str(refused), refused.exit_code)
     except (KeyboardInterrupt, click.Abort):
         abandon_stdout()

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fte_sniff.cli.telling import tell
+
 if TYPE_CHECKING:
     from fte_sniff.capture.listing import PortListing
 
@@ -41,7 +43,7 @@ def command(form: str) -> None:
     for line in lines:
         click.echo(line)
     for hint in _hints(found):
-        click.echo(hint, err=True)
+        tell(hint)
 
 
 def _json(port: PortListing) -> str:

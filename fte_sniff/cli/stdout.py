@@ -10,7 +10,7 @@ import io
 import os
 import sys
 
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, reason_of
 
 
 class ClosedOutput(io.TextIOBase):
@@ -38,6 +38,13 @@ def settle_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+def unwritable_stdout(error: OSError) -> FileError:
+    """What to tell the user when standard output takes nothing; not every command has a `-o`."""
+    return FileError(
+        f"standard output cannot be written: {reason_of(error)}; let it go somewhere else"
+    )
 
 
 def abandon_stdout() -> None:

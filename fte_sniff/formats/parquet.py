@@ -5,13 +5,17 @@ It must not know where the rows come from.
 
 from __future__ import annotations
 
+import errno
+import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import polars as pl
+from polars.exceptions import PolarsError
 from polars.io.plugins import register_io_source
 
-from fte_sniff.errors import FteSniffError
+_SYSTEM_ERROR = re.compile(r"\(os error ([0-9]+)\)")
 
 
 def write_parquet(
@@ -21,18 +25,30 @@ def write_parquet(
 
     Raises:
         OSError: the file cannot be written.
-        FteSniffError: what the frames raise.
+        Exception: what the frames raise.
     """
-    raised: list[FteSniffError] = []
+    raised: list[Exception] = []
 
     def source(
         _names: list[str] | None, _wanted: pl.Expr | None, _limit: int | None, _size: int | None
     ) -> Iterator[pl.DataFrame]:
         try:
             yield from frames
-        except FteSniffError as error:
+        except Exception as error:  # noqa: BLE001 - through polars it would lose its type
             raised.append(error)
 
-    register_io_source(source, schema=schema).sink_parquet(path, engine="streaming")
+    try:
+        register_io_source(source, schema=schema).sink_parquet(path, engine="streaming")
+    except PolarsError as error:
+        if not raised:
+            raise _refused(error) from error
     if raised:
         raise raised[0]
+
+
+def _refused(error: PolarsError) -> OSError:
+    """What the system said when polars wrote; of some writes polars tells no more than that."""
+    said = _SYSTEM_ERROR.search(str(error))
+    if said is None:
+        return OSError(errno.EIO, f"a write failed ({' '.join(str(error).split())})")
+    return OSError(int(said[1]), os.strerror(int(said[1])))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.cli.main import COMMANDS
-from tests.cli.conftest import SAMPLES
+from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.terminals import terminal
 
 HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "rich", "serial")
@@ -79,6 +79,21 @@ def test_no_command_prints_the_help(run, arguments: list[str]) -> None:
     done = run(*arguments)
     assert done.returncode == 2
     assert "Commands:\n" in done.stderr
+
+
+def test_nothing_is_loaded_before_ctrl_c_is_seen_to() -> None:
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1]); before = set(sys.modules);"
+        " import fte_sniff.__main__; print(sorted(set(sys.modules) - before))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", program, str(ROOT)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    assert done.stdout.strip() == "['fte_sniff', 'fte_sniff.__main__']"
 
 
 def test_ctrl_c_while_it_loads_is_no_traceback(environment, tmp_path: Path) -> None:

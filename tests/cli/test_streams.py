@@ -32,7 +32,8 @@ def shell(command: str, environment: dict[str, str], folder: Path) -> tuple[str,
 
 @pytest.fixture
 def bash(environment: dict[str, str], tmp_path: Path, samples: Path):
-    (tmp_path / "clean.mcap").write_bytes((samples / "clean.mcap").read_bytes())
+    for name in ("clean.mcap", "clean.raw"):
+        (tmp_path / name).write_bytes((samples / name).read_bytes())
     return lambda command: shell(command, environment, tmp_path)
 
 
@@ -62,7 +63,36 @@ def test_a_full_output_is_one_line(bash, command: str) -> None:
     codes, _, errors = bash(f"{command} >/dev/full")
     assert codes == "4"
     assert errors.count("\n") == 1
-    assert "disk is full" in errors
+    assert "disk is full; let it go somewhere else" in errors
+
+
+@pytest.mark.parametrize("command", [*WRITERS, "F ports", "F doctor", "F decode clean.raw"])
+def test_what_cannot_be_told_does_not_fail_what_is_done(bash, command: str) -> None:
+    plain, expected, _ = bash(command)
+    codes, output, _ = bash(f"{command} 2>/dev/full")
+    assert (codes, output) == (plain, expected)
+
+
+def test_help_that_cannot_be_told_ends_as_ever(bash) -> None:
+    assert bash("F 2>/dev/full")[0] == bash("F")[0] == "2"
+
+
+@pytest.mark.parametrize("blocks", [1, 5, 20])
+@pytest.mark.parametrize("form", ["parquet", "mcap", "raw"])
+def test_a_file_that_may_not_grow_is_one_line_and_leaves_nothing(
+    bash, tmp_path: Path, blocks: int, form: str
+) -> None:
+    """Whatever writes the form, and wherever in the file it is refused."""
+    before = sorted(path.name for path in tmp_path.iterdir())
+    codes, _, errors = bash(
+        f"(ulimit -f {blocks}; F decode clean.mcap clean.mcap clean.mcap -o rows.{form})"
+    )
+    assert codes == "4", errors
+    assert errors.count("\n") == 1
+    assert errors.startswith("fte-sniff: rows.")
+    assert "cannot be written: " in errors
+    left = sorted(path.name for path in tmp_path.iterdir() if path.name != "codes")
+    assert [name for name in left if name not in before] == []
 
 
 @pytest.mark.parametrize("command", WRITERS)
