@@ -27,6 +27,8 @@ class AnswerNumbers:
     answered: int
     unanswered: int
     """Commands by whether feedback came before the next one; those that await none are neither."""
+    neither: int
+    """Commands that await no feedback, and those behind which the rows end or were left out."""
     waiting: bool
     """Whether the last command was neither answered nor followed by another."""
     delays: Durations
@@ -57,6 +59,11 @@ class Answers:
             took = motor.pairing.add(Moments.of(rows, commands), Moments.of(rows, feedback))
             motor.delays.add(took.delays_ns, took.ends_ns)
 
+    def interrupt(self) -> None:
+        """Rows are missing here: no answer is looked for behind this."""
+        for motor in self._motors.values():
+            motor.pairing.interrupt()
+
     def numbers(self) -> list[AnswerNumbers]:
         """Every motor, by its number."""
         return [
@@ -66,6 +73,7 @@ class Answers:
                 motor.feedback,
                 motor.pairing.answered,
                 motor.pairing.unanswered,
+                motor.commands - motor.pairing.answered - motor.pairing.unanswered,
                 motor.pairing.waiting,
                 motor.delays,
             )

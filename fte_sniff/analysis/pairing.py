@@ -77,6 +77,10 @@ class Pairing:
         """From a command's first byte to that of its answer, nanoseconds, the latest of them."""
         self._waiting: tuple[int, int] | None = None
 
+    def interrupt(self) -> None:
+        """Frames are missing here: whether the last command was answered will never be known."""
+        self._waiting = None
+
     def copied(self) -> Pairing:
         """The same, which later frames do not change."""
         other = copy(self)

@@ -69,6 +69,9 @@ class PortRun:
         self.first_ns: int | None = None
         self.last_ns: int | None = None
         self.end_ns = 0
+        self._runs = 0
+        self._between_rows_ns = self._between_ends_ns = 0
+        self._goes_on = False
         self.silences = Durations()
         self.events: dict[PortEventKind, EventNumbers] = {}
 
@@ -94,26 +97,41 @@ class PortRun:
         self.taken_ns += int((ends_ns - t_ns).sum())
         if not len(t_ns):
             return
-        if self.first_ns is None:
-            self.first_ns = self.end_ns = int(t_ns[0])
+        if not self._goes_on:
+            self._begin_run(int(t_ns[0]))
         before = np.concatenate(([self.end_ns], ends_ns[:-1]))
         silent = t_ns - before
         self.silences.add(silent[silent > 0], t_ns[silent > 0])
         self.last_ns, self.end_ns = int(t_ns[-1]), int(ends_ns[-1])
 
+    def _begin_run(self, t_ns: int) -> None:
+        """What lies before this time was not silence, but rows that are not here."""
+        if self.first_ns is None or self.last_ns is None:
+            self.first_ns = t_ns
+        else:
+            self._between_rows_ns += t_ns - self.last_ns
+            self._between_ends_ns += t_ns - self.end_ns
+        self.end_ns, self._runs, self._goes_on = t_ns, self._runs + 1, True
+
+    def interrupt(self) -> None:
+        """Rows are missing here, so that the next one is measured against none before."""
+        self._goes_on = False
+
     @property
     def per_s(self) -> float | None:
-        """Rows, on the average from the first to the last."""
-        if self.first_ns is None or self.last_ns is None or self.last_ns <= self.first_ns:
+        """Rows, on the average from the first to the last; None where that cannot be told."""
+        if self.first_ns is None or self.last_ns is None:
             return None
-        return (self.timed - 1) * 1e9 / (self.last_ns - self.first_ns)
+        span = self.last_ns - self.first_ns - self._between_rows_ns
+        return (self.timed - self._runs) * 1e9 / span if span > 0 else None
 
     @property
     def share(self) -> float | None:
         """Of the time from the first row to the end of the last that bytes took."""
-        if self.first_ns is None or self.end_ns <= self.first_ns:
+        if self.first_ns is None:
             return None
-        return self.taken_ns / (self.end_ns - self.first_ns)
+        span = self.end_ns - self.first_ns - self._between_ends_ns
+        return self.taken_ns / span if span > 0 else None
 
     def happened(self, event: PortEvent) -> None:
         """This happened to it."""

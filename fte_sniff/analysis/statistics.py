@@ -67,6 +67,12 @@ class Statistics:
         for event in events:
             self._port(event.port).happened(event)
 
+    def interrupt(self) -> None:
+        """Rows are missing here: no silence, period or rate goes over this."""
+        self._streams.interrupt()
+        for port in self._ports.values():
+            port.interrupt()
+
     def pace(self, port: str, baud: int) -> None:
         """From here on this port has so many bits per second."""
         self._port(port).baud = baud

@@ -86,8 +86,10 @@ class _Stream:
 
     def __init__(self) -> None:
         self.count = 0
-        self.timed = 0
-        self.first_ns = self.last_ns = 0
+        self.last_ns = 0
+        self.goes_on = False
+        """Whether the next frame is measured against the one before."""
+        self._measured = self._measured_ns = 0
         self.periods = Durations()
         self.times = Recent()
         self.ranges: dict[str, tuple[int, int]] = {}
@@ -97,14 +99,13 @@ class _Stream:
         self.count += count
         if not len(t_ns):
             return
-        before = t_ns[:1] if not self.timed else [self.last_ns]
-        periods = np.diff(t_ns, prepend=before)[0 if self.timed else 1 :]
+        before = [self.last_ns] if self.goes_on else t_ns[:1]
+        periods = np.diff(t_ns, prepend=before)[0 if self.goes_on else 1 :]
         ends = t_ns[len(t_ns) - len(periods) :]
         self.periods.add(periods[periods >= 0], ends[periods >= 0])
-        if not self.timed:
-            self.first_ns = int(t_ns[0])
-        self.last_ns = int(t_ns[-1])
-        self.timed += len(t_ns)
+        self._measured += len(periods)
+        self._measured_ns += int(periods.sum())
+        self.last_ns, self.goes_on = int(t_ns[-1]), True
         self.times.add(t_ns)
 
     def stretch(self, name: str, low: int, high: int) -> None:
@@ -115,8 +116,7 @@ class _Stream:
 
     @property
     def per_s(self) -> float | None:
-        span = self.last_ns - self.first_ns
-        return (self.timed - 1) * 1e9 / span if span > 0 else None
+        return self._measured * 1e9 / self._measured_ns if self._measured_ns > 0 else None
 
 
 def _ends(rows: Decoded, order: Ints, starts: Ints) -> dict[_Place, tuple[list[int], list[int]]]:
@@ -155,6 +155,11 @@ class Streams:
             for name, where in _QUANTITIES[_STREAMS[place][0]].items():
                 lows, highs = ends[where]
                 stream.stretch(name, lows[number], highs[number])
+
+    def interrupt(self) -> None:
+        """Rows are missing here: no period goes over this."""
+        for stream in self._streams.values():
+            stream.goes_on = False
 
     def numbers(self, ports: Sequence[str], now_ns: int | None) -> list[StreamNumbers]:
         """Each, by port, kind and motor.

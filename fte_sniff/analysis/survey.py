@@ -47,13 +47,23 @@ class Survey:
         self._answers = Answers()
         self._flags = FlagsSeen()
         self._bauds: dict[str, int] = {}
+        self._gaps: list[int] = []
 
-    def begin(self, name: str, bauds: Mapping[str, int]) -> None:
+    def begin(
+        self, name: str, bauds: Mapping[str, int], left_out: Sequence[tuple[int, int]] = ()
+    ) -> None:
         """The rows to come are of this input, which tells these ports' bits per second.
 
         Of ports whose baud was told, later changes of it are followed.
+
+        Args:
+            name: what people know the input by.
+            bauds: by port.
+            left_out: from when to when rows came that the input does not hold, nanoseconds since
+                1970 UTC; nothing is measured across.
         """
         self.sources.append(Source(name))
+        self._gaps = sorted(t_ns for first, last in left_out for t_ns in (first, last + 1))
         for port, baud in bauds.items():
             # What the next file of a capture tells is how it began, not how it went on.
             if self._bauds.get(port) != baud:
@@ -68,11 +78,25 @@ class Survey:
             if event.kind is PortEventKind.BAUD_CHANGED and event.port in self._bauds:
                 later = np.flatnonzero(packed["t_ns"][start:] >= event.t_ns)
                 end = start + int(later[0]) if len(later) else len(packed)
-                self._take(packed[start:end])
+                self._take_runs(packed[start:end])
                 self._statistics.pace(event.port, event.count)
                 start = end
-        self._take(packed[start:])
+        self._take_runs(packed[start:])
         self._statistics.add_events(events)
+
+    def _take_runs(self, packed: Packed) -> None:
+        """Take rows, and measure nothing across what the input does not hold."""
+        while self._gaps:
+            later = np.flatnonzero(packed["t_ns"] >= self._gaps[0])
+            if not len(later):
+                break
+            self._take(packed[: later[0]])
+            packed = packed[later[0] :]
+            while self._gaps and self._gaps[0] <= packed["t_ns"][0]:
+                del self._gaps[0]
+            self._statistics.interrupt()
+            self._answers.interrupt()
+        self._take(packed)
 
     def _take(self, packed: Packed) -> None:
         if not len(packed):

@@ -70,6 +70,7 @@ def command(
         partly=reading.written == limit,
         filter_text=filter_text,
         spanned=span is not None,
+        left_out=reading.left_out,
     )
     tell(told)
 

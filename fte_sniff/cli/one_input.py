@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from fte_sniff.recording.facts import PortFacts
     from fte_sniff.recording.reader import RecordingReader
     from fte_sniff.recording.span import Span
+    from fte_sniff.recording.stretches import Stretch
 
 STDIN_NAME = "stdin"
 """The port of rows that came through standard input."""
@@ -75,6 +76,10 @@ class Input(Protocol):
     @property
     def facts(self) -> Mapping[str, str]:
         """What it says about itself beside the ports: the host, the clock."""
+        ...
+
+    def left_out(self, span: Span | None) -> Sequence[Stretch]:
+        """The rows that came in the span and that it does not hold, as far as it tells."""
         ...
 
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
@@ -131,6 +136,11 @@ class RecordingInput:
         own = ("library", "port.")
         return {name: fact for name, fact in told.items() if not name.startswith(own)}
 
+    def left_out(self, span: Span | None) -> Sequence[Stretch]:
+        """What a trigger, or a disk that failed, kept from it."""
+        told = self.reader.left_out()
+        return [one for one in told if span is None or span.touches(one.first_ns, one.last_ns)]
+
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, many thousands side by side; see `Input`."""
         from fte_sniff.recording.span import EVERYTHING
@@ -183,6 +193,10 @@ class LogInput:
     def facts(self) -> Mapping[str, str]:
         """A log says nothing."""
         return {}
+
+    def left_out(self, span: Span | None) -> Sequence[Stretch]:
+        """A log does not tell of what it does not hold."""
+        return ()
 
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, some thousands at once; see `Input`."""

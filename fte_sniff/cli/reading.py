@@ -14,6 +14,7 @@ from fte_sniff.cli.one_input import Input
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter import RowFilter
     from fte_sniff.recording.span import Span
+    from fte_sniff.recording.stretches import Stretch
 
 
 class Reading:
@@ -40,9 +41,16 @@ class Reading:
         self._span, self._wanted, self._limit = span, wanted, limit
         self.tally = Tally()
         """Of all rows that were read."""
+        self.left_out_of = [one.left_out(span) for one in inputs]
+        """By input, rows that came in the span and that it does not hold, as far as it tells."""
         self.notes: list[str] = []
         self.written = 0
         """Rows that were handed on."""
+
+    @property
+    def left_out(self) -> list[Stretch]:
+        """The same of all inputs."""
+        return [stretch for told in self.left_out_of for stretch in told]
 
     def __iter__(self) -> Iterator[Batch]:
         """The rows that are wanted, up to the limit."""

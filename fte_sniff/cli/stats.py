@@ -77,7 +77,7 @@ def command(
     span = span_of(since, until, (one.times for one in inputs))
     reading = Reading(inputs, span, wanted)
     survey = _surveyed(reading, baud)
-    asked = Asked(filter_text, reading.tally.rows)
+    asked = Asked(filter_text, reading.tally.rows, reading.left_out)
     if form is Form.JSON:
         numbers = document(survey, asked)
         click.echo(json.dumps(numbers, ensure_ascii=False, indent=2))
@@ -96,9 +96,9 @@ def _surveyed(reading: Reading, baud: int | None) -> Survey:
     from fte_sniff.analysis.survey import Survey
 
     survey = Survey(Bench(baud or DEFAULT_BAUD))
-    for one in reading.inputs:
+    for one, left_out in zip(reading.inputs, reading.left_out_of, strict=True):
         told = {port.name: port.baud for port in one.ports if port.baud} if baud is None else {}
-        survey.begin(one.name, told)
+        survey.begin(one.name, told, [(gap.first_ns, gap.last_ns) for gap in left_out])
         for batch in reading.of(one):
             survey.add(batch.sequence(), batch.events)
     return survey

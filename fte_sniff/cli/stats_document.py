@@ -6,7 +6,7 @@ Keys are only ever added; what an existing one means never changes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.port_run import EventNumbers, PortNumbers
     from fte_sniff.analysis.streams import StreamNumbers
     from fte_sniff.analysis.survey import Survey
+    from fte_sniff.recording.stretches import Stretch
 
 VERSION = 1
 """Of the object; a reader that knows it can read every object with the same."""
@@ -38,6 +39,8 @@ class Asked:
     """As the user wrote it; None where there was none."""
     rows_read: int
     """How many rows there were before the filter."""
+    left_out: Sequence[Stretch] = ()
+    """Rows that came and that the inputs do not hold, as far as they tell."""
 
 
 def document(survey: Survey, asked: Asked) -> Json:
@@ -47,6 +50,15 @@ def document(survey: Survey, asked: Asked) -> Json:
         "version": VERSION,
         "filter": asked.filter_text,
         "rows_read": asked.rows_read,
+        "left_out": [
+            {
+                "rows": one.rows,
+                "first_time": _time(one.first_ns),
+                "last_time": _time(one.last_ns),
+                "reason": one.reason,
+            }
+            for one in asked.left_out
+        ],
         **_extent(total),
         "duration_s": _seconds(total.span_ns),
         "status": _statuses(survey.faults.by_status()),
@@ -139,6 +151,7 @@ def _motor(answers: AnswerNumbers, flags: FlagNumbers, *, in_order: bool) -> Jso
         "feedback": answers.feedback,
         "answered": known(answers.answered),
         "unanswered": known(answers.unanswered),
+        "neither": known(answers.neither),
         "delay": _durations(answers.delays if in_order else _none()),
         "error_bits": [
             {"bit": bit, "frames": seen.frames, **_times(seen)}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 from rich.text import Text
 
 from fte_sniff.cli.stats_document import COUNTED, Asked, line_use
+from fte_sniff.cli.summary import rows_in_places
 from fte_sniff.cli.text_table import HEAD_STYLE, TextTable
 from fte_sniff.errors import shown
 from fte_sniff.formats.layout import STATUS_MARK
@@ -86,6 +87,9 @@ def _whole(survey: Survey, asked: Asked) -> Iterator[Text]:
         of_them = f"holds for {total.rows:,} of {asked.rows_read:,} rows"
         yield _line("filter", f"{shown(asked.filter_text)}  {of_them}")
     yield _line("rows", f"{total.rows:,}, {total.bytes:,} bytes")
+    for reason in dict.fromkeys(one.reason for one in asked.left_out):
+        own = [one for one in asked.left_out if one.reason == reason]
+        yield _line("left out", f"{rows_in_places(own)}: {shown(reason)}")
     if total.first_ns is not None and total.last_ns is not None:
         yield _line("first", iso_time(total.first_ns))
         span = f"{(total.span_ns or 0) / 1e9:,.3f} s after the first"
@@ -209,7 +213,16 @@ def _stream_name(stream: StreamNumbers) -> str:
 
 
 def _motors(survey: Survey) -> TextTable:
-    heads = ["commands", "feedback", "answered", "unanswered", "delay", "99 %", "longest"]
+    heads = [
+        "commands",
+        "feedback",
+        "answered",
+        "unanswered",
+        "neither",
+        "delay",
+        "99 %",
+        "longest",
+    ]
     table = TextTable(["motor", *heads])
     for one in survey.answers():
         table.add([str(one.motor), *_answers(one, survey)])
@@ -219,10 +232,10 @@ def _motors(survey: Survey) -> TextTable:
 def _answers(one: AnswerNumbers, survey: Survey) -> list[str]:
     counts = [f"{one.commands:,}", f"{one.feedback:,}"]
     if not survey.in_order:
-        return [*counts, *[UNKNOWN] * 5]
+        return [*counts, *[UNKNOWN] * 6]
     delays = one.delays
     return [
-        *(*counts, f"{one.answered:,}", f"{one.unanswered:,}"),
+        *(*counts, f"{one.answered:,}", f"{one.unanswered:,}", f"{one.neither:,}"),
         *(span_text(delays.percentile_ns(50)), span_text(delays.percentile_ns(99))),
         span_text(delays.longest_ns),
     ]
@@ -232,6 +245,8 @@ def _motor_notes(survey: Survey, when: When) -> Iterator[Text]:
     """What the table of motors leaves to be told."""
     if not survey.in_order:
         yield Text("the inputs do not follow each other in time: what answered what is not known")
+    elif any(one.neither for one in survey.answers()):
+        yield Text("neither: resets, which await no answer, and commands still open where rows end")
     if not any(one.feedback for one in survey.answers()):
         return
     told = [line for flags in survey.flags() for line in _motor_flags(flags, survey, when)]

@@ -5,6 +5,7 @@ It must not count anything itself; the tally does.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fte_sniff.errors import shown
@@ -12,6 +13,7 @@ from fte_sniff.protocol import Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.tally import Tally
+    from fte_sniff.recording.stretches import Stretch
 
 
 ENOUGH_ROWS = 5
@@ -25,6 +27,7 @@ def summary(
     partly: bool = False,
     filter_text: str | None = None,
     spanned: bool = False,
+    left_out: Sequence[Stretch] = (),
 ) -> str:
     """What was read: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
@@ -34,6 +37,7 @@ def summary(
         partly: whether reading stopped at a limit, so that the numbers are not of the whole input.
         filter_text: what chose the rows that were written; None where all were.
         spanned: whether only rows of a span of time were read.
+        left_out: rows that came and that the input does not hold.
     """
     if partly:
         return f"stopped at the limit: {tally.rows:,} rows read so far, {written or 0:,} written"
@@ -46,7 +50,14 @@ def summary(
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
     advice = _missed(tally, written, filter_text, spanned=spanned) or hint(tally)
-    return ", ".join(parts) + _span(tally) + (advice and f"; {advice}")
+    lacking = f"; {rows_in_places(left_out)} left out when recorded" if left_out else ""
+    return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
+
+
+def rows_in_places(left_out: Sequence[Stretch]) -> str:
+    """`893 rows in 2 places`."""
+    rows, places = sum(one.rows for one in left_out), len(left_out)
+    return f"{rows:,} row{'s' * (rows != 1)} in {places:,} place{'s' * (places != 1)}"
 
 
 def _missed(tally: Tally, written: int | None, filter_text: str | None, *, spanned: bool) -> str:

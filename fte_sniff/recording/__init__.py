@@ -19,6 +19,7 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     keeping    what is to be kept: bounds, rotation, what surrounds an event
     trigger    which rows surround one that was asked for
     shelf      the files of one capture, and the room they may take
+    stretches  what a recording says of rows that are not in it
     gaps       what is missed while the disk fails, and when it is tried again
     recorder   Recorder: one capture into one file, or as many as it takes
     memory     freed memory kept for the next chunk

@@ -10,7 +10,8 @@ from collections.abc import Iterable
 from math import inf
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import PortEvent, Row, iso_time
+from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.stretches import Stretch
 
 AGAIN_S, AGAIN_MOST_S = 3.0, 60.0
 """Seconds from a failure to the next attempt to record again: usually, and after many failures."""
@@ -71,9 +72,4 @@ class Gap:
 
     def told(self) -> dict[str, str]:
         """The gap as the next file tells it."""
-        return {
-            "rows": str(self.rows),
-            "from": iso_time(self.first_ns),
-            "to": iso_time(self.last_ns),
-            "reason": str(self.why),
-        }
+        return Stretch(self.rows, self.first_ns, self.last_ns, str(self.why)).told()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import copyfileobj
 from tempfile import NamedTemporaryFile
@@ -37,6 +37,7 @@ from fte_sniff.recording.records import (
     records_in,
 )
 from fte_sniff.recording.span import EVERYTHING, Span
+from fte_sniff.recording.stretches import Stretch, stretch_of
 from fte_sniff.recording.summary import Summary, read_summary
 from fte_sniff.recording.topics import TOPIC_BY_NAME
 
@@ -117,6 +118,17 @@ class RecordingReader:
     def complete(self) -> bool:
         """Whether an iteration came to its end, in a whole and undamaged file."""
         return self._finished and not self._ending and not self._losses
+
+    def left_out(self) -> list[Stretch]:
+        """The rows that came and are not in the file, as it tells; no chunk is read for it."""
+        found = []
+        with self._open() as stream:
+            for record in RecordStream(stream, self._starts(), lambda _first, _last: False):
+                if record.opcode == Opcode.METADATA:
+                    with suppress(RecordError):
+                        told = parse(Metadata, record.body)
+                        found.append(stretch_of(told.name, told.metadata))
+        return [stretch for stretch in found if stretch is not None]
 
     def __iter__(self) -> Iterator[Row]:
         """The rows, in file order.

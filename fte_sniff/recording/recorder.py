@@ -27,14 +27,9 @@ from fte_sniff.recording.keeping import Keeping, OnFull
 from fte_sniff.recording.place import Existing
 from fte_sniff.recording.refusals import bound_reached, not_recorded
 from fte_sniff.recording.shelf import Shelf, check_room
+from fte_sniff.recording.stretches import GAP_NAME, LEFT_OUT_NAME
 from fte_sniff.recording.trigger import Entry, Select, Trigger
 from fte_sniff.recording.writer import RecordingWriter
-
-GAP_NAME = f"{PROGRAM}.gap"
-"""The name of the metadata record that tells which rows before this file were not recorded."""
-
-LEFT_OUT_NAME = f"{PROGRAM}.left-out"
-"""The name of the metadata record that tells which rows a trigger left out."""
 
 NEXT_NAME = f"{PROGRAM}.next"
 """The name of the metadata record that names the file that follows."""

@@ -11,8 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from fte_sniff.protocol import PortEvent, Row, iso_time
+from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.keeping import Surroundings
+from fte_sniff.recording.stretches import Stretch
 
 MOST_WAITING = 500_000
 """Rows that wait at most, some 100 MB; the oldest are left out where there are more."""
@@ -33,12 +34,8 @@ class LeftOut:
 
     def told(self) -> dict[str, str]:
         """The stretch as the file tells it."""
-        return {
-            "rows": str(self.rows),
-            "from": iso_time(self.first_ns),
-            "to": iso_time(self.last_ns),
-            "reason": "the trigger did not ask for them",
-        }
+        reason = "the trigger did not ask for them"
+        return Stretch(self.rows, self.first_ns, self.last_ns, reason).told()
 
 
 class Trigger:

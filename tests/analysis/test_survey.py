@@ -71,6 +71,30 @@ def test_extents_status_and_faults_are_what_one_counts(one: list[Row], other: li
             assert (found.last_ns if found else None) == max(times, default=None)
 
 
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=5), st.integers(0, 300))
+@settings(deadline=None)
+def test_pieces_with_gaps_between_tell_what_each_tells_alone(sizes: list[int], cut: int) -> None:
+    pieces, gaps, t_ns = [], list[tuple[int, int]](), SECOND
+    for size in sizes:
+        pieces.append([frame("speed", t_ns + at * MS, motor=1, rpm=5) for at in range(size)])
+        gaps.append((t_ns + size * MS, t_ns + size * MS + SECOND))
+        t_ns += size * MS + 2 * SECOND
+    rows = [row for piece in pieces for row in piece]
+    survey = Survey(Bench(115_200))
+    survey.begin("a.mcap", {}, gaps)
+    survey.add(rows[:cut])
+    survey.add(rows[cut:])
+    (port,), (stream,) = survey.ports(), survey.streams()
+    measured = len(rows) - len(pieces)
+    assert (stream.periods.count, port.silences.count) == (measured, measured)
+    for per_s in (stream.per_s, port.per_s):
+        assert per_s == (pytest.approx(1000) if measured else None)
+    taken = 10 * byte_time_ns(115_200)
+    assert port.share == pytest.approx(len(rows) * taken / (measured * MS + len(pieces) * taken))
+    answers = survey.answers()[0]
+    assert (answers.unanswered, answers.neither) == (measured, len(pieces))
+
+
 @settings(deadline=None)
 @given(ROWS)
 def test_directions_and_ranges_are_what_one_counts(rows: list[Row]) -> None:

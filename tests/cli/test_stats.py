@@ -20,6 +20,8 @@ from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time
 from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.columns import RowColumns, Words
 from fte_sniff.recording.facts import PortFacts
+from fte_sniff.recording.keeping import Keeping, Surroundings
+from fte_sniff.recording.recorder import Recorder
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started
 from tests.cli.terminals import terminal
@@ -267,6 +269,58 @@ def test_the_baud_of_the_recording_or_of_the_user(run, tmp_path: Path) -> None:
         assert port["baud"] == baud
         assert port["line_use"] == pytest.approx(share)
     assert run("stats", "a.mcap", "--baud", "0").returncode == 2
+
+
+def with_gaps(path: Path, rows: list[fte_sniff.Row]) -> None:
+    """A recording of which a trigger kept the rows that bear an even hundred of rpm."""
+    around = Surroundings(0, 0)
+    recorder = Recorder(
+        path,
+        [PortFacts("p")],
+        keeping=Keeping(around=around),
+        select=lambda given: [row for row in given if row.values["rpm"] // 100 % 2 == 0],
+    )
+    recorder.write(rows)
+    recorder.close()
+
+
+def test_nothing_is_measured_across_what_was_left_out(run, tmp_path: Path) -> None:
+    start, step = 10**18, SECOND // 100
+    raws = [encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": at}) for at in range(500)]
+    rows = [
+        fte_sniff.Frame("p", 10 * at, raw, start + at * step, (), 0) for at, raw in enumerate(raws)
+    ]
+    with_gaps(tmp_path / "a.mcap", rows)
+    told = numbers(run, "a.mcap")
+    assert [
+        (one["rows"], t_ns(one["first_time"]), t_ns(one["last_time"])) for one in told["left_out"]
+    ] == [(100, start + first * step, start + (first + 99) * step) for first in (100, 300)]
+    (port,), taken = told["ports"], 10 * BYTE_NS
+    assert port["rows_per_s"] == pytest.approx(100)
+    assert port["line_use"] == pytest.approx(100 * taken / (99 * step + taken))
+    assert port["silences"]["count"] == 3 * 99
+    assert port["silences"]["longest_s"] == pytest.approx((step - taken) / SECOND)
+    (stream,) = port["streams"]
+    assert stream["frames_per_s"] == pytest.approx(100)
+    assert stream["period"]["longest_s"] == step / SECOND
+    motor = told["motors"][0]
+    # The last of each piece may have been answered by what is not here.
+    assert (motor["commands"], motor["unanswered"], motor["neither"]) == (300, 297, 3)
+    text = run("stats", "a.mcap").stdout
+    assert "left out   200 rows in 2 places: the trigger did not ask for them\n" in text
+    assert "200 rows in 2 places left out when recorded" in run("decode", "a.mcap").stderr
+    some = numbers(run, "a.mcap", "--from", "+2.5s", "--filter", "rpm > 250")
+    assert [one["rows"] for one in some["left_out"]] == [100]
+    filtered = run("decode", "a.mcap", "--filter", "rpm < 50", "-o", "some.mcap")
+    assert filtered.returncode == 0
+    assert numbers(run, "some.mcap")["left_out"] == []
+
+
+def test_the_commands_of_a_motor_add_up(run, samples: Path) -> None:
+    for name in NAMES:
+        for motor in numbers(run, samples / f"{name}.mcap")["motors"]:
+            parts = motor["answered"], motor["unanswered"], motor["neither"]
+            assert sum(parts) == motor["commands"]
 
 
 def test_of_one_row_there_is_no_rate_and_no_use_of_the_line(run, tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ from fte_sniff.recording.facts import PortFacts
 from fte_sniff.recording.keeping import Keeping, OnFull, Surroundings
 from fte_sniff.recording.place import Existing
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.recorder import GAP_NAME, LEFT_OUT_NAME, NEXT_NAME, Recorder
+from fte_sniff.recording.recorder import NEXT_NAME, Recorder
+from fte_sniff.recording.stretches import GAP_NAME, LEFT_OUT_NAME, Stretch, stretch_of
 from tests.recording.conftest import START, STEP, some_rows
 
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
@@ -390,3 +391,26 @@ def test_what_waits_for_a_trigger_is_bounded(
     recorder.close()
     assert _rows(tmp_path / "x.mcap") == rows[250:301]
     assert sum(int(one["rows"]) for one in _named(tmp_path / "x.mcap", LEFT_OUT_NAME)) == 349
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"rows": "0"},
+        {"rows": "-1"},
+        {"rows": "9" * 5000},
+        {"rows": "٣"},
+        {"from": "yesterday"},
+        {"from": "2026-02-31T00:00:00.000000000Z"},
+        {"to": "1999-01-01T00:00:00.000000000Z"},
+    ],
+)
+def test_a_note_that_makes_no_sense_tells_of_no_stretch(changed: dict[str, str]) -> None:
+    stretch = Stretch(3, START, START + 5, "why")
+    told = stretch.told()
+    assert [stretch_of(name, told) for name in (GAP_NAME, LEFT_OUT_NAME, NEXT_NAME)] == [
+        stretch,
+        stretch,
+        None,
+    ]
+    assert stretch_of(GAP_NAME, told | changed) is None
