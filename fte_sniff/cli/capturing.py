@@ -21,7 +21,7 @@ import click
 from fte_sniff.cli.filtering import filter_option, row_filter, selection
 from fte_sniff.cli.keeping import keep_rows_option
 from fte_sniff.cli.paths import FileName
-from fte_sniff.cli.recording_options import keeping_of, recording_options
+from fte_sniff.cli.recording_options import check_recording, keeping_of, recording_options
 from fte_sniff.cli.remembered import Remembered, config_option, lang_option
 from fte_sniff.cli.seconds import Seconds
 from fte_sniff.cli.signals import ENDING, signals_call
@@ -122,6 +122,7 @@ def run_capture(
         )
     if baud is None:
         baud = settings.defaults(ports, "baud").baud or DEFAULT_BAUD
+    check_recording(output)
     bench = remembered_bench(settings, ports, resolution, gear_ratio, baud)
     row_filter(recording["trigger"])
     existing = Existing.REPLACE if force else Existing.REFUSE

@@ -13,6 +13,7 @@ from typing import Any, TextIO
 
 import click
 
+from fte_sniff.cli.telling import tell
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.formats.writers import FORM_BY_END, TEXT_FORMS, OutputFormat
 
@@ -53,10 +54,11 @@ def form_of(output: Path | None) -> OutputFormat:
 
 @contextmanager
 def text_output(path: Path | None, *, force: bool) -> Iterator[TextIO]:
-    """Standard output, or a file that stands at `path` once there is something in it.
+    """Standard output, or a file that stands at `path` once it is whole.
 
-    What is written goes to a file beside it first, so that a command that fails before its first
-    row leaves nothing behind, and an old file is replaced only by a new one.
+    What is written goes to a file beside it first, so that a command that fails leaves nothing
+    behind, and an old file is replaced only by a new one. What was written when Ctrl-C came is
+    kept, and that it is not all is told.
 
     Raises:
         FileError: the file is there already (and `force` is not set), or cannot be written.
@@ -116,10 +118,21 @@ def _beside(path: Path) -> Iterator[TextIO]:
     part = path.with_name(f"{path.name}.part")
     with part.open("w", encoding="utf-8", newline="") as file:
         try:
-            yield file
+            try:
+                yield file
+            except KeyboardInterrupt:
+                if _settled(file, part, path):
+                    tell(f"fte-sniff: interrupted; {path} holds the rows up to there")
+                raise
+            _settled(file, part, path)
         finally:
-            file.flush()
-            if file.tell():
-                part.replace(path)
-            else:
-                part.unlink()
+            part.unlink(missing_ok=True)
+
+
+def _settled(file: TextIO, part: Path, path: Path) -> bool:
+    """Let the file take its place, if there is anything in it."""
+    file.flush()
+    some = file.tell() > 0
+    if some:
+        part.replace(path)
+    return some

@@ -15,6 +15,7 @@ import click
 
 from fte_sniff.cli.seconds import Seconds
 from fte_sniff.errors import UsageError
+from fte_sniff.formats.writers import FORM_BY_END, OutputFormat
 
 if TYPE_CHECKING:
     from fte_sniff.recording.keeping import Keeping
@@ -142,6 +143,24 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
+
+
+def check_recording(output: Path | None) -> None:
+    """Refuse a name whose end says that it holds something else than a recording.
+
+    Raises:
+        UsageError: it does.
+    """
+    from fte_sniff.recording.outlet import is_outlet
+
+    if output is None or is_outlet(output):
+        return
+    if FORM_BY_END.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
+        mcap = output.with_suffix(".mcap")
+        raise UsageError(
+            f"-o {output}: a capture is recorded as MCAP; name it {mcap},"
+            f" and make {output.name} of it with `fte-sniff decode {mcap} -o {output}`"
+        )
 
 
 def keeping_of(

@@ -1,7 +1,7 @@
 """Owns `--config` and `--lang`: which settings hold, and how a screen's choices go back there.
 
-It must not know how the file is read, nor what a setting does. A settings file that nobody named
-never stops a command: what is wrong with it is told, and the command goes on without.
+It must not know how the file is read, nor what a setting does. What is wrong in a settings file
+never stops a command: it is told, and the command goes on without.
 """
 
 from __future__ import annotations
@@ -112,17 +112,16 @@ def remembered(config: Path | None) -> Remembered:
     """The settings in the file that `--config` names, else in the usual one.
 
     Raises:
-        FileError: the named file is not there, cannot be read, or says what cannot be.
+        FileError: the named file is not there.
     """
     if config is not None:
         try:
             config.stat()
         except OSError as error:
             raise unreadable(config, error) from error
-        return Remembered(config, read_settings(config))
-    path = settings_path()
+    path = config or settings_path()
     try:
         return Remembered(path, read_settings(path))
     except FteSniffError as error:
-        tell(f"{error}; going on without settings")
+        tell(f"fte-sniff: {error}; going on without settings")
         return Remembered(path, Settings())

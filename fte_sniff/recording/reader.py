@@ -12,6 +12,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from shlex import quote
 from shutil import copyfileobj
 from tempfile import NamedTemporaryFile
 from typing import IO, BinaryIO
@@ -36,6 +37,7 @@ from fte_sniff.recording.records import (
     parse,
     records_in,
 )
+from fte_sniff.recording.salvage import holds_a_chunk
 from fte_sniff.recording.span import EVERYTHING, Span
 from fte_sniff.recording.stretches import Stretch, stretch_of
 from fte_sniff.recording.summary import Summary, read_summary
@@ -257,7 +259,7 @@ class RecordingReader:
             return copy
 
     def _look(self, stream: BinaryIO) -> None:
-        self._check_magic(stream.read(len(MAGIC)))
+        self._check_magic(stream)
         self._summary = read_summary(stream)
         stream.seek(0)
         for record in RecordStream(stream):
@@ -276,13 +278,19 @@ class RecordingReader:
         if topics and not any(topic in TOPIC_BY_NAME for topic in topics):
             raise without_our_topics(self._path, topics)
 
-    def _check_magic(self, magic: bytes) -> None:
+    def _check_magic(self, stream: BinaryIO) -> None:
+        magic = stream.read(len(MAGIC))
         if not magic:
             raise FileError(f"{self._path} is empty: nothing was recorded into it")
         if magic == MAGIC:
             return
         if MAGIC.startswith(magic):
             raise FileError(f"{self._path} is cut after {len(magic)} bytes: nothing is left in it")
+        if holds_a_chunk(stream):
+            raise FileError(
+                f"{self._path}: the beginning of this recording is damaged; what is whole in it,"
+                f" `fte-sniff repair {quote(str(self._path))}` puts into a new file"
+            )
         raise FileError(
             f"{self._path} is not an MCAP recording; "
             "if it holds raw bytes or hex text, say --input raw or --input hex"

@@ -144,9 +144,7 @@ class _Mending:
             self.damage.chunks += 1
         self._lose(position, self._salvage.size, after_ns, None)
         if not self.damage.chunks:
-            raise FileError(
-                f"{self._path}: no whole chunk is left in it, so there is nothing to mend"
-            )
+            raise FileError(f"{self._path}: {self._salvage.why_empty()}")
         self._channels, self._schemas = believed(self._inside, self._outside)
         self._reckon()
 

@@ -100,6 +100,15 @@ class Salvage:
                 yield found
                 position = found.stop
 
+    def why_empty(self) -> str:
+        """What to say of the file where it has no whole chunk."""
+        if not self.size:
+            return "it is empty: nothing was recorded into it, and there is nothing to mend"
+        ends = self._read(0, len(MAGIC)), self._read(max(0, self.size - len(MAGIC)), len(MAGIC))
+        if MAGIC not in ends and not MAGIC.startswith(ends[0]):
+            return "this is no MCAP recording, so there is nothing to mend"
+        return "no whole chunk is left in it, so there is nothing to mend"
+
     def between(self, start: int, stop: int, found: Descriptions) -> list[tuple[int, int]]:
         """Read the records from `start` to `stop`, where no whole chunk lies.
 
@@ -191,3 +200,8 @@ class Salvage:
     def _read(self, position: int, length: int) -> bytes:
         self._stream.seek(position)
         return self._stream.read(max(0, min(length, self.size - position)))
+
+
+def holds_a_chunk(stream: BinaryIO) -> bool:
+    """Whether anything in a seekable file is a whole chunk of an MCAP."""
+    return next(iter(Salvage(stream).chunks()), None) is not None

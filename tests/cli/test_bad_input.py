@@ -1,14 +1,16 @@
 """Everything a user can do wrong: one clear line, the exit code of the contract, nothing lost."""
 
 import os
+import signal
 import socket
 import subprocess
 from pathlib import Path
+from time import monotonic
 
 import pytest
 from mcap.writer import Writer
 
-from tests.cli.processes import hears, started, wire
+from tests.cli.processes import BOUND_S, hears, started, wire
 
 
 def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
@@ -70,6 +72,47 @@ def test_a_recording_is_never_overwritten_unasked(run, tmp_path: Path) -> None:
 )
 def test_a_recording_that_cannot_be_made(run, output: str, words: list[str]) -> None:
     refused(run("live", "sim://", "-o", output, "--count", "3"), 4, *words)
+
+
+def test_a_bridge_records_no_other_form_either(run) -> None:
+    done = run("bridge", "sim://?host=off", "-o", "a.parquet", "--count", "1")
+    refused(done, 2, "a.parquet", "MCAP", "a.mcap")
+
+
+@pytest.mark.parametrize("name", ["a", "a.recording", "a.MCAP"])
+def test_other_names_of_recordings_are_the_users_affair(run, tmp_path: Path, name: str) -> None:
+    assert run("live", "sim://", "-o", name, "--count", "3", "--plain").returncode == 0
+    assert (tmp_path / name).read_bytes().startswith(b"\x89MCAP0")
+
+
+@pytest.mark.parametrize("name", ["part.csv", "part.txt", "part.hex", "part.parquet"])
+def test_an_error_in_the_middle_leaves_no_part_of_a_file(run, tmp_path: Path, name: str) -> None:
+    frame = "AA 01 01 03 E8 00 00 00 00 EE\n"
+    (tmp_path / "typo.log").write_text(5000 * frame + "AA 0G\n" + frame)
+    refused(run("decode", "typo.log", "-o", name), 2, "typo.log")
+    assert [path.name for path in tmp_path.iterdir()] == ["typo.log"]
+    (tmp_path / name).write_bytes(b"precious")
+    refused(run("decode", "typo.log", "-o", name, "--force"), 2, "typo.log")
+    assert (tmp_path / name).read_bytes() == b"precious"
+
+
+def test_what_was_written_when_ctrl_c_came_stays_and_is_told(environment, tmp_path: Path) -> None:
+    words = ("decode", "-", "--input", "hex", "-o", "part.csv")
+    with started(environment, tmp_path, *words, stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stderr is not None
+        process.stdin.write(9000 * b"AA 01 01 03 E8 00 00 00 00 EE\n")
+        process.stdin.flush()
+        until = monotonic() + BOUND_S
+        part = tmp_path / "part.csv.part"
+        while not (part.exists() and part.stat().st_size):
+            assert monotonic() < until
+        process.send_signal(signal.SIGINT)
+        assert process.wait(BOUND_S) in (130, -signal.SIGINT)
+        told = process.stderr.read().decode()
+    assert told == "fte-sniff: interrupted; part.csv holds the rows up to there\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["part.csv"]
+    assert (tmp_path / "part.csv").read_text().startswith("time,port,")
 
 
 def test_o_and_no_record_contradict_each_other(run) -> None:

@@ -108,6 +108,8 @@ def test_a_reader_of_the_recording_that_goes_ends_it_in_one_line(
         (["--rotate", "1h", "-o", "-"], "cannot be rotated"),
         (["--flush-every", "0"], "0.05"),
         (["--on-full", "panic"], "rotate-oldest"),
+        (["-o", "a.csv"], "name it a.mcap, and make a.csv of it with `fte-sniff decode a.mcap"),
+        (["-o", "a.BIN"], "recorded as MCAP"),
     ],
 )
 def test_what_cannot_be_kept_so_is_one_line(

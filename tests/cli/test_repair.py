@@ -37,7 +37,12 @@ def test_a_cut_file_is_mended_beside_it(run, tmp_path: Path, samples: Path) -> N
 
 @pytest.mark.parametrize(
     ("content", "code", "words"),
-    [(b"", 4, "no whole chunk"), (b"\x89MCAP0\r\n", 4, "no whole chunk"), (b"AA" * 99, 4, "mend")],
+    [
+        (b"", 4, "is empty"),
+        (b"\x89MCAP0\r\n", 4, "no whole chunk"),
+        (b"\x89MCA", 4, "no whole chunk"),
+        (b"AA" * 99, 4, "no MCAP recording"),
+    ],
 )
 def test_where_nothing_is_left_nothing_is_written(
     run, tmp_path: Path, content: bytes, code: int, words: str
@@ -48,6 +53,22 @@ def test_where_nothing_is_left_nothing_is_written(
     assert words in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["x.mcap"]
+
+
+@pytest.mark.parametrize("command", ["decode", "stats"])
+def test_a_damaged_beginning_is_called_so_and_mended(
+    run, tmp_path: Path, samples: Path, command: str
+) -> None:
+    whole = (samples / "damaged.mcap").read_bytes()
+    (tmp_path / "head of it.mcap").write_bytes(bytes(50) + whole[50:])
+    done = run(command, "head of it.mcap")
+    assert done.returncode == 4
+    assert len(done.stderr.splitlines()) == 1
+    assert "beginning of this recording is damaged" in done.stderr
+    assert "`fte-sniff repair 'head of it.mcap'`" in done.stderr
+    assert run("repair", "head of it.mcap").returncode == 0
+    mended = RecordingReader(tmp_path / "head of it-repaired.mcap")
+    assert list(mended) == list(RecordingReader(samples / "damaged.mcap"))
 
 
 def test_the_damaged_file_is_never_the_output(run, tmp_path: Path) -> None:

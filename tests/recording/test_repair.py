@@ -68,7 +68,7 @@ def _mended(folder: Path, content: bytes) -> tuple[list[Row], Damage] | None:
     try:
         damage = repair(path, output, Existing.REPLACE)
     except FileError as error:
-        if "no whole chunk is left" not in str(error):
+        if "nothing to mend" not in str(error):
             raise
         return None
     assert path.read_bytes() == content
