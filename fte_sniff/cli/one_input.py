@@ -136,6 +136,11 @@ class RecordingInput:
         own = ("library", "port.")
         return {name: fact for name, fact in told.items() if not name.startswith(own)}
 
+    @property
+    def losses(self) -> Sequence[str]:
+        """What could not be read, one line each, once all is read."""
+        return [loss for loss in (*self.reader.losses, self.reader.ending) if loss]
+
     def left_out(self, span: Span | None) -> Sequence[Stretch]:
         """What a trigger, or a disk that failed, kept from it."""
         told = self.reader.left_out()
@@ -157,9 +162,8 @@ class RecordingInput:
             if troubles[kind]:
                 times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
                 note(f"{path}: the port reported {kind} {times} while it was recorded")
-        for loss in (*self.reader.losses, self.reader.ending):
-            if loss:
-                note(f"{path}: {loss}")
+        for loss in self.losses:
+            note(f"{path}: {loss}")
         if span is not None and not some and (known := self.reader.times) is not None:
             held = "rows" if self.count is None else f"{self.count:,} rows and events"
             note(f"{path}: {_none_in_span(held, *known)}")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.batches import Batch, ColumnBatch
+from fte_sniff.cli.batches import ColumnBatch
 from fte_sniff.cli.filtering import filter_option, row_filter
 from fte_sniff.cli.inputs import (
     STDIN,
@@ -33,6 +33,7 @@ from fte_sniff.cli.units import remembered_bench, units_options
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
+    from fte_sniff.recording.span import Span
     from fte_sniff.session.pages import RecordedPages
     from fte_sniff.session.replay import Read
 
@@ -81,11 +82,10 @@ def command(
     ports = [port.name for one in inputs for port in one.ports]
     bench = remembered_bench(settings, ports, resolution, gear_ratio)
     span = span_of(since, until, (one.times for one in inputs))
-    batches = chain.from_iterable(one.batches(span, notes.append) for one in inputs)
     # What cannot be read at all is told before the screen opens, not on it.
     pages = RecordedPages() if _recordings_only(inputs) else None
     session = ReplaySession(
-        _read(_begun(batches), pages),
+        _begun(_read(inputs, span, notes, pages)),
         " ".join(map(str, files)),
         None if span else _total(inputs),
         [str(path) for named in files for path in meant(named)],
@@ -109,20 +109,25 @@ def command(
     sys.exit(code)
 
 
-def _begun(batches: Iterator[Batch]) -> Iterator[Batch]:
-    """The same batches, the first of which is read now."""
-    first = next(batches, None)
-    return batches if first is None else chain([first], batches)
+def _begun(reads: Iterator[Read]) -> Iterator[Read]:
+    """The same, the first of which is read now."""
+    first = next(reads, None)
+    return reads if first is None else chain([first], reads)
 
 
-def _read(batches: Iterator[Batch], pages: RecordedPages | None) -> Iterator[Read]:
-    """The batches for a view; where their rows can be read again, the pages learn how."""
+def _read(
+    inputs: Sequence[Input], span: Span | None, notes: list[str], pages: RecordedPages | None
+) -> Iterator[Read]:
+    """All rows for a view; where they can be read again, the pages learn how."""
     from fte_sniff.session.replay import Read
 
-    for batch in batches:
-        if pages is not None and isinstance(batch, ColumnBatch) and batch.again is not None:
-            pages.add(batch.again, len(batch))
-        yield Read(batch.sequence(), batch.events)
+    for one in inputs:
+        for batch in one.batches(span, notes.append):
+            if pages is not None and isinstance(batch, ColumnBatch) and batch.again is not None:
+                pages.add(batch.again, len(batch))
+            yield Read(batch.sequence(), batch.events)
+        if isinstance(one, RecordingInput) and one.losses:
+            yield Read((), (), one.losses)
 
 
 def _recordings_only(inputs: Sequence[Input]) -> bool:

@@ -14,6 +14,7 @@ from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.packing import PackedRows
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.said import Said
 
 MOST_BATCHES_AHEAD = 6
 """Batches that are read ahead of the view at most."""
@@ -32,6 +33,8 @@ class Read:
     rows: Sequence[Row]
     events: Sequence[PortEvent] = ()
     """What happened to ports meanwhile."""
+    losses: Sequence[str] = ()
+    """What the file turned out to lack, one line each; may hold text from it."""
 
 
 class ReplaySession:
@@ -64,6 +67,7 @@ class ReplaySession:
         self._stop = threading.Event()
         self._onward = threading.Event()
         self._begun = False
+        self._losses: list[str] = []
         self._read: queue.Queue[Read | None] = queue.Queue(MOST_BATCHES_AHEAD)
         self._running = True
         self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
@@ -83,6 +87,7 @@ class ReplaySession:
                 self._running = False
             else:
                 taken.append(batch)
+        self._losses += [loss for read in taken for loss in read.losses]
         self._begun |= bool(taken)
         rows = _joined([read.rows for read in taken])
         self._rows += len(rows)
@@ -104,6 +109,7 @@ class ReplaySession:
             title=self._title,
             running=self._running,
             ended=ended,
+            trouble=_damaged(self._losses),
             live=False,
             rows=self._rows,
             progress=progress,
@@ -130,13 +136,27 @@ class ReplaySession:
         return False
 
 
+def _damaged(losses: Sequence[str]) -> str | None:
+    """The first loss, and how many more there are; None where nothing is lost."""
+    if not losses:
+        return None
+    if len(losses) == 1:
+        return Said("the file is damaged: {loss}", loss=losses[0])
+    return Said(
+        "the file is damaged: {loss}; {count:,} more are told at the end",
+        loss=losses[0],
+        count=len(losses) - 1,
+    )
+
+
 def _has_room(taken: list[Read]) -> bool:
-    packed = all(isinstance(read.rows, PackedRows) for read in taken)
+    packed = all(isinstance(read.rows, PackedRows) for read in taken if len(read.rows))
     rows = sum(len(read.rows) for read in taken)
     return rows < (MOST_PACKED_A_POLL if packed else MOST_ROWS_A_POLL)
 
 
 def _joined(taken: list[Sequence[Row]]) -> Sequence[Row]:
+    taken = [rows for rows in taken if len(rows)]
     packed = [rows for rows in taken if isinstance(rows, PackedRows)]
     if packed and len(packed) == len(taken):
         return PackedRows.joined(packed)

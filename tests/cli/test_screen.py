@@ -83,6 +83,21 @@ def test_view_shows_files(environment, tmp_path: Path, name: str) -> None:
     assert b"Traceback" not in screen.drawn
 
 
+@pytest.mark.parametrize(
+    ("language", "words"), [("en", "! the file is damaged: it is cut"), ("zh", "文件已损坏")]
+)
+def test_view_shows_that_a_file_is_damaged(
+    environment, tmp_path: Path, language: str, words: str
+) -> None:
+    whole = (SAMPLES / "clean.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
+    options = ("view", "cut.mcap", "--lang", language)
+    with terminal(environment, tmp_path, *options, size=(200, 60)) as screen:
+        screen.until(words)
+        screen.type("q")
+        assert screen.ended() == 0
+
+
 def test_view_tells_what_cannot_be_read_before_the_screen_opens(
     environment, tmp_path: Path
 ) -> None:

@@ -135,3 +135,17 @@ def test_packed_rows_come_in_order_and_tell_how_far_they_are() -> None:
     assert found == rows
     assert all(progress == share for progress, share in told)
     assert session.poll().state.progress is None
+
+
+def test_what_the_file_lacks_stands_as_soon_as_it_is_known() -> None:
+    for count in (1, 3):
+        losses = [f"bytes {number} are gone" for number in range(count)]
+        session = ReplaySession([*batches(3), Read((), (), losses)], "file")
+        assert len(all_of(session)) == 30
+        trouble = session.poll().state.trouble
+        assert trouble is not None
+        assert losses[0] in trouble
+        assert ("2 more" in trouble) == (count == 3)
+    whole = ReplaySession(batches(3), "file")
+    all_of(whole)
+    assert whole.poll().state.trouble is None
