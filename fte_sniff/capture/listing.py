@@ -19,6 +19,8 @@ from fte_sniff.errors import shown
 
 _BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
+_SERIAL_BASE = "serial-base"
+"""The bus of Linux between a port and its device; its drivers say nothing about either."""
 _SYS_CHAR = Path("/sys/dev/char")
 _PTY_MAJORS = range(136, 144)
 """Device numbers of pseudo-terminals, which the system tells nothing else of."""
@@ -120,5 +122,10 @@ def _links_in(folder: Path) -> dict[str, str]:
 
 
 def _driver_of(device: str) -> str | None:
-    driver = _SYS_TTY / Path(device).name / "device" / "driver"
-    return driver.resolve().name if driver.exists() else None
+    place = (_SYS_TTY / Path(device).name / "device").resolve()
+    while (driver := place / "driver").exists():
+        found = driver.resolve()
+        if found.parent.parent.name != _SERIAL_BASE:
+            return found.name
+        place = place.parent
+    return None

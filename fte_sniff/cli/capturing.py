@@ -63,7 +63,9 @@ _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
     click.option(
         "--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it."
     ),
-    click.option("--duration", type=_DURATION, metavar="S", help="End after S seconds."),
+    click.option(
+        "--duration", type=_DURATION, metavar="S", help="End after S seconds, or 5min, or 1h."
+    ),
     click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows."),
 )
 
@@ -139,6 +141,8 @@ def run_capture(
     if _is_stdout(output):
         _fill_stdout(plan)
     elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
+        if resolution is not None:
+            tell("fte-sniff: lines tell positions in pulses; the screen shows turns too")
         _print_lines(plan, filter_text)
     else:
         from fte_sniff.tui.opening import AtEnd, Opening

@@ -86,7 +86,16 @@ def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: 
         _record(output, reading, force=force)
     elif form is OutputFormat.RAW:
         with file_output(output, form, force=force) as path, path.open("wb") as file:
-            file.writelines(bytes.fromhex("".join(batch.frame()["raw"])) for batch in reading)
+            ports = set[str]()
+            for batch in reading:
+                frame = batch.frame()
+                ports.update(frame["port"].unique())
+                file.write(bytes.fromhex("".join(frame["raw"])))
+        if len(ports) > 1:
+            reading.notes.append(
+                f"{output}: holds the bytes of {len(ports)} ports in one stream, and nothing in it"
+                f" tells them apart; for one of them say --filter \"port = '{min(ports)}'\""
+            )
     else:
         with text_output(output, force=force) as stream:
             writer = row_writer(form, stream, ports=len(reading.inputs) > 1)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.seconds import Seconds
+from fte_sniff.cli.seconds import Seconds, seconds_of
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat
 
@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 
 _BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
-_SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
-_TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h|d)", re.IGNORECASE)
 _LEAST_FILE = 100_000
 _LEAST_SECONDS = 1.0
 
@@ -56,17 +54,17 @@ def _size(text: str) -> int | None:
 
 def _time(text: str) -> float:
     """Seconds."""
-    found = _TIME.fullmatch(text)
-    if found is None:
+    seconds = seconds_of(text)
+    if seconds is None:
         raise click.BadParameter(f"{text!r} is no time; say for example 10s, 5min or 1h")
-    return float(found[1]) * _SECONDS[found[2].lower()]
+    return seconds
 
 
 def _rotate(text: str) -> int | float | Rotate | None:
     if text.lower() in _ROTATE_WORDS:
         return _ROTATE_WORDS[text.lower()]
-    if _TIME.fullmatch(text):
-        return _time(text)
+    if (seconds := seconds_of(text)) is not None:
+        return seconds
     if _SIZE.fullmatch(text):
         return _size(text)
     raise click.BadParameter(

@@ -65,10 +65,13 @@ def command(
     \b
     fte-sniff view samples/damaged.mcap
     """
+    if STDIN in files:
+        raise UsageError(
+            "view reads files only, since the keys come from standard input;"
+            " 'fte-sniff decode -' reads it"
+        )
     if not (sys.stdout.isatty() and sys.stdin.isatty()):
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
-    if STDIN in files:
-        raise UsageError("view reads files only, since the keys come from standard input")
     settings = remembered(config)
     check_inputs(files)
     from fte_sniff.session.pages import RecordedPages

@@ -115,6 +115,33 @@ def test_what_was_written_when_ctrl_c_came_stays_and_is_told(environment, tmp_pa
     assert (tmp_path / "part.csv").read_text().startswith("time,port,")
 
 
+def test_a_command_that_is_nearly_right(run) -> None:
+    refused(run("livee", "sim://"), 2, "No such command 'livee'", "Did you mean live?")
+    assert "mean" not in run("quux").stderr
+
+
+def test_view_says_that_it_reads_no_standard_input(run, samples: Path) -> None:
+    done = run("view", "-", stdin=(samples / "clean.mcap").read_bytes())
+    refused(done, 2, "files only", "fte-sniff decode -")
+
+
+def test_turns_that_lines_do_not_show_are_told(run) -> None:
+    words = ("live", "sim://", "--plain", "--no-record", "--count", "2", "--resolution", "500")
+    done = run(*words)
+    assert done.returncode == 0
+    assert done.stderr.count("in pulses; the screen shows turns") == 1
+
+
+def test_two_wires_in_one_raw_file_are_told(run, samples: Path) -> None:
+    files = samples / "clean.mcap", samples / "damaged.mcap"
+    done = run("decode", *files, "-o", "both.raw")
+    assert done.returncode == 0
+    assert done.stderr.count("both.raw: holds the bytes of 2 ports in one stream") == 1
+    port = done.stderr.split('--filter "')[1].split('"')[0]
+    alone = run("decode", *files, "-o", "one.raw", "--filter", port)
+    assert "in one stream" not in alone.stderr
+
+
 def test_o_and_no_record_contradict_each_other(run) -> None:
     refused(run("live", "sim://", "-o", "x.mcap", "--no-record"), 2, "-o", "--no-record")
 

@@ -29,8 +29,9 @@ def test_count_ends_it_and_the_recording_holds_just_that(run, tmp_path: Path) ->
     assert "recorded to x.mcap" in done.stderr
 
 
-def test_duration_ends_it(run) -> None:
-    done = run("live", "sim://?rate=500", "--duration", "0.4", "--no-record")
+@pytest.mark.parametrize("duration", ["0.4", "0.4s", "0.005 min"])
+def test_duration_ends_it(run, duration: str) -> None:
+    done = run("live", "sim://?rate=500", "--duration", duration, "--no-record")
     assert done.returncode == 0
     assert 20 <= done.stdout.count("\n") <= 300
 
