@@ -1,7 +1,7 @@
 """Owns the search for a text in rows: which of many packed rows have it, and where in a shown text.
 
 It must not know a screen, nor which rows are shown. Looked at is what people see of a row, in small
-letters, whichever columns a screen has room for:
+letters, in columns that a table has, also those it has no room for at the moment:
 
     12:00:00.000435123 ttyUSB0 speed motor=1 rpm=1000 bad_tail 12340
 
@@ -12,7 +12,7 @@ and its bytes: `aa 01` and `AA01` are two bytes side by side, and a text at the 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from fte_sniff.analysis.packing import Codebook, Packed
 from fte_sniff.errors import InputTextError, shown
-from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH
 
 Bools = npt.NDArray[np.bool_]
 
@@ -75,18 +75,33 @@ class Search:
         """Where in a shown text it stands: starts and ends, rising, none of them empty."""
         return [match.span() for match in self.pattern.finditer(text) if match.group()]
 
-    def mask(self, packed: Packed, long: Mapping[int, bytes], codebook: Codebook) -> Bools:
-        """For every packed row whether it has what is looked for; `long` by place in `packed`."""
+    def mask(
+        self,
+        packed: Packed,
+        long: Mapping[int, bytes],
+        codebook: Codebook,
+        columns: Collection[str] = COLUMN_BY_NAME,
+    ) -> Bools:
+        """For every packed row whether it has what is looked for.
+
+        Args:
+            packed: the rows.
+            long: their bytes where they are too many for a packed row, by place.
+            codebook: the words of packed rows.
+            columns: those that a table has; a port, time or offset that no column tells is not
+                looked at. Kind, values, faults and bytes are told in any.
+        """
         found: Bools = np.zeros(len(packed), np.bool_)
         if self.nibbles:
             found |= self._has_bytes(packed, long)
         if self.text:
-            found |= self._told(codebook.ports)[packed["port"]]
+            if "port" in columns:
+                found |= self._told(codebook.ports)[packed["port"]]
             found |= self._told([",".join(faults) for faults in codebook.faults])[packed["faults"]]
             # It needs polars, which takes long to load; a screen begins without a search.
             from fte_sniff.analysis.search_texts import tell
 
-            found |= tell(self.text, packed, long, codebook)
+            found |= tell(self.text, columns, packed, long, codebook)
         return found
 
     def _told(self, texts: Sequence[str]) -> Bools:

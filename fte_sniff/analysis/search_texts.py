@@ -6,7 +6,7 @@ and faults, is looked up elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,12 +22,19 @@ _HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
 
 
 def tell(
-    text: str, packed: Packed, long: Mapping[int, bytes], codebook: Codebook
+    text: str,
+    columns: Collection[str],
+    packed: Packed,
+    long: Mapping[int, bytes],
+    codebook: Codebook,
 ) -> npt.NDArray[np.bool_]:
-    """For every packed row whether it tells the text; `long` by place in `packed`."""
+    """For every packed row whether it tells the text in these columns, or in any.
+
+    Bytes of long rows stand in `long` by place in `packed`.
+    """
     found = np.zeros(len(packed), np.bool_)
     for part in _PARTS:
-        if part.signs.issuperset(text):
+        if part.signs.issuperset(text) and (part.column is None or part.column in columns):
             frame = packed_frame(packed, long, codebook, part.names)
             has = part.text.str.contains(text, literal=True).fill_null(False)
             found |= frame.select(has=has)["has"].to_numpy()
@@ -64,8 +71,10 @@ def _field_names() -> Iterator[str]:
 class _Part:
     """Something that is told of every row."""
 
+    column: str | None
+    """The only one that tells it; None where several do."""
     names: frozenset[str]
-    """The columns that it is told from."""
+    """What it is told from."""
     signs: frozenset[str]
     """The characters it can have; a text with another is not in it."""
     text: pl.Expr
@@ -75,13 +84,17 @@ _DIGITS: Final = frozenset("0123456789")
 _WORD_SIGNS: Final = _DIGITS | frozenset("abcdefghijklmnopqrstuvwxyz_=- ")
 _PARTS: Final = (
     _Part(
+        None,
         frozenset({"kind", *_field_names()}),
         _WORD_SIGNS,
         pl.concat_str(pl.col("kind").cast(pl.String()), _values()),
     ),
     _Part(
-        frozenset({"time"}), _DIGITS | frozenset(":."), pl.col("time").dt.strftime("%H:%M:%S.%f")
+        "time",
+        frozenset({"time"}),
+        _DIGITS | frozenset(":."),
+        pl.col("time").dt.strftime("%H:%M:%S.%f"),
     ),
-    _Part(frozenset({"offset"}), _DIGITS, pl.col("offset").cast(pl.String())),
+    _Part("offset", frozenset({"offset"}), _DIGITS, pl.col("offset").cast(pl.String())),
 )
 """What is told of a row, but for its port and faults, which many rows share."""

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.packing import Codebook, pack
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import InputTextError
-from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode, spaced_hex
+from fte_sniff.protocol import COLUMN_BY_NAME, KINDS, Damage, Fault, Frame, Row, encode, spaced_hex
 
 NOON_NS = 1_769_860_800_000_000_000
 
@@ -66,6 +66,32 @@ def found(typed: str, rows: Sequence[Row] = ROWS) -> list[int]:
 )
 def test_what_is_seen_is_found(typed: str, rows: list[int]) -> None:
     assert found(typed) == rows
+
+
+@pytest.mark.parametrize(
+    ("typed", "column", "rows"),
+    [
+        ("com7", "port", [3, 4]),
+        ("ttyusb0", "port", [0, 1, 2]),
+        ("12:00:00.000435", "time", [0, 1, 2]),
+        ("1230", "offset", [0, 1, 2]),
+    ],
+)
+def test_what_no_column_tells_is_not_looked_at(typed: str, column: str, rows: list[int]) -> None:
+    codebook = Codebook()
+    packed = pack(ROWS, codebook)
+    search = Search.parse(typed)
+    others = set(COLUMN_BY_NAME) - {column}
+    assert search.mask(*packed, codebook, {column}).nonzero()[0].tolist() == rows
+    assert not search.mask(*packed, codebook, others).any()
+
+
+@pytest.mark.parametrize("typed", ["motor=1", "speed", "noise", "aa 01"])
+def test_kind_values_faults_and_bytes_are_looked_at_in_any_columns(typed: str) -> None:
+    codebook = Codebook()
+    packed = pack(ROWS, codebook)
+    search = Search.parse(typed)
+    assert (search.mask(*packed, codebook, ()) == search.mask(*packed, codebook)).all()
 
 
 @pytest.mark.parametrize("typed", ["hex:", "hex:A", "hex:zz", "hex:A A", "hex:aa0"])

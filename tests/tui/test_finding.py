@@ -92,6 +92,22 @@ def test_what_is_found_is_set_off(feed: Any, speed_rows: Rows) -> None:
     play(feed, scenario)
 
 
+def test_a_port_is_looked_at_only_where_a_column_tells_it(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(20, port="sim://?noise=0.02"))
+        await settle(app, pilot)
+        await look_for(app, pilot, "noise")
+        assert "no row has noise" in page(app)
+        feed.give(speed_rows(20, start=20, port="sim://?drop=0.02"))
+        await settle(app, pilot)
+        await press(app, pilot, "G")
+        await look_for(app, pilot, "noise")
+        assert table(app).viewport.cursor == 19
+        assert "no row has noise" not in page(app)
+
+    play(feed, scenario)
+
+
 def test_the_search_looks_only_at_rows_that_the_filter_shows(feed: Any, speed_rows: Rows) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(400))

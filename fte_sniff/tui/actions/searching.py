@@ -100,12 +100,13 @@ class Searching(Parts):
         """To the end of the rows, and then from the other end to where it began."""
         store = self._watched.store
         begun = len(store)
+        mask = partial(search.mask, columns={column.name for column in self._table.columns})
         index: int | None = start
         for around in (False, True):
             if around:
                 index = store.first if by > 0 else store.next - 1
             while index is not None:
-                step = store.find_step(search.mask, index, by)
+                step = store.find_step(mask, index, by)
                 here = step.found if step.found is not None else index
                 if around and (here - start) * by >= 0:
                     return
