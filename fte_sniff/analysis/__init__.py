@@ -12,6 +12,7 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     filter_tokens   its text cut into words and signs; errors that point at a place
     filter_cursor   a place among them, and what is said of one out of place
     filter_terms    what a part of it is
+    filter_bytes    what a pattern of bytes means
     filter_values   what a value stands for beside a field
     filter_meaning  what parts mean together
     filter_grammar  in what order parts may stand

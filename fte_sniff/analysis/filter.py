@@ -11,7 +11,8 @@ row, turned into plain SQL and handed to `polars.sql_expr`.
     faults IS NULL                      no fault at all; also faults = ''
     faults LIKE '%trunc%'               in the faults joined by commas
     error = 0x0F, online & 0x01 = 0     hex and bits
-    raw LIKE 'aa 01%'                   spaces and case of the hex do not matter
+    raw LIKE '%aa 0_%'                  whole bytes: % is any of them, _ any one hex digit; spaces
+                                        and case of the hex do not matter
     time >= '2026-01-31 12:00'          UTC, or with a zone; numbers are nanoseconds since 1970
     time > '12:00:05'                   that time of any day, UTC: rows later on their own day
 

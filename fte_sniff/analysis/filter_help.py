@@ -36,7 +36,7 @@ EXAMPLES: Final = (
     ("faults = 'noise'", "among the row's faults; IN: any of them"),
     ("faults IS NULL", "no fault at all"),
     ("error = 0x0F OR online & 0x01 = 0", "hex and single bits"),
-    ("raw LIKE 'AA 01%'", "% is any text; spaces and case are free"),
+    ("raw LIKE 'AA 01%'", "% any bytes, _ any digit; spaces are free"),
     ("time >= '2026-01-31T12:00:00Z'", "UTC, or with a zone as +08:00"),
     ("time > '12:00:05'", "a time of day, UTC, on any day"),
     ("rpm BETWEEN -10 AND 10", "both ends included; never rows without rpm"),

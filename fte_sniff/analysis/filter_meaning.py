@@ -13,6 +13,7 @@ from typing import Final
 
 import polars as pl
 
+from fte_sniff.analysis.filter_bytes import whole_bytes
 from fte_sniff.analysis.filter_terms import (
     COLUMN_OF_WORD,
     FUNCTIONS,
@@ -267,12 +268,16 @@ class Meaning:
     # Texts
 
     def like(self, left: Term, sign: str, pattern: Term) -> Term:
-        """`left LIKE pattern` (or ILIKE): % is any text, _ any one character."""
+        """`left LIKE pattern` (or ILIKE): % is any text, _ any one character.
+
+        Of bytes % is any whole ones and _ any one hex digit.
+        """
         text = self._as_text(left, sign)
         self._expect_pattern(pattern, sign)
         sql = pattern.sql
         if left.type is TermType.HEX:
-            sql = quoted(self._values.hex_digits(pattern, "%_"))
+            sign, found = whole_bytes(self._values.bytes_pattern(pattern))
+            sql = quoted(found)
         return self._made(f"({text} {sign} {sql})", (left, pattern))
 
     def regexp(self, left: Term, pattern: Term) -> Term:

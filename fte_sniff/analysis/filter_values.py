@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 
+from fte_sniff.analysis.filter_bytes import is_of_whole_bytes
 from fte_sniff.analysis.filter_terms import (
     COLUMN_OF_WORD,
     INT64,
@@ -177,6 +178,17 @@ class Values:
                 Said("write the bytes as in raw LIKE 'AA01%'"),
             )
         return digits
+
+    def bytes_pattern(self, literal: Term) -> str:
+        """A text as a pattern of whole bytes."""
+        pattern = self.hex_digits(literal, "%_")
+        if not is_of_whole_bytes(pattern):
+            raise self.error(
+                literal,
+                Said("'{literal}' has half a byte", literal=literal.shown),
+                Said("write two digits a byte, _ for any digit, % for any bytes: '%A_ 01%'"),
+            )
+        return pattern
 
 
 def _example_of_two(words: str) -> str:

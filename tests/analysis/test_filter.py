@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
 import polars as pl
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns import row_frame
 from fte_sniff.analysis.filter import RowFilter
 from fte_sniff.analysis.filter_help import EXAMPLES, FILTER_HELP
+from fte_sniff.analysis.packing import Codebook, pack
 from fte_sniff.protocol import (
     COLUMNS,
     KIND_BY_NAME,
@@ -162,6 +163,11 @@ WANTED: list[tuple[str, set[str]]] = [
     # bytes
     ("raw LIKE 'AA01%'", {"fast", "back"}),
     ("raw LIKE 'aa 01 02%'", {"back"}),
+    ("raw LIKE '%01 02%'", {"back", "noise"}),
+    ("raw LIKE '%0102'", {"noise"}),
+    ("raw LIKE '%01 _3%03'", set()),
+    ("raw LIKE '55%_3'", {"cut"}),
+    ("raw NOT LIKE 'aa%' AND raw ILIKE '%01%'", {"noise", "cut", "fb", "flags"}),
     ("raw = '00 01 02'", {"noise"}),
     ("raw IN ('000102', '55010103')", {"noise", "cut"}),
     ("raw ~ '^aa0[23]'", {"pos", "mec"}),
@@ -213,6 +219,42 @@ def test_selecting_is_masking(text: str, names: set[str]) -> None:
     ]
 
 
+TOKENS = st.one_of(st.just("%"), st.text("019AF_", min_size=2, max_size=2))
+"""Pieces of a pattern of bytes: any bytes, or one."""
+
+RAWS = st.lists(
+    st.sampled_from(bytes.fromhex("00 09 0A 10 19 90 99 9A A0 AA AF F0 FF")), min_size=1
+).map(bytes)
+
+
+def _matches(tokens: Sequence[str], raw: bytes) -> bool:
+    """Whether the bytes are as the tokens say, byte by byte."""
+    if not tokens:
+        return not raw
+    first, *rest = tokens
+    if first == "%":
+        return any(_matches(rest, raw[at:]) for at in range(len(raw) + 1))
+    same = all(
+        one in ("_", digit) for one, digit in zip(first, raw[:1].hex().upper(), strict=False)
+    )
+    return bool(raw) and same and _matches(rest, raw[1:])
+
+
+@given(st.lists(TOKENS, max_size=6), st.lists(RAWS, min_size=1, max_size=6))
+@example(["%", "AA", "01", "%"], [bytes.fromhex("AA 02 02 0A A0 10 00 00 00 EE")])
+@example(["%", "FF", "FF", "%"], [bytes.fromhex("0F FF F0"), bytes.fromhex("00 FF FF 00")])
+@example(["%", "01", "%", "01", "%"], [bytes.fromhex("00 10 01"), bytes.fromhex("01 01")])
+def test_a_pattern_of_bytes_is_never_found_between_them(
+    tokens: list[str], raws: list[bytes]
+) -> None:
+    rows = [Damage("p", 0, raw, None, (Fault.NOISE,)) for raw in raws]
+    wanted = RowFilter.parse(f"raw LIKE '{' '.join(tokens)}'")
+    expected = [_matches(tokens, raw) for raw in raws]
+    assert wanted.mask(row_frame(rows)).to_list() == expected
+    codebook = Codebook()
+    assert wanted.of_packed(*pack(rows, codebook), codebook).tolist() == expected
+
+
 @pytest.mark.parametrize("text", ["motor = 1", "TRUE", "noise"])
 def test_no_rows_are_no_rows(text: str) -> None:
     wanted = RowFilter.parse(text)
@@ -231,9 +273,9 @@ def test_the_help_names_every_field_and_its_examples_work() -> None:
         assert column.name in FILTER_HELP
         assert all(word in FILTER_HELP for word in column.words)
     assert max(map(len, FILTER_HELP.splitlines())) <= 79
-    for example, _ in EXAMPLES:
-        assert RowFilter.parse(example).text == example
-        assert example in FILTER_HELP
+    for text, _ in EXAMPLES:
+        assert RowFilter.parse(text).text == text
+        assert text in FILTER_HELP
 
 
 # Any condition, against the three-valued logic of SQL spelled out in Python

@@ -49,6 +49,8 @@ MISTAKES: list[tuple[str, tuple[str, ...]]] = [
     ("rpm = port", ("rpm is a number, port is a text",)),
     ("raw = 0xAA01", ("raw LIKE 'AA01%'",)),
     ("raw = 'hello'", ("'hello' is not hex",)),
+    ("raw LIKE '%A%'", ("'%A%' has half a byte", "_ for any digit")),
+    ("raw LIKE 'AA%0'", ("'AA%0' has half a byte",)),
     ("raw LIKE '%xyz%'", ("'%xyz%' is not hex",)),
     ("rpm LIKE '5%'", ("LIKE wants a text, and rpm is a number",)),
     ("port LIKE rpm", ("LIKE wants a pattern in quotes",)),

@@ -15,7 +15,8 @@ from fte_sniff.protocol import Damage, Fault, Frame, Row
 
 ROW = st.from_type(Frame) | st.from_type(Damage)
 FILTERS = [
-    RowFilter.parse(text) for text in ("malformed", "TRUE", "FALSE", "length > 10", "raw LIKE '%0'")
+    RowFilter.parse(text)
+    for text in ("malformed", "TRUE", "FALSE", "length > 10", "raw LIKE '%_0'")
 ]
 
 
