@@ -7,13 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from textual import events
 from textual.app import ComposeResult
+from textual.binding import BindingType
 from textual.containers import Vertical
 from textual.screen import ModalScreen
 
 from fte_sniff.protocol import COLUMN_BY_NAME
+from fte_sniff.tui.keyline import KeyLine
+from fte_sniff.tui.keys import CHOOSING, bindings, say_keys
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.picking import Lines
 from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES, TableColumn
@@ -42,6 +46,8 @@ class _Line:
 class ColumnChooser(ModalScreen[Chosen | None]):
     """The columns in the order in which they stand side by side; gives None where left."""
 
+    BINDINGS: ClassVar[list[BindingType]] = bindings(CHOOSING)
+
     def __init__(self, shown: Sequence[TableColumn], width_of: Callable[[str], int]) -> None:
         """The list.
 
@@ -57,11 +63,13 @@ class ColumnChooser(ModalScreen[Chosen | None]):
         self._at = 0
         self._done = False
         self._list = Lines()
+        say_keys(self)
 
     def compose(self) -> ComposeResult:
         """A box as tall as there are columns, as far as there is room."""
         with Vertical(id="picker"):
             yield self._list
+        yield KeyLine()
 
     def on_mount(self) -> None:
         """Show the columns."""

@@ -22,8 +22,9 @@ from fte_sniff.formats.layout import ORDER_MARK
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, Status, status_of
 from fte_sniff.tui.detail import UNCERTAIN_ORDER
 from fte_sniff.tui.fitting import padded, wrap
-from fte_sniff.tui.keys import SECTIONS, key_names
-from fte_sniff.tui.language import _
+from fte_sniff.tui.keyline import KeyLine
+from fte_sniff.tui.keys import SECTIONS, key_names, say_keys
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.table.layout import MARKS
 from fte_sniff.tui.table.look import TimeStyle
 from fte_sniff.tui.table.painter import Sign
@@ -62,7 +63,7 @@ def help_text(width: int) -> Text:
         for pair in pairs:
             lines += _pair_lines(pair, names, width)
         lines.append(Text())
-    return Text("\n").join(lines)
+    return Text("\n", no_wrap=True).join(lines)
 
 
 def _pair_lines(pair: Pair, names: int, width: int) -> Iterator[Text]:
@@ -82,20 +83,21 @@ class HelpPage(ModalScreen[None]):
     """The page of help; any of its keys puts it away."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(keys, action, priority=True, show=False)
-        for keys, action in (
-            ("escape,question_mark,q,enter", "dismiss"),
-            ("down,j", "scroll(1)"),
-            ("up,k", "scroll(-1)"),
-            ("pagedown,ctrl+d,space", "page(1)"),
-            ("pageup,ctrl+u", "page(-1)"),
-            ("home,g", "edge(-1)"),
-            ("end,G", "edge(1)"),
+        Binding(keys, action, short, priority=True, show=bool(short), key_display=display)
+        for keys, action, short, display in (
+            ("escape,question_mark,q,enter", "dismiss", later("Back"), "esc"),
+            ("down,j", "scroll(1)", later("Down"), "down"),
+            ("up,k", "scroll(-1)", later("Up"), "up"),
+            ("pagedown,ctrl+d,space", "page(1)", later("Page"), "space"),
+            ("pageup,ctrl+u", "page(-1)", "", None),
+            ("home,g", "edge(-1)", later("Start"), "g"),
+            ("end,G", "edge(1)", later("End"), "G"),
         )
     ]
 
     def __init__(self) -> None:
         super().__init__()
+        say_keys(self)
         self._text = Static()
         # Kept by name: what comes after the page is put away finds nothing on the screen.
         self._page = VerticalScroll(self._text, id="help", can_focus=False)
@@ -104,6 +106,7 @@ class HelpPage(ModalScreen[None]):
     def compose(self) -> ComposeResult:
         """One page that can be moved up and down."""
         yield self._page
+        yield KeyLine()
 
     def on_mount(self) -> None:
         """Say at every move how much more there is."""

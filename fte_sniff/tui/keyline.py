@@ -66,6 +66,7 @@ class KeyLine(Widget):
 
     def on_click(self, event: Click) -> None:
         """Press the key that was clicked."""
+        event.stop()
         end = 0
         for key in self._fitting():
             start, end = end, end + cell_len(_words(key))

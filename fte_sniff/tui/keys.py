@@ -13,7 +13,7 @@ from typing import cast
 from textual.binding import Binding, BindingType
 from textual.dom import DOMNode
 
-from fte_sniff.tui.language import _
+from fte_sniff.tui.language import _, later
 
 
 def _key(keys: str, action: str, short: str, meaning: str, display: str | None = None) -> Binding:
@@ -122,6 +122,29 @@ COMMANDS: tuple[Binding, ...] = tuple(
     binding for binding in (*FINDING, *HANDLING, *MOVING, *LEAVING) if binding.action != "palette"
 )
 """What can be picked from a list instead of by its key."""
+
+
+def _of_list(key: str, short: str, display: str) -> Binding:
+    """A key that a list looks at by itself; the bottom line tells it while the list is open."""
+    return Binding(key, f"told('{key}')", short, key_display=display)
+
+
+PICKING: tuple[Binding, ...] = (
+    _of_list("enter", later("Pick"), "enter"),
+    _of_list("escape", later("Back"), "esc"),
+    _of_list("up", later("Up"), "up"),
+    _of_list("down", later("Down"), "down"),
+)
+"""Keys of a list from which one entry is picked."""
+
+CHOOSING: tuple[Binding, ...] = (
+    _of_list("enter", later("Apply"), "enter"),
+    _of_list("escape", later("Back"), "esc"),
+    _of_list("space", later("Show"), "space"),
+    _of_list("up", later("Up"), "up"),
+    _of_list("down", later("Down"), "down"),
+)
+"""Keys of the list of columns."""
 
 INTERRUPT = Binding(
     "ctrl+c", "interrupt", "Quit", show=False, priority=True, tooltip="copy a selection, or end"

@@ -77,6 +77,9 @@ class NoticeLine(Sentence):
     passing    what a key did, or why it did nothing: until the next key does something, or for
                a while; an error longer, whatever is done meanwhile
     standing   what holds until it is told that it does no more, at most one about each thing
+
+    What is new is told at once: a worry that stands ends whatever passes, and all else that stands
+    ends what passes and is no worry.
     """
 
     def __init__(self) -> None:
@@ -96,9 +99,16 @@ class NoticeLine(Sentence):
 
     def hold(self, about: str, words: str, worry: bool = True) -> None:
         """Tell what holds until `release`, in place of what stood about the same thing."""
-        self._standing.pop(about, None)
-        self._standing[about] = Notice(words, worry)
+        before = self._standing.pop(about, None)
+        notice = self._standing[about] = Notice(words, worry)
+        if notice != before if worry else before is None:
+            self._give_way(notice)
         self._show()
+
+    def _give_way(self, to: Notice) -> None:
+        """What passes ends for a notice that is newer and at least as grave."""
+        if self.passing is not None and to.worry >= self.passing.worry:
+            self._pass(None)
 
     def release(self, about: str) -> None:
         """What stands about this holds no more."""

@@ -9,18 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 from textual import events
 from textual.app import ComposeResult
+from textual.binding import BindingType
 from textual.containers import Vertical
 from textual.screen import ModalScreen
 from textual.widget import Widget
 
 from fte_sniff.tui.fitting import fit
+from fte_sniff.tui.keyline import KeyLine
+from fte_sniff.tui.keys import PICKING, bindings, say_keys
 from fte_sniff.tui.language import _
 
 Picked = TypeVar("Picked")
@@ -82,6 +85,8 @@ class Lines(Widget):
 class Picker(ModalScreen[Picked | None], Generic[Picked]):
     """A list over the screen; gives the value of the picked entry, or None."""
 
+    BINDINGS: ClassVar[list[BindingType]] = bindings(PICKING)
+
     def __init__(self, title: str, entries: Sequence[Entry[Picked]], at: int = 0) -> None:
         """The list.
 
@@ -95,11 +100,13 @@ class Picker(ModalScreen[Picked | None], Generic[Picked]):
         self._typed = ""
         self._done = False
         self._lines = Lines()
+        say_keys(self)
 
     def compose(self) -> ComposeResult:
         """A box as tall as its entries, as far as there is room."""
         with Vertical(id="picker"):
             yield self._lines
+        yield KeyLine()
 
     def on_mount(self) -> None:
         """Show the entries."""

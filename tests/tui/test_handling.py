@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,8 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.protocol import Row
+from fte_sniff.protocol import Damage, Fault, Row
+from fte_sniff.session.saving import Saving
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.choosing import ColumnChooser
 from fte_sniff.tui.detail import DetailPane
@@ -297,6 +299,42 @@ def test_a_save_is_ended_by_esc_and_leaves_nothing(
         assert "was not saved" in page(app).replace("\n", "")
 
     play(feed, scenario, (140, 24))
+
+
+def test_it_is_told_at_once_that_a_save_has_begun(
+    feed: Any, speed_rows: Rows, tmp_path: Path
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100_000))
+        await settle(app, pilot)
+        told = []
+        write = Saving.write
+
+        def seen(saving: Saving, rows: Sequence[Row]) -> None:
+            told.append(page(app))
+            write(saving, rows)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Saving, "write", seen)
+            await save_to(app, pilot, tmp_path / "rows.csv")
+            await until(app, pilot, lambda: app._saving is None)
+        assert "saving to" in told[0]
+        assert "would be saved" not in told[0]
+
+    play(feed, scenario, (140, 24))
+
+
+def test_rows_without_times_have_none_to_count_from(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([Damage("p", 0, b"\x01", None, (Fault.NOISE,))])
+        await settle(app, pilot)
+        for key in ("t", "T"):
+            await press(app, pilot, key)
+            assert "no row here has a time to go by" in page(app)
+            assert "time UTC" in page(app)
+            assert "+ start" not in page(app)
+
+    play(feed, scenario)
 
 
 def test_a_save_that_runs_while_the_screen_closes_leaves_nothing(

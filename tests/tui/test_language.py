@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from textual.pilot import Pilot
+from textual.widgets import Static
 
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.analysis.filter import RowFilter
@@ -120,6 +121,22 @@ def test_help_has_every_key_in_chinese_and_every_name_as_it_is(feed: Any) -> Non
         assert "按键与标记" in page(app)
 
     play_chinese(feed, scenario)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("width", [80, 40])
+def test_the_help_is_drawn_as_it_was_broken_into_lines(
+    feed: Any, language: str, width: int
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "question_mark")
+        await settle(app, pilot)
+        drawn = app.screen.query_one("#help Static", Static)
+        wanted = help_text(drawn.size.width).plain.split("\n")
+        found = [drawn.render_line(y).text.rstrip() for y in range(drawn.size.height)]
+        assert found == [line.rstrip() for line in wanted]
+
+    play(feed, scenario, (width, 24), opening=Opening(language=language))
 
 
 def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(

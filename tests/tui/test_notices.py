@@ -101,6 +101,79 @@ def test_what_still_holds_comes_back_and_goes_when_it_holds_no_more(feed: Any) -
     play(feed, scenario)
 
 
+@pytest.mark.parametrize(
+    "passing",
+    [
+        PortEvent(0, "one", PortEventKind.OPENED, "at 115200"),
+        PortEvent(0, "one", PortEventKind.LINE_ERROR, "2 framing", 2),
+    ],
+)
+def test_a_graver_notice_is_told_at_once_and_then_what_a_key_did(
+    feed: Any, passing: PortEvent
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.tell(passing)
+        await settle(app, pilot)
+        assert passing.detail in page(app)
+        feed.tell(PortEvent(0, "one", PortEventKind.LOST, "pulled out"))
+        await settle(app, pilot)
+        assert "one lost: pulled out" in page(app)
+        assert passing.detail not in page(app)
+        await press(app, pilot, "u")
+        assert "no row is marked" in page(app)
+
+    play(feed, scenario)
+
+
+def test_what_is_under_way_takes_the_place_of_the_hint_before_it_but_of_no_worry(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        notice = app.query_one(NoticeLine)
+        notice.tell("9 rows would be saved")
+        notice.hold("save", "saving: 0%", worry=False)
+        await settle(app, pilot)
+        assert "saving: 0%" in page(app)
+        notice.tell("no row is marked")
+        notice.hold("save", "saving: 9%", worry=False)
+        await settle(app, pilot)
+        assert "no row is marked" in page(app)
+        notice.release("save")
+        notice.warn("the disk is full")
+        notice.hold("save", "saving: 0%", worry=False)
+        await settle(app, pilot)
+        assert "the disk is full" in page(app)
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    ("opener", "told", "words"),
+    [
+        ("question_mark", ("esc Back", "down Down", "G End"), "Keys and signs"),
+        ("ctrl+p", ("enter Pick", "esc Back", "up Up"), "type to find"),
+        ("x", ("enter Pick", "esc Back"), "type to find"),
+        ("C", ("enter Apply", "esc Back", "space Show"), "columns"),
+    ],
+)
+def test_the_bottom_line_tells_the_keys_of_what_is_open(
+    feed: Any, speed_rows: Rows, opener: str, told: Sequence[str], words: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(50))
+        await settle(app, pilot)
+        await press(app, pilot, opener)
+        await settle(app, pilot)
+        assert words in page(app)
+        bottom = lines(app)[-1]
+        assert all(key in bottom for key in told)
+        assert "Follow" not in bottom
+        await pilot.click(KeyLine, offset=(bottom.index("esc"), 0))
+        await settle(app, pilot)
+        assert words not in page(app)
+        assert "G Follow" in lines(app)[-1]
+
+    play(feed, scenario)
+
+
 def test_trouble_with_the_recording_goes_when_it_is_over(feed: Any) -> None:
     from dataclasses import replace
 

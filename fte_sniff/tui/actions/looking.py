@@ -29,6 +29,9 @@ class Looking(Parts):
 
     def action_times(self, by: int) -> None:
         """Let times count from something else; from a mark only where there is one."""
+        if self._watched.start_ns is None and len(self._watched.store):
+            self._tell(_("no row here has a time to go by"))
+            return
         styles = [
             style
             for style in TimeStyle

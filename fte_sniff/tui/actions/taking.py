@@ -118,21 +118,20 @@ class Taking(Parts):
             self._notice.warn(worded(error))
             return
         saving, row_filter = self._saving, store.filter
+        self._tell_share(saving, 0)
         self._work(GROUP, partial(self._write, saving, wanted, row_filter))
 
     async def _write(self, saving: Saving, wanted: range, row_filter: RowFilter | None) -> None:
         """Save the rows of these indices that the filter wants, while the screen goes on."""
         store, at = self._watched.store, wanted.start
+        await self._drawn()
         try:
             while at < wanted.stop:
                 if at < store.first:
                     at = min(store.first, wanted.stop)
                 rows, at = store.select(at, wanted.stop, row_filter)
                 saving.write(rows)
-                share = (at - wanted.start) / len(wanted)
-                words = _("saving to {file}: {share:.0%}, esc ends it")
-                words = words.format(file=shown(str(saving.path)), share=share)
-                self._notice.hold(GROUP, words, worry=False)
+                self._tell_share(saving, (at - wanted.start) / len(wanted))
                 await asyncio.sleep(0)
             saving.finish()
         except FteSniffError as error:
@@ -143,6 +142,17 @@ class Taking(Parts):
             words = _("saved {count:,} rows to {file}")
             self._tell(words.format(count=saving.rows, file=shown(str(saving.path))))
             self._unselect()
+
+    def _tell_share(self, saving: Saving, share: float) -> None:
+        words = _("saving to {file}: {share:.0%}, esc ends it")
+        words = words.format(file=shown(str(saving.path)), share=share)
+        self._notice.hold(GROUP, words, worry=False)
+
+    async def _drawn(self) -> None:
+        """Wait until what was told is on the screen: the first rows may take long."""
+        drawn = asyncio.Event()
+        self.call_after_refresh(drawn.set)
+        await drawn.wait()
 
     def _end_of_saving(self) -> None:
         self._saving = None
