@@ -75,3 +75,12 @@ class WakingFeed(Protocol):
         Behind the end it means nothing.
         """
         ...
+
+
+@runtime_checkable
+class RestingFeed(Protocol):
+    """A feed whose reading takes processor time that a screen may need for a moment."""
+
+    def rest(self) -> None:
+        """Read no more until the next poll, but for what is being read now; returns at once."""
+        ...

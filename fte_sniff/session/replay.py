@@ -93,6 +93,11 @@ class ReplaySession:
         self._rows += len(rows)
         return FeedUpdate(self._state(), rows, [event for read in taken for event in read.events])
 
+    def rest(self) -> None:
+        """Read no more until the next poll, but for what is being read now; returns at once."""
+        if not self._stop.is_set():
+            self._onward.clear()
+
     def stop(self) -> None:
         """End reading; returns at once."""
         self._stop.set()

@@ -20,9 +20,10 @@ from textual.binding import BindingType
 from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
+from textual.events import Event, Key
 from textual.filter import LineFilter
 
-from fte_sniff.analysis.feed import Feed, WakingFeed
+from fte_sniff.analysis.feed import Feed, RestingFeed, WakingFeed
 from fte_sniff.analysis.paging import BlockSource
 from fte_sniff.analysis.store import BLOCK_ROWS, ENDLESS, RowStore
 from fte_sniff.errors import FteSniffError, shown
@@ -65,6 +66,9 @@ from fte_sniff.tui.watched import Watched
 
 TICK_S = 1 / 20
 """Between two looks at the feed that the clock brings about: often enough, and yet calm."""
+
+KEYS_NS = 250_000_000
+"""How long a file's rows, and the models, wait after a key: reading takes time from those keys."""
 
 LOW = 16
 """Lines below which a pane has to be content with very few."""
@@ -109,6 +113,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._feed = feed
         self._waking: Waking | None = None
         self._woken = False
+        self._key_at_ns = monotonic_ns() - KEYS_NS
         row_filter = opening.row_filter
         self._watched = Watched(feed, row_filter, _store(opening.keep_rows, source))
         self._title_line, self._header = TitleLine(), TableHeader()
@@ -221,11 +226,23 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             self._waking.end()
             self._waking = None
 
+    async def on_event(self, event: Event) -> None:
+        """Keys come before a file's rows."""
+        state = self._watched.state
+        if isinstance(event, Key) and state.running and not state.live:
+            self._key_at_ns = monotonic_ns()
+            self._panes.rest()
+            if isinstance(self._feed, RestingFeed):
+                self._feed.rest()
+        await super().on_event(event)
+
     def tick(self) -> None:
         """Look at the feed, and draw what changed."""
+        state = self._watched.state
+        keys_first = state.running and monotonic_ns() - self._key_at_ns < KEYS_NS
         try:
             # A file can wait until what is there was counted; a wire cannot.
-            wait = self._panes.overtaken and not self._watched.state.live
+            wait = keys_first or (self._panes.overtaken and not state.live)
             news = self._watched.look(self.now_ns(), take=not wait)
         except FteSniffError as failure:
             self.failure = failure
@@ -252,8 +269,9 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             self._table.start_ns = self._watched.start_ns
             self._table.sync()
         self._show_state()
-        state = self._watched.state
-        self._panes.tick(self.now_ns(), state.live and state.running)
+        if not keys_first:
+            state = self._watched.state
+            self._panes.tick(self.now_ns(), state.live and state.running)
 
     def _show_state(self) -> None:
         """Draw the lines above and below the table, where they changed."""

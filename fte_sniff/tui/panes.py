@@ -52,7 +52,7 @@ class Panes:
             "statistics": StatisticsPane(),
         }
         self._shown: Pane | None = None
-        self._goes_on = False
+        self._goes_on = self._rests = False
         self._seen_at_s = 0.0
         self._newest = 0
         self._newest_at_ns = self._clock_ns = 0
@@ -116,12 +116,17 @@ class Panes:
             running: whether time goes on where the rows come from, also without rows.
         """
         self._clock_ns = now_ns
+        self._rests = False
         if self._store.next != self._newest or not running:
             self._newest, self._newest_at_ns = self._store.next, now_ns
         if self.open or self._models.behind >= UNSEEN_ROWS or self.overtaken:
             self._catch_up()
         if self._shown is not None and now_ns / 1e9 - self._seen_at_s >= self._shown.EVERY_S:
             self.look()
+
+    def rest(self) -> None:
+        """Let the models wait for the next tick: other things come first."""
+        self._rests = True
 
     def _catch_up(self) -> None:
         """Let the models look; what is too much for one time goes on behind what else there is."""
@@ -134,7 +139,8 @@ class Panes:
 
     def _go_on(self) -> None:
         self._goes_on = False
-        self._catch_up()
+        if not self._rests:
+            self._catch_up()
 
     @property
     def overtaken(self) -> bool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from time import monotonic
 
 from fte_sniff.errors import FileError
@@ -105,6 +107,43 @@ def test_what_cannot_be_read_ends_it_after_what_could() -> None:
     assert len(all_of(session)) == 30
     assert str(session.error) == "file: broken here"
     assert session.poll().state.ended == "file: broken here"
+
+
+def test_reading_rests_until_the_next_poll() -> None:
+    read: queue.Queue[int] = queue.Queue()
+    gate = threading.Semaphore(1)
+
+    def reading() -> Iterator[Read]:
+        for number, batch in enumerate(batches(5)):
+            assert gate.acquire(timeout=20)
+            read.put(number)
+            yield batch
+
+    session = ReplaySession(reading(), "file")
+    deadline = monotonic() + 20
+    while not session.poll().rows and monotonic() < deadline:
+        pass
+    session.poll()
+    gate.release()
+    assert [read.get(timeout=20), read.get(timeout=20)] == [0, 1]
+    session.rest()
+    gate.release(3)
+    came = []
+    with suppress(queue.Empty):
+        while True:
+            came.append(read.get(timeout=0.1))
+    # What is being read when it is told to rest may still come.
+    assert came in ([], [2])
+    all_of(session)
+    assert [read.get(timeout=20) for _ in range(3 - len(came))][-1] == 4
+
+
+def test_a_session_that_was_stopped_does_not_rest_for_ever() -> None:
+    session = ReplaySession(batches(100), "file")
+    session.stop()
+    session.rest()
+    session._thread.join(timeout=20)
+    assert not session._thread.is_alive()
 
 
 def test_stop_ends_the_reading() -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import pytest
 from textual.pilot import Pilot
 
 from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.tui import app as app_module
 from fte_sniff.tui.app import SniffApp
 from tests.tui.conftest import NOON_NS
-from tests.tui.playing import Rows, page, play, press, settle
+from tests.tui.playing import Rows, page, play, press, settle, type_line
 
 
 def test_port_events_of_a_file_are_told_once_and_calmly(feed: Any, speed_rows: Rows) -> None:
@@ -47,3 +49,41 @@ def test_what_every_recording_has_is_worth_no_word(feed: Any, speed_rows: Rows) 
         assert "port events" not in page(app)
 
     play(feed, scenario, size=(120, 40))
+
+
+def test_keys_come_before_the_rows_of_a_file(
+    feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rests: list[bool] = []
+    feed.rest = lambda: rests.append(True)
+    feed.state = replace(feed.state, live=False)
+    monkeypatch.setattr(app_module, "KEYS_NS", 3_600_000_000_000)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        assert rests == []
+        await press(app, pilot, "slash")
+        assert rests == [True]
+        feed.give(speed_rows(10, start=10))
+        await settle(app, pilot)
+        assert len(app._watched.store) == 10
+        await type_line(app, pilot, "rpm")
+        assert "rpm" in page(app)
+        monkeypatch.setattr(app_module, "KEYS_NS", 0)
+        await settle(app, pilot)
+        assert len(app._watched.store) == 20
+
+    play(feed, scenario)
+
+
+def test_keys_do_not_keep_a_wire_waiting(feed: Any, speed_rows: Rows) -> None:
+    feed.rest = pytest.fail
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "k")
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        assert len(app._watched.store) == 10
+
+    play(feed, scenario)
