@@ -21,7 +21,9 @@ from fte_sniff.formats.pasted_line import Line
 
 _MOST_HELD = 1000
 _FEWEST_HALVES = 4
-_TOKEN = re.compile(r"(?:0[xX]|\\x|\\u00|\$|&[hH]|%)?[0-9A-Fa-f]+[hH]?(?![0-9A-Za-z])")
+_TOKEN = re.compile(
+    r"(?:0[xX]|\\x|\\u00|\$|&[hH]|%|(?<![0-9A-Za-z]))[0-9A-Fa-f]++[hH]?(?![0-9A-Za-z])"
+)
 _NUMBER = re.compile(r"(?:(?<![0-9A-Za-z])-)?[0-9]{1,3}(?![0-9A-Za-z])")
 _SIGNED = re.compile(r"(?:^|[\s\[({,])-[0-9]{1,3}(?=[\s,\])}]|$)")
 _PREFIXED = re.compile(r"0x[0-9a-f]+", re.IGNORECASE)

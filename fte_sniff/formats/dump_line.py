@@ -19,8 +19,8 @@ LONGEST_LINE = 1000
 """Characters; no dump has longer lines."""
 
 _ADDRESS = re.compile(
-    r"\s*[│|]?\s*(?:0x)?(?P<digits>[0-9A-Fa-f]{4,16})h?(?:\s+<[\w.+]+>(?=:))?"
-    r"(?P<mark>:\s*|\s*[│|]\s*|\s+|\s*\Z)",
+    r"\s*+[│|]?\s*+(?:0x)?(?P<digits>[0-9A-Fa-f]{4,16})h?(?:\s++<[\w.+]++>(?=:))?"
+    r"(?P<mark>:\s*|\s*[│|]\s*|\s+|\Z)",
     re.IGNORECASE,
 )
 _GROUP = re.compile(

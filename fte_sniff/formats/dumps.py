@@ -137,10 +137,9 @@ class Dumps:
         base = _base(line, dump, follows)
         repeated = (follows[base] - dump.start[base]) // len(dump.last.data) - 1
         if repeated:
-            data = dump.last.data * repeated
-            if len(data) > _MOST_REPEATED:
+            if repeated * len(dump.last.data) > _MOST_REPEATED:
                 raise line.refused("* stands for too many bytes; dump with -v")
-            yield replace(line, text="", at=0, data=data)
+            yield replace(line, text="", at=0, data=dump.last.data * repeated)
         if dumped.data:
             dump.last, dump.start, dump.repeats = dumped, follows, False
             yield self._accepted(line, dumped)

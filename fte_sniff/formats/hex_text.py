@@ -16,8 +16,14 @@ from fte_sniff.errors import InputTextError
 from fte_sniff.formats.text_lines import Piece
 
 BYTES_LITERAL = re.compile(
-    r"""(?<![0-9a-z])b(?:'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""", re.IGNORECASE
+    r"""(?<![0-9a-z'"])b(?:'(?:[^'\\]|\\.)*+'|"(?:[^"\\]|\\.)*+")""", re.IGNORECASE | re.DOTALL
 )
+_OPENED_LITERAL = re.compile(r"""(?<![0-9a-z'"])b(?P<quote>['"])""", re.IGNORECASE)
+_COMMENT = re.compile(
+    rf"{BYTES_LITERAL.pattern}|{_OPENED_LITERAL.pattern}|(?P<comment>#.*|//.*|/\*(?:.*?\*/|(?P<open>.*)))",
+    re.IGNORECASE | re.DOTALL,
+)
+_CLOSED = "*/"
 _WORD = re.compile(
     r"(?:0x|(?P<escape>\\x|\\u00)|\$|&h|%)?(?P<digits>[0-9a-f]+)(?:h(?![0-9a-z]))?", re.IGNORECASE
 )
@@ -53,6 +59,8 @@ def bytes_of_line(text: str, at: int, piece: Piece) -> bytes:
         elif literal := BYTES_LITERAL.match(text, at):
             found += _bytes_of_literal(literal.group(), piece, at)
             at = literal.end()
+        elif _OPENED_LITERAL.match(text, at):
+            raise not_hex(piece, at, "starts a bytes literal that does not end on its line")
         elif has_bits and (one := _BITS.match(text, at)):
             if not only_bits:
                 raise not_hex(piece, at, "begins eight bits or five bytes")
@@ -69,6 +77,40 @@ def bytes_of_line(text: str, at: int, piece: Piece) -> bytes:
 def without_literals(text: str) -> str:
     """The text with blanks where Python's bytes literals stand."""
     return BYTES_LITERAL.sub(lambda literal: " " * len(literal.group()), text)
+
+
+def opened_literal(text: str) -> str | None:
+    """The quotation mark of Python's bytes literal that goes on behind the text."""
+    if not _OPENED_LITERAL.search(text):
+        return None
+    return next((found["quote"] for found in _COMMENT.finditer(text) if found["quote"]), None)
+
+
+def without_comments(text: str, at: int, *, inside: bool) -> tuple[str, bool, bool]:
+    """The text with blanks where comments stand, or up to one that goes on to the line's end.
+
+    Returns:
+        The text; whether a comment goes on behind it, up to the one that closes it, wherever that
+        is; whether one goes on to the line's end.
+    """
+    parts = [text[:at]]
+    if inside:
+        closed = text.find(_CLOSED, at)
+        if closed < 0:
+            return text[:at] + " " * (len(text) - at), True, False
+        parts.append(" " * (closed + len(_CLOSED) - at))
+        at = closed + len(_CLOSED)
+    for comment in _COMMENT.finditer(text, at):
+        if comment["comment"] is None:
+            continue
+        parts.append(text[at : comment.start()])
+        if not comment["comment"].startswith("/*"):
+            return "".join(parts), False, True
+        parts.append(" " * len(comment["comment"]))
+        at = comment.end()
+        if comment["open"] is not None:
+            return "".join(parts), True, False
+    return "".join((*parts, text[at:])), False, False
 
 
 def first_wrong(text: str, number: re.Pattern[str]) -> int | None:

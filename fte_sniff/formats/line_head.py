@@ -55,8 +55,8 @@ class Head:
 _RECEIVED = r"RX[0-9]?|RXD|RECV|RECEIVED?|READ|IN|Incoming"
 _SENT = r"TX[0-9]?|TXD|SEND|SENT|WRITE|WROTE|WRITTEN|OUT|Outgoing"
 _COUNT = (
-    r"(?:\s*[\[(]\s*(?:len\s*[=:]?\s*)?\d{1,5}\s*(?:bytes?|字节)?\s*[\])](?=\s*[:>=-])"
-    r"|\s*\d{1,5}\s*(?:bytes?|字节)(?![A-Za-z]))?"
+    r"(?:\s*+[\[(]\s*+(?:len\s*+[=:]?\s*+)?\d{1,5}\s*+(?:bytes?|字节)?\s*+[\])](?=\s*+[:>=-])"
+    r"|\s*+\d{1,5}\s*+(?:bytes?|字节)(?![A-Za-z]))?"
 )
 _WORD_END = r"(?![A-Za-z0-9])"
 _RECEIVED_WORD = rf"(?:(?:{_RECEIVED}){_WORD_END}|R(?=\s?:)|接收到?|收到?|读取?)"
@@ -127,11 +127,11 @@ _TIME_AS_BEFORE = _time(_BYTE)
 """In a log that has had times, lines may begin within a frame."""
 
 _ITEM = re.compile(
-    r"\s*(?:"
+    r"\s*+(?:"
     rf"[\[(]?(?P<received>{_RECEIVED_WORD})[\])]?{_COUNT}"
     rf"|[\[(]?(?P<sent>{_SENT_WORD})[\])]?{_COUNT}"
     rf"|(?:{_ABOUT}){_COUNT}|{_ARROW}|[:：](?=\s|\Z|[^0-9A-Fa-f])|:"
-    r"|\[?\s*(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\s*\]?(?![A-Za-z0-9])(?::[\w.]+(?=:))?"
+    r"|\[?\s*+(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\s*\]?(?![A-Za-z0-9])(?::[\w.]+(?=:))?"
     r")",
     re.IGNORECASE,
 )
@@ -154,9 +154,10 @@ _PUTTY = re.compile(
 _NAME = r"(?!(?:[0-9a-f]{2})+(?!\w))[a-z_]\w*+"
 """A word of a declaration; what could be bytes is none."""
 _DECLARATION = re.compile(
-    rf"\s*(?:(?:{_NAME}[\s:<>*&]*)+(?:\[\d*\])?\s*=\s*(?=[\[{{(b\"'])"
-    r"|[{\s]*[\"']?[a-z_]\w*[\"']?\s*:\s*(?=\[)"
-    r"|<Buffer\s+|Uint8Array\(\d+\)\s*(?=\[))",
+    rf"\s*+(?:(?:{_NAME}[\s:<>*&]*+(?:\[\d*\]\s*+)?)++=\s*+"
+    rf"(?:new\s+{_NAME}\s*+\[\d*\]\s*+)?(?=[\[{{(b\"'])"
+    r"|[{\s]*[\"']?[a-z_]\w*[\"']?\s*+:\s*+(?=\[)"
+    r"|<Buffer\s+|Uint8Array\(\d+\)\s*+(?=\[))",
     re.IGNORECASE,
 )
 

@@ -25,15 +25,13 @@ from fte_sniff.formats.code import ESCAPES, without_code
 from fte_sniff.formats.decimals import Numbers
 from fte_sniff.formats.dumps import Dumps
 from fte_sniff.formats.fronts import without_doubtful_fronts
-from fte_sniff.formats.hex_text import without_literals
+from fte_sniff.formats.hex_text import opened_literal, without_comments
 from fte_sniff.formats.line_head import Mark, Stamp, head_of
 from fte_sniff.formats.pasted_line import Line
 from fte_sniff.formats.text_lines import Piece
 
 _FENCE = re.compile(r"\s*(?:(?:```|~~~)[\w-]*|[\u2500-\u257f]{3,})\s*")
 _PAIRS = re.compile(r"[ \t]*(?:[0-9A-Fa-f]{2}[ \t]+)*[0-9A-Fa-f]{2}[ \t]*")
-_OPENED = re.compile(r"#|//|/\*")
-_CLOSED = "*/"
 _WIDE: dict[int, int] = {
     **{wide: wide - 0xFEE0 for wide in range(0xFF01, 0xFF5F)},
     **dict(zip(map(ord, "【】「」『』、。"), map(ord, "[][][],."), strict=True)),
@@ -78,7 +76,7 @@ def logged_bytes(
         InputTextError: something cannot be read; the message names the line.
     """
     tell = note or _unheard
-    bare = _uncommented(Dumps(tell).lines(_headed(pieces)))
+    bare = _uncommented(Dumps(tell).lines(_headed(_closed(pieces))))
     read = Numbers(tell).bytes_of(without_doubtful_fronts(bare, tell))
     for line, data in read:
         if data:
@@ -87,6 +85,25 @@ def logged_bytes(
 
 def _unheard(_line: str) -> None:
     pass
+
+
+def _closed(pieces: Iterable[Piece]) -> Iterator[Piece]:
+    """The pieces, Python's bytes literals that go on in the next piece of their line as two."""
+    held: Piece | None = None
+    quote = None
+    for piece in pieces:
+        if held is not None and quote is not None and piece.column:
+            yield replace(held, text=held.text + quote)
+            reopened = f"b{quote}"
+            piece = Piece(reopened + piece.text, piece.line, piece.column - len(reopened))
+        elif held is not None:
+            yield held
+        quote = opened_literal(piece.text)
+        held = piece if quote is not None else None
+        if held is None:
+            yield piece
+    if held is not None:
+        yield held
 
 
 def _headed(pieces: Iterable[Piece]) -> Iterator[Line]:
@@ -131,24 +148,6 @@ def _uncommented(lines: Iterable[Line]) -> Iterator[Line]:
         if line.data is not None or (line.pairs and not inside and line.piece.line != ended):
             yield line
         elif line.piece.line != ended:
-            text, inside, ends = _without_comments(line.text, line.at, inside=inside)
+            text, inside, ends = without_comments(line.text, line.at, inside=inside)
             ended = line.piece.line if ends else ended
             yield replace(line, text=text)
-
-
-def _without_comments(text: str, at: int, *, inside: bool) -> tuple[str, bool, bool]:
-    """The text, whether a comment goes on behind it, and whether one goes on to the line's end."""
-    while True:
-        if not inside:
-            opened = _OPENED.search(without_literals(text), at)
-            if opened is None:
-                return text, False, False
-            at = opened.start()
-            if opened.group() != "/*":
-                return text[:at], False, True
-        closed = text.find(_CLOSED, at if inside else at + 2)
-        inside = closed < 0
-        end = len(text) if inside else closed + len(_CLOSED)
-        text = text[:at] + " " * (end - at) + text[end:]
-        if inside:
-            return text, True, False

@@ -26,6 +26,17 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16-be"),
 )
 _LINE_END = re.compile(rb"\r\n|\n|\r(?!\Z)")
+_LAST_BETWEEN = re.compile(
+    r".*(?:[^\w\\$&%#/*.+=\-\uFF04\uFF06\uFF05\uFF0B\uFF0D]|(?<=\w)-|(?<=\w)\.(?=\w))",
+    re.DOTALL,
+)
+"""Up to the last character that is no part of a word, an escape, a signed number or a comment."""
+_UNITS = re.compile(
+    r"(?:(?=.{6})(?:\\x[0-9A-Fa-f]{2}|\\u[0-9A-Fa-f]{4}|\\[0-7]{1,3}|\\."
+    r"|&[hH][0-9A-Fa-f]{2}|[$%]?\w{2}|.))*+",
+    re.DOTALL,
+)
+"""Escapes and pairs of digits, up to a few characters before the end: none is seen in part."""
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 _PAIR = re.compile(rb"[0-9A-Fa-f]")
 
@@ -91,7 +102,7 @@ def text_pieces(stream: BinaryIO | IO[bytes], name: str) -> Iterator[Piece]:
         FileError: it is no text.
     """
     number, column = 1, 0
-    for part, whole in _parts(_utf8_blocks(stream)):
+    for part, whole in _parts(_utf8_blocks(stream, name)):
         if b"\0" in part:
             raise FileError(
                 f"{name}: holds no text (a zero byte in line {number}); if it holds raw bytes,"
@@ -102,8 +113,12 @@ def text_pieces(stream: BinaryIO | IO[bytes], name: str) -> Iterator[Piece]:
         number, column = (number + 1, 0) if whole else (number, column + len(text))
 
 
-def _utf8_blocks(stream: BinaryIO | IO[bytes]) -> Iterator[bytes]:
-    """The stream's bytes, those in UTF-16 as UTF-8, without a mark in front."""
+def _utf8_blocks(stream: BinaryIO | IO[bytes], name: str) -> Iterator[bytes]:
+    """The stream's bytes, those in UTF-16 as UTF-8, without a mark in front.
+
+    Raises:
+        FileError: it ends within a character of UTF-16.
+    """
     read = getattr(stream, "read1", stream.read)
     first, block = b"", b"?"
     while len(first) < _SNIFFED and (block := read(_BLOCK)):
@@ -118,16 +133,21 @@ def _utf8_blocks(stream: BinaryIO | IO[bytes]) -> Iterator[bytes]:
     decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
     for block in blocks:
         yield decoder.decode(block).removeprefix("\ufeff").encode("utf-8", "replace")
-    yield decoder.decode(b"", final=True).encode()
+    if decoder.getstate()[0]:
+        raise FileError(
+            f"{name}: ends within a character ({encoding.upper()[:6]}), so it is cut short; save or"
+            " copy it again, or save what there is as UTF-8"
+        )
 
 
 def _parts(blocks: Iterator[bytes]) -> Iterator[tuple[bytes, bool]]:
     """Lines without their ends, and pieces of those that are too long; whether one ends a line."""
     held = b""
     for block in blocks:
+        seen = max(0, len(held) - 1)
         held += block
         start = 0
-        for end in _LINE_END.finditer(held):
+        for end in _LINE_END.finditer(held, seen):
             yield held[start : end.start()], True
             start = end.end()
         held = held[start:]
@@ -141,10 +161,27 @@ def _parts(blocks: Iterator[bytes]) -> Iterator[tuple[bytes, bool]]:
         yield held, True
 
 
-def _cut(text: bytes) -> int:
-    """Where a piece of a very long line can end: behind a space or comma, or else a whole byte."""
-    separated = max(text.rfind(b" "), text.rfind(b","), text.rfind(b"\t"))
-    return separated + 1 if separated >= 0 else len(text) // 2 * 2
+def _cut(window: bytes) -> int:
+    """Where a piece of a very long line can end, so that nothing which is read as one is split.
+
+    That is behind what stands between words; in a word that is as long, behind a whole escape, or
+    an even count of digits.
+    """
+    text, encoding = _begun(window)
+    between = _LAST_BETWEEN.match(text)
+    units = between or _UNITS.match(text)
+    cut = units.end() if units and units.end() else len(text)
+    return len(text[:cut].encode(encoding))
+
+
+def _begun(window: bytes) -> tuple[str, str]:
+    """The whole characters of bytes that end anywhere, and their encoding."""
+    for encoding in ("utf-8", "gb18030"):
+        try:
+            return codecs.getincrementaldecoder(encoding)().decode(window), encoding
+        except UnicodeDecodeError:
+            continue
+    return window.decode("latin-1"), "latin-1"
 
 
 def _text(line: bytes, name: str, number: int) -> str:

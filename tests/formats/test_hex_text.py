@@ -35,6 +35,10 @@ PASTES = {
     "h behind": "AAh 02h 02h 03h E8h 00h 00h 27h 10h EEh",
     "a full stop": "AA 02 02 03 E8 00 00 27 10 EE.",
     "a C declaration": "unsigned char buf[] = {0xAA,0x02,0x02,3,0xE8,0,0,0x27,0x10,0xEE};",
+    "a C# array": "byte[] b = {0xAA, 0x02, 0x02, 0x03, 0xE8, 0x00, 0x00, 0x27, 0x10, 0xEE};",
+    "a Java array": "byte[] b = {170, 2, 2, 3, 232, 0, 0, 39, 16, 238};",
+    "a new Java array": "final byte[] b = new byte[] {-86, 2, 2, 3, -24, 0, 0, 39, 16, -18};",
+    "a Java array as C has it": "byte b [] = {-86, 2, 2, 3, -24, 0, 0, 39, 16, -18};",
     "a Python list": "data = [0xAA, 0x02, 0x02, 0x03, 0xE8, 0x00, 0x00, 0x27, 0x10, 0xEE]",
     "a bytearray": r"""bytearray(b"\xaa\x02\x02\x03\xe8\x00\x00'\x10\xee\"""".replace('\\"', '"')
     + ")",

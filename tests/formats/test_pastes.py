@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fte_sniff.errors import FteSniffError, InputTextError
+from fte_sniff.errors import FileError, FteSniffError, InputTextError
 from fte_sniff.formats.hex_log import HexLog
 from fte_sniff.formats.pastes import bytes_of_text
 from tests.formats.forms import FORMS, bytes_in
@@ -99,6 +99,9 @@ def test_words_in_the_order_of_a_machine_are_refused(command: str) -> None:
         read(done.stdout.decode())
 
 
+REPEATED = "00000000  aa 01 01 03 e8 00 00 00  00 ee 55 01 01 03 e8 00  |..........U.....|\n*\n"
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -121,6 +124,9 @@ def test_words_in_the_order_of_a_machine_are_refused(command: str) -> None:
         ("battery: 55", "'t' is no hex digit"),
         ("  can0  123   [8]  AA 01 01 03", "'n' is no hex digit"),
         ("layout:\n  dim: []", "'l' is no hex digit"),
+        (r"b'\xaa' b'\x01\x01", "'b' starts a bytes literal that does not end on its line"),
+        (REPEATED + "fffffffffffffff0", "line 3: * stands for too many bytes; dump with -v"),
+        (REPEATED + "40000000", "line 3: * stands for too many bytes; dump with -v"),
     ],
 )
 def test_what_cannot_be_told_is_refused(text: str, said: str) -> None:
@@ -333,3 +339,10 @@ def test_rows_as_json_lines_are_their_bytes() -> None:
     assert chunk.data == bytes.fromhex(FRAME)
     assert chunk.t_ns == 1_769_860_800 * 10**9
     assert bytes_of_text(text * 2) == chunk.data * 2
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+def test_a_file_that_ends_within_a_character(encoding: str) -> None:
+    content = "AA 01 01 03\n55 01".encode(encoding)
+    with pytest.raises(FileError, match=r"f: ends within a character \(UTF-.*cut short"):
+        list(HexLog.of_stream(io.BytesIO(content[:-1]), "f"))
