@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
-from fte_sniff.formats.dump_line import DumpLine, address_of, dump_line
+from fte_sniff.formats.dump_line import LONGEST_LINE, DumpLine, address_of, dump_line
 from fte_sniff.formats.line_numbers import LineNumbers, number_before
 from fte_sniff.formats.pasted_line import Line
 
@@ -24,7 +24,12 @@ _WIDTHS = (6, 7, 8, 16)
 _DIGITS_OF_OD = 7
 """Its addresses are octal, or decimal with -A d."""
 _MOST_REPEATED = 1 << 20
+_BEGUN_ADDRESS = re.compile(r"\s*(?P<digits>[0-9A-Fa-f]{1,15})\s*")
+_PER_LINE = (8, 16, 32)
+"""Bytes that programs put on a line of a dump."""
+_MOST_GARBLED = 2
 _COMMENT = re.compile(r"\s(?:#|//|/\*)")
+_PAIR = re.compile(r"[0-9A-Fa-f]{2}")
 _REPEATED = re.compile(r"\s*\*\s*")
 
 
@@ -36,6 +41,27 @@ class _Dump:
     start: dict[int, int]
     """The address of the last line, by each base that it can be written in."""
     repeats: bool = False
+
+    def begins_next(self, text: str, at: int) -> bool:
+        """Whether the text is the next address, but for digits that are missing behind it."""
+        begun = _BEGUN_ADDRESS.fullmatch(text, at)
+        if begun is None or len(begun["digits"]) >= len(self.last.address):
+            return False
+        if self.repeats:
+            return True
+        nexts = (_written(start + len(self.last.data), base) for base, start in self.start.items())
+        width = len(self.last.address)
+        return any(one.zfill(width).startswith(begun["digits"].lower()) for one in nexts)
+
+    def misses_lines(self, line: DumpLine) -> bool:
+        """Whether a line with an address only ends a dump that has more lines than there are."""
+        if line.data or len(line.address) != len(self.last.address):
+            return False
+        rises = (
+            (_value(line.address, base) or 0) - start - len(self.last.data)
+            for base, start in self.start.items()
+        )
+        return any(0 < rise <= _MOST_REPEATED for rise in rises)
 
     def follows(self, line: DumpLine) -> dict[int, int]:
         """The address of a line that follows, by base; empty where it does not follow."""
@@ -59,6 +85,10 @@ class Dumps:
     _held: tuple[Line, DumpLine] | None = None
     _numbers: LineNumbers = field(init=False)
     _told: bool = False
+    _latest: Line | None = None
+    """The line before that is not blank."""
+    _dumped_at: int = 0
+    """The number of the latest line that is one of a dump."""
 
     def __post_init__(self) -> None:
         self._numbers = LineNumbers(self.note)
@@ -70,13 +100,19 @@ class Dumps:
             InputTextError: nothing tells whether something is an address or bytes.
         """
         for line in lines:
-            if line.piece.column or not line.text[line.at :].strip():
+            text = line.text[line.at :].strip()
+            if line.piece.column or not text:
                 yield line
-            elif line.pairs and not self._numbers.counting:
+                continue
+            self._refuse_garbled_before(line)
+            if line.pairs and not self._numbers.counting:
                 yield from self._release()
-                yield line
+                self._refuse_cut(line)
+                # Text beside bytes may look like bytes.
+                yield line.without_text_beside() if "  " in text else line
             else:
                 yield from self._line(line)
+            self._latest = line
         yield from self._release()
 
     def _line(self, line: Line) -> Iterator[Line]:
@@ -91,9 +127,10 @@ class Dumps:
             yield from self._numbers.release()
             yield from self._dumped(line, dumped)
         elif (self._dumps or self._held) and _REPEATED.fullmatch(line.text, line.at):
-            yield from self._repeats()
+            yield from self._repeats(line)
         else:
             yield from self._release()
+            self._refuse_cut(line)
             self._refuse_garbled(line)
             if number is not None and not number.like_others:
                 self._numbers.hold(line, number)
@@ -116,6 +153,12 @@ class Dumps:
                 return
         if not dumped.data:
             yield from self._release()
+            self._refuse_cut(line)
+            if any(dump.misses_lines(dumped) for dump in self._dumps):
+                raise line.refused(
+                    f"the dump ends at address {dumped.address}, but lines before that are missing;"
+                    " paste it whole, or delete this line",
+                )
             yield line.without_text_beside()
         elif dumped.shown:
             self._begin(line, dumped)
@@ -123,13 +166,14 @@ class Dumps:
         else:
             self._held = line, dumped
 
-    def _repeats(self) -> Iterator[Line]:
+    def _repeats(self, repeated: Line) -> Iterator[Line]:
         """Lines like the one before are left out; so that one is a line of a dump."""
         if self._held is not None:
             (line, dumped), self._held = self._held, None
             self._begin(line, dumped)
             yield self._accepted(line, dumped)
         self._dumps[0].repeats = True
+        self._dumped_at = repeated.piece.line
 
     def _goes_on(
         self, dump: _Dump, line: Line, dumped: DumpLine, follows: dict[int, int]
@@ -165,12 +209,34 @@ class Dumps:
                 " dump again",
             )
 
+    def _refuse_cut(self, line: Line) -> None:
+        """Refuse what may be the beginning of an address, right behind a dump."""
+        if self._latest is None or self._dumped_at != self._latest.piece.line:
+            return
+        if any(dump.begins_next(line.text, line.at) for dump in self._dumps):
+            raise line.refused(
+                f"{line.text[line.at :].strip()} may be the dump's next address cut short, or"
+                " bytes; delete it",
+            )
+
+    def _refuse_garbled_before(self, line: Line) -> None:
+        """Refuse the line before, taken for bytes, where this one shows that it has an address."""
+        before = self._latest
+        if before is None or self._held is not None or self._dumped_at == before.piece.line:
+            return
+        if _has_address_before(before, line):
+            raise before.refused(
+                "its bytes do not fit its address, which the line below goes on from; paste the"
+                " dump again",
+            )
+
     def _accepted(self, line: Line, dumped: DumpLine) -> Line:
         if dumped.unordered:
             raise line.refused(
                 "the bytes of a group may stand in the machine's order, as hexdump, od -x and"
                 " xxd -e show them; dump them again with hexdump -C",
             )
+        self._dumped_at = line.piece.line
         return replace(line, text="", at=0, data=dumped.data)
 
     def _release(self) -> Iterator[Line]:
@@ -203,6 +269,19 @@ def _dump_line(line: Line) -> DumpLine | None:
     return comment and dump_line(line.text[: comment.start()], line.at)
 
 
+def _has_address_before(before: Line, line: Line) -> bool:
+    """Whether two lines begin with addresses between which about as many bytes stand."""
+    first, then = (address_of(one.text, one.at) for one in (before, line))
+    if first is None or then is None or len(first.address) != len(then.address):
+        return False
+    rise = int(then.address, 16) - int(first.address, 16)
+    if rise not in _PER_LINE:
+        return False
+    place = before.text.index(first.address, before.at) + len(first.address)
+    pairs = len(_PAIR.findall(before.text[place : place + LONGEST_LINE]))
+    return abs(pairs - rise) <= _MOST_GARBLED
+
+
 def _base(line: Line, dump: _Dump, follows: dict[int, int]) -> int:
     """The base of an address; where it says how many lines were left out, it must be certain."""
     usual = (8, 10) if len(dump.last.address) == _DIGITS_OF_OD else (16,)
@@ -215,6 +294,10 @@ def _base(line: Line, dump: _Dump, follows: dict[int, int]) -> int:
 def _starts(line: DumpLine) -> dict[int, int]:
     values = {base: _value(line.address, base) for base in _BASES}
     return {base: value for base, value in values.items() if value is not None}
+
+
+def _written(address: int, base: int) -> str:
+    return format(address, {16: "x", 8: "o", 10: "d"}[base])
 
 
 def _value(digits: str, base: int) -> int | None:

@@ -88,6 +88,21 @@ def test_lines_left_out_of_a_dump_are_put_back_or_it_is_refused(command: str, ze
         assert "how many lines * stands for; dump again with -v" in str(error)  # noqa: PT017
 
 
+CUT = ("xxd", "xxd_bytes", "hexdump", "od_text", "wireshark", "hexyl", "python_bytes")
+
+
+@pytest.mark.parametrize("name", CUT)
+def test_what_is_cut_anywhere_gives_its_first_bytes_or_is_refused(name: str) -> None:
+    text = FORMS[name](SESSION[:64])
+    # Of less than a line, nothing shows what it is.
+    for cut in range(text.find("\n") + 1 or len("data = b'"), len(text)):
+        try:
+            found = read(text[:cut])[0]
+        except FteSniffError:
+            continue
+        assert SESSION.startswith(found), text[:cut]
+
+
 @pytest.mark.parametrize("command", ["hexdump", "od -x", "xxd -e", "od -A x -t x2z"])
 def test_words_in_the_order_of_a_machine_are_refused(command: str) -> None:
     if shutil.which(command.split()[0]) is None:
@@ -125,6 +140,15 @@ REPEATED = "00000000  aa 01 01 03 e8 00 00 00  00 ee 55 01 01 03 e8 00  |.......
         ("  can0  123   [8]  AA 01 01 03", "'n' is no hex digit"),
         ("layout:\n  dim: []", "'l' is no hex digit"),
         (r"b'\xaa' b'\x01\x01", "'b' starts a bytes literal that does not end on its line"),
+        (
+            "0000   55 01 01 03 e8 00 00 00 00 ee aa 0101 03 e8 00\n0010   00 00 00 ee",
+            "line 1: its bytes do not fit its address, which the line below goes on from",
+        ),
+        (REPEATED[:-2] + "0000002a", "line 2: the dump ends at address 0000002a, but lines before"),
+        (REPEATED[:-2] + "000000", "line 2: 000000 may be the dump's next address cut short"),
+        (REPEATED[:-2] + "00", "line 2: 00 may be the dump's next address cut short"),
+        (REPEATED + "0000", "line 3: 0000 may be the dump's next address cut short"),
+        ("33 32" + " " * 45 + "32", "line 1: 32 may be bytes, or the text of those before it"),
         (REPEATED + "fffffffffffffff0", "line 3: * stands for too many bytes; dump with -v"),
         (REPEATED + "40000000", "line 3: * stands for too many bytes; dump with -v"),
     ],
