@@ -37,7 +37,7 @@ _WORDS = re.compile(
     rf"|\bnew\s+byte\s*\[\d*\](?=\s*\{{)|\[\d*\]{_TYPE}(?=\{{)|\bvec!(?=\[)"
     rf"|\b(?:let|var|const)\s+(?:mut\s+)?\w+\s*(?::\s*&?\[{_TYPE}(?:;\s*\d+)?\]\s*)?=(?=[^=])"
     r"|\b[a-z_]\w*\s*:=\s*(?=\[)"
-    r"|\bbyte\s*\[\]\s*\w+\s*=(?=[^=])"
+    r"|\b(?:(?:public|private|protected|static|final)\s+)*+byte\s*\[\]\s*\w+\s*=(?=[^=])"
     rf"|^\s*(?:[a-z_]\w*[\s*&]+)+\w+\s*(?:\[\w*\]\s*)+(?:[a-z_]\w*\s*)?=(?=\s*(?:\{{|\Z))"
     r"|(?P<place>\b[a-z_]\w*(?:(?:\.|->)\w+){0,3}\s?\[\s?(?P<index>\d+)\s?\]\s*=\s*)(?=0x[0-9a-f])",
     re.IGNORECASE,

@@ -83,6 +83,10 @@ def logged_bytes(
             yield Logged(data, line.piece.line, line.stamp, line.mark)
 
 
+_MAY_OPEN = re.compile(r"['\"]|/\*")
+"""A literal or a comment may begin here that goes on behind the piece."""
+
+
 def _unheard(_line: str) -> None:
     pass
 
@@ -91,6 +95,7 @@ def _closed(pieces: Iterable[Piece]) -> Iterator[Piece]:
     """The pieces, Python's bytes literals that go on in the next piece of their line as two."""
     held: Piece | None = None
     quote = None
+    inside, ended = False, 0
     for piece in pieces:
         if held is not None and quote is not None and piece.column:
             yield replace(held, text=held.text + quote)
@@ -98,7 +103,11 @@ def _closed(pieces: Iterable[Piece]) -> Iterator[Piece]:
             piece = Piece(reopened + piece.text, piece.line, piece.column - len(reopened))
         elif held is not None:
             yield held
-        quote = opened_literal(piece.text)
+        quote = None
+        if piece.line != ended and (inside or _MAY_OPEN.search(piece.text)):
+            bare, inside, ends = without_comments(piece.text, 0, inside=inside)
+            ended = piece.line if ends else ended
+            quote = opened_literal(bare)
         held = piece if quote is not None else None
         if held is None:
             yield piece
