@@ -5,6 +5,8 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     packing         rows in a numpy array, and back
     fields          kinds and field values out of many rows at once
     side_by_side    what rows side by side are
+    plain           where runs of plain frames stand in many bytes
+    bulk            many bytes to columns, at the machine's speed
     table           rows to a polars frame with the contract's names, in the smallest types
     columns         such a frame made wide, as the filter computes with it
     filter          the filter
@@ -20,6 +22,7 @@ This package knows no screen and no file: rows come in, answers go out. To read 
     filter_cells    filters that the cells of one row stand for
     completion      what may stand next in a filter being typed
     tally           counts and rates
+    counting        the same of rows side by side
     feed            what a view asks of whatever brings it rows
     search          a text or bytes, looked for in rows
     search_texts    what each row tells, as polars expressions
@@ -36,4 +39,13 @@ This package knows no screen and no file: rows come in, answers go out. To read 
         durations       how long things took, as a histogram
         counts          how many of each sort came when
         recent          the last few of many numbers
+        addressing      which rows are commands to a motor, which are feedback from it
+        streams         frames of one kind and motor on one port: periods, ranges
+        port_run        one wire: how full, how long silent, what happened to its port
+        fault_counts    which faults, on which port, when first and last
+        flags_seen      which flag bits, how often, and when
+        answers         how each motor was answered for
+        survey          all of these over whole inputs
+    line_verdict    whether a line is sound, judged by its bytes
+    uart_model      what a UART hears of a line at another baud or polarity
 """

@@ -16,10 +16,12 @@ loads only what it needs:
         fronts       what stands before the bytes and may be none
         decimals     hex or decimal?
         hex_text     the digits of one line
+    writers    what all that follow have in common, and which one serves a format
     layout     a row as the cells of a line of text
     lines      rows to plain or coloured lines
     jsonl      rows to JSON lines
     csv        rows to comma-separated values
+    parquet    rows as a Parquet file
     hex_lines  the bytes of rows, as lines of hex
     dissection a row taken apart byte by byte, to text
 """

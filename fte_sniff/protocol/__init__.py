@@ -7,7 +7,9 @@ order:
     rows      the vocabulary: Chunk in, Frame and Damage (a row) out, PortEvent beside them
     codec     one frame's bytes from its values, and the faults one frame shows alone
     columns   the row contract: names, order and types of what a row tells
-    dissect   one row explained, byte by byte
+    dissect   one row explained, byte by byte:
+        anatomy      a frame, field by field
+        wreckage     damage, and why it was read no other way
     framer    a port's chunks to rows; what it needs, from what it is told to what it says:
         structure    what each byte of a frame must be
         patterns     the regular expressions that find frames

@@ -6,7 +6,9 @@ re-exports nothing, so that no light command pays for mcap and protobuf. To read
     facts      what a recording says about itself: ports, host, clocks
     topics     which row goes to which topic, derived from the frame table
     schema     the protobuf schema of each topic, derived from the frame table
+    wire       how the fields of a message lie one behind the other
     messages   one row or event to the bytes of its message, and back
+    plain_messages  the same for sound frames, quickly
     channels   the numbers of schemas and channels
     model      where values stand in the bytes of sound frames' messages
     batch      many rows and events to the messages of one chunk
