@@ -46,10 +46,6 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
             writer.write(rows)
     except InputTextError as error:
         raise _about_a_file(text) or error from error
-    except FileError as error:
-        raise FileError(
-            f"{log.name}: holds no text; if it holds raw bytes, try: fte-sniff decode - --input raw"
-        ) from error
     writer.end()
     for doubt in log.doubts:
         tell(f"fte-sniff: {doubt}")
@@ -69,10 +65,15 @@ def _rows_of(log: HexLog) -> Iterator[list[Row]]:
     """The rows of what is asked about, which is at least one byte."""
     framer = Framer(PORT_NAME)
     some, before_ns = False, None
-    for chunk in log:
-        some = True
-        yield feed(framer, replace(chunk, port=PORT_NAME), before_ns)
-        before_ns = chunk.t_ns
+    try:
+        for chunk in log:
+            some = True
+            yield feed(framer, replace(chunk, port=PORT_NAME), before_ns)
+            before_ns = chunk.t_ns
+    except FileError as error:
+        raise FileError(
+            f"{log.name}: holds no text; if it holds raw bytes, try: fte-sniff decode - --input raw"
+        ) from error
     if not some:
         raise UsageError(
             f"no bytes on {log.name}; try: fte-sniff hex AA 01 01 03 E8 00 00 00 00 EE"
