@@ -12,6 +12,7 @@ import subprocess
 import termios
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from itertools import cycle
 from pathlib import Path
 from time import monotonic
 
@@ -51,6 +52,17 @@ class Terminal:
         start, deadline = len(self.drawn), monotonic() + BOUND_S
         while wanted.encode() not in self.drawn[start:]:
             assert self._draw(deadline - monotonic()), self.drawn[-2000:]
+
+    def ended_by(self, *keys: str) -> int:
+        """Type these in turn, each behind what the one before has drawn, until the program ends."""
+        deadline = monotonic() + BOUND_S
+        with suppress(OSError):  # it may end before what is typed
+            for again in cycle(keys):
+                if self.process.poll() is not None or monotonic() > deadline:
+                    break
+                self.type(again)
+                self._draw(1)
+        return self.ended()
 
     def ended(self) -> int:
         """Wait for the end; the exit code."""
