@@ -64,8 +64,9 @@ def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connect
     if plan.outlives_view:
         # The terminal is gone, and with it the view; that is no reason to end.
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    if view.poll():
+    if view.poll() and not isinstance(source, BridgeSource):
         # Whatever comes means the end. Nothing was captured yet: no file is made, none replaced.
+        # (A bridge passes bytes on from the moment it is open, and all of these are recorded.)
         _tell(view, Ended())
         return
     # From here on an end leaves an empty recording, which is a true one: the port was open, and
