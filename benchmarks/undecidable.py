@@ -12,35 +12,21 @@ from a frame that was sent, by these bytes and this cost model.
 from __future__ import annotations
 
 import argparse
-import importlib.util
-import sys
 from bisect import bisect_right
 from collections.abc import Sequence
-from pathlib import Path
-from types import ModuleType
 
 from benchmarks.faults import PAYLOADS, Sent, damaged_stream
 from benchmarks.framer_quality import rows_of
 from benchmarks.score import score
 from fte_sniff.protocol import Frame
 from fte_sniff.protocol.likelihood import CERTAIN
+from tests.protocol import oracle
 
-ORACLE = Path(__file__).parents[1] / "tests" / "protocol" / "oracle.py"
 NEIGHBOURS = 6
 """Frames on either side that the oracle sees."""
 
 
-def loaded_oracle() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("oracle", ORACLE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["oracle"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-def probability(oracle: ModuleType, stream: bytes, sent: Sequence[Sent], row: Frame) -> float:
+def probability(stream: bytes, sent: Sequence[Sent], row: Frame) -> float:
     """How probable the oracle calls the frame that this row shows."""
     number = bisect_right([frame.start for frame in sent], row.offset) - 1
     first, behind = max(0, number - NEIGHBOURS), number + NEIGHBOURS
@@ -67,11 +53,11 @@ def main() -> None:
     parser.add_argument("--share", type=float, default=0.2)
     parser.add_argument("--payload", choices=list(PAYLOADS), default="ordinary")
     chosen = parser.parse_args()
-    oracle, shown, doubtful = loaded_oracle(), 0, 0
+    shown, doubtful = 0, 0
     for seed in chosen.seeds:
         stream, sent = damaged_stream(seed, chosen.frames, chosen.share, chosen.payload)
         for _, row in score(sent, rows_of(stream)).cases:
-            probable = probability(oracle, stream, sent, row)
+            probable = probability(stream, sent, row)
             shown, doubtful = shown + 1, doubtful + (probable < CERTAIN)
             print(f"{seed:5} {row.offset:8}  {divided(sent, row):33} {probable:.7f}", flush=True)
     print(f"{shown} rows, of which the oracle believes {shown - doubtful}")

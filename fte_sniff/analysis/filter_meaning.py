@@ -26,6 +26,7 @@ from fte_sniff.analysis.filter_terms import (
 )
 from fte_sniff.analysis.filter_tokens import complaint
 from fte_sniff.analysis.filter_values import Values
+from fte_sniff.errors import FilterError
 from fte_sniff.protocol import Column, ColumnType
 from fte_sniff.said import Said
 
@@ -162,16 +163,16 @@ class Meaning:
         if term.type is TermType.NAME:
             raise self._values.unknown(term)
         if term.type is not wanted:
-            raise self._values.error(
-                term,
-                Said(
-                    "{why}, and {term} is {type}",
-                    why=why,
-                    term=term.shown,
-                    type=Said(term.type.value),
-                ),
-                how_to_ask(term),
-            )
+            raise self._of_another_type(term, why)
+
+    def _of_another_type(self, term: Term, why: str) -> FilterError:
+        told = Said(
+            "{why}, and {term} is {type}",
+            why=why,
+            term=term.shown,
+            type=Said(term.type.value),
+        )
+        return self._values.error(term, told, how_to_ask(term))
 
     # Comparisons
 
@@ -313,16 +314,7 @@ class Meaning:
             return f"CAST({term.sql} AS VARCHAR)"
         if term.type in (TermType.TEXT, TermType.HEX):
             return term.sql
-        raise self._values.error(
-            term,
-            Said(
-                "{sign} wants a text, and {term} is {type}",
-                sign=sign,
-                term=term.shown,
-                type=Said(term.type.value),
-            ),
-            how_to_ask(term),
-        )
+        raise self._of_another_type(term, Said("{sign} wants a text", sign=sign))
 
     def called(self, name: str, arguments: Sequence[Term], start: int) -> Term:
         """One of `FUNCTIONS` of its arguments."""

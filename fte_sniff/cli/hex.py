@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from shutil import get_terminal_size
 
 import click
@@ -15,7 +14,7 @@ import click
 from fte_sniff.cli.outputs import format_option
 from fte_sniff.cli.telling import tell
 from fte_sniff.errors import FileError, InputTextError, UsageError
-from fte_sniff.formats.hex_log import HexLog, feed
+from fte_sniff.formats.hex_log import HexLog, framed
 from fte_sniff.formats.text_lines import Piece
 from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Framer, Row
@@ -64,12 +63,11 @@ def _dissection() -> RowWriter:
 def _rows_of(log: HexLog) -> Iterator[list[Row]]:
     """The rows of what is asked about, which is at least one byte."""
     framer = Framer(PORT_NAME)
-    some, before_ns = False, None
+    some = False
     try:
-        for chunk in log:
+        for rows in framed(log, framer):
             some = True
-            yield feed(framer, replace(chunk, port=PORT_NAME), before_ns)
-            before_ns = chunk.t_ns
+            yield rows
     except FileError as error:
         raise FileError(
             f"{log.name}: holds no text; if it holds raw bytes, try: fte-sniff decode - --input raw"

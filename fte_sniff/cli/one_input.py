@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Protocol
 
 from fte_sniff.cli.batches import Batch, ColumnBatch, RowBatch
 from fte_sniff.errors import FileError, FteSniffError, UsageError
-from fte_sniff.formats.hex_log import HexLog, feed
+from fte_sniff.formats.hex_log import HexLog, framed
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     Chunk,
@@ -245,12 +245,11 @@ def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
 def _framed_batches(chunks: Iterable[Chunk], name: str, note: Note) -> Iterator[list[Row]]:
     framer = Framer(name)
     rows: list[Row] = []
-    some, before_ns = False, None
+    some = False
     try:
-        for chunk in chunks:
+        for completed in framed(chunks, framer):
             some = True
-            rows += feed(framer, chunk, before_ns)
-            before_ns = chunk.t_ns
+            rows += completed
             if len(rows) >= BATCH:
                 yield rows
                 rows = []

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -161,7 +162,7 @@ class HexLog:
             )
         log = self._again()
         first = last = None
-        for rows in _framed(log):
+        for rows in _readable(log):
             known = [row.t_ns for row in rows if row.t_ns is not None]
             first = min([*known, *([] if first is None else [first])], default=None)
             last = max([*known, *([] if last is None else [last])], default=None)
@@ -206,29 +207,24 @@ class HexLog:
         return told
 
 
-def feed(framer: Framer, chunk: Chunk, before_ns: int | None) -> list[Row]:
-    """The rows that a chunk of a log completes, at the log's own times, which may fall.
+def framed(chunks: Iterable[Chunk], framer: Framer) -> Iterator[list[Row]]:
+    """The rows that each chunk of a log completes, at the log's own times, which may fall.
 
-    Args:
-        framer: of the log.
-        chunk: of it.
-        before_ns: the time of the chunk before.
+    What the framer holds in the end is left to be flushed.
     """
-    if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
-        framer.set_back()
-    return framer.feed(chunk)
+    before_ns = None
+    for chunk in chunks:
+        if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
+            framer.set_back()
+        before_ns = chunk.t_ns
+        yield framer.feed(chunk)
 
 
-def _framed(log: HexLog) -> Iterator[list[Row]]:
+def _readable(log: HexLog) -> Iterator[list[Row]]:
     """Its rows, up to what cannot be read."""
-    framer, before_ns = Framer(log.name), None
-    try:
-        for chunk in log:
-            yield feed(framer, chunk, before_ns)
-            before_ns = chunk.t_ns
-    except FteSniffError:
-        # Who reads it in earnest is told.
-        pass
+    framer = Framer(log.name)
+    with suppress(FteSniffError):  # who reads it in earnest is told
+        yield from framed(log, framer)
     yield framer.flush()
 
 

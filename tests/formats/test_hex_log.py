@@ -7,7 +7,7 @@ from datetime import date, timedelta, timezone
 import pytest
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.hex_log import HexLog, feed
+from fte_sniff.formats.hex_log import HexLog, framed
 from fte_sniff.formats.line_head import Mark
 from fte_sniff.formats.log_clock import LogClock, day_of, zone_of
 from fte_sniff.formats.pastes import logged_bytes
@@ -106,11 +106,8 @@ def test_a_time_in_a_zone() -> None:
 
 
 def rows_of(log: HexLog) -> list[Row]:
-    framer, before_ns, rows = Framer("f"), None, list[Row]()
-    for chunk in log:
-        rows += feed(framer, chunk, before_ns)
-        before_ns = chunk.t_ns
-    return rows + framer.flush()
+    framer = Framer("f")
+    return [row for rows in framed(log, framer) for row in rows] + framer.flush()
 
 
 @pytest.mark.parametrize(

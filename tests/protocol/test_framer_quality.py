@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
 from random import Random
-from types import ModuleType
 
 import pytest
 
@@ -15,19 +11,7 @@ from benchmarks.score import labels, score
 from fte_sniff.protocol import FRAME_LENGTH, Chunk, Frame, Framer, Row
 from fte_sniff.protocol.pieces import Window
 from fte_sniff.protocol.weighing import Ending, Weighing, trusted
-
-
-def _oracle() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("oracle", Path(__file__).with_name("oracle.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["oracle"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-ORACLE = _oracle()
+from tests.protocol import oracle
 
 
 def rows_of(stream: bytes) -> list[Row]:
@@ -85,14 +69,14 @@ def test_the_weights_of_a_window_are_the_oracles(seed: int) -> None:
     stream, _ = damaged_stream(seed, 8, 0.5, "hostile")
     stream = stream[:100]
     weighing = Weighing(Window(stream), trusted(), Ending.CLOSED)
-    assert weighing.whole_frames() == pytest.approx(ORACLE.weigh(stream), rel=1e-5, abs=1e-9)
+    assert weighing.whole_frames() == pytest.approx(oracle.weigh(stream), rel=1e-5, abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_streaming_decides_as_the_oracle_does_on_the_whole(seed: int) -> None:
     stream, _ = damaged_stream(seed, 60, 0.4, "hostile")
     lead = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE") * 3
-    probable = ORACLE.weigh(lead + stream)
+    probable = oracle.weigh(lead + stream)
     rows = [row for row in rows_of(lead + stream) if isinstance(row, Frame)]
     starts = {row.offset for row in rows}
     assert {start for start, p in probable.items() if p > 0.98} <= starts
