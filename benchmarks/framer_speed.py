@@ -18,7 +18,7 @@ from time import process_time
 
 from benchmarks.faults import damaged_stream
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_machine
-from fte_sniff.analysis.bulk import bulk_columns
+from fte_sniff.analysis.columns.bulk import bulk_columns
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, byte_time_ns
 
 SLOW_PART = 200_000

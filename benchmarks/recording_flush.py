@@ -22,11 +22,11 @@ from typing import Any
 from mcap.writer import Writer
 
 from benchmarks.recorded_rows import PORTS, START_NS, rows_a_second, rows_of
-from fte_sniff.recording.facts import PortFacts, host_facts
-from fte_sniff.recording.messages import encode_row
-from fte_sniff.recording.schema import schema_data, schema_name
-from fte_sniff.recording.topics import TOPICS, topic_of
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.encoding.facts import PortFacts, host_facts
+from fte_sniff.recording.encoding.messages import encode_row
+from fte_sniff.recording.encoding.schema import schema_data, schema_name
+from fte_sniff.recording.encoding.topics import TOPICS, topic_of
+from fte_sniff.recording.writing.writer import RecordingWriter
 
 _CALLS = ("pwrite", "fdatasync", "ftruncate")
 

@@ -27,16 +27,16 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from fte_sniff.analysis.bench import Bench
-from fte_sniff.analysis.survey import Survey
-from fte_sniff.analysis.table import table_frame
+from fte_sniff.analysis.columns.table import table_frame
+from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.models.survey import Survey
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
-from fte_sniff.recording.bulk_writer import write_recording
-from fte_sniff.recording.columns import RowColumns, Words
-from fte_sniff.recording.facts import PortFacts
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.records import RecordStream, unpack
-from fte_sniff.session.packed import packed_rows
+from fte_sniff.recording.container.records import RecordStream, unpack
+from fte_sniff.recording.encoding.columns import RowColumns, Words
+from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.writing.bulk_writer import write_recording
+from fte_sniff.session.files.packed import packed_rows
 
 RUST = Path(__file__).parent / "rust_reader"
 BATCH = 1 << 18

@@ -19,7 +19,7 @@ from benchmarks.faults import PAYLOADS, Sent, damaged_stream
 from benchmarks.framer_quality import rows_of
 from benchmarks.score import score
 from fte_sniff.protocol import Frame
-from fte_sniff.protocol.likelihood import CERTAIN
+from fte_sniff.protocol.framer.likelihood import CERTAIN
 from tests.protocol import oracle
 
 NEIGHBOURS = 6

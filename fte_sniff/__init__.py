@@ -52,7 +52,7 @@ if TYPE_CHECKING:
         encode,
         record,
     )
-    from fte_sniff.session.tables import read, scan
+    from fte_sniff.session.files.tables import read, scan
 
 __all__ = [
     "KINDS",
@@ -84,7 +84,7 @@ def __getattr__(name: str) -> "Any":
     from importlib import import_module
 
     if name in __all__:
-        for room in ("errors", "protocol", "session.tables"):
+        for room in ("errors", "protocol", "session.files.tables"):
             module = import_module(f"{__name__}.{room}")
             if hasattr(module, name):
                 return getattr(module, name)

@@ -13,7 +13,7 @@ from urllib.parse import urlencode
 
 import serial
 
-from fte_sniff.capture.ports import PortSettings, open_port
+from fte_sniff.capture.ports.opening import PortSettings, open_port
 from fte_sniff.capture.pseudo_terminal import PseudoTerminal
 from fte_sniff.capture.simulator import PARAMETERS, SimulationParameters
 from fte_sniff.errors import FileError

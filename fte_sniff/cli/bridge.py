@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.capturing import capture_options, run_capture
-from fte_sniff.cli.paths import FileName
-from fte_sniff.cli.remembered import remembered
+from fte_sniff.cli.capturing.running import capture_options, run_capture
+from fte_sniff.cli.options.paths import FileName
+from fte_sniff.cli.options.remembered import remembered
 
 if TYPE_CHECKING:
     from fte_sniff.capture.bridge.wiring import Bridge
-    from fte_sniff.capture.ports import PortSettings
+    from fte_sniff.capture.ports.opening import PortSettings
 
 
 @click.command(name="bridge", short_help="Sit between a host program and the controller.")

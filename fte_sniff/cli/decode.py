@@ -9,15 +9,15 @@ from pathlib import Path
 
 import click
 
-from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import HowToRead, check_inputs, input_arguments, opened
-from fte_sniff.cli.outputs import file_output, form_of, format_option, text_output
-from fte_sniff.cli.paths import FileName
-from fte_sniff.cli.reading import Reading
-from fte_sniff.cli.spans import span_of, span_options
-from fte_sniff.cli.summary import summary
-from fte_sniff.cli.telling import tell
-from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.cli.inputs.opening import HowToRead, check_inputs, input_arguments, opened
+from fte_sniff.cli.inputs.reading import Reading
+from fte_sniff.cli.options.filtering import filter_option, row_filter
+from fte_sniff.cli.options.paths import FileName
+from fte_sniff.cli.options.spans import span_of, span_options
+from fte_sniff.cli.outputs.destination import file_output, form_of, format_option, text_output
+from fte_sniff.cli.outputs.summary import summary
+from fte_sniff.cli.streams.telling import tell
+from fte_sniff.formats.tables.writers import OutputFormat, row_writer
 
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -77,8 +77,8 @@ def command(
 
 def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: bool) -> None:
     if form is OutputFormat.PARQUET:
-        from fte_sniff.analysis.table import TABLE_SCHEMA
-        from fte_sniff.formats.parquet import write_parquet
+        from fte_sniff.analysis.columns.table import TABLE_SCHEMA
+        from fte_sniff.formats.tables.parquet import write_parquet
 
         with file_output(output, form, force=force) as path:
             write_parquet((batch.frame() for batch in reading), path, dict(TABLE_SCHEMA))
@@ -105,8 +105,8 @@ def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: 
 
 
 def _record(output: Path | None, reading: Reading, *, force: bool) -> None:
-    from fte_sniff.recording.bulk_writer import write_recording
-    from fte_sniff.recording.columns import Words
+    from fte_sniff.recording.encoding.columns import Words
+    from fte_sniff.recording.writing.bulk_writer import write_recording
 
     words = Words()
     with file_output(output, OutputFormat.MCAP, force=force) as path:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.ports import list_format_option
-from fte_sniff.cli.seconds import Seconds
+from fte_sniff.cli.options.listing import list_format_option
+from fte_sniff.cli.options.seconds import Seconds
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD
 
@@ -65,8 +65,13 @@ def command(
 
 
 def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Finding]:
-    from fte_sniff.capture.ports import PortSettings
-    from fte_sniff.session.doctor import Examination, examine, look_around, look_at_ports
+    from fte_sniff.capture.ports.opening import PortSettings
+    from fte_sniff.session.doctor.examination import (
+        Examination,
+        examine,
+        look_around,
+        look_at_ports,
+    )
 
     if port is None:
         return chain(look_around(), look_at_ports())

@@ -11,12 +11,12 @@ from shutil import get_terminal_size
 
 import click
 
-from fte_sniff.cli.outputs import format_option
-from fte_sniff.cli.telling import tell
+from fte_sniff.cli.outputs.destination import format_option
+from fte_sniff.cli.streams.telling import tell
 from fte_sniff.errors import FileError, InputTextError, UsageError
-from fte_sniff.formats.hex_log import HexLog, framed
-from fte_sniff.formats.text_lines import Piece
-from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
+from fte_sniff.formats.logs.hex_log import HexLog, framed
+from fte_sniff.formats.logs.text_lines import Piece
+from fte_sniff.formats.tables.writers import OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Framer, Row
 
 PORT_NAME = "hex"
@@ -53,7 +53,7 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
 def _dissection() -> RowWriter:
     from os import environ
 
-    from fte_sniff.formats.dissection import DissectionWriter
+    from fte_sniff.formats.tables.dissection import DissectionWriter
 
     colored = sys.stdout.isatty() and not environ.get("NO_COLOR")
     width = get_terminal_size().columns if sys.stdout.isatty() else None

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.capturing import capture_options, run_capture
-from fte_sniff.cli.remembered import remembered
+from fte_sniff.cli.capturing.running import capture_options, run_capture
+from fte_sniff.cli.options.remembered import remembered
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.ports import PortSettings
-    from fte_sniff.capture.tap import Tap
+    from fte_sniff.capture.ports.opening import PortSettings
+    from fte_sniff.capture.sources.tap import Tap
 
 _MOST_PORTS = 2
 
@@ -53,7 +53,7 @@ def command(
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
 
     def tap(settings: PortSettings) -> Tap:
-        from fte_sniff.capture.tap import Tap
+        from fte_sniff.capture.sources.tap import Tap
 
         return Tap(ports, settings, reconnect=not no_reconnect)
 

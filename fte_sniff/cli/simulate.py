@@ -11,8 +11,8 @@ from typing import Any
 import click
 
 from fte_sniff.capture.simulator.parameters import PARAMETERS, Parameter, SimulationParameters
-from fte_sniff.cli.paths import FileName
-from fte_sniff.cli.signals import signals_call
+from fte_sniff.cli.options.paths import FileName
+from fte_sniff.cli.streams.signals import signals_call
 from fte_sniff.errors import PortError, UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
 

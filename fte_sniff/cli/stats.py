@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import HowToRead, check_inputs, input_arguments, opened
-from fte_sniff.cli.reading import Reading
-from fte_sniff.cli.spans import span_of, span_options
-from fte_sniff.cli.stats_document import Asked, document
-from fte_sniff.cli.summary import hint
-from fte_sniff.cli.telling import tell
+from fte_sniff.cli.inputs.opening import HowToRead, check_inputs, input_arguments, opened
+from fte_sniff.cli.inputs.reading import Reading
+from fte_sniff.cli.options.filtering import filter_option, row_filter
+from fte_sniff.cli.options.spans import span_of, span_options
+from fte_sniff.cli.outputs.stats_document import Asked, document
+from fte_sniff.cli.outputs.summary import hint
+from fte_sniff.cli.streams.telling import tell
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.survey import Survey
+    from fte_sniff.analysis.models.survey import Survey
 
 
 class Form(StrEnum):
@@ -92,8 +92,8 @@ def command(
 
 
 def _surveyed(reading: Reading, baud: int | None) -> Survey:
-    from fte_sniff.analysis.bench import Bench
-    from fte_sniff.analysis.survey import Survey
+    from fte_sniff.analysis.models.bench import Bench
+    from fte_sniff.analysis.models.survey import Survey
 
     survey = Survey(Bench(baud or DEFAULT_BAUD))
     for one, left_out in zip(reading.inputs, reading.left_out_of, strict=True):
@@ -105,7 +105,7 @@ def _surveyed(reading: Reading, baud: int | None) -> Survey:
 
 
 def _show(survey: Survey, asked: Asked) -> None:
-    from fte_sniff.cli.stats_page import page
+    from fte_sniff.cli.outputs.stats_page import page
 
     if not sys.stdout.isatty():
         lines = page(survey, asked, None)

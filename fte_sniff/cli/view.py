@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.batches import ColumnBatch
-from fte_sniff.cli.filtering import filter_option, row_filter
-from fte_sniff.cli.inputs import (
+from fte_sniff.cli.inputs.batches import ColumnBatch
+from fte_sniff.cli.inputs.one_input import Input, RecordingInput
+from fte_sniff.cli.inputs.opening import (
     STDIN,
     HowToRead,
     check_inputs,
@@ -23,19 +23,19 @@ from fte_sniff.cli.inputs import (
     meant,
     opened,
 )
-from fte_sniff.cli.keeping import REREAD, keep_rows_option
-from fte_sniff.cli.one_input import Input, RecordingInput
-from fte_sniff.cli.remembered import config_option, lang_option, remembered
-from fte_sniff.cli.signals import signals_call
-from fte_sniff.cli.spans import span_of, span_options
-from fte_sniff.cli.telling import tell
-from fte_sniff.cli.units import remembered_bench, units_options
+from fte_sniff.cli.options.filtering import filter_option, row_filter
+from fte_sniff.cli.options.keeping import REREAD, keep_rows_option
+from fte_sniff.cli.options.remembered import config_option, lang_option, remembered
+from fte_sniff.cli.options.spans import span_of, span_options
+from fte_sniff.cli.options.units import remembered_bench, units_options
+from fte_sniff.cli.streams.signals import signals_call
+from fte_sniff.cli.streams.telling import tell
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.span import Span
-    from fte_sniff.session.pages import RecordedPages
-    from fte_sniff.session.replay import Read
+    from fte_sniff.recording.reading.span import Span
+    from fte_sniff.session.files.pages import RecordedPages
+    from fte_sniff.session.files.replay import Read
 
 
 @click.command(name="view", short_help="Look at files on the screen that live has.")
@@ -74,8 +74,8 @@ def command(
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     settings = remembered(config)
     check_inputs(files)
-    from fte_sniff.session.pages import RecordedPages
-    from fte_sniff.session.replay import ReplaySession
+    from fte_sniff.session.files.pages import RecordedPages
+    from fte_sniff.session.files.replay import ReplaySession
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.opening import Opening
 
@@ -122,7 +122,7 @@ def _read(
     inputs: Sequence[Input], span: Span | None, notes: list[str], pages: RecordedPages | None
 ) -> Iterator[Read]:
     """All rows for a view; where they can be read again, the pages learn how."""
-    from fte_sniff.session.replay import Read
+    from fte_sniff.session.files.replay import Read
 
     for one in inputs:
         for batch in one.batches(span, notes.append):

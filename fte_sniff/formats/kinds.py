@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from fte_sniff.errors import UsageError, unreadable
-from fte_sniff.formats.text_lines import looks_like_text
+from fte_sniff.formats.logs.text_lines import looks_like_text
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of every MCAP file."""

@@ -3,27 +3,14 @@
 This package does no I/O, reads no clock and needs the standard library alone. To read it, in this
 order:
 
-    table     the frame table, from which all else here is derived
-    rows      the vocabulary: Chunk in, Frame and Damage (a row) out, PortEvent beside them
-    codec     one frame's bytes from its values, and the faults one frame shows alone
-    columns   the row contract: names, order and types of what a row tells
-    dissect   one row explained, byte by byte:
-        anatomy      a frame, field by field
-        wreckage     damage, and why it was read no other way
-    framer    a port's chunks to rows; what it needs, from what it is told to what it says:
-        structure    what each byte of a frame must be
-        patterns     the regular expressions that find frames
-        timeline     the times of bytes, and silence
-        undisputed   damage that has one reading only
-        due          when a disputed stretch is weighed, and how much of it is decided then
-        likelihood   the cost model: how likely frames, damage and noise are
-        ends         what the front and the back of a damaged frame weigh
-        pieces       what can begin at a place of a disputed stretch
-        weighing     how probable frames are in it
-        choice       which reading of it is chosen, and what doubt remains
-        reading      a decided stretch, in parts
-        tiling       decided bytes to rows
+    table        the frame table, from which all else here is derived
+    rows         the vocabulary: Chunk in, Frame and Damage (a row) out, PortEvent beside them
+    codec        one frame's bytes from its values, and the faults one frame shows alone
+    columns      the row contract: names, order and types of what a row tells
+    structure    what each byte of a frame must be
+    framer/      a port's chunks to rows
     line_errors  rows marked where the UART reported errors
+    dissection/  one row explained, byte by byte
 """
 
 from fte_sniff.protocol.codec import encode, frame_faults

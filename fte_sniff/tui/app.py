@@ -23,11 +23,11 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.events import Event, Key
 from textual.filter import LineFilter
 
-from fte_sniff.analysis.feed import Feed, RestingFeed, WakingFeed
-from fte_sniff.analysis.paging import BlockSource
-from fte_sniff.analysis.store import BLOCK_ROWS, ENDLESS, RowStore
+from fte_sniff.analysis.store.feed import Feed, RestingFeed, WakingFeed
+from fte_sniff.analysis.store.paging import BlockSource
+from fte_sniff.analysis.store.row_store import BLOCK_ROWS, ENDLESS, RowStore
 from fte_sniff.errors import FteSniffError, shown
-from fte_sniff.session.saving import Saving
+from fte_sniff.session.saving.save import Saving
 from fte_sniff.tui.actions.filtering import Filtering
 from fte_sniff.tui.actions.leaving import Leaving
 from fte_sniff.tui.actions.looking import Looking

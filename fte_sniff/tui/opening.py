@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from fte_sniff.analysis.bench import NO_BENCH, Bench
-from fte_sniff.analysis.store import DEFAULT_BOUND
+from fte_sniff.analysis.models.bench import NO_BENCH, Bench
+from fte_sniff.analysis.store.row_store import DEFAULT_BOUND
 from fte_sniff.tui.table.look import ColumnChoice
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter import RowFilter
+    from fte_sniff.analysis.filter.row_filter import RowFilter
 
 ENDING_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 """Signals upon which the screen closes and leaves the terminal as it was."""

@@ -16,9 +16,9 @@ from textual.containers import VerticalScroll
 from textual.geometry import Size
 from textual.widgets import Static
 
-from fte_sniff.analysis.bench import Bench
-from fte_sniff.analysis.following import Following
-from fte_sniff.analysis.store import RowStore
+from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.models.following import Following
+from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.protocol import Row
 from fte_sniff.tui.abstract import AbstractMeta
 from fte_sniff.tui.language import _

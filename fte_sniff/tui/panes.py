@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from time import perf_counter
 from typing import Final
 
-from fte_sniff.analysis.bench import Bench
-from fte_sniff.analysis.following import Following
-from fte_sniff.analysis.store import RowStore
+from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.models.following import Following
+from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.protocol import PortEvent
 from fte_sniff.tui.bytes import BytesPane
 from fte_sniff.tui.detail import DetailPane

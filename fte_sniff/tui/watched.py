@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from fte_sniff.analysis.counting import count_rows
-from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
-from fte_sniff.analysis.moments import DAY_NS
-from fte_sniff.analysis.store import RowStore
-from fte_sniff.analysis.tally import Rate, Tally
+from fte_sniff.analysis.accumulators.counting import count_rows
+from fte_sniff.analysis.accumulators.tally import Rate, Tally
+from fte_sniff.analysis.filter.moments import DAY_NS
+from fte_sniff.analysis.store.feed import Feed, FeedState, FeedUpdate
+from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.language import _
 from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToOffset, ToRow, ToShare, ToTime
@@ -22,7 +22,7 @@ from fte_sniff.tui.status import Numbers
 from fte_sniff.tui.table.viewport import Viewport
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter import RowFilter
+    from fte_sniff.analysis.filter.row_filter import RowFilter
 
 ORDINARY = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 """Events that every recording has, and that are worth no word."""

@@ -5,7 +5,7 @@ from contextlib import closing
 import pytest
 
 from fte_sniff.capture.controller_pty import ControllerPty
-from fte_sniff.capture.ports import open_port
+from fte_sniff.capture.ports.opening import open_port
 from fte_sniff.capture.pseudo_terminal import PseudoTerminal
 from fte_sniff.capture.simulator import SimulationParameters
 from fte_sniff.errors import FileError, PortError

@@ -10,10 +10,10 @@ from time import monotonic
 import pytest
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.items import SourceEnd
-from fte_sniff.capture.ports import PortSettings, open_port
-from fte_sniff.capture.returning import FIRST_WAIT_S, LONGEST_WAIT_S
-from fte_sniff.capture.source import open_source
+from fte_sniff.capture.ports.opening import PortSettings, open_port
+from fte_sniff.capture.sources.items import SourceEnd
+from fte_sniff.capture.sources.returning import FIRST_WAIT_S, LONGEST_WAIT_S
+from fte_sniff.capture.sources.source import open_source
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 CLOCK = Clock.tied()

@@ -94,13 +94,13 @@ DECODE = ("decode", str(SAMPLES / "damaged.mcap"))
         ("fte_sniff.cli", ("encode", "reset")),
         ("click", ("live", "sim://")),
         ("fte_sniff.protocol.codec", ("encode", "reset")),
-        ("fte_sniff.cli.capturing", ("live", "sim://")),
-        ("fte_sniff.session.live", ("live", "sim://")),
+        ("fte_sniff.cli.capturing.running", ("live", "sim://")),
+        ("fte_sniff.session.capturing.live", ("live", "sim://")),
         ("multiprocessing", ("live", "sim://")),
         ("polars", (*DECODE, "--filter", "motor = 1")),
         ("numpy", (*DECODE, "-o", "rows.csv")),
         ("numpy.linalg", (*DECODE, "-o", "rows.mcap")),
-        ("fte_sniff.formats.parquet", (*DECODE, "-o", "rows.parquet")),
+        ("fte_sniff.formats.tables.parquet", (*DECODE, "-o", "rows.parquet")),
     ],
 )
 def test_it_ends_in_silence(

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.protocol import PortEventKind
-from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.outbox import MOST_WAITING
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.session.capturing.outbox import MOST_WAITING
 from tests.cli.processes import (
     ended,
     hears,

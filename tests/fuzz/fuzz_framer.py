@@ -28,9 +28,9 @@ with atheris.instrument_imports(include=["fte_sniff.protocol"]):
         byte_time_ns,
         encode,
     )
-    from fte_sniff.protocol.dissect import dissect
+    from fte_sniff.protocol.dissection.dissect import dissect
 
-from fte_sniff.analysis.bulk import bulk_columns
+from fte_sniff.analysis.columns.bulk import bulk_columns
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 SILENCES_NS = (0, 3 * BYTE_NS, 5_000_000, 25_000_000, 600_000_000)

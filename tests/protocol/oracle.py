@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from math import exp, inf, log
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, KINDS, TAIL, FrameKind
-from fte_sniff.protocol.likelihood import (
+from fte_sniff.protocol.framer.likelihood import (
     BROKEN,
     CHANGED,
     FOREIGN,

@@ -15,8 +15,8 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.recording.facts import PortFacts
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.writing.writer import RecordingWriter
 
 START = 1_770_000_000_000_000_000
 STEP = 868_000

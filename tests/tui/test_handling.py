@@ -12,7 +12,7 @@ import pytest
 from textual.pilot import Pilot
 
 from fte_sniff.protocol import Damage, Fault, Row
-from fte_sniff.session.saving import Saving
+from fte_sniff.session.saving.save import Saving
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.choosing import ColumnChooser
 from fte_sniff.tui.detail import DetailPane

@@ -16,13 +16,13 @@ from rich.cells import cell_len
 from textual.pilot import Pilot
 from textual.widgets import Static
 
-from fte_sniff.analysis.feed import FeedState
-from fte_sniff.analysis.filter import RowFilter
-from fte_sniff.capture.refusal import refusal
+from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.store.feed import FeedState
+from fte_sniff.capture.ports.refusal import refusal
 from fte_sniff.errors import FilterError, FteSniffError, UsageError, unreadable, unwritable
 from fte_sniff.protocol import LineErrorCounts, PortEvent, PortEventKind
-from fte_sniff.protocol.dissect import dissect, explain
-from fte_sniff.recording.refusals import bound_reached, stopped, taken_away
+from fte_sniff.protocol.dissection.dissect import dissect, explain
+from fte_sniff.recording.writing.refusals import bound_reached, stopped, taken_away
 from fte_sniff.said import Said
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.fitting import wrap
@@ -32,7 +32,7 @@ from fte_sniff.tui.language import _, language_of, speak, worded
 from fte_sniff.tui.opening import Opening
 from fte_sniff.tui.status import Numbers, status_text
 from fte_sniff.tui.title import Mode, badge_text, title_text
-from tests.analysis.test_filter_errors import MISTAKES
+from tests.analysis.filter.test_filter_errors import MISTAKES
 from tests.tui.playing import Rows, Scenario, lines, page, play, press, settle, type_line
 
 CHINESE = Opening(language="zh")

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from fte_sniff.analysis.feed import FeedUpdate
-from fte_sniff.analysis.packing import Codebook, Packed, pack
-from fte_sniff.analysis.store import RowStore
+from fte_sniff.analysis.columns.packing import Codebook, Packed, pack
+from fte_sniff.analysis.store.feed import FeedUpdate
+from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 from fte_sniff.tui import app as apps

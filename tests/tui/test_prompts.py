@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FilterError, InputTextError
 from fte_sniff.tui.prompt.complete import completed
 from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToRow, ToTimeOfDay, parse_goal

@@ -13,7 +13,7 @@ import pytest
 from textual import events
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.filter import RowFilter
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from fte_sniff.analysis.bench import Bench
-from fte_sniff.analysis.fields import Decoded
-from fte_sniff.analysis.packing import Codebook, pack
-from fte_sniff.analysis.statistics import Statistics
+from fte_sniff.analysis.columns.fields import Decoded
+from fte_sniff.analysis.columns.packing import Codebook, pack
+from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.models.statistics import Statistics
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.tui.statistics.page import Told, page
 from fte_sniff.tui.table.palette import DARK

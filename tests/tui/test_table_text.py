@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
 
-from fte_sniff.formats.layout import ORDER_MARK
+from fte_sniff.formats.tables.layout import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMNS,
     KIND_BY_NAME,

@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from fte_sniff.capture.bridge.line_speed import set_speed, speed_of
-from fte_sniff.capture.ports import READ_TIMEOUT_S
+from fte_sniff.capture.ports.opening import READ_TIMEOUT_S
 from fte_sniff.capture.pseudo_terminal import PseudoTerminal
 
 ROOM = 256 * 1024

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import serial
 from serial.urlhandler import protocol_socket
 
-from fte_sniff.capture.ports import READ_TIMEOUT_S
+from fte_sniff.capture.ports.opening import READ_TIMEOUT_S
 
 Put: TypeAlias = Callable[[bytes], int]
 """Puts the first of these bytes onto the line and tells how many: 0 when there is no room within

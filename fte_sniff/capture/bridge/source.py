@@ -20,12 +20,12 @@ from fte_sniff.capture.bridge.exchange import Exchange
 from fte_sniff.capture.bridge.host_end import HostEnd
 from fte_sniff.capture.bridge.wires import HOST, Wires
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.holders import sharing_note
-from fte_sniff.capture.latency import ask_low_latency
-from fte_sniff.capture.lateness import lateness_ns
-from fte_sniff.capture.ports import PortSettings, device_of, open_port
-from fte_sniff.capture.returning import Opened, Reopen, way_back
-from fte_sniff.capture.threaded import ThreadedSource
+from fte_sniff.capture.ports.holders import sharing_note
+from fte_sniff.capture.ports.latency import ask_low_latency
+from fte_sniff.capture.ports.opening import PortSettings, device_of, open_port
+from fte_sniff.capture.sources.lateness import lateness_ns
+from fte_sniff.capture.sources.returning import Opened, Reopen, way_back
+from fte_sniff.capture.sources.threaded import ThreadedSource
 from fte_sniff.protocol import PortEventKind
 from fte_sniff.said import Said
 

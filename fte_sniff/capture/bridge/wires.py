@@ -9,9 +9,9 @@ import heapq
 from collections.abc import Iterator
 from math import inf
 
-from fte_sniff.capture.backlog import CAPACITY, Backlog
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.items import Item
+from fte_sniff.capture.sources.backlog import CAPACITY, Backlog
+from fte_sniff.capture.sources.items import Item
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
 from fte_sniff.said import Said
 

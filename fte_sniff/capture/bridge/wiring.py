@@ -11,7 +11,7 @@ from pathlib import Path
 from fte_sniff.capture.bridge.source import BridgeSource, open_bridge
 from fte_sniff.capture.bridge.wires import HOST
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports import DEFAULT_SETTINGS, PortSettings
+from fte_sniff.capture.ports.opening import DEFAULT_SETTINGS, PortSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,12 @@ from pathlib import Path
 
 from fte_sniff.capture.checks.finding import Finding, bad, ok, warn
 from fte_sniff.capture.checks.machine import MEDDLERS, usb_buffering
-from fte_sniff.capture.granted import Granted
-from fte_sniff.capture.holders import Holder
-from fte_sniff.capture.latency import SHORT_TIMER_MS, USB_SERIAL, LowLatency, latency_timer_ms
-from fte_sniff.capture.line_errors import UNAVAILABLE
-from fte_sniff.capture.listing import PortListing
-from fte_sniff.capture.permission import way_in
+from fte_sniff.capture.ports.granted import Granted
+from fte_sniff.capture.ports.holders import Holder
+from fte_sniff.capture.ports.latency import SHORT_TIMER_MS, USB_SERIAL, LowLatency, latency_timer_ms
+from fte_sniff.capture.ports.line_errors import UNAVAILABLE
+from fte_sniff.capture.ports.listing import PortListing
+from fte_sniff.capture.ports.permission import way_in
 
 
 def device_findings(port: PortListing) -> Iterator[Finding]:

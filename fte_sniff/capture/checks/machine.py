@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 
-from fte_sniff.capture.adapters import StrayAdapter, stray_adapters
 from fte_sniff.capture.checks.finding import Finding, bad, ok, warn
+from fte_sniff.capture.ports.adapters import StrayAdapter, stray_adapters
 
 _ROOT = Path("/")
 _TIME_ERROR = 5

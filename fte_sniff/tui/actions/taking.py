@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 from textual.widgets import Input
 
 from fte_sniff.errors import FteSniffError, shown
-from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.formats.tables.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
-from fte_sniff.session.saving import Saving, Target
+from fte_sniff.session.saving.save import Saving, Target
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.clips import keep_copy, short_path
 from fte_sniff.tui.language import _, worded
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter import RowFilter
+    from fte_sniff.analysis.filter.row_filter import RowFilter
 
 MOST_COPIED = 10_000
 """Rows that can be copied at once: a terminal takes about a megabyte."""

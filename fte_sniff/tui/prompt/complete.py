@@ -18,7 +18,7 @@ def completed(line: str, t_ns: int | None = None) -> str | None:
     if not line.strip():
         return None
     # It is loaded with the filter, once one is asked for; a screen begins sooner without.
-    from fte_sniff.analysis.completion import completions
+    from fte_sniff.analysis.filter.completion import completions
 
     found = completions(line, t_ns=t_ns)
     wholes = (line[: found.start] + choice for choice in found.choices)

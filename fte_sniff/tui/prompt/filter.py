@@ -19,7 +19,7 @@ from fte_sniff.tui.prompt.field import Field, Take
 from fte_sniff.tui.prompt.preparing import prepare
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter import RowFilter
+    from fte_sniff.analysis.filter.row_filter import RowFilter
 
 
 def parsed(line: str) -> RowFilter:
@@ -29,7 +29,7 @@ def parsed(line: str) -> RowFilter:
         FilterError: it says none.
     """
     # polars, which it needs, takes longer to load than a file's first rows take to be shown.
-    from fte_sniff.analysis.filter import RowFilter
+    from fte_sniff.analysis.filter.row_filter import RowFilter
 
     return RowFilter.parse(line)
 

@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from fte_sniff.analysis.moments import clock_ns, length_ns, time_ns
+from fte_sniff.analysis.filter.moments import clock_ns, length_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Field, Take

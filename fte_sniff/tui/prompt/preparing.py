@@ -11,9 +11,9 @@ from threading import Thread
 from typing import Final
 
 _NEEDED: Final = (
-    "fte_sniff.analysis.filter",
-    "fte_sniff.analysis.completion",
-    "fte_sniff.analysis.search_texts",
+    "fte_sniff.analysis.filter.row_filter",
+    "fte_sniff.analysis.filter.completion",
+    "fte_sniff.analysis.store.search_texts",
 )
 
 

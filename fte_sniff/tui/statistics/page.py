@@ -14,11 +14,11 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.counts import OverTime
-from fte_sniff.analysis.durations import Durations
-from fte_sniff.analysis.port_run import PortNumbers
-from fte_sniff.analysis.statistics import FaultNumbers, Statistics
-from fte_sniff.analysis.streams import StreamNumbers
+from fte_sniff.analysis.accumulators.counts import OverTime
+from fte_sniff.analysis.accumulators.durations import Durations
+from fte_sniff.analysis.models.port_run import PortNumbers
+from fte_sniff.analysis.models.statistics import FaultNumbers, Statistics
+from fte_sniff.analysis.models.streams import StreamNumbers
 from fte_sniff.errors import shown
 from fte_sniff.protocol import status_of
 from fte_sniff.tui.fitting import fit, fit_path, fit_right

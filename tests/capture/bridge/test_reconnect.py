@@ -9,8 +9,8 @@ from fte_sniff.capture.bridge.line_speed import speed_of
 from fte_sniff.capture.bridge.source import open_bridge
 from fte_sniff.capture.bridge.wires import HOST
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.items import SourceEnd
-from fte_sniff.capture.ports import PortSettings
+from fte_sniff.capture.ports.opening import PortSettings
+from fte_sniff.capture.sources.items import SourceEnd
 from fte_sniff.protocol import Chunk, PortEvent
 
 CLOCK = Clock.tied()

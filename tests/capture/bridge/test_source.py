@@ -19,8 +19,8 @@ from fte_sniff.capture.bridge.line_speed import speed_of
 from fte_sniff.capture.bridge.source import BridgeSource, open_bridge
 from fte_sniff.capture.bridge.wires import HOST, MOST_AHEAD, Departures, Wires
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.items import SourceEnd
-from fte_sniff.capture.ports import PortSettings, open_port
+from fte_sniff.capture.ports.opening import PortSettings, open_port
+from fte_sniff.capture.sources.items import SourceEnd
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
 

@@ -2,7 +2,6 @@ import os
 
 import pytest
 
-from fte_sniff.capture.adapters import stray_adapters
 from fte_sniff.capture.checks.finding import Level
 from fte_sniff.capture.checks.machine import (
     Host,
@@ -15,6 +14,7 @@ from fte_sniff.capture.checks.machine import (
     running,
     usb_buffering,
 )
+from fte_sniff.capture.ports.adapters import stray_adapters
 
 
 def write(root, files):

@@ -1,0 +1,126 @@
+"""Owns the filter: one line of text that says which rows are wanted.
+
+It must not know where rows come from or where they are shown. The language is SQL's boolean
+expressions over the names of the row contract; the text is checked as a whole before the first
+row, turned into plain SQL and handed to `polars.sql_expr`.
+
+    motor = 1 AND rpm > 500             AND OR NOT, also && || !; == is =, <> is !=
+    kind IN ('speed', 'position')       words are checked; also "speed", and speed without quotes
+    malformed OR noise                  a word alone: the row's kind, direction, status or a fault
+    faults = 'noise'                    among its faults; != is not among them; IN is any of them
+    faults IS NULL                      no fault at all; also faults = ''
+    faults LIKE '%trunc%'               in the faults joined by commas
+    error = 0x0F, online & 0x01 = 0     hex and bits
+    raw LIKE '%aa 0_%'                  whole bytes: % is any of them, _ any one hex digit; spaces
+                                        and case of the hex do not matter
+    time >= '2026-01-31 12:00'          UTC, or with a zone; numbers are nanoseconds since 1970
+    time > '12:00:05'                   that time of any day, UTC: rows later on their own day
+
+As in SQL, a comparison with a value that the row has not is neither true nor false, and such a row
+is not wanted: `kind != 'speed'` leaves out damage. `kind IS DISTINCT FROM 'speed'` keeps it, and
+so does `NOT speed`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import compress
+from typing import Final
+
+import polars as pl
+
+from fte_sniff.analysis.columns.fields import Bools
+from fte_sniff.analysis.columns.packing import Codebook, Packed
+from fte_sniff.analysis.columns.side_by_side import SideBySide
+from fte_sniff.analysis.columns.table import table_frame
+from fte_sniff.analysis.columns.wide import packed_frame, row_frame, wide
+from fte_sniff.analysis.filter.grammar import condition
+from fte_sniff.errors import FilterError, shown
+from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
+from fte_sniff.said import Said
+
+
+@dataclass(frozen=True, slots=True)
+class RowFilter:
+    """A checked filter; made by `parse`."""
+
+    text: str
+    """As typed."""
+    sql: str
+    """As polars reads it: over the names and types of `row_frame`."""
+    names: frozenset[str]
+    """The columns that it reads; `mask` needs no others."""
+    expression: pl.Expr = field(compare=False, repr=False)
+    """True, false or null for every row."""
+
+    @classmethod
+    def parse(cls, text: str) -> RowFilter:
+        """The filter that a text says.
+
+        Raises:
+            FilterError: one line with what is wrong, where, and what to write instead.
+        """
+        found = condition(text)
+        try:
+            made = cls(text, found.sql, found.names, pl.sql_expr(found.sql))
+            made.mask(_TRIAL)
+        except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+            raise _refused(error) from None
+        return made
+
+    def mask(self, frame: pl.DataFrame) -> pl.Series:
+        """For every row of a frame of `row_frame`'s columns whether it is wanted; never null.
+
+        Raises:
+            FilterError: the filter cannot be computed for these rows.
+        """
+        try:
+            found = frame.select(wanted=self.expression).to_series()
+        except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+            raise _refused(error) from None
+        if len(found) != frame.height:  # polars gives a constant as a single row
+            found = found.new_from_index(0, frame.height)
+        return found.fill_null(False)
+
+    def among(self, rows: SideBySide) -> pl.Series:
+        """For every one of the rows, which lie side by side, whether it is wanted; never null.
+
+        Raises:
+            FilterError: the filter cannot be computed for these rows.
+        """
+        return self.mask(wide(table_frame(rows, self.names or ("offset",))))
+
+    def of_packed(self, packed: Packed, long: Mapping[int, bytes], codebook: Codebook) -> Bools:
+        """For every packed row whether it is wanted; `long` by place in `packed`.
+
+        Raises:
+            FilterError: the filter cannot be computed for these rows.
+        """
+        frame = packed_frame(packed, long, codebook, self.names or ("offset",))
+        return self.mask(frame).to_numpy()
+
+    def select(self, rows: Sequence[Row]) -> list[Row]:
+        """The rows that are wanted, in their order."""
+        if not rows:
+            return []
+        return list(compress(rows, self.mask(row_frame(rows, self.names or ("offset",)))))
+
+
+def _refused(error: BaseException) -> FilterError:
+    why = shown(str(error).split("\n", 1)[0][:120])
+    return FilterError(
+        Said("filter: it cannot be computed ({why}); compare fields with plain values", why=why)
+    )
+
+
+def _trial_rows() -> Iterator[Row]:
+    """Rows of every kind with their values at both ends, and rows that have none."""
+    for kind in KINDS:
+        for end in ("low", "high"):
+            values = {field.name: getattr(field, end) for field in kind.fields}
+            yield Frame("port", 0, encode(kind, values), 0)
+    yield Damage("port", 0, b"", None, (Fault.NOISE, Fault.LINE_ERROR))
+
+
+_TRIAL: Final = row_frame(list(_trial_rows()))

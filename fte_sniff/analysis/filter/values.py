@@ -1,0 +1,196 @@
+"""Owns what a value in a filter stands for beside a field: a word, a time, hex, a plain text.
+
+It must not know any sign of the language. A value that fits no row is a mistake, told where it
+stands.
+"""
+
+from __future__ import annotations
+
+import re
+
+from fte_sniff.analysis.filter.byte_patterns import is_of_whole_bytes
+from fte_sniff.analysis.filter.moments import DAY_NS, clock_ns, time_ns
+from fte_sniff.analysis.filter.terms import (
+    COLUMN_OF_WORD,
+    INT64,
+    UNTYPED,
+    Term,
+    TermType,
+    how_to_ask,
+    nearest,
+    quoted,
+)
+from fte_sniff.analysis.filter.tokens import complaint
+from fte_sniff.errors import FilterError
+from fte_sniff.protocol import COLUMN_BY_NAME, ColumnType
+from fte_sniff.said import Said
+
+
+class Values:
+    """Reads the values of one filter by what they stand beside."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def error(self, term: Term, what: str, way_out: str = "") -> FilterError:
+        """A complaint about a term."""
+        return complaint(self._text, term.start, what, way_out)
+
+    def unknown(self, term: Term) -> FilterError:
+        """A complaint about a name that nothing has."""
+        choices = [*COLUMN_BY_NAME, *COLUMN_OF_WORD]
+        return self.error(
+            term,
+            Said("unknown name '{term}'", term=term.shown),
+            (
+                nearest(term.shown, choices)
+                or Said("the fields are {names}", names=", ".join(COLUMN_BY_NAME))
+            ),
+        )
+
+    def sides(self, left: Term, right: Term) -> tuple[str, str]:
+        """The SQL of both where they stand beside each other.
+
+        A time of day is asked of what is left of a time without its day.
+        """
+        clock = self.clock(left, right)
+        if clock is not None:
+            return f"({left.sql} % {DAY_NS})", str(clock)
+        return left.sql, self.fitted(left, right)
+
+    def clock(self, left: Term, right: Term) -> int | None:
+        """The time of day that `right` says beside a time; None where it says none."""
+        if left.type is not TermType.TIME or right.type is not TermType.LITERAL:
+            return None
+        return clock_ns(right.shown)
+
+    def fitted(self, left: Term, right: Term) -> str:
+        """The SQL of `right` where it stands beside `left`."""
+        if left.type is TermType.WORD:
+            return self.word(left, right)
+        if right.type is TermType.NAME:
+            self._refuse_name(left, right)
+        if right.type is not TermType.LITERAL:
+            if right.type is left.type or {left.type, right.type} == {
+                TermType.TIME,
+                TermType.NUMBER,
+            }:
+                return right.sql
+            raise self._mismatch(left, right)
+        if left.type is TermType.TIME:
+            return self._time(right)
+        if left.type is TermType.HEX:
+            return quoted(self.hex_digits(right))
+        if left.type is TermType.TEXT:
+            return right.sql
+        raise self._mismatch(left, right)
+
+    def _refuse_name(self, left: Term, name: Term) -> None:
+        if left.type in (TermType.TEXT, TermType.HEX):
+            raise self.error(
+                name,
+                Said("unknown name '{term}'", term=name.shown),
+                Said("a text stands in quotes: '{name}'", name=name.shown),
+            )
+        if name.shown.lower() in COLUMN_OF_WORD:
+            raise self._mismatch(left, name)
+        raise self.unknown(name)
+
+    def _mismatch(self, left: Term, right: Term) -> FilterError:
+        if left.type in UNTYPED and right.type in UNTYPED:
+            return self.error(
+                left,
+                Said("two texts are compared"),
+                Said("a field's name stands without single quotes"),
+            )
+        if left.column is None and right.type is TermType.LITERAL:
+            near = nearest(right.shown, COLUMN_BY_NAME) or "name a field"
+            return self.error(
+                right,
+                Said("'{right}' is a text, no field", right=right.shown),
+                Said("{near} (no quotes)", near=near),
+            )
+        what = Said(
+            "{left} is {left_is}, {right} is {right_is}",
+            left=left.shown,
+            left_is=Said(left.type.value),
+            right=right.shown,
+            right_is=Said(right.type.value),
+        )
+        if left.type is TermType.NUMBER and right.type is TermType.LITERAL:
+            return self.error(right, what, Said("write a number, without quotes"))
+        if left.type is TermType.HEX and right.type is TermType.NUMBER:
+            return self.error(
+                right, what, Said("write the bytes as a text, as in raw LIKE 'AA01%'")
+            )
+        return self.error(right, what, how_to_ask(left))
+
+    def word(self, left: Term, right: Term) -> str:
+        """The SQL of a word where it stands beside a column that has words."""
+        column = left.column
+        if column is None or right.type not in UNTYPED:
+            raise self._mismatch(left, right)
+        word = right.shown.strip().lower()
+        if word in column.words:
+            return quoted(word)
+        if column.type is ColumnType.WORDS and {*re.split(r"[\s,]+", word)} <= {*column.words}:
+            raise self.error(
+                right,
+                Said("several faults in one text"),
+                Said("ask for each: {example}", example=_example_of_two(word)),
+            )
+        other = COLUMN_OF_WORD.get(word)
+        hint = (
+            Said("it is a word of {other}: {other} = '{word}'", other=other.name, word=word)
+            if other
+            else ""
+        )
+        raise self.error(
+            right,
+            Said("{column} is never '{right}'", column=column.name, right=right.shown),
+            (
+                hint
+                or nearest(word, column.words)
+                or Said("it is one of {words}", words=", ".join(column.words))
+            ),
+        )
+
+    def _time(self, literal: Term) -> str:
+        found = time_ns(literal.shown)
+        if found is None or found not in INT64:
+            raise self.error(
+                literal,
+                Said("'{literal}' is no time", literal=literal.shown),
+                Said(
+                    "write UTC as '2026-01-31T12:00:00.5Z' or '2026-01-31 12:00', or "
+                    "'12:00:05' for that time of any day"
+                ),
+            )
+        return f"({found})" if found < 0 else str(found)
+
+    def hex_digits(self, literal: Term, wild: str = "") -> str:
+        """A text as upper-case hex without spaces; `wild` are other signs that may stand in it."""
+        digits = "".join(literal.shown.split()).upper()
+        if not set(digits) <= set("0123456789ABCDEF" + wild):
+            raise self.error(
+                literal,
+                Said("'{literal}' is not hex", literal=literal.shown),
+                Said("write the bytes as in raw LIKE 'AA01%'"),
+            )
+        return digits
+
+    def bytes_pattern(self, literal: Term) -> str:
+        """A text as a pattern of whole bytes."""
+        pattern = self.hex_digits(literal, "%_")
+        if not is_of_whole_bytes(pattern):
+            raise self.error(
+                literal,
+                Said("'{literal}' has half a byte", literal=literal.shown),
+                Said("write two digits a byte, _ for any digit, % for any bytes: '%A_ 01%'"),
+            )
+        return pattern
+
+
+def _example_of_two(words: str) -> str:
+    first, *rest = re.split(r"[\s,]+", words)
+    return f"faults = '{first}' AND faults = '{rest[0] if rest else first}'"

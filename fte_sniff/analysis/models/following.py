@@ -1,0 +1,120 @@
+"""Owns the models that follow a store: they see every row once, a piece at a time, and remember.
+
+It must not know a clock, a screen or a file. Rows wait in the store until they are looked at, so
+that a large file can be loaded first and understood behind it. A copy of the motors' state is kept
+every so many rows; with it the state at any row that the store keeps costs a few milliseconds:
+
+    rows    |-----------|-----------|-----------|------>
+    states  s0          s1          s2    ^ wanted: s2, and the rows since
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+from fte_sniff.analysis.columns.fields import Decoded, timed
+from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.models.motors import Motors
+from fte_sniff.analysis.models.statistics import Statistics
+from fte_sniff.analysis.models.traces import Traces
+from fte_sniff.analysis.store.row_store import RowStore
+
+STATE_EVERY: Final = 32_768
+"""Rows between two states that are kept."""
+
+MOST_ROWS_TRACED: Final = 300_000
+"""Rows at most that are traced anew for a look at the past; more would be felt."""
+
+
+class Following:
+    """Motors, their traces and the statistics of all rows that went through a store."""
+
+    def __init__(self, store: RowStore, bench: Bench, state_every: int = STATE_EVERY) -> None:
+        """Nothing was looked at yet.
+
+        Args:
+            store: where the rows are; it may go on to grow.
+            bench: what the user said about the set-up.
+            state_every: rows between two states that are kept, at least 1.
+        """
+        self._store = store
+        self._every = state_every
+        self._next = 0
+        self._states: deque[tuple[int, Motors]] = deque([(0, Motors())])
+        self.motors = Motors()
+        self.traces = Traces()
+        self.statistics = Statistics(bench)
+        self.missed = 0
+        """Rows that had left the store before they were looked at."""
+
+    @property
+    def behind(self) -> int:
+        """Rows in the store that were not looked at yet."""
+        return self._store.next - max(self._next, self._store.first)
+
+    def step(self, budget_rows: int) -> bool:
+        """Look at the next rows, at most so many; True when none is left."""
+        self._skip_what_left()
+        end = min(self._next + budget_rows, self._store.next)
+        while self._next < end:
+            stop = min(end, (self._next // self._every + 1) * self._every)
+            for packed in self._store.packed(self._next, stop):
+                rows = Decoded(packed)
+                self.motors.add(rows)
+                self.traces.add(rows)
+                self.statistics.add(rows, self._store.codebook)
+            self._next = stop
+            if stop % self._every == 0:
+                self._states.append((stop, self.motors.copied()))
+        self._forget_what_left()
+        return not self.behind
+
+    def _skip_what_left(self) -> None:
+        gone = self._store.first - self._next
+        if gone > 0:
+            self.missed += gone
+            self._next += gone
+
+    def _forget_what_left(self) -> None:
+        """Keep one state from before the oldest row, to start from."""
+        while len(self._states) > 1 and self._states[1][0] <= self._store.first:
+            self._states.popleft()
+
+    def motors_at(self, index: int) -> Motors | None:
+        """The motors right after the row of that index; None where it was not looked at yet."""
+        end = index + 1
+        if end > self._next:
+            return None
+        if end == self._next:
+            return self.motors
+        start, state = next(kept for kept in reversed(self._states) if kept[0] <= end)
+        motors = state.copied()
+        for packed in self._store.packed(start, end):
+            motors.add(Decoded(packed))
+        return motors
+
+    def traces_at(self, index: int, from_ns: int) -> Traces:
+        """The traces around a row, back to a time: in full detail where that is not too much.
+
+        Otherwise they are those over all rows, which know less of what is long past.
+        """
+        start = self._first_from(index, from_ns)
+        if start is None:
+            return self.traces
+        traces = Traces()
+        for packed in self._store.packed(start, index + 1):
+            traces.add(Decoded(packed))
+        return traces
+
+    def _first_from(self, index: int, from_ns: int) -> int | None:
+        """Where the rows since that time begin; None where that is too far before `index`."""
+        start = index + 1
+        first = max(self._store.first, index + 1 - MOST_ROWS_TRACED)
+        while start > first:
+            at = max(first, start - self._every)
+            times = [p["t_ns"][timed(p)] for p in self._store.packed(at, start)]
+            if any(len(t_ns) and t_ns[0] < from_ns for t_ns in times):
+                return at
+            start = at
+        return start if start == self._store.first else None

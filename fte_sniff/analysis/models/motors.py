@@ -1,0 +1,237 @@
+"""Owns what is known of each motor: the last target, the present values, flags, rates, answers.
+
+It must not know a clock, a screen or where rows are kept: decoded rows come in, batch by batch, in
+the order of their times, and it makes no difference where batches are cut. All rows are taken to be
+of one controller, whatever ports they came through: a tap has a port for each direction.
+
+Whole batches are worked on at once. A state is small, however many rows went into it, and can be
+copied; so the state at any row costs a copy of an earlier one and the rows between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from fte_sniff.analysis.accumulators.recent import Recent
+from fte_sniff.analysis.columns.fields import (
+    NO_TIME,
+    Decoded,
+    Ints,
+    subject,
+)
+from fte_sniff.analysis.models.addressing import addressed
+from fte_sniff.analysis.models.pairing import Moments, Pairing
+from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
+from fte_sniff.protocol.table import NUM_PLACE
+
+FLAG_FIELDS: Final = tuple(field.name for field in VALUE_FIELDS if field.defined_bits is not None)
+"""The row names of the flag bytes."""
+
+BITS: Final = range(8)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A value, and when it was told."""
+
+    value: int
+    t_ns: int | None
+    """When the frame began that told it, nanoseconds since 1970 UTC; None without times."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """The last command that a motor was given."""
+
+    kind: FrameKind
+    values: Mapping[str, int]
+    """By row name, without the motor's number."""
+    t_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Flags:
+    """A flag byte, and when its bits changed."""
+
+    byte: int
+    changed_ns: tuple[int | None, ...]
+    """By bit, from 0: when it was last seen to differ from before; None where it never was."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotorState:
+    """All that is known of one motor at one row; what is not known is None, never 0."""
+
+    motor: int
+    target: Target | None
+    """The last command; a reset and a motion of the chassis are commands to every motor."""
+    present: Mapping[str, Reading]
+    """What feedback told last, by row name (`rpm`, `pulses`); those never told are not in it."""
+    flags: Mapping[str, Flags]
+    """The flag bytes in this motor's own feedback, by row name; empty before the first."""
+    online: bool | None
+    """This motor's bit in the ONLINE byte of the latest feedback of any motor.
+
+    That bit 0 is motor 1 is an assumption (PROTOCOL.md, "What the document leaves open").
+    """
+    online_changed_ns: int | None
+    commands: int
+    feedback: int
+    """Frames so far."""
+    answered: int
+    unanswered: int
+    """Commands so far, by whether feedback came before the next command (see `pairing`)."""
+    waiting_since_ns: int | None
+    """The time of the last command while it is neither."""
+    delay_p50_ns: int | None
+    delay_p99_ns: int | None
+    """From a command to its answer, over the latest ones."""
+    commands_per_s: float | None
+    feedback_per_s: float | None
+
+
+class _FlagByte:
+    """One flag byte over time."""
+
+    def __init__(self) -> None:
+        self.byte: int | None = None
+        self._changed: list[int | None] = [None for _ in BITS]
+
+    def add(self, bytes_: Ints, t_ns: Ints) -> None:
+        """These values came at these times."""
+        if not len(bytes_):
+            return
+        before = bytes_[0] if self.byte is None else self.byte
+        changes = bytes_ ^ np.concatenate(([before], bytes_[:-1]))
+        for bit in BITS if changes.any() else ():
+            places = np.flatnonzero(changes >> bit & 1)
+            if len(places):
+                self._changed[bit] = _time(t_ns[places[-1]])
+        self.byte = int(bytes_[-1])
+
+    def copied(self) -> _FlagByte:
+        other = copy(self)
+        other._changed = self._changed.copy()
+        return other
+
+    @property
+    def flags(self) -> Flags | None:
+        return None if self.byte is None else Flags(self.byte, tuple(self._changed))
+
+
+_SUBJECTS: Final = [
+    (code, name)
+    for code, kind in enumerate(KINDS)
+    if kind.direction is Direction.FEEDBACK and (name := subject(kind))
+]
+
+
+class _Motor:
+    """One motor's state, as it changes."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.commands = self.feedback = 0
+        self.pairing = Pairing()
+        self._target: Target | None = None
+        self._present: dict[str, Reading] = {}
+        self._flags = {name: _FlagByte() for name in FLAG_FIELDS}
+        self._command_times, self._feedback_times = Recent(), Recent()
+
+    def add(self, rows: Decoded, commands: Ints, feedback: Ints) -> None:
+        """The places in the batch of the commands to this motor, and of its feedback."""
+        self.pairing.add(Moments.of(rows, commands), Moments.of(rows, feedback))
+        self.commands += len(commands)
+        self.feedback += len(feedback)
+        self._command_times.add(_known(rows.t_ns[commands]))
+        self._feedback_times.add(_known(rows.t_ns[feedback]))
+        if len(commands):
+            self._aim(rows, int(commands[-1]))
+        if not len(feedback):
+            return
+        for code, name in _SUBJECTS:
+            places = feedback[rows.kinds[feedback] == code]
+            if len(places):
+                last = int(places[-1])
+                self._present[name] = Reading(rows.value(name, last), _time(rows.t_ns[last]))
+        for name, flag_byte in self._flags.items():
+            flag_byte.add(rows.values(name, feedback), rows.t_ns[feedback])
+
+    def _aim(self, rows: Decoded, place: int) -> None:
+        kind = KINDS[rows.kinds[place]]
+        names = [field.name for field in kind.fields if field.start != NUM_PLACE]
+        values = {name: rows.value(name, place) for name in names}
+        self._target = Target(kind, MappingProxyType(values), _time(rows.t_ns[place]))
+
+    def copied(self) -> _Motor:
+        other = copy(self)
+        other.pairing = self.pairing.copied()
+        other._present = self._present.copy()
+        other._flags = {name: byte.copied() for name, byte in self._flags.items()}
+        other._command_times = copy(self._command_times)
+        other._feedback_times = copy(self._feedback_times)
+        return other
+
+    def state(self, online: Flags | None, now_ns: int | None) -> MotorState:
+        delays, bit = self.pairing.delays, self.number - MOTORS[0]
+        flags = {name: byte.flags for name, byte in self._flags.items()}
+        return MotorState(
+            motor=self.number,
+            target=self._target,
+            present=dict(self._present),
+            flags={name: known for name, known in flags.items() if known},
+            online=None if online is None else bool(online.byte >> bit & 1),
+            online_changed_ns=None if online is None else online.changed_ns[bit],
+            commands=self.commands,
+            feedback=self.feedback,
+            answered=self.pairing.answered,
+            unanswered=self.pairing.unanswered,
+            waiting_since_ns=self.pairing.waiting_since_ns,
+            delay_p50_ns=delays.percentile(50),
+            delay_p99_ns=delays.percentile(99),
+            commands_per_s=None if now_ns is None else self._command_times.per_second(now_ns),
+            feedback_per_s=None if now_ns is None else self._feedback_times.per_second(now_ns),
+        )
+
+
+class Motors:
+    """Every motor of the controller, as far as the rows added so far tell."""
+
+    def __init__(self) -> None:
+        self._motors = [_Motor(number) for number in MOTORS]
+        self._online = _FlagByte()
+
+    def add(self, rows: Decoded) -> None:
+        """The next rows, in order of time."""
+        found = addressed(rows)
+        for motor in self._motors:
+            motor.add(rows, found.commands[motor.number], found.feedback[motor.number])
+        named = found.any_feedback
+        self._online.add(rows.values("online", named), rows.t_ns[named])
+
+    def copied(self) -> Motors:
+        """The same, which later rows do not change."""
+        other = Motors()
+        other._motors = [motor.copied() for motor in self._motors]
+        other._online = self._online.copied()
+        return other
+
+    def states(self, now_ns: int | None) -> list[MotorState]:
+        """What is known of each motor; rates are those at `now_ns`, not before the last row."""
+        online = self._online.flags
+        return [motor.state(online, now_ns) for motor in self._motors]
+
+
+def _time(t_ns: int) -> int | None:
+    return None if t_ns == NO_TIME else int(t_ns)
+
+
+def _known(t_ns: Ints) -> Ints:
+    known: Ints = t_ns[t_ns != NO_TIME]
+    return known

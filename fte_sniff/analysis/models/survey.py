@@ -1,0 +1,150 @@
+"""Owns all numbers over whole inputs, as many as there are: extents, ports, streams, motors, flags.
+
+It must not know a file, a screen or a form to write numbers in. Rows come input by input, batch by
+batch, and it makes no difference where batches are cut. What it keeps grows with the numbers of
+inputs and ports, not with that of rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from fte_sniff.analysis.columns.fields import Decoded
+from fte_sniff.analysis.columns.packing import Codebook, Packed, pack
+from fte_sniff.analysis.models.addressing import addressed
+from fte_sniff.analysis.models.answers import AnswerNumbers, Answers
+from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.models.fault_counts import Count, FaultCounts
+from fte_sniff.analysis.models.flags_seen import FlagNumbers, FlagsSeen
+from fte_sniff.analysis.models.port_run import PortNumbers
+from fte_sniff.analysis.models.statistics import Statistics
+from fte_sniff.analysis.models.streams import StreamNumbers
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One input."""
+
+    name: str
+    """May hold text from outside, so show it, never obey it."""
+    count: Count = field(default_factory=Count)
+
+
+class Survey:
+    """The numbers over all rows added so far."""
+
+    def __init__(self, bench: Bench) -> None:
+        """No rows; `bench` tells the baud of ports of which no input tells any."""
+        self.sources: list[Source] = []
+        """Every input, in its order."""
+        self._codebook = Codebook()
+        self._statistics = Statistics(bench)
+        self._answers = Answers()
+        self._flags = FlagsSeen()
+        self._bauds: dict[str, int] = {}
+        self._gaps: list[int] = []
+
+    def begin(
+        self, name: str, bauds: Mapping[str, int], left_out: Sequence[tuple[int, int]] = ()
+    ) -> None:
+        """The rows to come are of this input, which tells these ports' bits per second.
+
+        Of ports whose baud was told, later changes of it are followed.
+
+        Args:
+            name: what people know the input by.
+            bauds: by port.
+            left_out: from when to when rows came that the input does not hold, nanoseconds since
+                1970 UTC; nothing is measured across.
+        """
+        self.sources.append(Source(name))
+        self._gaps = sorted(t_ns for first, last in left_out for t_ns in (first, last + 1))
+        for port, baud in bauds.items():
+            # What the next file of a capture tells is how it began, not how it went on.
+            if self._bauds.get(port) != baud:
+                self._bauds[port] = baud
+                self._statistics.pace(port, baud)
+
+    def add(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> None:
+        """The next rows, and what happened to ports among them."""
+        packed = pack(rows, self._codebook)[0]
+        start = 0
+        for event in events:
+            if event.kind is PortEventKind.BAUD_CHANGED and event.port in self._bauds:
+                later = np.flatnonzero(packed["t_ns"][start:] >= event.t_ns)
+                end = start + int(later[0]) if len(later) else len(packed)
+                self._take_runs(packed[start:end])
+                self._statistics.pace(event.port, event.count)
+                start = end
+        self._take_runs(packed[start:])
+        self._statistics.add_events(events)
+
+    def _take_runs(self, packed: Packed) -> None:
+        """Take rows, and measure nothing across what the input does not hold."""
+        while self._gaps:
+            later = np.flatnonzero(packed["t_ns"] >= self._gaps[0])
+            if not len(later):
+                break
+            self._take(packed[: later[0]])
+            packed = packed[later[0] :]
+            while self._gaps and self._gaps[0] <= packed["t_ns"][0]:
+                del self._gaps[0]
+            self._statistics.interrupt()
+            self._answers.interrupt()
+        self._take(packed)
+
+    def _take(self, packed: Packed) -> None:
+        if not len(packed):
+            return
+        rows = Decoded(packed)
+        lengths = int(packed["length"].sum(dtype=np.int64))
+        self.sources[-1].count.add(len(rows), lengths, rows.t_ns[rows.has_time])
+        self._statistics.add(rows, self._codebook)
+        found = addressed(rows)
+        self._answers.add(rows, found)
+        self._flags.add(rows, found)
+
+    @property
+    def total(self) -> Count:
+        """All rows."""
+        total = Count()
+        for source in self.sources:
+            total.include(source.count)
+        return total
+
+    @property
+    def in_order(self) -> bool:
+        """Whether each input lies behind the one before, so that frames of both have an order."""
+        counts = [source.count for source in self.sources if source.count.rows]
+        return all(
+            before.last_ns is not None
+            and after.first_ns is not None
+            and before.last_ns <= after.first_ns
+            for before, after in pairwise(counts)
+        )
+
+    @property
+    def faults(self) -> FaultCounts:
+        """Rows by port, status and fault."""
+        return self._statistics.fault_counts
+
+    def ports(self) -> list[PortNumbers]:
+        """Every port that an input tells of, or that rows or events came from, in that order."""
+        return self._statistics.ports()
+
+    def streams(self) -> list[StreamNumbers]:
+        """Every stream, by port, kind and motor."""
+        return self._statistics.streams(None)
+
+    def answers(self) -> list[AnswerNumbers]:
+        """Every motor, by its number; what answered what means nothing where not `in_order`."""
+        return self._answers.numbers()
+
+    def flags(self) -> list[FlagNumbers]:
+        """Every motor, by its number; losses mean nothing where not `in_order`."""
+        return self._flags.numbers()

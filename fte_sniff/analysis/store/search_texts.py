@@ -1,0 +1,100 @@
+"""Owns what each row tells in words of its own, for the search: its values, time and offset.
+
+It must not know what is looked for beside a text in small letters. What many rows share, their port
+and faults, is looked up elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from fte_sniff.analysis.columns.packing import Codebook, Packed
+from fte_sniff.analysis.columns.wide import packed_frame
+from fte_sniff.protocol import KINDS, Field, FrameKind
+
+_HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
+
+
+def tell(
+    text: str,
+    columns: Collection[str],
+    packed: Packed,
+    long: Mapping[int, bytes],
+    codebook: Codebook,
+) -> npt.NDArray[np.bool_]:
+    """For every packed row whether it tells the text in these columns, or in any.
+
+    Bytes of long rows stand in `long` by place in `packed`.
+    """
+    found = np.zeros(len(packed), np.bool_)
+    for part in _PARTS:
+        if part.signs.issuperset(text) and (part.column is None or part.column in columns):
+            frame = packed_frame(packed, long, codebook, part.names)
+            has = part.text.str.contains(text, literal=True).fill_null(False)
+            found |= frame.select(has=has)["has"].to_numpy()
+    return found
+
+
+def _said(kind: FrameKind) -> pl.Expr:
+    """The values of a kind as the screen tells them."""
+    return pl.concat_str([_value(field) for field in kind.fields] or [pl.lit("")])
+
+
+def _value(field: Field) -> pl.Expr:
+    value = pl.col(field.name)
+    if field.defined_bits is None:
+        return pl.format(f" {field.option}={{}}", value)
+    digits = value.replace_strict(list(range(256)), _HEX_WORDS, return_dtype=pl.String())
+    told = pl.format(f" {field.option}={{}}", digits)
+    return pl.when(value == field.default).then(pl.lit("")).otherwise(told)
+
+
+def _values() -> pl.Expr:
+    said: pl.Expr = pl.lit("")
+    for kind in KINDS:
+        said = pl.when(pl.col("kind") == kind.name).then(_said(kind)).otherwise(said)
+    return said
+
+
+def _field_names() -> Iterator[str]:
+    for kind in KINDS:
+        yield from (field.name for field in kind.fields)
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Something that is told of every row."""
+
+    column: str | None
+    """The only one that tells it; None where several do."""
+    names: frozenset[str]
+    """What it is told from."""
+    signs: frozenset[str]
+    """The characters it can have; a text with another is not in it."""
+    text: pl.Expr
+
+
+_DIGITS: Final = frozenset("0123456789")
+_WORD_SIGNS: Final = _DIGITS | frozenset("abcdefghijklmnopqrstuvwxyz_=- ")
+_PARTS: Final = (
+    _Part(
+        None,
+        frozenset({"kind", *_field_names()}),
+        _WORD_SIGNS,
+        pl.concat_str(pl.col("kind").cast(pl.String()), _values()),
+    ),
+    _Part(
+        "time",
+        frozenset({"time"}),
+        _DIGITS | frozenset(":."),
+        pl.col("time").dt.strftime("%H:%M:%S.%f"),
+    ),
+    _Part("offset", frozenset({"offset"}), _DIGITS, pl.col("offset").cast(pl.String())),
+)
+"""What is told of a row, but for its port and faults, which many rows share."""

@@ -1,0 +1,197 @@
+"""Owns the one line that says why a port cannot be opened, and the way out.
+
+It must not open anything; it looks at the error, the name and the device file.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import pkgutil
+import re
+import stat
+import termios
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import serial
+
+from fte_sniff.capture.ports.holders import have_open, holders_of
+from fte_sniff.capture.ports.permission import way_in
+from fte_sniff.errors import PortError, shown
+from fte_sniff.said import Said
+
+_NETWORK_SCHEMES = ("socket", "rfc2217")
+_OWN_TERMINAL = "/dev/tty"
+_LOGGING = re.compile(r"[?&]logging=", re.IGNORECASE)
+_NOT_SPOKEN = "does not seem to support RFC2217"
+_MODULE_NEEDED = {"cp2110": "hid"}
+_MODULE_PREFIX = "protocol_"
+
+
+def known_schemes() -> list[str]:
+    """The URL schemes that a port can have here, sorted: `loop`, `sim`, `socket`..."""
+    found = {
+        module.name.removeprefix(_MODULE_PREFIX)
+        for package in serial.protocol_handler_packages
+        for module in pkgutil.iter_modules(import_module(package).__path__)
+        if module.name.startswith(_MODULE_PREFIX)
+    }
+    return sorted(
+        scheme
+        for scheme in found
+        if scheme not in _MODULE_NEEDED or find_spec(_MODULE_NEEDED[scheme])
+    )
+
+
+def check_name(name: str) -> None:
+    """Raise PortError where a name cannot be a port's before anything is opened."""
+    scheme, mark, _ = name.partition("://")
+    if not name.strip():
+        raise PortError(Said("a port has an empty name; {there}", there=_ports_there_are("")))
+    if not mark:
+        if "\0" not in name and os.path.realpath(name) == _OWN_TERMINAL:
+            there = _ports_there_are("")
+            raise PortError(
+                Said(
+                    "{port} is the terminal that this runs in, no port; {there}",
+                    port=shown(name),
+                    there=there,
+                )
+            )
+        return
+    known = known_schemes()
+    if scheme.lower() not in known:
+        listed = ", ".join(f"{scheme}://" for scheme in known)
+        raise PortError(
+            Said(
+                "{port}: no such kind of port; known are {listed}", port=shown(name), listed=listed
+            )
+        )
+    if scheme.lower() in _NETWORK_SCHEMES and not _names_host_and_port(name):
+        example = f"{scheme.lower()}://192.168.0.7:4001"
+        raise PortError(
+            Said(
+                "{port} names no host and TCP port: write it like {example}",
+                port=shown(name),
+                example=example,
+            )
+        )
+    if scheme.lower() == "spy" and "file=" not in name:
+        raise PortError(
+            Said(
+                "{port} would write over what is shown here: give it a file to "
+                "write to, as spy:///dev/ttyUSB0?file=spy.txt",
+                port=shown(name),
+            )
+        )
+    if _LOGGING.search(name):
+        raise PortError(
+            Said("{port} would write over what is shown here: leave logging out", port=shown(name))
+        )
+
+
+def refusal(name: str, device: str | None, error: BaseException) -> PortError:
+    """What an error on opening means.
+
+    Args:
+        name: as the user gave it.
+        device: the device file behind it, None where there is none (URLs).
+        error: what pyserial or the system raised.
+    """
+    if isinstance(error.__cause__, PortError):
+        return error.__cause__
+    named = shown(name)
+    if _NOT_SPOKEN in str(error):
+        # pyserial's own words go on with a dump of the options that it asked for.
+        bare = f"socket://{urlsplit(name).netloc}"
+        told = Said(
+            "what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}",
+            bare=shown(bare),
+        )
+        return PortError(Said("{port} cannot be opened: {why}", port=named, why=told))
+    hung_up = _errno_of(error) in (errno.ECONNRESET, errno.EPIPE)
+    if hung_up and name.lower().startswith("rfc2217://"):
+        told = Said("the server hung up: it does not speak RFC 2217, or serves somebody else")
+        return PortError(Said("{port} cannot be opened: {why}", port=named, why=told))
+    what = None if device is None else _what_of_device(device, _errno_of(error))
+    if what is None:
+        # pyserial repeats the name in its own words; once is enough. Where it stumbles over options
+        # that it does not know, its words say nothing.
+        why = one_line(error).rpartition(f"port {named}: ")[2]
+        if isinstance(error, LookupError):
+            why = Said("its options cannot be read")
+        what = Said(" cannot be opened: {why}", why=why)
+        if name.partition("://")[0].lower() in _NETWORK_SCHEMES:
+            what = Said(" cannot be opened: {why}; does a server listen there?", why=why)
+    return PortError(Said("{port}{what}", port=named, what=what))
+
+
+def one_line(error: BaseException) -> str:
+    """The error's own text on one line, with nothing that a terminal could obey."""
+    return shown(" ".join(str(error).split()))
+
+
+def _names_host_and_port(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return bool(parts.hostname and parts.port)
+    except ValueError:
+        return False
+
+
+def _what_of_device(device: str, number: int | None) -> str | None:
+    if number == errno.ENOENT:
+        return Said(": no such port; {there}", there=_ports_there_are(device))
+    if number in (errno.EACCES, errno.EPERM):
+        return Said(": no permission; {way_in}", way_in=way_in(device))
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return Said(" is busy: {holders}; close that first", holders=have_open(holders_of(device)))
+    if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
+        return Said(
+            " is no serial port but {what}; {there}",
+            what=_file_type(device),
+            there=_ports_there_are(device),
+        )
+    if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
+        return Said(": no hardware answers there, or it was just unplugged; check the plug")
+    return None
+
+
+def _errno_of(error: BaseException) -> int | None:
+    """The system's error number, which pyserial at times leaves to the error's context alone."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error.errno
+    cause = error if isinstance(error, termios.error) else error.__context__
+    if isinstance(cause, termios.error) and cause.args and isinstance(cause.args[0], int):
+        return cause.args[0]
+    return cause.errno if isinstance(cause, OSError) else None
+
+
+def _ports_there_are(asked: str) -> str:
+    # Looks through /sys, which is for the unlucky path alone.
+    from serial.tools.list_ports import comports
+
+    near = Path("/dev") / asked
+    if asked and "/" not in asked and near.is_char_device():
+        return Said("did you mean {near}?", near=near)
+    devices = sorted(port.device for port in comports())
+    if devices:
+        return Said("there are: {devices}", devices=", ".join(devices))
+    return Said("none is plugged in ('fte-sniff ports' lists them; sim:// is a simulated one)")
+
+
+def _file_type(device: str) -> str:
+    try:
+        mode = Path(device).stat().st_mode
+    except OSError:
+        return Said("no device either")
+    kinds = {
+        stat.S_IFDIR: Said("a directory"),
+        stat.S_IFREG: Said("a file"),
+        stat.S_IFIFO: Said("a pipe"),
+        stat.S_IFCHR: Said("another kind of device"),
+    }
+    return kinds.get(stat.S_IFMT(mode), Said("something else"))

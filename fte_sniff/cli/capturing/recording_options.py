@@ -1,0 +1,216 @@
+"""Owns the options of a recording under way: how often it is flushed, and what of it is kept.
+
+It must not know how a recording is made.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fte_sniff.cli.options.seconds import Seconds, seconds_of
+from fte_sniff.errors import UsageError
+from fte_sniff.formats.tables.writers import FORM_BY_END, OutputFormat
+
+if TYPE_CHECKING:
+    from fte_sniff.recording.writing.keeping import Keeping
+
+_BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
+_BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
+_SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
+_LEAST_FILE = 100_000
+_LEAST_SECONDS = 1.0
+
+
+class Rotate(Enum):
+    """What `--rotate` can say but a size or a time."""
+
+    AUTO = "auto"
+    """Begin the next file before the index of one gets too long to be there at every moment."""
+    NONE = "none"
+    """One file, however long."""
+
+
+_ROTATE_WORDS = {word.value: word for word in Rotate}
+
+Told = int | float | Rotate | None
+"""Bytes as an int, seconds as a float, what `--rotate` says in a word, or nothing."""
+
+
+def _size(text: str) -> int | None:
+    """Bytes; None for `none`."""
+    if text.lower() == "none":
+        return None
+    found = _SIZE.fullmatch(text)
+    if found is None:
+        raise click.BadParameter(f"{text!r} is no size; say for example 512MB, 2GB or none")
+    return round(float(found[1]) * _BYTES[found[2].lower()])
+
+
+def _time(text: str) -> float:
+    """Seconds."""
+    seconds = seconds_of(text)
+    if seconds is None:
+        raise click.BadParameter(f"{text!r} is no time; say for example 10s, 5min or 1h")
+    return seconds
+
+
+def _rotate(text: str) -> int | float | Rotate | None:
+    if text.lower() in _ROTATE_WORDS:
+        return _ROTATE_WORDS[text.lower()]
+    if (seconds := seconds_of(text)) is not None:
+        return seconds
+    if _SIZE.fullmatch(text):
+        return _size(text)
+    raise click.BadParameter(
+        f"{text!r} is no size and no time; say for example 512MB or 1h, auto or none"
+    )
+
+
+def _read_by(parse: Callable[[str], Told]) -> Callable[..., Told]:
+    """A callback that reads what was given."""
+    return lambda _context, _option, text: None if text is None else parse(text)
+
+
+_OPTIONS = (
+    click.option(
+        "--flush-every",
+        type=Seconds(min=0.05, max=60),
+        default=1.0,
+        show_default=True,
+        metavar="S",
+        help="Seconds that rows wait for the disk.",
+    ),
+    click.option(
+        "--rotate",
+        callback=_read_by(_rotate),
+        default=Rotate.AUTO.value,
+        show_default=True,
+        metavar="SIZE|TIME|auto|none",
+        help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ...; "
+        "auto: after about an hour, so that each is indexed at every moment; none: never.",
+    ),
+    click.option(
+        "--max-size",
+        callback=_read_by(_size),
+        default="20GB",
+        show_default=True,
+        metavar="SIZE",
+        help="What all files of this capture may take; or none.",
+    ),
+    click.option(
+        "--min-free",
+        callback=_read_by(_size),
+        metavar="SIZE",
+        help="What to leave free on the disk.  [default: 1GB, less on a small or full disk]",
+    ),
+    click.option(
+        "--on-full",
+        type=click.Choice(["stop", "rotate-oldest"]),
+        default="stop",
+        show_default=True,
+        help="Stop until there is room, or delete this capture's oldest file.",
+    ),
+    click.option(
+        "--trigger",
+        metavar="EXPR",
+        help="Keep only what surrounds rows for which this holds: error > 0.",
+    ),
+    click.option(
+        "--before",
+        callback=_read_by(_time),
+        metavar="TIME",
+        help="... so long before.  [default: 10s]",
+    ),
+    click.option(
+        "--after",
+        callback=_read_by(_time),
+        metavar="TIME",
+        help="... so long behind.  [default: 5s]",
+    ),
+)
+
+
+def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """All options of a recording under way; the command hands them to `keeping_of`."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def check_recording(output: Path | None) -> None:
+    """Refuse a name whose end says that it holds something else than a recording.
+
+    Raises:
+        UsageError: it does.
+    """
+    from fte_sniff.recording.writing.outlet import is_outlet
+
+    if output is None or is_outlet(output):
+        return
+    if FORM_BY_END.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
+        mcap = output.with_suffix(".mcap")
+        raise UsageError(
+            f"-o {output}: a capture is recorded as MCAP; name it {mcap},"
+            f" and make {output.name} of it with `fte-sniff decode {mcap} -o {output}`"
+        )
+
+
+def keeping_of(
+    output: Path | None,
+    *,
+    flush_every: float,
+    rotate: int | float | Rotate | None,
+    max_size: int | None,
+    min_free: int | None,
+    on_full: str,
+    trigger: str | None,
+    before: float | None,
+    after: float | None,
+) -> Keeping:
+    """What the options ask for.
+
+    Raises:
+        UsageError: they contradict each other.
+    """
+    from fte_sniff.recording.writing.keeping import (
+        DEFAULT_MOST_INDEX,
+        Keeping,
+        OnFull,
+        Surroundings,
+    )
+    from fte_sniff.recording.writing.outlet import is_outlet
+
+    if trigger is None and (before is not None or after is not None):
+        raise UsageError("--before and --after surround a trigger; say which with --trigger")
+    if isinstance(rotate, int) and rotate < _LEAST_FILE:
+        raise UsageError(f"--rotate: a file has at least {_LEAST_FILE // 1000} kB; say more")
+    if isinstance(rotate, float) and rotate < _LEAST_SECONDS:
+        raise UsageError(f"--rotate: a file spans at least {_LEAST_SECONDS:g} s; say more")
+    if max_size is not None and max_size < _LEAST_FILE:
+        raise UsageError(f"--max-size: a file has at least {_LEAST_FILE // 1000} kB; say more")
+    if isinstance(rotate, int) and max_size is not None and max_size < 2 * rotate:
+        raise UsageError("--max-size must have room for two files of --rotate; raise it")
+    if rotate is Rotate.NONE and on_full == OnFull.ROTATE_OLDEST:
+        raise UsageError(
+            "--on-full rotate-oldest deletes files of several; leave --rotate none out"
+        )
+    sequence = isinstance(rotate, int | float) or on_full == OnFull.ROTATE_OLDEST
+    if sequence and output is not None and is_outlet(output):
+        raise UsageError(f"{output} cannot be rotated: it is no file; leave --rotate out")
+    around = Surroundings(10.0 if before is None else before, 5.0 if after is None else after)
+    return Keeping(
+        flush_every_s=flush_every,
+        rotate_bytes=rotate if isinstance(rotate, int) else None,
+        most_index=DEFAULT_MOST_INDEX if rotate is Rotate.AUTO else None,
+        rotate_s=rotate if isinstance(rotate, float) else None,
+        on_full=OnFull(on_full),
+        most_bytes=max_size,
+        free_bytes=min_free,
+        around=None if trigger is None else around,
+    )

@@ -1,0 +1,281 @@
+"""Owns what the commands that capture have in common: their options, and the run of a capture.
+
+It must not know how a capture runs or how a screen looks; it starts the one and shows it the other.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from functools import reduce
+from glob import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fte_sniff.cli.capturing.recording_options import check_recording, keeping_of, recording_options
+from fte_sniff.cli.options.filtering import filter_option, row_filter, selection
+from fte_sniff.cli.options.keeping import keep_rows_option
+from fte_sniff.cli.options.paths import FileName
+from fte_sniff.cli.options.remembered import Remembered, config_option, lang_option
+from fte_sniff.cli.options.seconds import Seconds
+from fte_sniff.cli.options.units import remembered_bench, units_options
+from fte_sniff.cli.streams.signals import ENDING, signals_call
+from fte_sniff.cli.streams.telling import nobody_reads, tell
+from fte_sniff.errors import UsageError, shown
+from fte_sniff.protocol import DEFAULT_BAUD
+
+if TYPE_CHECKING:
+    from fte_sniff.capture.ports.opening import PortSettings
+    from fte_sniff.capture.sources.items import Wiring
+    from fte_sniff.session.capturing.live import LiveSession
+    from fte_sniff.session.capturing.plan import CapturePlan
+    from fte_sniff.tui.opening import Opening
+
+_STDOUT = Path("-")
+_LINE_WORDS = click.Choice(["on", "off", "leave"])
+
+
+_DURATION = Seconds(min=0, min_open=True)
+
+_OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
+    click.option("--baud", type=click.INT, help=f"Bits/s.  [default: {DEFAULT_BAUD}]"),
+    click.option("--dtr", type=_LINE_WORDS, default="off", show_default=True, help="Set DTR."),
+    click.option("--rts", type=_LINE_WORDS, default="off", show_default=True, help="Set RTS."),
+    click.option("-o", "--output", type=FileName(), help="Record to this file."),
+    click.option("--force", is_flag=True, help="Overwrite the recording if it exists."),
+    click.option("--no-record", is_flag=True, help="Record nothing."),
+    recording_options,
+    click.option(
+        "--keep-recording", is_flag=True, help="Go on when the view is killed or its terminal gone."
+    ),
+    click.option("--plain", is_flag=True, help="Print one line a row instead of the screen."),
+    filter_option,
+    keep_rows_option(1_000_000),
+    units_options,
+    config_option,
+    lang_option,
+    click.option(
+        "--no-reconnect", is_flag=True, help="End when a port is lost; do not wait for it."
+    ),
+    click.option(
+        "--duration", type=_DURATION, metavar="S", help="End after S seconds, or 5min, or 1h."
+    ),
+    click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows."),
+)
+
+
+def capture_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of a command that captures.
+
+    `config` is for `remembered`; all others but `no_reconnect`, which the wiring is to know, go on
+    to `run_capture`.
+    """
+    return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
+
+
+def run_capture(
+    wiring_with: Callable[[PortSettings], Wiring],
+    ports: Sequence[str],
+    settings: Remembered,
+    *,
+    lang: str | None,
+    baud: int | None,
+    dtr: str,
+    rts: str,
+    output: Path | None,
+    force: bool,
+    no_record: bool,
+    keep_recording: bool,
+    plain: bool,
+    filter_text: str | None,
+    keep_rows: int,
+    resolution: float | None,
+    gear_ratio: float | None,
+    duration: float | None,
+    count: int | None,
+    **recording: Any,
+) -> None:
+    """Capture, record and show or print, until the end.
+
+    Args:
+        wiring_with: the wiring, given how its ports are to be opened.
+        ports: what the user calls them.
+        settings: what holds where no option says otherwise; the others are the options,
+            `recording` those of `recording_options`.
+
+    Raises:
+        FteSniffError: what went wrong, once all is closed.
+    """
+    from fte_sniff.capture.ports.opening import ControlLine, PortSettings
+    from fte_sniff.recording.writing.place import Existing
+    from fte_sniff.session.capturing.plan import CapturePlan
+
+    if no_record and output is not None:
+        raise UsageError("-o names a recording and --no-record wants none; leave one of them out")
+    if no_record and keep_recording:
+        raise UsageError(
+            "--keep-recording and --no-record: there is nothing to keep; leave one out"
+        )
+    if baud is None:
+        baud = settings.defaults(ports, "baud").baud or DEFAULT_BAUD
+    check_recording(output)
+    bench = remembered_bench(settings, ports, resolution, gear_ratio, baud)
+    row_filter(recording["trigger"])
+    existing = Existing.REPLACE if force else Existing.REFUSE
+    plan = CapturePlan(
+        wiring=wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts))),
+        recording=None if no_record else output or _default_path(),
+        existing=existing if output else Existing.NUMBER,
+        keeping=keeping_of(output, **recording),
+        trigger=recording["trigger"],
+        outlives_view=keep_recording,
+        duration_s=duration,
+        count=count,
+    )
+    if _is_stdout(output):
+        _fill_stdout(plan)
+    elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
+        if resolution is not None:
+            tell("fte-sniff: lines tell positions in pulses; the screen shows turns too")
+        _print_lines(plan, filter_text)
+    else:
+        from fte_sniff.tui.opening import AtEnd, Opening
+
+        opening = Opening(
+            AtEnd.STAY if duration is None and count is None else AtEnd.LEAVE,
+            row_filter(filter_text),
+            keep_rows,
+            tuple(_ending(plan)),
+            bench,
+            settings.language(lang),
+            settings.choices,
+            settings.keep,
+        )
+        _show_screen(plan, opening)
+
+
+def _is_stdout(output: Path | None) -> bool:
+    """Whether the recording goes where rows would be printed: `-`, /dev/stdout and the like."""
+    if output is None or output == _STDOUT:
+        return output is not None
+    try:
+        return os.path.samestat(output.stat(), os.fstat(sys.stdout.fileno()))
+    except OSError:
+        return False
+
+
+def _default_path() -> Path:
+    """`fte-sniff-<UTC time>.mcap` in the working folder."""
+    return Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
+
+
+def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
+    select = selection(filter_text)
+    from fte_sniff.cli.capturing.plain import print_lines
+    from fte_sniff.session.capturing.live import LiveSession
+
+    session = LiveSession(plan)
+    with signals_call(session.stop, _ending(plan), session.drop_leftover):
+        session.begin()
+        if session.device is not None:
+            tell(f"a host program can open {shown(session.device)}")
+        if session.recording is not None:
+            tell(f"recording to {session.recording}")
+        _tell_who_goes_on(plan, session)
+        print_lines(session, select, ports=len(plan.wiring.names) > 1)
+        _leave(session)
+
+
+def _fill_stdout(plan: CapturePlan) -> None:
+    """Let standard output have the recording, and nothing else."""
+    from fte_sniff.cli.capturing.plain import tell_troubles
+    from fte_sniff.session.capturing.live import LiveSession
+
+    session = LiveSession(plan)
+    with signals_call(session.stop, _ending(plan), session.drop_leftover):
+        session.begin()
+        if session.device is not None:
+            tell(f"a host program can open {shown(session.device)}")
+        tell("recording to standard output")
+        tell_troubles(session)
+        if session.error is not None:
+            # What comes once nobody reads is no gap: the recording is what there was to do.
+            ended = nobody_reads(sys.stdout.fileno()) and session.stopped_recording
+            raise ended or session.error
+
+
+def _show_screen(plan: CapturePlan, opening: Opening) -> None:
+    from fte_sniff.cli.capturing.plain import see_out
+    from fte_sniff.session.capturing.live import LiveSession
+
+    code = 0
+    session = LiveSession(plan)
+    with signals_call(session.stop, _ending(plan), session.drop_leftover):
+        # Loaded while the capture process starts on another core, and opens the port.
+        from fte_sniff.tui.app import run_screen
+
+        session.begin()
+        _tell_who_goes_on(plan, session)
+    try:
+        if not session.stopping:
+            code = run_screen(session, opening)
+    finally:
+        # The screen hears signals in its own way, and forgets ours.
+        with signals_call(session.stop, _ending(plan), session.drop_leftover) as ask:
+            # Nor may a terminal that stands still hold up the end.
+            ask()
+            see_out(session)
+            _leave(session)
+    sys.exit(code)
+
+
+def _ending(plan: CapturePlan) -> Sequence[signal.Signals]:
+    """The signals that ask the capture to end; another one ends the view alone."""
+    if plan.outlives_view:
+        return [number for number in ENDING if number is not signal.SIGHUP]
+    return ENDING
+
+
+def _tell_who_goes_on(plan: CapturePlan, session: LiveSession) -> None:
+    if plan.outlives_view:
+        pid = session.capture_pid
+        tell(f"the capture outlives this view if that is killed; `kill {pid}` ends it then")
+
+
+def _leave(session: LiveSession) -> None:
+    """Say where the recording lies; raise what went wrong, if something did."""
+    if session.recording is not None:
+        _tell_where(session, session.recording)
+    if session.error is not None:
+        raise session.error
+
+
+def _tell_where(session: LiveSession, last: Path) -> None:
+    outcome = session.outcome
+    first = outcome.first if outcome else session.recordings[0]
+    several = f"{first} to " if first != last else ""
+    gone = part = ""
+    if outcome and outcome.deleted_files:
+        count = outcome.deleted_files
+        files = "1 older file" if count == 1 else f"{count:,} older files"
+        gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--on-full rotate-oldest)"
+    if outcome and outcome.triggered:
+        kept, rows, fired = outcome.triggered
+        events = f"{fired:,} event{'s' * (fired != 1)}" if fired else "--trigger never fired"
+        part = f"{kept:,} of {rows:,} rows ({events}) "
+    tell(f"recorded {part}to {several}{last}{gone}")
+    there = sum(path.exists() for path in session.recordings)
+    if there > 1:
+        tell(f"{there} files; all of them: fte-sniff decode {_pattern(session.recordings[0])}")
+
+
+def _pattern(first: Path) -> str:
+    """What opens all files of a sequence, for a shell."""
+    stem = first.stem.removesuffix("00001")
+    return shlex.quote(str(first.with_name(f"{escape(stem)}*{first.suffix}")))

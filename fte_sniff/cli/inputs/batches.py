@@ -1,0 +1,178 @@
+"""Owns rows on their way through a command, many at once: counted, picked, cut, and written.
+
+It must not know where they come from, nor any format. Rows come as objects from logs that are
+framed here, and side by side from recordings; a command need not know which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, Self
+
+from fte_sniff.formats.tables.writers import FrameWriter, RowWriter
+from fte_sniff.protocol import PortEvent, Row
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from fte_sniff.analysis.accumulators.tally import Tally
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.recording.encoding.columns import RowColumns, Words
+
+
+class Batch(Protocol):
+    """Some rows, in their order."""
+
+    def __len__(self) -> int: ...
+
+    def count(self, tally: Tally) -> None:
+        """Add them to a tally."""
+        ...
+
+    def wanted(self, row_filter: RowFilter) -> Self:
+        """Only those that the filter wants."""
+        ...
+
+    def first(self, count: int) -> Self:
+        """Only so many of them."""
+        ...
+
+    def rows(self) -> list[Row]:
+        """As objects."""
+        ...
+
+    def sequence(self) -> Sequence[Row]:
+        """For a view: objects, or what takes their place and is cheaper."""
+        ...
+
+    @property
+    def events(self) -> Sequence[PortEvent]:
+        """What happened to ports among them."""
+        ...
+
+    def write_to(self, writer: RowWriter) -> None:
+        """Write them, in the way that is fastest."""
+        ...
+
+    def frame(self) -> pl.DataFrame:
+        """As a frame of `analysis.table.TABLE_SCHEMA`."""
+        ...
+
+    def columns(self, words: Words) -> RowColumns:
+        """Side by side; only rows that have a time can be."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RowBatch:
+    """Rows as objects."""
+
+    held: Sequence[Row]
+
+    def __len__(self) -> int:
+        return len(self.held)
+
+    def count(self, tally: Tally) -> None:
+        """Add them to a tally."""
+        tally.add(self.held)
+
+    def wanted(self, row_filter: RowFilter) -> RowBatch:
+        """Only those that the filter wants."""
+        return RowBatch(row_filter.select(self.held))
+
+    def first(self, count: int) -> RowBatch:
+        """Only so many of them."""
+        return RowBatch(self.held[:count])
+
+    def rows(self) -> list[Row]:
+        """As objects."""
+        return list(self.held)
+
+    def sequence(self) -> Sequence[Row]:
+        """The objects."""
+        return self.held
+
+    @property
+    def events(self) -> Sequence[PortEvent]:
+        """None: a log tells of no port."""
+        return ()
+
+    def write_to(self, writer: RowWriter) -> None:
+        """Write them one by one."""
+        writer.write(self.held)
+
+    def frame(self) -> pl.DataFrame:
+        """As a frame of `analysis.table.TABLE_SCHEMA`."""
+        from fte_sniff.analysis.columns.table import rows_table
+
+        return rows_table(self.held)
+
+    def columns(self, words: Words) -> RowColumns:
+        """Side by side; only rows that have a time can be."""
+        from fte_sniff.recording.encoding.columns import RowColumns
+
+        return RowColumns.of_rows(words, self.held)
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnBatch:
+    """Rows side by side."""
+
+    held: RowColumns
+    again: Callable[[], RowColumns] | None = None
+    """Reads the same rows again, where that can be done."""
+
+    def __len__(self) -> int:
+        return len(self.held)
+
+    def count(self, tally: Tally) -> None:
+        """Add them to a tally."""
+        from fte_sniff.analysis.accumulators.counting import count_columns
+
+        count_columns(tally, self.held)
+
+    def wanted(self, row_filter: RowFilter) -> ColumnBatch:
+        """Only those that the filter wants."""
+        mask = row_filter.among(self.held).to_numpy()
+        return ColumnBatch(self.held.parted(mask, self.held.events))
+
+    def first(self, count: int) -> ColumnBatch:
+        """Only so many of them."""
+        return (
+            self
+            if count >= len(self)
+            else ColumnBatch(self.held.parted(slice(count), self.held.events))
+        )
+
+    def rows(self) -> list[Row]:
+        """As objects."""
+        return list(self.held.rows())
+
+    def sequence(self) -> Sequence[Row]:
+        """Packed."""
+        from fte_sniff.session.files.packed import packed_rows
+
+        return packed_rows(self.held)
+
+    @property
+    def events(self) -> Sequence[PortEvent]:
+        """What happened to ports among them."""
+        return self.held.events
+
+    def write_to(self, writer: RowWriter) -> None:
+        """Write them at once where the format can."""
+        if isinstance(writer, FrameWriter):
+            writer.write_frame(self.frame())
+        else:
+            writer.write(self.rows())
+
+    def frame(self) -> pl.DataFrame:
+        """As a frame of `analysis.table.TABLE_SCHEMA`."""
+        from fte_sniff.analysis.columns.table import table_frame
+
+        return table_frame(self.held)
+
+    def columns(self, words: Words) -> RowColumns:
+        """As they are: their words are their own."""
+        return self.held

@@ -1,0 +1,270 @@
+"""Owns one input, a recording or a log, on its way to batches of rows, and what is told at its end.
+
+It must not know what the user calls it, nor what a command does with the rows. A recording is read
+by `recording`; bytes of anything else are framed here.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import IO, TYPE_CHECKING, Protocol
+
+from fte_sniff.cli.inputs.batches import Batch, ColumnBatch, RowBatch
+from fte_sniff.errors import FileError, FteSniffError, UsageError
+from fte_sniff.formats.logs.hex_log import HexLog, framed
+from fte_sniff.protocol import (
+    FRAME_LENGTH,
+    Chunk,
+    Damage,
+    Fault,
+    Framer,
+    PortEventKind,
+    Row,
+    iso_time,
+)
+
+if TYPE_CHECKING:
+    from fte_sniff.recording.encoding.facts import PortFacts
+    from fte_sniff.recording.encoding.stretches import Stretch
+    from fte_sniff.recording.reading.reader import RecordingReader
+    from fte_sniff.recording.reading.span import Span
+
+STDIN_NAME = "stdin"
+"""The port of rows that came through standard input."""
+
+BATCH = 4096
+"""Rows handed on at once, at most, where they come one by one."""
+
+TROUBLES = (
+    PortEventKind.OVERRUN,
+    PortEventKind.LINE_ERROR,
+    PortEventKind.LOST,
+    PortEventKind.NOT_PASSED_ON,
+)
+"""Events of a recording that tell of bytes that are not in it, or not as they were sent."""
+
+Note = Callable[[str], None]
+"""Takes one line for people about an input, such as that it ends in the middle."""
+
+
+class Input(Protocol):
+    """One thing to read rows from."""
+
+    @property
+    def name(self) -> str:
+        """What people know it by; may hold text from outside, so show it, never obey it."""
+        ...
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """First and last time of its rows, nanoseconds since 1970 UTC; None where it has none."""
+        ...
+
+    @property
+    def count(self) -> int | None:
+        """How many rows and events it holds, as far as that can be told before it is read."""
+        ...
+
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """The ports that it names before it is read."""
+        ...
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """What it says about itself beside the ports: the host, the clock."""
+        ...
+
+    def left_out(self, span: Span | None) -> Sequence[Stretch]:
+        """The rows that came in the span and that it does not hold, as far as it tells."""
+        ...
+
+    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
+        """Its rows, batch by batch.
+
+        Args:
+            span: only rows in it; None for all.
+            note: is told, at the end, what is wrong with the input.
+
+        Raises:
+            FileError: it cannot be read, or is not what it should be.
+            InputTextError: text in it is not hex.
+            UsageError: rows of a span are asked for, and they have no times.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingInput:
+    """A recording."""
+
+    reader: RecordingReader
+    copy: IO[bytes] | None = None
+    """The temporary file that it is, to be kept as long as this."""
+
+    @property
+    def name(self) -> str:
+        """Its path, or that it came through standard input."""
+        return str(self.reader.path) if self.copy is None else STDIN_NAME
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """First and last time of its rows, for which some of it is read."""
+        from fte_sniff.recording.reading.row_times import row_times
+
+        return row_times(self.reader)
+
+    @property
+    def count(self) -> int | None:
+        """How many messages the file tells of."""
+        return self.reader.count
+
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """The ports that the file names."""
+        return self.reader.ports
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """What the file says about itself, but not who wrote it."""
+        from fte_sniff.recording.encoding.facts import PROGRAM
+
+        told = self.reader.metadata.get(PROGRAM, {})
+        own = ("library", "port.")
+        return {name: fact for name, fact in told.items() if not name.startswith(own)}
+
+    @property
+    def losses(self) -> Sequence[str]:
+        """What could not be read, one line each, once all is read."""
+        return [loss for loss in (*self.reader.losses, self.reader.ending) if loss]
+
+    def left_out(self, span: Span | None) -> Sequence[Stretch]:
+        """What a trigger, or a disk that failed, kept from it."""
+        told = self.reader.left_out()
+        return [one for one in told if span is None or span.touches(one.first_ns, one.last_ns)]
+
+    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
+        """Its rows, many thousands side by side; see `Input`."""
+        from fte_sniff.recording.reading.span import EVERYTHING
+
+        path = self.reader.path
+        troubles: Counter[PortEventKind] = Counter()
+        some = False
+        for passage, columns in self.reader.passages(span=span or EVERYTHING):
+            troubles.update(event.kind for event in columns.events)
+            some = some or bool(len(columns))
+            if len(columns) or columns.events:
+                yield ColumnBatch(columns, partial(self.reader.again, passage))
+        for kind in TROUBLES:
+            if troubles[kind]:
+                times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
+                note(f"{path}: the port reported {kind} {times} while it was recorded")
+        for loss in self.losses:
+            note(f"{path}: {loss}")
+        if span is not None and not some and (known := self.reader.times) is not None:
+            held = "rows" if self.count is None else f"{self.count:,} rows and events"
+            note(f"{path}: {_none_in_span(held, *known)}")
+
+
+@dataclass(frozen=True, slots=True)
+class LogInput:
+    """Anything else: bytes that are framed here."""
+
+    chunks: Iterable[Chunk]
+    name: str
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """Those of a log of text, which is read for them; raw bytes have none."""
+        return self.chunks.times if isinstance(self.chunks, HexLog) else None
+
+    @property
+    def count(self) -> None:
+        """Nothing tells how many rows a log has before it is read."""
+        return
+
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """A log names none but itself."""
+        from fte_sniff.recording.encoding.facts import PortFacts
+
+        return [PortFacts(self.name)]
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """A log says nothing."""
+        return {}
+
+    def left_out(self, span: Span | None) -> Sequence[Stretch]:
+        """A log does not tell of what it does not hold."""
+        return ()
+
+    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
+        """Its rows, some thousands at once; see `Input`."""
+        batches = _framed_batches(self.chunks, self.name, note)
+        if isinstance(self.chunks, HexLog):
+            batches = _compared(batches, self.chunks, note)
+        for rows in batches if span is None else self._spanned(batches, span, note):
+            yield RowBatch(rows)
+
+    def _spanned(self, batches: Iterable[list[Row]], span: Span, note: Note) -> Iterator[list[Row]]:
+        """Only rows of the span; where there is none, which there are is told."""
+        count, some, times = 0, False, list[int]()
+        for rows in batches:
+            read = [row.t_ns for row in rows if row.t_ns is not None]
+            if len(read) < len(rows):
+                raise UsageError(f"{self.name} has no times; --from and --to need a recording")
+            count += len(rows)
+            times = [min([*times[:1], *read]), max([*times[1:], *read])]
+            found = [row for row in rows if span.holds(row)]
+            some = some or bool(found)
+            yield found
+        if times and not some:
+            note(f"{self.name}: {_none_in_span(f'{count:,} rows', *times)}")
+
+
+def _compared(batches: Iterable[list[Row]], log: HexLog, note: Note) -> Iterator[list[Row]]:
+    """The same rows; what the log says of them, and they of the log, is told in the end."""
+    for rows in batches:
+        log.compare(rows)
+        yield rows
+    for doubt in (*log.doubts, *log.about_times):
+        note(f"{log.name}: {doubt}")
+
+
+def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
+    return (
+        f"none of its {held} lies between --from and --to;"
+        f" they go from {iso_time(first_ns)} to {iso_time(last_ns)}"
+    )
+
+
+def _framed_batches(chunks: Iterable[Chunk], name: str, note: Note) -> Iterator[list[Row]]:
+    framer = Framer(name)
+    rows: list[Row] = []
+    some = False
+    try:
+        for completed in framed(chunks, framer):
+            some = True
+            rows += completed
+            if len(rows) >= BATCH:
+                yield rows
+                rows = []
+    except FteSniffError:
+        # What stood before the fault is not lost with it.
+        yield rows + framer.flush()
+        raise
+    if not some:
+        raise FileError(f"{name}: is empty; there is nothing to decode")
+    rows += framer.flush()
+    if rows:
+        yield rows
+        _note_cut_frame(rows[-1], name, note)
+
+
+def _note_cut_frame(last: Row, name: str, note: Note) -> None:
+    if isinstance(last, Damage) and Fault.TRUNCATED in last.faults:
+        note(f"{name}: ends in the middle of a frame ({len(last.raw)} of {FRAME_LENGTH} bytes)")

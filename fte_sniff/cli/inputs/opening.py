@@ -1,0 +1,190 @@
+"""Owns the way from what the user names to inputs: files, folders, patterns or standard input.
+
+It must not know what an input gives (`one_input` does), nor what a command does with that.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import wraps
+from io import BufferedReader, FileIO
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+import click
+
+from fte_sniff.cli.inputs.one_input import STDIN_NAME, Input, LogInput, RecordingInput
+from fte_sniff.cli.options.paths import FileName
+from fte_sniff.errors import UsageError
+from fte_sniff.formats.kinds import InputKind, kind_of_content, kind_of_file
+from fte_sniff.formats.logs.hex_log import HexLog
+from fte_sniff.formats.logs.log_clock import LogClock, day_of, zone_of
+from fte_sniff.formats.raw import raw_chunks, raw_stream_chunks
+
+STDIN = Path("-")
+
+
+def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
+    """FILE... and what says how to read them, as every command that reads files has it.
+
+    The command gets `files`, and as `how` a `HowToRead`.
+    """
+
+    @wraps(command)
+    def with_how(
+        *,
+        kind: InputKind | None,
+        topic: str | None,
+        day: str | None,
+        zone: str | None,
+        **others: Any,
+    ) -> Any:
+        return command(how=HowToRead(kind, topic, day, zone), **others)
+
+    files = click.argument("files", nargs=-1, required=True, metavar="FILE...", type=FileName())
+    kind = click.option(
+        "--input",
+        "kind",
+        type=click.Choice([kind.value for kind in InputKind]),
+        callback=lambda _context, _option, word: InputKind(word) if word else None,
+        help="What the files hold, where their names do not tell.",
+    )
+    topic = click.option(
+        "--topic",
+        metavar="NAME",
+        help="Of MCAP files by other programs: the topic that holds the serial bytes.",
+    )
+    day = click.option(
+        "--date",
+        "day",
+        metavar="DATE",
+        help="Of hex logs that tell the time of day only: the day of the first, as 2026-01-31.",
+    )
+    zone = click.option(
+        "--zone",
+        metavar="ZONE",
+        help="Of hex logs: the zone of their times, as +08:00 or Asia/Shanghai.  [default: UTC]",
+    )
+    return files(kind(topic(day(zone(with_how)))))
+
+
+def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
+    """Refuse a list of inputs that cannot work out, before anything is opened.
+
+    Raises:
+        UsageError: standard input is named twice, or the output is one of the inputs.
+    """
+    if files.count(STDIN) > 1:
+        raise UsageError("'-' is standard input, which can be read once; name it once")
+    for path in files:
+        if output is not None and _same(path, output):
+            raise UsageError(f"{output} is an input, and would be lost; name another file with -o")
+
+
+def _same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class HowToRead:
+    """What the user says of the inputs."""
+
+    kind: InputKind | None = None
+    """What they hold; None to go by name or content."""
+    topic: str | None = None
+    """Of MCAP files, the topic that holds serial bytes; None where they are recordings."""
+    day: str | None = None
+    """Of hex logs, the day of the first time."""
+    zone: str | None = None
+    """Of hex logs, the zone of the times."""
+
+    def clock(self) -> LogClock:
+        """The clock of a log.
+
+        Raises:
+            InputTextError: day or zone is none.
+        """
+        day = None if self.day is None else day_of(self.day)
+        return LogClock(day, None if self.zone is None else zone_of(self.zone))
+
+
+def opened(files: Sequence[Path], how: HowToRead) -> list[Input]:
+    """What the files are: each itself, a folder's recordings, a pattern's matches.
+
+    Recordings come in order of their first times, if there is nothing but recordings.
+
+    Args:
+        files: as the user named them.
+        how: what the user says of them.
+
+    Raises:
+        FileError: one cannot be read, or is not what it should be, or there is none.
+        UsageError: nothing tells what one holds, or what is said of them cannot be.
+    """
+    how.clock()
+    inputs = [_opened(path, how) for named in files for path in meant(named)]
+    recordings = [one for one in inputs if isinstance(one, RecordingInput)]
+    if len(recordings) < len(inputs):
+        return inputs
+    from fte_sniff.recording.reading.files import start_of
+
+    recordings.sort(key=lambda one: start_of(one.reader))
+    return [*recordings]
+
+
+def meant(named: Path) -> list[Path]:
+    """The files that one name means: itself, a folder's recordings, a pattern's matches.
+
+    Raises:
+        FileError: there is none.
+    """
+    if named == STDIN or named.is_file():
+        return [named]
+    from fte_sniff.recording.reading.files import files_of
+
+    return list(files_of(named))
+
+
+def _opened(path: Path, how: HowToRead) -> Input:
+    if how.topic is not None:
+        return _topic(path, how.topic)
+    if path == STDIN:
+        return _stdin(how)
+    chosen = how.kind or kind_of_file(path)
+    if chosen is InputKind.MCAP:
+        from fte_sniff.recording.reading.reader import RecordingReader
+
+        return RecordingInput(RecordingReader(path))
+    if chosen is InputKind.RAW:
+        return LogInput(raw_chunks(path), str(path))
+    return LogInput(HexLog.of_file(path, how.clock()), str(path))
+
+
+def _topic(path: Path, topic: str) -> Input:
+    if path == STDIN or kind_of_file(path) is not InputKind.MCAP:
+        raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
+    from fte_sniff.recording.reading.topic import topic_chunks
+
+    return LogInput(topic_chunks(path, topic), topic)
+
+
+def _stdin(how: HowToRead) -> Input:
+    stream = BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
+    chosen = how.kind or kind_of_content(stream.peek(1))
+    if chosen is InputKind.MCAP:
+        from fte_sniff.recording.reading.reader import RecordingReader
+
+        file = NamedTemporaryFile(prefix="fte-sniff-stdin-", suffix=".mcap")  # noqa: SIM115
+        shutil.copyfileobj(stream, file)
+        file.flush()
+        return RecordingInput(RecordingReader(Path(file.name)), file)
+    if chosen is InputKind.RAW:
+        return LogInput(raw_stream_chunks(stream, STDIN_NAME), STDIN_NAME)
+    return LogInput(HexLog.of_stream(stream, STDIN_NAME, how.clock()), STDIN_NAME)

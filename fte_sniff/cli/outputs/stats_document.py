@@ -1,0 +1,187 @@
+"""Owns the numbers of `stats` as one JSON object, described in `docs/stats.md`.
+
+It must not count anything. Names end in their unit; what is not known or does not apply is null.
+Keys are only ever added; what an existing one means never changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from fte_sniff.protocol import Direction, Fault, PortEventKind, Status, iso_time, status_of
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.accumulators.durations import Durations
+    from fte_sniff.analysis.models.answers import AnswerNumbers
+    from fte_sniff.analysis.models.fault_counts import Count
+    from fte_sniff.analysis.models.flags_seen import FlagNumbers, Seen
+    from fte_sniff.analysis.models.port_run import EventNumbers, PortNumbers
+    from fte_sniff.analysis.models.streams import StreamNumbers
+    from fte_sniff.analysis.models.survey import Survey
+    from fte_sniff.recording.encoding.stretches import Stretch
+
+VERSION = 1
+"""Of the object; a reader that knows it can read every object with the same."""
+
+COUNTED = (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.NOT_PASSED_ON)
+"""Events that have something to count: errors, or bytes."""
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the numbers are of."""
+
+    filter_text: str | None
+    """As the user wrote it; None where there was none."""
+    rows_read: int
+    """How many rows there were before the filter."""
+    left_out: Sequence[Stretch] = ()
+    """Rows that came and that the inputs do not hold, as far as they tell."""
+
+
+def document(survey: Survey, asked: Asked) -> Json:
+    """All numbers of the survey."""
+    total = survey.total
+    return {
+        "version": VERSION,
+        "filter": asked.filter_text,
+        "rows_read": asked.rows_read,
+        "left_out": [
+            {
+                "rows": one.rows,
+                "first_time": _time(one.first_ns),
+                "last_time": _time(one.last_ns),
+                "reason": one.reason,
+            }
+            for one in asked.left_out
+        ],
+        **_extent(total),
+        "duration_s": _seconds(total.span_ns),
+        "status": _statuses(survey.faults.by_status()),
+        "files": [{"name": source.name, **_extent(source.count)} for source in survey.sources],
+        "ports": [_port(port, survey) for port in survey.ports()],
+        "motors": [
+            _motor(answers, flags, in_order=survey.in_order)
+            for answers, flags in zip(survey.answers(), survey.flags(), strict=True)
+        ],
+    }
+
+
+def _extent(count: Count) -> Json:
+    return {"rows": count.rows, "bytes": count.bytes, **_times(count)}
+
+
+def _times(when: Count | Seen | EventNumbers | PortNumbers) -> Json:
+    return {"first_time": _time(when.first_ns), "last_time": _time(when.last_ns)}
+
+
+def _statuses(counts: Mapping[Status, Count]) -> Json:
+    return {
+        str(status): {"rows": count.rows, "bytes": count.bytes} for status, count in counts.items()
+    }
+
+
+def _port(port: PortNumbers, survey: Survey) -> Json:
+    faults = survey.faults.by_fault(port.port)
+    return {
+        "port": port.port,
+        "baud": port.baud,
+        "rows": port.rows,
+        "bytes": port.bytes,
+        **_times(port),
+        "rows_per_s": port.per_s,
+        "line_use": line_use(port),
+        "status": _statuses(survey.faults.by_status(port.port)),
+        "frames": {str(direction): port.frames[direction] for direction in Direction},
+        "faults": [_fault(fault, count, port) for fault, count in faults.items()],
+        "silences": {"count": port.silences.count, **_durations(port.silences)},
+        "events": [_event(event) for event in port.events],
+        "streams": [_stream(one) for one in survey.streams() if one.port == port.port],
+    }
+
+
+def line_use(port: PortNumbers) -> float | None:
+    """How full the line was; None without a time between two rows, in which it could be empty."""
+    return None if port.per_s is None else port.share
+
+
+def _fault(fault: Fault, count: Count, port: PortNumbers) -> Json:
+    return {
+        "fault": str(fault),
+        "status": str(status_of((fault,))),
+        "rows": count.rows,
+        "rows_share": count.rows / port.rows,
+        "bytes": count.bytes,
+        "bytes_share": count.bytes / port.bytes if port.bytes else 0.0,
+        **_times(count),
+    }
+
+
+def _event(event: EventNumbers) -> Json:
+    total = event.total if event.kind in COUNTED else None
+    return {"event": str(event.kind), "count": event.count, "total": total, **_times(event)}
+
+
+def _stream(stream: StreamNumbers) -> Json:
+    return {
+        "kind": stream.kind.name,
+        "motor": stream.motor,
+        "frames": stream.count,
+        "frames_per_s": stream.per_s,
+        "period": _durations(stream.periods),
+        "jitter_s": _seconds(stream.jitter_ns),
+        "values": {
+            name: {"least": least, "greatest": greatest}
+            for name, (least, greatest) in stream.ranges.items()
+        },
+    }
+
+
+def _motor(answers: AnswerNumbers, flags: FlagNumbers, *, in_order: bool) -> Json:
+    def known(number: int) -> int | None:
+        return number if in_order else None
+
+    return {
+        "motor": answers.motor,
+        "commands": answers.commands,
+        "feedback": answers.feedback,
+        "answered": known(answers.answered),
+        "unanswered": known(answers.unanswered),
+        "neither": known(answers.neither),
+        "delay": _durations(answers.delays if in_order else _none()),
+        "error_bits": [
+            {"bit": bit, "frames": seen.frames, **_times(seen)}
+            for bit, seen in flags.error_bits.items()
+        ],
+        "offline": {
+            "frames": flags.offline.frames,
+            "times_lost": known(flags.times_lost),
+            **_times(flags.offline),
+        },
+    }
+
+
+def _none() -> Durations:
+    from fte_sniff.analysis.accumulators.durations import Durations
+
+    return Durations()
+
+
+def _durations(durations: Durations) -> Json:
+    return {
+        **{f"p{percent}_s": _seconds(durations.percentile_ns(percent)) for percent in (50, 95, 99)},
+        "longest_s": _seconds(durations.longest_ns),
+        "longest_until": _time(durations.longest_at_ns),
+    }
+
+
+def _seconds(ns: float | None) -> float | None:
+    return None if ns is None else ns / 1e9
+
+
+def _time(t_ns: int | None) -> str | None:
+    return None if t_ns is None else iso_time(t_ns)

@@ -1,0 +1,285 @@
+"""Owns the numbers of `stats` as lines for people: the whole, then each port, then the motors.
+
+It must not count anything, nor know how wide a terminal is: the width comes with the question.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Final
+
+from rich.text import Text
+
+from fte_sniff.cli.outputs.stats_document import COUNTED, Asked, line_use
+from fte_sniff.cli.outputs.summary import rows_in_places
+from fte_sniff.cli.outputs.text_table import HEAD_STYLE, TextTable
+from fte_sniff.errors import shown
+from fte_sniff.formats.tables.layout import STATUS_MARK
+from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
+from fte_sniff.tui.fitting import fit
+from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text
+from fte_sniff.tui.table.cells import clock_text
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.models.answers import AnswerNumbers
+    from fte_sniff.analysis.models.fault_counts import Count
+    from fte_sniff.analysis.models.flags_seen import FlagNumbers, Seen
+    from fte_sniff.analysis.models.port_run import EventNumbers, PortNumbers
+    from fte_sniff.analysis.models.streams import StreamNumbers
+    from fte_sniff.analysis.models.survey import Survey
+
+_LABEL: Final = 10
+STREAM: Final = "kind and motor"
+_QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
+_MARKED: Final = "  "
+_DAY_NS: Final = 86_400 * 1_000_000_000
+_STYLE: Final = {Status.OK: "default", Status.SUSPECT: "yellow", Status.MALFORMED: "bold red"}
+_WORRY: Final = _STYLE[Status.MALFORMED]
+
+When = Callable[[int | None], str]
+"""The text of a time; a dash for none."""
+
+
+def page(survey: Survey, asked: Asked, width: int | None) -> Iterator[Text]:
+    """All numbers of the survey, line by line; tables in at most `width` cells, if there is one."""
+    when = _clock(survey.total)
+    yield from _whole(survey, asked)
+    if len(survey.sources) > 1:
+        yield Text()
+        yield from _files(survey).lines(width)
+    streams, ports = survey.streams(), survey.ports()
+    for port in ports:
+        yield Text()
+        yield from _port(port, when)
+        if len(ports) > 1:
+            yield _line("  status", _statuses(survey.faults.by_status(port.port), port.rows))
+        if faults := survey.faults.by_fault(port.port):
+            yield Text()
+            yield from _faults(faults, port, when).lines(width)
+        if own := [stream for stream in streams if stream.port == port.port]:
+            yield Text()
+            yield from _streams(own, port, when, width)
+    if any(one.commands or one.feedback for one in survey.answers()):
+        yield Text()
+        yield from _motors(survey).lines(width)
+        yield from _motor_notes(survey, when)
+
+
+def _clock(total: Count) -> When:
+    """Times of day, with the day before them where there is more than one."""
+    days = total.first_ns is not None and total.last_ns is not None
+    several = days and (total.first_ns or 0) // _DAY_NS != (total.last_ns or 0) // _DAY_NS
+
+    def text(t_ns: int | None) -> str:
+        if t_ns is None:
+            return UNKNOWN
+        day = f"{datetime.fromtimestamp(t_ns // 1_000_000_000, UTC):%m-%d} " if several else ""
+        return day + clock_text(t_ns, 3)
+
+    return text
+
+
+def _whole(survey: Survey, asked: Asked) -> Iterator[Text]:
+    total, sources = survey.total, survey.sources
+    yield _line("files", shown(sources[0].name) if len(sources) == 1 else f"{len(sources):,}")
+    if asked.filter_text is not None:
+        of_them = f"holds for {total.rows:,} of {asked.rows_read:,} rows"
+        yield _line("filter", f"{shown(asked.filter_text)}  {of_them}")
+    yield _line("rows", f"{total.rows:,}, {total.bytes:,} bytes")
+    for reason in dict.fromkeys(one.reason for one in asked.left_out):
+        own = [one for one in asked.left_out if one.reason == reason]
+        yield _line("left out", f"{rows_in_places(own)}: {shown(reason)}")
+    if total.first_ns is not None and total.last_ns is not None:
+        yield _line("first", iso_time(total.first_ns))
+        span = f"{(total.span_ns or 0) / 1e9:,.3f} s after the first"
+        yield _line("last", f"{iso_time(total.last_ns)}, {span}")
+    elif total.rows:
+        yield _line("time", "these rows have no times: no rates, no silences")
+    if total.rows:
+        yield _line("status", _statuses(survey.faults.by_status(), total.rows))
+
+
+def _files(survey: Survey) -> TextTable:
+    table = TextTable(["file", "rows", "bytes", "first row"])
+    for source in survey.sources:
+        count = source.count
+        first = UNKNOWN if count.first_ns is None else iso_time(count.first_ns)[:23]
+        table.add([shown(source.name), f"{count.rows:,}", f"{count.bytes:,}", first])
+    return table
+
+
+def _statuses(counts: Mapping[Status, Count], rows: int) -> Text:
+    """`ok 1,180 (98.3 %), ? suspect 3 (0.3 %), ! malformed 17 (1.4 %)`."""
+    parts = []
+    for status, count in counts.items():
+        mark = "" if status is Status.OK or not count.rows else f"{STATUS_MARK[status]} "
+        style = _STYLE[status] if count.rows else "default"
+        parts.append(Text(f"{mark}{status} {_share(count.rows, rows)}", style))
+    return Text(", ").join(parts)
+
+
+def _share(count: int, whole: int) -> str:
+    return f"{count:,} ({share_text(count / whole)})" if count else "0"
+
+
+def _port(port: PortNumbers, when: When) -> Iterator[Text]:
+    yield _line("port", Text(shown(port.port), "bold"))
+    rate = "" if port.per_s is None else f", {rate_text(port.per_s)}"
+    yield _line("  rows", f"{port.rows:,}{rate}, {port.bytes:,} bytes")
+    frames = ", ".join(f"{count:,} {direction}" for direction, count in port.frames.items())
+    yield _line("  frames", frames)
+    if (share := line_use(port)) is not None:
+        use = f"{share_text(share)} of the time used, at {port.baud:,} baud"
+        yield _line("  line", use)
+        yield _line("  silence", _silence(port, when))
+    for number, event in enumerate(port.events):
+        yield _line("" if number else "  events", _event(event, when))
+
+
+def _faults(faults: Mapping[Fault, Count], port: PortNumbers, when: When) -> TextTable:
+    table = TextTable(["fault", "rows", "of all", "bytes", "of all", "first", "last"])
+    for fault, count in faults.items():
+        status = status_of((fault,))
+        cells = [
+            *(str(fault), f"{count.rows:,}", share_text(count.rows / port.rows)),
+            *(f"{count.bytes:,}", share_text(count.bytes / max(1, port.bytes))),
+            *(when(count.first_ns), when(count.last_ns)),
+        ]
+        table.add(cells, _STYLE[status], f"{STATUS_MARK[status]} ")
+    return table
+
+
+def _silence(port: PortNumbers, when: When) -> str:
+    silences = port.silences
+    if silences.longest_ns is None:
+        return "never"
+    half, most = (span_text(silences.percentile_ns(percent)) for percent in (50, 99))
+    until = when(silences.longest_at_ns)
+    return f"longest {span_text(silences.longest_ns)} until {until}; 50 % {half}, 99 % {most}"
+
+
+def _event(event: EventNumbers, when: When) -> str:
+    """`line error 3 (12 in all), 12:00:01.000 to 12:00:09.000`."""
+    words = f"{str(event.kind).replace('_', ' ')} {event.count:,}"
+    if event.kind in COUNTED:
+        words += f" ({event.total:,} in all)"
+    return f"{words}, {_from_to(event.first_ns, event.last_ns, when)}"
+
+
+def _streams(
+    streams: Sequence[StreamNumbers], port: PortNumbers, when: When, width: int | None
+) -> Iterator[Text]:
+    """What has a period, and the values; those of motors apart from those of the chassis."""
+    if port.first_ns is not None:
+        yield from _periods(streams, when).lines(width)
+        yield Text()
+        streams = [stream for stream in streams if stream.ranges]
+    of_motors = [stream for stream in streams if stream.motor is not None]
+    of_all = [stream for stream in streams if stream.motor is None]
+    for some in (of_motors, of_all):
+        if some:
+            yield from _values(some).lines(width)
+
+
+def _periods(streams: Sequence[StreamNumbers], when: When) -> TextTable:
+    heads = ["frames", "rate", "period", "jitter", "longest", "until", "99 %"]
+    table = TextTable([STREAM, *heads])
+    for stream in streams:
+        periods = stream.periods
+        cells = [
+            *(_stream_name(stream), f"{stream.count:,}", rate_text(stream.per_s)),
+            *(span_text(periods.percentile_ns(50)), span_text(stream.jitter_ns)),
+            *(span_text(periods.longest_ns), when(periods.longest_at_ns)),
+            span_text(periods.percentile_ns(99)),
+        ]
+        table.add(cells, mark=_MARKED)
+    return table
+
+
+def _values(streams: Sequence[StreamNumbers]) -> TextTable:
+    """The range of each quantity; a name ends in its unit, or is it."""
+    names = [name for name in _QUANTITIES if any(name in stream.ranges for stream in streams)]
+    table = TextTable([STREAM, "frames", *names])
+    for stream in streams:
+        ranges = (stream.ranges.get(name) for name in names)
+        cells = (UNKNOWN if ends is None else "{} .. {}".format(*ends) for ends in ranges)
+        table.add([_stream_name(stream), f"{stream.count:,}", *cells], mark=_MARKED)
+    return table
+
+
+def _stream_name(stream: StreamNumbers) -> str:
+    return stream.kind.name if stream.motor is None else f"{stream.kind.name} {stream.motor}"
+
+
+def _motors(survey: Survey) -> TextTable:
+    heads = [
+        "commands",
+        "feedback",
+        "answered",
+        "unanswered",
+        "neither",
+        "delay",
+        "99 %",
+        "longest",
+    ]
+    table = TextTable(["motor", *heads])
+    for one in survey.answers():
+        table.add([str(one.motor), *_answers(one, survey)])
+    return table
+
+
+def _answers(one: AnswerNumbers, survey: Survey) -> list[str]:
+    counts = [f"{one.commands:,}", f"{one.feedback:,}"]
+    if not survey.in_order:
+        return [*counts, *[UNKNOWN] * 6]
+    delays = one.delays
+    return [
+        *(*counts, f"{one.answered:,}", f"{one.unanswered:,}", f"{one.neither:,}"),
+        *(span_text(delays.percentile_ns(50)), span_text(delays.percentile_ns(99))),
+        span_text(delays.longest_ns),
+    ]
+
+
+def _motor_notes(survey: Survey, when: When) -> Iterator[Text]:
+    """What the table of motors leaves to be told."""
+    if not survey.in_order:
+        yield Text("the inputs do not follow each other in time: what answered what is not known")
+    elif any(one.neither for one in survey.answers()):
+        yield Text("neither: resets, which await no answer, and commands still open where rows end")
+    if not any(one.feedback for one in survey.answers()):
+        return
+    told = [line for flags in survey.flags() for line in _motor_flags(flags, survey, when)]
+    if told:
+        yield from told
+    else:
+        yield Text("no ERROR bit was ever set, and every motor was always ONLINE")
+
+
+def _motor_flags(flags: FlagNumbers, survey: Survey, when: When) -> Iterator[Text]:
+    lead = f"! motor {flags.motor}"
+    for bit, seen in flags.error_bits.items():
+        yield Text(f"{lead}: ERROR bit {bit} set in {_seen(seen, when)}", _WORRY)
+    if flags.offline.frames:
+        lost = f"; lost {_times(flags.times_lost)}" if survey.in_order else ""
+        yield Text(f"{lead}: not ONLINE in {_seen(flags.offline, when)}{lost}", _WORRY)
+
+
+def _seen(seen: Seen, when: When) -> str:
+    """`12 frames, 12:00:01.000 to 12:00:09.000`."""
+    frames = f"{seen.frames:,} frame{'s' if seen.frames != 1 else ''}"
+    if seen.first_ns is None:
+        return frames
+    return f"{frames}, {_from_to(seen.first_ns, seen.last_ns, when)}"
+
+
+def _from_to(first_ns: int, last_ns: int | None, when: When) -> str:
+    return when(first_ns) if first_ns == last_ns else f"{when(first_ns)} to {when(last_ns)}"
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count:,} times"
+
+
+def _line(label: str, told: str | Text) -> Text:
+    return Text.assemble((fit(label, _LABEL), HEAD_STYLE), " ", told)

@@ -1,0 +1,17 @@
+"""Hex as people paste it and log it, to chunks with their times.
+
+It must not know what the bytes mean. A line at a time, from the outside in:
+
+    hex_log       HexLog: a log as chunks, with the times and directions that it tells
+    log_clock     which moment a line's time is
+    text_lines    text of whatever encoding, to lines
+    pastes        which form a line has, and so where its bytes stand:
+        code          words of source code around the bytes
+        dumps         lines of a hex dump, each a dump_line
+        line_numbers  numbered lines
+        fronts        what stands before the bytes and may be none
+        decimals      hex or decimal?
+    line_head     a time and a direction in front of the bytes
+    pasted_line   a line on its way to its bytes
+    hex_text      the digits of one line
+"""

@@ -1,0 +1,78 @@
+"""Owns what stands around bytes in source code, and in rows of this program as JSON.
+
+It must not know what the bytes are, nor what else is on a line. Words become blanks, so that
+columns stay:
+
+    static const uint8_t f[2][10] PROGMEM = {{0xAAu, (uint8_t)0x02, ...}};       C, Arduino
+    buf[0] = 0xAA; buf[1] = 0x02;         DATA[0]=0xAA, DATA[1]=0x02
+    ser.write(b"\\xaa\\x02")               bytes.fromhex("AA 02")  array([170, 2], dtype=uint8)
+    x := []byte{0xAA}                     let f: [u8; 2] = [0xAAu8, 0x02];       Go, Rust
+    byte[] f = new byte[] {(byte) 0xAA}   0AAh, 02h                              Java, assembler
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+
+from fte_sniff.formats.logs.hex_text import BYTES_LITERAL
+
+ESCAPES = re.compile(r"\x1b\[[0-9;:]*[mK]")
+"""What colours text on a terminal."""
+
+_TYPE = r"(?:unsigned\s+char|u?int8_t|uint8|u8|byte|char)"
+_END = r"(?=\s*(?:[,;)}\]]|\Z))"
+_WORDS = re.compile(
+    rf"(?P<literal>{BYTES_LITERAL.pattern})"
+    r"|^\s*\#\s*define\s+\w+\s*(?=\{|\(?\s*0x[0-9a-f]{2}\s*,)"
+    # A count of the bytes, such as xxd -i leaves below them.
+    r"|^\s*(?:(?:static|const)\s+)*(?:unsigned(?:\s+int)?|int|size_t|u?int\d+_t)\s+"
+    r"\w*(?:len|size|count)\w*\s*=\s*\d+\s*;\s*$"
+    rf"|\(\s*(?:const\s+)?{_TYPE}\s*\)(?=\s*[-0-9'])"
+    rf"|(?<=0x[0-9a-f]{{2}})(?:u8|ul?){_END}"
+    rf"|(?<![0-9a-z])0(?=[a-f][0-9a-f]h{_END})"
+    r"|\b(?:bytes|bytearray)\.fromhex(?=\()"
+    r"|\b(?:np\.|numpy\.)?(?:as)?array(?=\(\[)|,\s*dtype\s*=\s*[\w.'\"]+"
+    r"|\b[a-z_]\w*(?:\.\w+){0,3}\.(?:write|send|sendall)(?=\()"
+    rf"|\bnew\s+byte\s*\[\d*\](?=\s*\{{)|\[\d*\]{_TYPE}(?=\{{)|\bvec!(?=\[)"
+    rf"|\b(?:let|var|const)\s+(?:mut\s+)?\w+\s*(?::\s*&?\[{_TYPE}(?:;\s*\d+)?\]\s*)?=(?=[^=])"
+    r"|\b[a-z_]\w*\s*:=\s*(?=\[)"
+    r"|\b(?:(?:public|private|protected|static|final)\s+)*+byte\s*\[\]\s*\w+\s*=(?=[^=])"
+    rf"|^\s*(?:[a-z_]\w*[\s*&]+)+\w+\s*(?:\[\w*\]\s*)+(?:[a-z_]\w*\s*)?=(?=\s*(?:\{{|\Z))"
+    r"|(?P<place>\b[a-z_]\w*(?:(?:\.|->)\w+){0,3}\s?\[\s?(?P<index>\d+)\s?\]\s*=\s*)(?=0x[0-9a-f])",
+    re.IGNORECASE,
+)
+_LETTERS = "={(#!uUhH"
+"""Without one of these a line has no code; most lines are told so, which is quick."""
+_HINT = re.compile(
+    r"[={]|#\s*define|0x[0-9a-f]{2}u|0[a-f][0-9a-f]h|!\["
+    r"|\(\s*(?:const|unsigned|u?int|byte|char|u8|b['\"]|[\[\"'])",
+    re.IGNORECASE,
+)
+"""One of these is in all of them, and in few other lines."""
+_ROW = re.compile(
+    r"\s*\{\s*\"time\":\s*(?:null|\"(?P<time>[^\"]*)\"),\s*\"port\":.*"
+    r"\"raw\":\s*\"(?P<raw>[0-9A-F]*)\"\s*\}\s*"
+)
+
+
+def without_code(text: str) -> str:
+    """The line with blanks where there are words of source code, and not bytes."""
+    if not any(map(text.__contains__, _LETTERS)) or not _HINT.search(text):
+        return text
+    if row := _ROW.fullmatch(text):
+        return _only(text, row)
+    indices = [int(found["index"]) for found in _WORDS.finditer(text) if found["place"]]
+    if any(later != before + 1 for before, later in pairwise(indices)):
+        # In another order than they stand; so it is not read at all.
+        return text
+    return _WORDS.sub(lambda found: found["literal"] or " " * len(found.group()), text)
+
+
+def _only(text: str, row: re.Match[str]) -> str:
+    """The time and the bytes of a row at their places."""
+    kept = [row.span(name) for name in ("time", "raw") if row[name]]
+    line = [" "] * len(text)
+    for start, stop in kept:
+        line[start:stop] = text[start:stop]
+    return "".join(line)

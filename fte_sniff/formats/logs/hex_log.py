@@ -1,0 +1,236 @@
+"""Owns a log of hex text as chunks, with the times and directions that it tells.
+
+It must not know how lines are read; `pastes` does.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import IO, BinaryIO, NamedTuple
+
+from fte_sniff.errors import FteSniffError, InputTextError, UsageError, unreadable
+from fte_sniff.formats.logs.line_head import Mark
+from fte_sniff.formats.logs.log_clock import LogClock
+from fte_sniff.formats.logs.pastes import logged_bytes
+from fte_sniff.formats.logs.text_lines import Piece, text_pieces
+from fte_sniff.protocol import Chunk, Frame, Framer, Row
+from fte_sniff.protocol.table import Direction
+
+MARK_OF_DIRECTION: dict[Direction, Mark] = {
+    Direction.CONTROL: Mark.SENT,
+    Direction.FEEDBACK: Mark.RECEIVED,
+}
+"""What a log of the host says of the frames of each direction."""
+
+
+_UNITS = (
+    (86_400 * 10**9, "day"),
+    (3600 * 10**9, "h"),
+    (60 * 10**9, "min"),
+    (10**9, "s"),
+    (10**6, "ms"),
+    (10**3, "µs"),
+    (1, "ns"),
+)
+
+
+class _Marked(NamedTuple):
+    stop: int
+    """Offset behind the last byte of a line."""
+    mark: Mark | None
+    line: int
+
+
+@dataclass(slots=True)
+class _Setbacks:
+    """Where the times of a log go back, as they do where logs were joined or a clock was set."""
+
+    _last_ns: int | None = None
+    _line: int = 0
+    _by_ns: int = 0
+    _count: int = 0
+
+    def see(self, t_ns: int | None, line: int) -> None:
+        if t_ns is None:
+            return
+        if self._last_ns is not None and t_ns < self._last_ns:
+            if not self._count:
+                self._line, self._by_ns = line, self._last_ns - t_ns
+            self._count += 1
+        self._last_ns = t_ns
+
+    @property
+    def told(self) -> list[str]:
+        if not self._count:
+            return []
+        more = f", and {self._count - 1:,} times more" if self._count > 2 else ""
+        more = ", and once more" if self._count == 2 else more
+        return [f"line {self._line}: the time goes back by {_length(self._by_ns)}{more}"]
+
+
+def _length(ns: int) -> str:
+    """A length of time in its largest unit, with what is left in the next."""
+    for (size, unit), (smaller, small) in pairwise(_UNITS):
+        if ns >= size:
+            count, rest = divmod(ns, size)
+            rest //= smaller
+            text = f"{count:,} {unit}{'s' if unit == 'day' and count > 1 else ''}"
+            return f"{text} {rest} {small}" if rest else text
+    return f"{ns} ns"
+
+
+class HexLog:
+    """The chunks of a log, one a line; once they are through, what is to be told of it."""
+
+    def __init__(
+        self, pieces: Iterable[Piece], name: str, clock: LogClock | None = None, where: str = ""
+    ) -> None:
+        """A log.
+
+        Args:
+            pieces: its lines.
+            name: the port of its rows.
+            clock: of its times.
+            where: what stands before its errors.
+        """
+        self._pieces = pieces
+        self.name = name
+        self._clock = clock or LogClock()
+        self._where = where
+        self._marked: deque[_Marked] = deque()
+        self._doubts: list[str] = []
+        self._compared = 0
+        self._against = 0
+        self._first_against = ""
+        self._setbacks = _Setbacks()
+        self._again: Callable[[], HexLog] | None = None
+
+    @classmethod
+    def of_stream(
+        cls, stream: BinaryIO | IO[bytes], name: str, clock: LogClock | None = None
+    ) -> HexLog:
+        """The log that an open stream holds."""
+        return cls(text_pieces(stream, name), name, clock, f"{name}: ")
+
+    @classmethod
+    def of_file(cls, path: Path, clock: LogClock | None = None) -> HexLog:
+        """The log that a file holds; it is opened when the chunks are asked for."""
+        log = cls(_pieces_of_file(path), str(path), clock, f"{path}: ")
+        if path.is_file():
+            anew = log._clock.anew()
+            log._again = lambda: cls.of_file(path, anew)
+        return log
+
+    def __iter__(self) -> Iterator[Chunk]:
+        """The chunks.
+
+        Raises:
+            FileError: it cannot be read, or is no text.
+            InputTextError: something in it is not hex.
+        """
+        stop = 0
+        try:
+            for logged in logged_bytes(self._pieces, self._doubts.append):
+                stop += len(logged.data)
+                self._marked.append(_Marked(stop, logged.mark, logged.line))
+                t_ns = None
+                if logged.stamp is not None:
+                    t_ns = self._clock.t_ns(logged.stamp, logged.line)
+                    self._setbacks.see(t_ns, logged.line)
+                yield Chunk(self.name, t_ns, logged.data)
+        except InputTextError as error:
+            raise InputTextError(f"{self._where}{error}") from error
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """The earliest and latest time of its rows, for which it is read once more.
+
+        None where it has no times; up to what cannot be read, which reading it will tell.
+
+        Raises:
+            UsageError: it can be read only once.
+        """
+        if self._again is None:
+            raise UsageError(
+                f"{self.name} can be read only once, so its first and last time are not known"
+                " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
+            )
+        log = self._again()
+        first = last = None
+        for rows in _readable(log):
+            known = [row.t_ns for row in rows if row.t_ns is not None]
+            first = min([*known, *([] if first is None else [first])], default=None)
+            last = max([*known, *([] if last is None else [last])], default=None)
+        if first is None and log._clock.undated:
+            raise UsageError(f"{self.name}: its times have no date; add --date 2026-01-31")
+        return None if first is None or last is None else (first, last)
+
+    def compare(self, rows: Iterable[Row]) -> None:
+        """See whether the rows, which are those of the chunks in order, go as the log says."""
+        for row in rows:
+            while self._marked[0].stop <= row.offset:
+                self._marked.popleft()
+            _, mark, line = self._marked[0]
+            if mark is None or not isinstance(row, Frame):
+                continue
+            self._compared += 1
+            if mark is not MARK_OF_DIRECTION[row.direction]:
+                self._against += 1
+                self._first_against = self._first_against or (
+                    f"line {line} says {mark}, header {row.raw[0]:02X} says {row.direction}"
+                )
+
+    @property
+    def doubts(self) -> list[str]:
+        """What is doubtful in what was read, one line each."""
+        if not self._against:
+            return self._doubts
+        told = (
+            f"{self._against:,} of {self._compared:,} frames go the other way than the log says"
+            f" ({self._first_against}): a tap logs so, or the wires are swapped"
+        )
+        return [*self._doubts, told]
+
+    @property
+    def about_times(self) -> list[str]:
+        """What became of its times, one line each, where that is not plain."""
+        told = [*self._clock.wrong, *self._setbacks.told]
+        if self._clock.undated:
+            told.append("its times have no date, and are left out; --date 2026-01-31 says the day")
+        if self._clock.zoneless:
+            told.append("its times name no zone, and are taken as UTC; --zone +08:00 says another")
+        return told
+
+
+def framed(chunks: Iterable[Chunk], framer: Framer) -> Iterator[list[Row]]:
+    """The rows that each chunk of a log completes, at the log's own times, which may fall.
+
+    What the framer holds in the end is left to be flushed.
+    """
+    before_ns = None
+    for chunk in chunks:
+        if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
+            framer.set_back()
+        before_ns = chunk.t_ns
+        yield framer.feed(chunk)
+
+
+def _readable(log: HexLog) -> Iterator[list[Row]]:
+    """Its rows, up to what cannot be read."""
+    framer = Framer(log.name)
+    with suppress(FteSniffError):  # who reads it in earnest is told
+        yield from framed(log, framer)
+    yield framer.flush()
+
+
+def _pieces_of_file(path: Path) -> Iterator[Piece]:
+    try:
+        with path.open("rb") as file:
+            yield from text_pieces(file, str(path))
+    except OSError as error:
+        raise unreadable(path, error) from error

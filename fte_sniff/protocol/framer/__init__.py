@@ -1,0 +1,23 @@
+"""The framer: a port's chunks in, rows out, every byte in exactly one of them.
+
+It must not know where chunks come from or who wants the rows. What is beyond doubt is a row at
+once; the rest, a disputed stretch, is weighed as a whole. From what the framer is told to what it
+says:
+
+    framer       Framer: the bytes at hand, and what is done with them next
+    patterns     the regular expressions that find frames
+    timeline     the times of bytes, and silence
+    undisputed   damage that has one reading only
+    due          when a disputed stretch is weighed, and how much of it is decided then
+    likelihood   the cost model: how likely frames, damage and noise are
+    ends         what the front and the back of a damaged frame weigh
+    pieces       what can begin at a place of a disputed stretch
+    weighing     how probable frames are in it
+    choice       which reading of it is chosen, and what doubt remains
+    reading      a decided stretch, in parts
+    tiling       decided bytes to rows
+"""
+
+from fte_sniff.protocol.framer.framer import Framer
+
+__all__ = ["Framer"]

@@ -1,0 +1,227 @@
+"""Owns the choice between the readings of one disputed stretch, and the doubt that remains.
+
+It must not know of chunks, times or rows, nor reckon weights: `weighing` does.
+
+- Shown are those frames that together are the most probable, none overlapping another.
+- What lies between them is divided into the pieces that weigh most.
+- A frame whose probability is below `CERTAIN` is `ambiguous`, unless it stands in step between a
+  certain frame and another, and could not also be two truncated ones.
+- Where the line has shown no damage for long, two truncated frames that together have ten bytes
+  are no other reading.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from fte_sniff.protocol.codec import frame_faults
+from fte_sniff.protocol.framer.likelihood import (
+    CERTAIN,
+    JUNK,
+    LIKELY,
+    LONGEST_JUNK,
+    NOISE_BEGINS,
+    NOISE_ENDS,
+    NOISE_STAYS,
+    SHOWN,
+)
+from fte_sniff.protocol.framer.patterns import PLAIN_FRAME, STRICT, UNDIVIDED_FRAME
+from fte_sniff.protocol.framer.pieces import Piece
+from fte_sniff.protocol.framer.reading import Stretch
+from fte_sniff.protocol.framer.weighing import Weighing
+from fte_sniff.protocol.rows import Fault
+from fte_sniff.protocol.structure import HEADER_BYTES
+from fte_sniff.protocol.table import FRAME_LENGTH, TAIL
+
+DOUBT = (Fault.AMBIGUOUS,)
+"""The faults of a frame that is whole, but for another reading."""
+
+_Best: TypeAlias = dict[int, tuple[float, int, Piece | None]]
+"""By place: the weight of the best reading up to it, where its last part begins, and the piece
+that this is; None for noise."""
+
+_NOTHING = (0.0, 0, None)
+"""A place that no reading has reached."""
+
+
+def chosen(weighing: Weighing) -> list[Stretch]:
+    """The chosen reading of a window, which begins where the rows so far end."""
+    probable, behind_rows = weighing.whole_frames(), weighing.whole_frames_behind_rows()
+    reading: list[Stretch] = []
+    at = 0
+    for place in _shown_frames(probable if behind_rows is None else behind_rows):
+        if at < place:
+            reading += _Gap(weighing, at, place, open_end=False).parts()
+        reading.append(_frame(place, probable[place]))
+        at = place + FRAME_LENGTH
+    if at < weighing.size:
+        reading += _Gap(weighing, at, weighing.size, open_end=True).parts()
+    return _believing_neighbours(weighing.window.data, reading)
+
+
+def _shown_frames(probable: dict[int, float]) -> list[int]:
+    """Where the most probable whole frames begin, none overlapping another."""
+    likely = [(place, own - SHOWN) for place, own in probable.items() if own > SHOWN]
+    best: list[tuple[float, int | None]] = [(0.0, None)]
+    """By how many frames are considered: the best sum, and how many were before its last frame."""
+    for number, (place, gain) in enumerate(likely):
+        before = number
+        while before and likely[before - 1][0] + FRAME_LENGTH > place:
+            before -= 1
+        value = best[before][0] + gain
+        without = best[number][0]
+        best.append((value, before) if value > without else (without, None))
+    shown: list[int] = []
+    number = len(likely)
+    while number:
+        last = best[number][1]
+        if last is not None:
+            shown.append(likely[number - 1][0])
+        number = number - 1 if last is None else last
+    return shown[::-1]
+
+
+def _frame(start: int, probability: float) -> Stretch:
+    """A whole frame: it fits its kind at every place, so its only fault can be doubt."""
+    faults = () if probability >= CERTAIN else DOUBT
+    return Stretch(start, start + FRAME_LENGTH, True, faults, probability)
+
+
+def _believing_neighbours(data: bytes, reading: list[Stretch]) -> list[Stretch]:
+    """The reading with those frames believed that stand in step between others.
+
+    Where a frame follows a certain one, and another one follows it, it takes two faults that
+    cancel each other out to make a better reading; that is rarer than the weights say, unless
+    the frame could be divided into two truncated ones.
+    """
+    for number in range(1, len(reading) - 1):
+        frame = reading[number]
+        if frame.faults != DOUBT or frame.probability < LIKELY:
+            continue
+        in_step = reading[number - 1].certain and reading[number + 1].probability
+        if in_step and PLAIN_FRAME.match(data, frame.start):
+            reading[number] = frame._replace(faults=())
+    return reading
+
+
+def calmly(weighing: Weighing, reading: list[Stretch]) -> list[Stretch]:
+    """The reading of a line that was calm, with its frames believed up to the first damage.
+
+    If it is only weighed, a frame is taken for two truncated ones whenever a target ends as another
+    kind's flags do: those who hold a motor at 15 pulses would see nothing else. Where they even
+    weigh more, as where a payload imitates a tail and a header, the frame is shown, and doubted.
+    """
+    believed: list[Stretch] = []
+    rest = iter(reading)
+    for part in rest:
+        if not part.framed:
+            whole = _whole_of_two(weighing, part, next(rest, None))
+            if whole is None:
+                break
+            part = whole
+        believed.append(_believed(weighing, part))
+    covered = believed[-1].stop if believed else 0
+    return believed + [part for part in reading if part.start >= covered]
+
+
+def _whole_of_two(weighing: Weighing, first: Stretch, second: Stretch | None) -> Stretch | None:
+    """The one frame that two damaged ones in a row are together; None where they are none."""
+    if second is None or second.framed or second.stop - first.start != FRAME_LENGTH:
+        return None
+    if not STRICT.match(weighing.window.data, first.start):
+        return None
+    return Stretch(first.start, second.stop, True, DOUBT, 0.0)
+
+
+def _believed(weighing: Weighing, frame: Stretch) -> Stretch:
+    """The frame without its doubt, if only two truncated ones could stand there instead."""
+    if frame.faults != DOUBT or frame.probability < LIKELY:
+        return frame
+    if not UNDIVIDED_FRAME.match(weighing.window.data, frame.start):
+        return frame
+    certain = min(map(weighing.boundary, (frame.start, frame.stop))) >= CERTAIN
+    return frame._replace(faults=()) if certain else frame
+
+
+class _Gap:
+    """What lies between two shown frames, or behind the last: the pieces that weigh most."""
+
+    def __init__(self, weighing: Weighing, start: int, stop: int, *, open_end: bool) -> None:
+        """From `start` to `stop`; with an `open_end` a frame may go on behind it."""
+        self._weighing = weighing
+        self._start, self._stop = start, stop
+        window = weighing.window
+        self._headers = [header.place for header in window.starts if start < header.place < stop]
+        self._best: _Best = {start: (1.0, start, None)}
+        for place in range(start, stop):
+            if place in self._best:
+                self._extend(place)
+        if open_end:
+            self._extend_cut_off()
+
+    def parts(self) -> list[Stretch]:
+        """The parts from left to right."""
+        parts: list[Stretch] = []
+        place = self._stop
+        while place > self._start:
+            _, begin, piece = self._best[place]
+            parts.append(self._part(begin, place, piece))
+            place = begin
+        return parts[::-1]
+
+    def _extend(self, place: int) -> None:
+        best, end = self._best, self._stop
+        weight, begin, last = best[place]
+        window = self._weighing.window
+        meeting = weight if last is None and begin != place else weight * window.meeting(place)
+        for piece in window.pieces_at(place):
+            stop, own, whole = piece
+            if stop <= end and not whole and meeting * own > best.get(stop, _NOTHING)[0]:
+                best[stop] = meeting * own, place, piece
+        if last is None and begin != place:
+            return
+        for stop in (*self._headers, end):
+            if place < stop:
+                noise = weight * _NOISE_WEIGHT[stop - place]
+                if noise > best.get(stop, _NOTHING)[0]:
+                    best[stop] = noise, place, None
+
+    def _extend_cut_off(self) -> None:
+        """Let the reading end with a frame that goes on behind the end, where that is best."""
+        for start in self._weighing.window.starts:
+            place, own = start.place, self._weighing.cut_off(start)
+            if place in self._best:
+                weight = self._best[place][0] * own
+                if weight > self._best.get(self._stop, _NOTHING)[0]:
+                    self._best[self._stop] = weight, place, (self._stop, own, False)
+
+    def _part(self, start: int, stop: int, piece: Piece | None) -> Stretch:
+        raw = self._weighing.window.data[start:stop]
+        fault = _named(raw) if piece else Fault.NOISE
+        if piece is None or fault is not None:
+            return Stretch(start, stop, False, (fault or Fault.NOISE,), 0.0)
+        faults = frame_faults(raw)
+        if self._weighing.probability(start, *piece[:2]) < LIKELY:
+            faults += DOUBT
+        return Stretch(start, stop, True, faults, 0.0)
+
+
+def _named(raw: bytes) -> Fault | None:
+    """What is wrong with the bytes of a piece; None where they are framed."""
+    if len(raw) != FRAME_LENGTH:
+        if raw[0] not in HEADER_BYTES:
+            return Fault.NOISE
+        return Fault.TRUNCATED if len(raw) < FRAME_LENGTH else Fault.OVERLONG
+    if raw[0] not in HEADER_BYTES:
+        return Fault.BAD_HEADER
+    return None if raw[-1] == TAIL else Fault.BAD_TAIL
+
+
+def _noise_weight(length: int) -> float:
+    if length <= LONGEST_JUNK:
+        return JUNK
+    return NOISE_BEGINS * NOISE_ENDS * NOISE_STAYS ** (length - 1)
+
+
+_NOISE_WEIGHT = tuple(_noise_weight(length) for length in range(512))
+"""By length in bytes: the weight of one run of noise."""

@@ -1,0 +1,413 @@
+"""Owns the way from one port's bytes to its rows: where frames begin and end, and what is damaged.
+
+It must not do I/O or read a clock; the times come with the chunks. How likely things are stands in
+`likelihood`, how readings are weighed in `weighing`, when in `due`, how bytes get their times in
+`timeline`.
+
+The stream is decided from left to right, each decision final. Every decision depends on the bytes
+up to a place that those bytes themselves determine, and on silence; never on how the stream was
+cut into chunks. There are three states:
+
+    in step   A frame ended here beyond doubt. Frames that fit their kind at every place are taken
+              as long as each is followed by another one in step, unless a header in their
+              payload, behind a tail or before a CMD and a motor, could make them two truncated
+              ones; so could an end that is another kind's, but on a calm line: before any damage,
+              and `CALM_STREAK` frames behind it. Even the last is taken, if it holds no second
+              header or tail: on a calm line at once; else when the bytes behind it show that it is
+              not the beginning of an overlong one.
+    disputed  Anything else. Bytes are gathered to the first of: two frames that fit, in step;
+              three that fit, in step or not; three times ten framed bytes in step; `AHEAD` bytes
+              behind ten framed ones; `WIDEST` bytes; silence. Then all readings of them are
+              weighed. If the last two frames are certain, all but the last is settled and the
+              stream is in step; else only what has `AHEAD` bytes behind it. No frame waits for
+              more. Where that does not end with a certain frame, the weights are handed on.
+    lost      Long noise. Bytes are passed over up to `LEAD` bytes before the next anchor.
+
+Silence of 20 ms settles whatever is pending, but for the beginning of a frame that can still be
+completed: a reading process that was held up shows silence where there was none, and must not tear
+a frame. Such a beginning is given up after 500 ms. Shorter pauses, from 3.5 byte times, are
+evidence for a boundary where readings compete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from fte_sniff.protocol.framer.choice import DOUBT, calmly, chosen
+from fte_sniff.protocol.framer.due import (
+    LEAST_DUE,
+    WIDEST,
+    lead,
+    next_due,
+    next_promised,
+    settled_part,
+)
+from fte_sniff.protocol.framer.ends import CANONICAL, front_of
+from fte_sniff.protocol.framer.patterns import (
+    ANCHOR_REACH,
+    ANCHOR_TAIL,
+    CALM,
+    FIRM,
+    LONG_RUN,
+    PLAIN_RUN,
+    UNDIVIDED_RUN,
+)
+from fte_sniff.protocol.framer.pieces import Window
+from fte_sniff.protocol.framer.reading import Stretch
+from fte_sniff.protocol.framer.tiling import NOISE, Tiler, Tiles
+from fte_sniff.protocol.framer.timeline import Timeline
+from fte_sniff.protocol.framer.undisputed import undisputed
+from fte_sniff.protocol.framer.weighing import (
+    Carry,
+    Ending,
+    Weighing,
+    joined,
+    lost,
+    trusted,
+)
+from fte_sniff.protocol.rows import Chunk, Fault, Row
+from fte_sniff.protocol.table import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
+
+CALM_STREAK = 100
+"""Frames without damage after which a calm frame needs no further one to be believed."""
+
+PAUSE_BYTES = 3.5
+"""Byte times of silence that count as a pause."""
+
+SETTLING_NS = 20_000_000
+"""Silence that settles what is pending."""
+
+GIVING_UP_NS = 500_000_000
+"""Silence after which the beginning of a frame is held no longer."""
+
+STUB = FRAME_LENGTH // 2
+"""A truncated frame of fewer bytes tells little."""
+
+MOST_STUBS = 4
+"""So many of them in a row are told one by one; more, with nothing better between, are noise."""
+
+_IN_STEP = trusted()
+_TRUNCATED = (Fault.TRUNCATED,)
+
+Skip: TypeAlias = Callable[[int], int]
+"""Counts frames in step, from a place in the first chunk on, that are as `PLAIN_RUN` has them; it
+may stop early."""
+
+
+class Framer:
+    """Turns the chunks of one port into rows that tile its stream exactly."""
+
+    def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
+        """A framer for the port of that name, whose line has `baud` bits per second."""
+        self._timeline = Timeline(byte_time_ns(baud))
+        self._tiler = Tiler(port, self._timeline)
+        self._tiles: Tiles = self._tiler
+        self._skip: Skip | None = None
+        self._pause_ns = _pause_ns(baud)
+        self._data = b""
+        self._base = 0
+        """Offset in the stream of the first byte of `_data`."""
+        self._begin = 0
+        """Offset of the first byte that joins what follows: the stream's, or that behind a cut."""
+        self._at = 0
+        """Place in `_data` up to which all is decided."""
+        self._carry: Carry | None = joined()
+        """What the past says of the places from `_at` on; None where the stream is in step."""
+        self._lost_from: int | None = None
+        """Place in `_data` where long noise was found to go on; None where it does not."""
+        self._passing = False
+        """Whether the long noise is already being passed over."""
+        self._not_before = 0
+        """Place in `_data` before which weighing again would tell nothing new."""
+        self._weighed_to = 0
+        """Place in `_data` up to which readings have been weighed."""
+        self._stubs = 0
+        """Stubs since the last better row."""
+        self._streak = CALM_STREAK
+        """Frames since the last damage; a line that has shown none yet is calm."""
+        self._pauses: list[int] = []
+        """Offsets of bytes before which the line paused."""
+        self._settled = False
+
+    @classmethod
+    def of_bytes(cls, tiles: Tiles, skip: Skip) -> Framer:
+        """A framer for much at once, without times: for `pour` and `end`.
+
+        The tiles take what other framers give as rows, which is the same; `skip` is a quicker way
+        to count frames in step.
+        """
+        framer = cls("")
+        framer._tiles, framer._skip = tiles, skip
+        return framer
+
+    def pace(self, baud: int) -> None:
+        """The line has `baud` bits per second from the next chunk on."""
+        self._timeline.pace(byte_time_ns(baud))
+        self._pause_ns = _pause_ns(baud)
+
+    def feed(self, chunk: Chunk) -> list[Row]:
+        """The rows that this chunk completes; never raises on wire data."""
+        self.pour(chunk)
+        return self._tiler.take()
+
+    def flush(self) -> list[Row]:
+        """The rows of whatever is still held; the stream ends here."""
+        self.end()
+        return self._tiler.take()
+
+    def cut(self) -> list[Row]:
+        """As `flush`, but the stream goes on: what comes next joins nothing that came before.
+
+        Offsets go on rising, and times do not fall.
+        """
+        rows = self.flush()
+        self._carry, self._streak, self._stubs = joined(), CALM_STREAK, 0
+        self._begin = self._base
+        return rows
+
+    def set_back(self) -> None:
+        """The clock was set: times from the next chunk on may be before those by now.
+
+        It is for logs, whose times are as they were written; the bytes go on as they did.
+        """
+        self._timeline.set_back()
+
+    @property
+    def waits_since_ns(self) -> int | None:
+        """When the first byte that stands in no row yet began; None where there is none."""
+        offset = self._tiler.noise_offset
+        if offset is None:
+            offset = self._base + self._at
+            if self._at == len(self._data):
+                return None
+        return self._timeline.mark(offset).time_and_delay(offset)[0]
+
+    def pour(self, chunk: Chunk) -> None:
+        """Decide what this chunk decides."""
+        if not chunk.data:
+            self._be_silent(self._timeline.silence_at(chunk.t_ns))
+            return
+        silence = self._timeline.add(chunk)
+        if silence >= self._pause_ns:
+            self._be_silent(silence)
+            self._pauses.append(self._base + len(self._data))
+        self._data += chunk.data
+        self._settled = False
+        self._advance()
+        if self._at:
+            self._drop_decided()
+
+    def end(self) -> None:
+        """Decide whatever is still held."""
+        self._settle(hold=False)
+        self._drop_decided()
+
+    # The three states
+
+    def _advance(self) -> None:
+        """Decide all that the bytes so far decide."""
+        while True:
+            if self._lost_from is not None:
+                moved = self._pass_noise()
+            elif self._carry is None:
+                moved = self._follow_run()
+            else:
+                moved = self._weigh_if_due()
+            if not moved:
+                return
+
+    def _follow_run(self) -> bool:
+        """In step: take the frames that leave no doubt; False where more bytes are needed."""
+        if len(self._data) - self._at < FRAME_LENGTH:
+            return False
+        count = self._frames_in_step()
+        sure = count - 1
+        last = self._at + sure * FRAME_LENGTH
+        calm = FIRM if self._streak + sure < CALM_STREAK else CALM
+        if count and calm.match(self._data, last):
+            sure = count
+        if sure > 0:
+            self._take_run(sure)
+        waiting = 2 if sure < count else 1
+        if len(self._data) - self._at < waiting * FRAME_LENGTH:
+            return False
+        self._carry = _IN_STEP
+        self._not_before = 0
+        return True
+
+    def _frames_in_step(self) -> int:
+        """How many frames that fit follow each other from here."""
+        end = self._at
+        in_step = PLAIN_RUN if self._streak < CALM_STREAK else UNDIVIDED_RUN
+        while True:
+            if self._skip is not None:
+                end += self._skip(end) * FRAME_LENGTH
+            match = in_step.match(self._data, end)
+            run = 0 if match is None else match.end() - end
+            end += run
+            if run < LONG_RUN:
+                return (end - self._at) // FRAME_LENGTH
+
+    def _take_run(self, count: int) -> None:
+        stop = self._at + count * FRAME_LENGTH
+        self._tiles.end_noise()
+        self._tiles.run(self._base + self._at, self._data, self._at, stop)
+        self._at = stop
+        self._streak += count
+        self._stubs = 0
+
+    def _weigh_if_due(self) -> bool:
+        """Disputed: weigh the readings once enough bytes are there; False before that."""
+        if len(self._data) - self._at < LEAST_DUE:
+            return False
+        if self._carry is _IN_STEP and not self._paused():
+            plain = undisputed(self._data, self._at)
+            if plain is not None:
+                self._decide([plain])
+                self._carry = None
+                return True
+        end = next_due(self._data, self._at, self._not_before, self._weighed_to)
+        if end is None:
+            return False
+        weighing = self._weigh(end, Ending.OPEN)
+        reading = self._read(weighing)
+        self._weighed_to = end
+        if len(reading) > 1 and reading[-1].certain and reading[-2].certain:
+            self._decide(reading[:-1])
+            self._carry = None
+            return True
+        settled = settled_part(reading, self._data, self._at, end)
+        if not settled:
+            self._not_before = min(end + FRAME_LENGTH, self._at + WIDEST)
+            return True
+        last = settled[-1]
+        noise = last.faults == NOISE
+        noisy = noise and end - self._at >= WIDEST
+        sure = last.certain
+        self._carry = _IN_STEP if sure else weighing.carry(last.stop, ends_frame=not noise)
+        self._decide(settled)
+        self._not_before = 0
+        if noisy:
+            self._lost_from, self._passing = self._at, False
+        return True
+
+    def _paused(self) -> bool:
+        """Whether the line paused within the bytes that are pending."""
+        return any(place > self._base + self._at for place in self._pauses)
+
+    def _weigh(self, end: int, ending: Ending) -> Weighing:
+        offset = self._base + self._at
+        while self._pauses and self._pauses[0] <= offset:
+            del self._pauses[0]
+        pauses = [place - offset for place in self._pauses if place - offset < end - self._at]
+        window = Window(self._data[self._at : end], pauses)
+        return Weighing(window, self._carry or _IN_STEP, ending)
+
+    def _read(self, weighing: Weighing) -> list[Stretch]:
+        reading = chosen(weighing)
+        return reading if self._streak < CALM_STREAK else calmly(weighing, reading)
+
+    def _pass_noise(self) -> bool:
+        """Lost: pass over the noise to the next anchor; False where none has come yet."""
+        assert self._lost_from is not None
+        data = self._data
+        anchor = ANCHOR_TAIL.search(data, self._at + FRAME_LENGTH - 1)
+        known = anchor.end() - FRAME_LENGTH if anchor else len(data) - ANCHOR_REACH
+        enough = self._lost_from + WIDEST
+        if not self._passing:
+            limit = min(len(data), enough + ANCHOR_REACH)
+            promised = next_promised(data, self._at, self._weighed_to, limit)
+            if promised is not None and (anchor is None or promised <= anchor.end() + FRAME_LENGTH):
+                self._lost_from = None
+                return True
+        if self._passing or known >= enough:
+            self._passing = True
+            self._carry = lost()
+            self._take_noise(lead(data, self._at, known))
+        if anchor:
+            self._lost_from = None
+            self._not_before = 0
+        return anchor is not None
+
+    # Silence
+
+    def _be_silent(self, silence_ns: int) -> None:
+        if silence_ns >= SETTLING_NS and not self._settled:
+            self._settle(hold=True)
+            self._settled = True
+        if silence_ns >= GIVING_UP_NS:
+            self._settle(hold=False)
+
+    def _settle(self, *, hold: bool) -> None:
+        """Decide everything up to here; `hold` the beginning of a frame that may go on."""
+        size = len(self._data) - self._at
+        if size:
+            reading = self._read(self._weigh(len(self._data), Ending.CLOSED))
+            last = reading[-1]
+            held = hold and not last.framed and self._can_go_on(last)
+            self._decide(reading[:-1] if held else reading)
+            in_step = held or last.certain
+            self._carry = None if in_step else Carry([1.0], [], 0.05)
+            self._lost_from = None
+            self._not_before = 0
+        self._tiles.end_noise()
+
+    def _can_go_on(self, last: Stretch) -> bool:
+        """Whether the pending bytes end with the beginning of a frame."""
+        if Fault.TRUNCATED not in last.faults:
+            return False
+        begin = self._data[self._at + last.start : self._at + last.start + FRAME_LENGTH]
+        return front_of(begin.translate(CANONICAL)).length >= last.stop - last.start
+
+    # Decided bytes become rows
+
+    def _decide(self, reading: list[Stretch]) -> None:
+        start = self._at
+        # A stream may begin within a frame: that is no damage of the line.
+        first = self._begin + FRAME_LENGTH - self._base
+        for part in reading:
+            stop = start + part.stop
+            if part.faults == NOISE or self._one_stub_too_many(part):
+                self._take_noise(stop)
+            else:
+                raw, offset = self._data[self._at : stop], self._base + self._at
+                self._tiles.end_noise()
+                self._tiles.row(offset, raw, part.faults, framed=part.framed)
+                self._at = stop
+            if part.certain or stop <= first:
+                self._streak += 1
+            elif part.faults != DOUBT:
+                self._streak = 0
+
+    def _one_stub_too_many(self, part: Stretch) -> bool:
+        """Whether this is one more of the short truncated frames that really are noise."""
+        if part.faults != _TRUNCATED or part.stop - part.start >= STUB:
+            self._stubs = 0
+            return False
+        self._stubs += 1
+        return self._stubs > MOST_STUBS
+
+    def _take_noise(self, stop: int) -> None:
+        """Take the bytes up to `stop` as noise, which may go on."""
+        if stop > self._at:
+            self._tiles.noise(self._base + self._at, self._data[self._at : stop])
+            self._at = stop
+
+    def _drop_decided(self) -> None:
+        """Forget the bytes that are decided."""
+        done = self._at
+        self._data = self._data[done:]
+        self._base += done
+        self._at = 0
+        self._not_before = max(0, self._not_before - done)
+        self._weighed_to = max(0, self._weighed_to - done)
+        if self._lost_from is not None:
+            self._lost_from -= done
+        while self._pauses and self._pauses[0] <= self._base:
+            del self._pauses[0]
+
+
+def _pause_ns(baud: int) -> int:
+    """Silence that counts as a pause, nanoseconds."""
+    return min(SETTLING_NS, round(PAUSE_BYTES * byte_time_ns(baud)))

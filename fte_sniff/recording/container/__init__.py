@@ -1,0 +1,13 @@
+"""MCAP files as such: records, chunks, checksums and the summary at the end.
+
+It must not know rows or topics.
+
+    records      the records of any MCAP file, cut, damaged or hostile as it may be
+    checksum     CRC-32, at the speed of memory
+    tail         data end, summary, footer, magic, wherever they are put
+    growing      how bytes come to the disk, so that the file never ends wrong
+    mcap_file    an MCAP file that grows by whole chunks
+    summary      what a file's summary tells before its rows are read
+    salvage      what is whole in a damaged file
+    memory       freed memory kept for the next chunk
+"""

@@ -1,0 +1,321 @@
+"""Owns reading a recording: the rows and port events of a file, in their order, lazily.
+
+It must not know how the rows are used, nor how a record or a message is laid out.
+
+A file may be cut, damaged or written by another program. What can be read is read; what cannot is
+told by `ending` and `losses`, and never made up: a chunk counts only if its checksum holds.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from shlex import quote
+from shutil import copyfileobj
+from tempfile import NamedTemporaryFile
+from typing import IO, BinaryIO
+from weakref import finalize
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata
+
+from fte_sniff.errors import FileError, unreadable
+from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.container.records import (
+    HEAD,
+    MAGIC,
+    RawRecord,
+    RecordError,
+    RecordStream,
+    parse,
+    records_in,
+)
+from fte_sniff.recording.container.salvage import holds_a_chunk
+from fte_sniff.recording.container.summary import Summary, read_summary
+from fte_sniff.recording.encoding.columns import RowColumns, Words
+from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.encoding.stretches import Stretch, stretch_of
+from fte_sniff.recording.encoding.topics import TOPIC_BY_NAME
+from fte_sniff.recording.reading.bulk import BulkReading
+from fte_sniff.recording.reading.one_by_one import Reading, without_our_topics
+from fte_sniff.recording.reading.passage import Definitions, Passage
+from fte_sniff.recording.reading.span import EVERYTHING, Span
+
+_MOST_BAUD_DIGITS = 9
+_BUFFER = 128 * 1024
+"""Bytes read ahead: enough for the message indexes between two chunks."""
+_HEAD_ENDS = frozenset({Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.FOOTER})
+
+
+class RecordingReader:
+    """Reads one recording; iterate it for its rows, as often as wanted.
+
+    `ending` and `losses` tell of the last iteration that came to its end.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Look at the file: that it is an MCAP, and what its head and summary tell.
+
+        Raises:
+            FileError: the file cannot be read, is empty, no MCAP, or has none of our topics.
+        """
+        self._path = path
+        self._channels: dict[int, Channel] = {}
+        self._metadata: dict[str, dict[str, str]] = {}
+        self._summary: Summary | None = None
+        self._finished = False
+        self._ending = ""
+        self._losses: tuple[str, ...] = ()
+        self._times: tuple[int, int] | None = None
+        self._copy: IO[bytes] | None = None
+        self._copy = self._copy_of_pipe()
+        with self._open() as stream:
+            self._identity = _identity(stream)
+            self._look(stream)
+
+    @property
+    def path(self) -> Path:
+        """Where the recording lies."""
+        return self._path
+
+    @property
+    def ports(self) -> tuple[PortFacts, ...]:
+        """The ports that the file names before its rows are read, each once."""
+        found = {}
+        for channel in self._channels.values():
+            if channel.topic in TOPIC_BY_NAME:
+                facts = self._port_of(channel)
+                found[facts.name] = facts
+        return tuple(found.values())
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The metadata records by name, as far as they stand before the first row."""
+        return self._metadata
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """First and last log time, nanoseconds since 1970 UTC; None where the file cannot tell."""
+        return self._times
+
+    @property
+    def count(self) -> int | None:
+        """How many messages the summary tells of; None where there is none to be trusted."""
+        statistics = self._summary and self._summary.statistics
+        return statistics.message_count if statistics else None
+
+    @property
+    def ending(self) -> str:
+        """How the file ends, where it does not end as it should; else empty."""
+        return self._ending
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What could not be read, one line each; empty where all could."""
+        return self._losses
+
+    @property
+    def complete(self) -> bool:
+        """Whether an iteration came to its end, in a whole and undamaged file."""
+        return self._finished and not self._ending and not self._losses
+
+    def left_out(self) -> list[Stretch]:
+        """The rows that came and are not in the file, as it tells; no chunk is read for it."""
+        found = []
+        with self._open() as stream:
+            for record in RecordStream(stream, self._starts(), lambda _first, _last: False):
+                if record.opcode == Opcode.METADATA:
+                    with suppress(RecordError):
+                        told = parse(Metadata, record.body)
+                        found.append(stretch_of(told.name, told.metadata))
+        return [stretch for stretch in found if stretch is not None]
+
+    def __iter__(self) -> Iterator[Row]:
+        """The rows, in file order.
+
+        Raises:
+            FileError: reading failed, or the file turns out to have none of our topics.
+        """
+        return (entry for entry in self.entries() if not isinstance(entry, PortEvent))
+
+    def events(self) -> Iterator[PortEvent]:
+        """The port events, in file order; raises as iteration over rows does."""
+        return (entry for entry in self.entries() if isinstance(entry, PortEvent))
+
+    def entries(self) -> Iterator[Row | PortEvent]:
+        """Rows and port events together, in file order; raises as iteration over rows does."""
+        reading = Reading(self._path, self._port_of)
+        with self._open() as stream:
+            records = RecordStream(stream, self._starts())
+            yield from reading.entries(records)
+        self._finish(reading, records, whole=True)
+
+    def batches(self, words: Words | None = None, span: Span = EVERYTHING) -> Iterator[RowColumns]:
+        """The same rows and events as columns, in file order, most often 64 thousand and more.
+
+        Chunks outside `span` are passed over by their log times; a row that came late is looked
+        for where it was recorded. What was passed over is not checked, nor missed.
+
+        Args:
+            words: takes up ports and faults; give the same to several readers whose columns are
+                to be used together.
+            span: rows and events outside it are left out.
+
+        Raises:
+            FileError: as iteration over rows.
+        """
+        return (columns for _, columns in self.passages(words, span))
+
+    def passages(
+        self, words: Words | None = None, span: Span = EVERYTHING
+    ) -> Iterator[tuple[Passage, RowColumns]]:
+        """The same as `batches`, each with the place at which `again` finds its rows."""
+        known = None if span.everything else self._definitions()
+        reading = Reading(self._path, self._port_of, known)
+        with self._open() as stream:
+            wanted = None if known is None else span.touches
+            records = RecordStream(stream, self._starts(), wanted)
+            yield from BulkReading(reading, words or Words(), span).passages(records)
+        self._finish(reading, records, whole=span.everything)
+
+    def again(self, passage: Passage) -> RowColumns:
+        """The rows of a passage of this file once more, with words of their own.
+
+        Raises:
+            FileError: the file cannot be read any more, or is not what it was.
+        """
+        reading = Reading(self._path, self._port_of, passage.known)
+        try:
+            records = list(self._records(passage))
+        except RecordError as error:
+            raise self._changed() from error
+        parts = list(BulkReading(reading, Words(), passage.span).again(records))
+        end = passage.skipped + passage.count
+        if sum(map(len, parts)) < end:
+            raise self._changed()
+        return RowColumns.joined(parts).parted(slice(passage.skipped, end))
+
+    def _records(self, passage: Passage) -> Iterator[RawRecord]:
+        with self._open() as stream:
+            if _identity(stream) != self._identity:
+                raise self._changed()
+            for start, end in passage.ranges:
+                stream.seek(start)
+                for opcode, body in records_in(stream.read(end - start)):
+                    yield RawRecord(start, opcode, body)
+                    start += HEAD.size + len(body)
+
+    def _changed(self) -> FileError:
+        return FileError(f"{self._path}: has changed since it was read; open it again")
+
+    def _definitions(self) -> Definitions | None:
+        """What the summary tells of the channels: a chunk passed over may have defined one.
+
+        None where it tells of none; then no chunk can be passed over.
+        """
+        summary = self._summary
+        if summary is None or not summary.channels:
+            return None
+        return Definitions(
+            {schema.id: schema for schema in summary.schemas},
+            {channel.id: channel for channel in summary.channels},
+        )
+
+    def _starts(self) -> Sequence[int]:
+        return self._summary.starts if self._summary else ()
+
+    def _finish(self, reading: Reading, records: RecordStream, *, whole: bool) -> None:
+        """Keep what a pass has found out about the file."""
+        self._ending = records.ending
+        self._losses = (*records.losses, *reading.losses)
+        if whole:
+            self._times = reading.times or self._times
+        expected = self._summary and self._summary.statistics
+        if whole and expected and expected.message_count > reading.messages:
+            missing = expected.message_count - reading.messages
+            self._losses += (f"{missing} of {expected.message_count} messages are missing",)
+        self._finished = True
+
+    @contextmanager
+    def _open(self) -> Iterator[BinaryIO]:
+        path = self._path if self._copy is None else Path(self._copy.name)
+        try:
+            with path.open("rb", _BUFFER) as stream:
+                yield stream
+        except OSError as error:
+            raise unreadable(self._path, error) from error
+
+    def _copy_of_pipe(self) -> IO[bytes] | None:
+        """A temporary file with all that a pipe brings, because a pipe can be read only once."""
+        with self._open() as stream:
+            if stream.seekable():
+                return None
+            copy = NamedTemporaryFile(prefix="fte-sniff-", suffix=".mcap")  # noqa: SIM115
+            copyfileobj(stream, copy)
+            copy.flush()
+            finalize(self, copy.close)
+            return copy
+
+    def _look(self, stream: BinaryIO) -> None:
+        self._check_magic(stream)
+        self._summary = read_summary(stream)
+        stream.seek(0)
+        for record in RecordStream(stream):
+            if record.opcode in _HEAD_ENDS:
+                break
+            self._take_from_head(record)
+        if self._summary is not None:
+            self._take_summary(self._summary)
+
+    def _take_summary(self, summary: Summary) -> None:
+        self._channels.update((channel.id, channel) for channel in summary.channels)
+        statistics = summary.statistics
+        if statistics is not None and statistics.message_count:
+            self._times = (statistics.message_start_time, statistics.message_end_time)
+        topics = [channel.topic for channel in summary.channels]
+        if topics and not any(topic in TOPIC_BY_NAME for topic in topics):
+            raise without_our_topics(self._path, topics)
+
+    def _check_magic(self, stream: BinaryIO) -> None:
+        magic = stream.read(len(MAGIC))
+        if not magic:
+            raise FileError(f"{self._path} is empty: nothing was recorded into it")
+        if magic == MAGIC:
+            return
+        if MAGIC.startswith(magic):
+            raise FileError(f"{self._path} is cut after {len(magic)} bytes: nothing is left in it")
+        if holds_a_chunk(stream):
+            raise FileError(
+                f"{self._path}: the beginning of this recording is damaged; what is whole in it,"
+                f" `fte-sniff repair {quote(str(self._path))}` puts into a new file"
+            )
+        raise FileError(
+            f"{self._path} is not an MCAP recording; "
+            "if it holds raw bytes or hex text, say --input raw or --input hex"
+        )
+
+    def _take_from_head(self, record: RawRecord) -> None:
+        try:
+            if record.opcode == Opcode.CHANNEL:
+                channel = parse(Channel, record.body)
+                self._channels[channel.id] = channel
+            elif record.opcode == Opcode.METADATA:
+                metadata = parse(Metadata, record.body)
+                self._metadata[metadata.name] = metadata.metadata
+        except RecordError:
+            return
+
+    def _port_of(self, channel: Channel) -> PortFacts:
+        """The port of a channel; the file's name stands in where the file names none."""
+        name = channel.metadata.get("port", self._path.name)
+        baud = channel.metadata.get("baud", "")
+        legible = baud.isascii() and baud.isdecimal() and len(baud) <= _MOST_BAUD_DIGITS
+        return PortFacts(name, int(baud) if legible else None)
+
+
+def _identity(stream: BinaryIO) -> tuple[int, int]:
+    """Tells whether it is the same file, though it may have grown."""
+    found = os.fstat(stream.fileno())
+    return found.st_dev, found.st_ino

@@ -1,0 +1,120 @@
+"""Owns writing a whole recording from columns, chunk by chunk and in sequence.
+
+It must not know ports that are being captured: for those `writer` keeps the file whole at every
+moment. What is written here is whole when it is through, and in the same form.
+
+Rows come in the order in which they are to stand. A log time never falls: a row that is earlier
+than the one before it gets that one's, and its message tells its own time beside.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Metadata
+
+from fte_sniff.errors import unwritable
+from fte_sniff.protocol import PortEvent
+from fte_sniff.recording.container.growing import Stream
+from fte_sniff.recording.container.mcap_file import McapFile
+from fte_sniff.recording.container.memory import keep_freed_memory
+from fte_sniff.recording.encoding.channels import Channels
+from fte_sniff.recording.encoding.columns import Array, RowColumns
+from fte_sniff.recording.encoding.facts import PortFacts, library_name, recording_facts
+from fte_sniff.recording.encoding.messages import plain
+from fte_sniff.recording.encoding.topics import Topic
+from fte_sniff.recording.writing.bulk_packing import ColumnPacker
+from fte_sniff.recording.writing.writer import METADATA_NAME
+
+CHUNK_ROWS = 16_384
+"""Rows in a chunk: some 1.6 MB unpacked, which a core's cache holds."""
+
+
+def write_recording(
+    path: Path,
+    ports: Sequence[PortFacts],
+    batches: Iterable[RowColumns],
+    facts: Mapping[str, str] | None = None,
+) -> None:
+    """Write a recording; a file that is there already is replaced.
+
+    Args:
+        path: the file.
+        ports: the ports whose rows come, as far as they are known; rows of others are taken too.
+        batches: the rows and events.
+        facts: what the file is to say about itself beside the ports.
+
+    Raises:
+        FileError: the file cannot be written, or what the batches raise.
+    """
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    try:
+        writer = _Writer(descriptor, ports, facts or {})
+        for columns in batches:
+            writer.write(columns)
+        writer.finish()
+    except OSError as error:
+        raise unwritable(path, error) from error
+    finally:
+        os.close(descriptor)
+
+
+class _Writer:
+    def __init__(
+        self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str]
+    ) -> None:
+        keep_freed_memory()
+        self._channels = Channels()
+        self._packer = ColumnPacker(self._channel_id)
+        self._last_time = 0
+        known = {port.name: port for port in ports}
+        about = recording_facts(tuple(known.values()), facts)
+        self._file = McapFile(
+            Stream(descriptor),
+            library_name(),
+            Metadata(METADATA_NAME, {plain(key): plain(value) for key, value in about.items()}),
+            self._channels.schemas(),
+            [channel for port in known.values() for channel in self._channels.of_port(port)],
+        )
+
+    def write(self, columns: RowColumns) -> None:
+        for chunk in _chunks(columns):
+            if not len(chunk) and not chunk.events:
+                continue
+            times = self._log_times(chunk.t_ns)
+            events = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
+            self._file.add_chunk(self._packer.pack(chunk, times, events))
+            self._last_time = max([self._last_time, *times[-1:].tolist(), *events[-1:].tolist()])
+
+    def finish(self) -> None:
+        self._file.finish()
+
+    def _log_times(self, times: Array) -> Array:
+        return np.maximum(np.maximum.accumulate(times), self._last_time) if len(times) else times
+
+    def _channel_id(self, port: str, topic: Topic) -> int:
+        for channel in self._channels.of_port(PortFacts(port)):
+            self._file.add_channel(channel)
+        return self._channels.id_of(port, topic)
+
+
+def _chunks(columns: RowColumns) -> Iterator[RowColumns]:
+    """The columns by so many rows as a chunk holds, events with the rows that follow them."""
+    events = sorted(columns.events, key=_time_of)
+    for start in range(0, max(len(columns), 1), CHUNK_ROWS):
+        part = columns.parted(slice(start, start + CHUNK_ROWS))
+        last = start + CHUNK_ROWS >= len(columns)
+        end = 2**63 if last else int(part.t_ns[-1])
+        own = tuple(event for event in events if event.t_ns <= end)
+        events = events[len(own) :]
+        yield columns.parted(slice(start, start + CHUNK_ROWS), own)
+
+
+def _time_of(event: PortEvent) -> int:
+    return event.t_ns

@@ -1,0 +1,303 @@
+"""Owns the view's end of a capture process: starting it, hearing from it, ending it.
+
+It must not know what shows the rows, nor what the capture process does inside.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
+from fte_sniff.errors import FileError, FteSniffError, PortError
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.recording.writing.recorder import Outcome
+from fte_sniff.said import Said
+from fte_sniff.session.capturing.messages import DROP, STOP, Batch, Ended, Message, Started
+from fte_sniff.session.capturing.plan import CapturePlan
+from fte_sniff.session.capturing.process import capture
+
+MOST_ROWS_A_POLL = 16_384
+"""Rows that one poll hands over at most, so that a view that was stopped can still breathe."""
+
+END_WITHIN_S = 5.0
+"""How long a capture that was asked to end may say nothing before it is killed, seconds."""
+
+LOOK_EVERY_S = 0.1
+"""How long one wait for the capture process lasts before the end is thought of again, seconds."""
+
+
+class LiveSession:
+    """A capture that runs in a process of its own, as a feed for one view.
+
+    `begin`, or entering it as a context, waits for the port; `stop` may be called before that, and
+    from signal handlers. Once asked to end, it ends: a capture process that is stuck is killed.
+    """
+
+    error: FteSniffError | None = None
+    """What went wrong, once it has: with the port, the recording, or the capture process."""
+    recording: Path | None = None
+    """Where the recording lies; None where there is none, or it has stopped."""
+    device: str | None = None
+    """What a host program is to open, where this is a bridge."""
+    recordings: tuple[Path, ...] = ()
+    """All files that it was written to, in order; more than one where it was rotated or went on
+    elsewhere."""
+    stopped_recording: FteSniffError | None = None
+    """Why the recording stopped last, once it has; `error` tells at the end what that cost."""
+    outcome: Outcome | None = None
+    """What there is of the recording, once the capture has ended of itself."""
+
+    def __init__(self, plan: CapturePlan) -> None:
+        """Start the capture process; what it finds is told by `begin`.
+
+        Raises:
+            FileError: the working folder is gone, without which no process can be started.
+        """
+        _check_folder()
+        self._plan = plan
+        self._begun = False
+        self._ended: Ended | None = None
+        self._total = self._not_shown = self._leftover = 0
+        self._away: set[str] = set()
+        self._stopped_at_s: float | None = None
+        self._heard_at_s = 0.0
+        self._receiving = False
+        context = multiprocessing.get_context("spawn")
+        self._capture, theirs = context.Pipe()
+        # A daemon gets SIGTERM when this process ends in a way that skips `close`.
+        self._process = context.Process(
+            target=capture, args=(plan, theirs), name="fte-sniff capture", daemon=True
+        )
+        with _undisturbed():
+            self._process.start()
+        theirs.close()
+
+    def begin(self) -> None:
+        """Wait until the port is open, and the recording if there is to be one.
+
+        Where it was asked to stop meanwhile, it may have ended already; `poll` tells.
+
+        Raises:
+            FteSniffError: the port cannot be opened, or the recording cannot be made.
+        """
+        while not self._begun and self._ended is None:
+            if self._capture.poll(LOOK_EVERY_S):
+                self._take(self._receive())
+            else:
+                self._give_up_when_overdue()
+        if self._ended is not None and self.error is not None:
+            self.close()
+            raise self.error
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the capture was asked to end."""
+        return self._stopped_at_s is not None
+
+    @property
+    def capture_pid(self) -> int:
+        """The capture process, for whoever has to end it without this view."""
+        assert self._process.pid is not None
+        return self._process.pid
+
+    @property
+    def descriptor(self) -> int:
+        """Can be read from when there is something to poll; until `close`."""
+        return self._capture.fileno()
+
+    @property
+    def total_rows(self) -> int:
+        """All rows captured so far."""
+        return self._total
+
+    def poll(self) -> FeedUpdate:
+        """What came since the poll before; returns at once."""
+        return self.wait(0)
+
+    def wait(self, timeout_s: float) -> FeedUpdate:
+        """What comes next, or nothing if nothing comes within `timeout_s` seconds."""
+        rows: list[Row] = []
+        events: list[PortEvent] = []
+        while self._ended is None and len(rows) < MOST_ROWS_A_POLL:
+            if not self._capture.poll(timeout_s):
+                self._give_up_when_overdue()
+                break
+            timeout_s = 0
+            batch = self._take(self._receive())
+            if batch is not None:
+                rows += batch.rows
+                events += batch.events
+        return FeedUpdate(self._state(), rows, events)
+
+    def stop(self) -> None:
+        """Ask the capture to end; returns at once, and may be called again."""
+        if self._stopped_at_s is not None:
+            if self._receiving and self._overdue:
+                # It stands still within a message, and so does whoever waits for the rest of it.
+                self._process.kill()
+            return
+        self._stopped_at_s = time.monotonic()
+        if not self._begun:
+            # It may be waiting for a port that takes long to open, and hear nothing else.
+            self._process.terminate()
+        # Where it has ended already, `wait` tells how.
+        with suppress(OSError):
+            self._capture.send(STOP)
+
+    def drop_leftover(self) -> None:
+        """Do not wait for what still waits to be written, where that was told to be much.
+
+        It is counted in the recording as an overrun. Returns at once.
+        """
+        if self._leftover:
+            with suppress(OSError):
+                self._capture.send(DROP)
+
+    def close(self) -> None:
+        """End the capture, wait until its file is closed, and forget the rows that still come."""
+        self.stop()
+        while self._ended is None:
+            self.wait(LOOK_EVERY_S)
+        self._process.join(END_WITHIN_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._capture.close()
+
+    def __enter__(self) -> Self:
+        self.begin()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def _overdue(self) -> bool:
+        asked = self._stopped_at_s
+        if asked is None:
+            return False
+        # One that is behind has much to record yet, and tells of it all the while.
+        return time.monotonic() > max(asked, self._heard_at_s) + END_WITHIN_S
+
+    def _give_up_when_overdue(self) -> None:
+        """Kill a capture that was asked to end and has nothing to say to it."""
+        if self._overdue:
+            self._process.kill()
+            reason = Said(
+                "the capture did not end within {seconds:g} s of being asked, and "
+                "was killed; what it had flushed to its recording until then is "
+                "kept",
+                seconds=END_WITHIN_S,
+            )
+            self._take(self._gone(reason))
+
+    def _gone(self, reason: str) -> Ended:
+        """What the end of a process means that left no word of its own."""
+        if self.stopping and not self._begun:
+            return Ended()
+        return Ended(reason, PortError(reason))
+
+    def _receive(self) -> Message:
+        self._receiving = True
+        try:
+            message = self._capture.recv()
+        except (EOFError, OSError):
+            return self._gone(
+                Said("the capture process ended unexpectedly; what it had recorded is kept")
+            )
+        finally:
+            self._receiving = False
+        self._heard_at_s = time.monotonic()
+        assert isinstance(message, Started | Batch | Ended)
+        return message
+
+    def _take(self, message: Message) -> Batch | None:
+        if isinstance(message, Ended):
+            self._ended = message
+            self.error, self.outcome = message.error, message.outcome
+            return None
+        if isinstance(message, Started):
+            self._begun, self.recording, self.device = True, message.recording, message.device
+            self.recordings = () if message.recording is None else (message.recording,)
+            return None
+        for event in message.events:
+            if event.kind is PortEventKind.LOST:
+                self._away.add(event.port)
+            elif event.kind is PortEventKind.FOUND_AGAIN:
+                self._away.discard(event.port)
+        self._total, self._not_shown = message.total_rows, message.not_shown
+        self._leftover = message.leftover
+        for change in message.recording:
+            self.recording = change.path
+            self.recordings += () if change.path is None else (change.path,)
+            self.stopped_recording = change.failure or self.stopped_recording
+            self.error = change.failure or self.error
+        return message
+
+    def _title(self) -> str:
+        names = self._plan.wiring.names
+        if self.device is not None:
+            # Whoever looks wants to know what the host program is to open.
+            names = (names[0], self.device)
+        return " + ".join(names)
+
+    def _state(self) -> FeedState:
+        ended = self._ended
+        trouble = self.error.said if ended is None and self.error is not None else None
+        if trouble and self.recording:
+            trouble = Said(
+                "{trouble}; recording goes on in {path}", trouble=trouble, path=self.recording
+            )
+        if ended is None and trouble is None and self._leftover:
+            trouble = Said("writing what has arrived: {bytes:,} bytes wait", bytes=self._leftover)
+        return FeedState(
+            title=self._title(),
+            recording=str(self.recording) if self.recording else None,
+            running=ended is None,
+            waiting=ended is None and bool(self._away),
+            ended=(ended.reason or Said("stopped")) if ended else None,
+            trouble=trouble,
+            rows=self._total,
+            not_shown=self._not_shown,
+            files=tuple(map(str, self.recordings)),
+            leftover=self._leftover,
+        )
+
+
+def _check_folder() -> None:
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise FileError(Said("the working folder is gone; go to another one with `cd`")) from error
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """A process that is started in this context gets all it is to be told, and hears no Ctrl-C."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    before = {signal.SIGINT: signal.signal(signal.SIGINT, signal.SIG_IGN)}
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        before[number] = signal.signal(number, lambda number, _: held.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for late in held:
+        signal.raise_signal(late)

@@ -1,0 +1,168 @@
+"""Owns a file that is being read as a feed for a view, in a thread that waits when it is ahead.
+
+It must not know what kind of file it is, nor what shows the rows.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from fte_sniff.analysis.columns.packing import PackedRows
+from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
+from fte_sniff.errors import FteSniffError
+from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.said import Said
+
+MOST_BATCHES_AHEAD = 6
+"""Batches that are read ahead of the view at most."""
+
+MOST_ROWS_A_POLL = 65_536
+"""Rows that one poll hands over at most, more or less, so that a screen can draw between two."""
+
+MOST_PACKED_A_POLL = 200_000
+"""The same where the rows come packed, and cost a view next to nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """What was read of a file at once."""
+
+    rows: Sequence[Row]
+    events: Sequence[PortEvent] = ()
+    """What happened to ports meanwhile."""
+    losses: Sequence[str] = ()
+    """What the file turned out to lack, one line each; may hold text from it."""
+
+
+class ReplaySession:
+    """Rows that are there already, as a feed for one view."""
+
+    error: FteSniffError | None = None
+    """Why reading stopped before the end, if it did."""
+
+    def __init__(
+        self,
+        batches: Iterable[Read],
+        title: str,
+        total: int | None = None,
+        files: Sequence[str] = (),
+    ) -> None:
+        """Start reading: one batch at first, and the others once the view has taken it.
+
+        So nothing keeps a screen that opens from drawing its first rows.
+
+        Args:
+            batches: each time with all rows packed or none; iterated in a thread of its own.
+            title: the name of the file, to be shown.
+            total: how many rows there will be, more or less; None where nobody knows.
+            files: paths of the files that they come from.
+        """
+        self._total, self._files = total, files
+        self._batches = batches
+        self._title = title
+        self._rows = 0
+        self._stop = threading.Event()
+        self._onward = threading.Event()
+        self._begun = False
+        self._losses: list[str] = []
+        self._read: queue.Queue[Read | None] = queue.Queue(MOST_BATCHES_AHEAD)
+        self._running = True
+        self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
+        self._thread.start()
+
+    def poll(self) -> FeedUpdate:
+        """What was read since the poll before; returns at once."""
+        if self._begun:
+            self._onward.set()
+        taken: list[Read] = []
+        while self._running and _has_room(taken):
+            try:
+                batch = self._read.get_nowait()
+            except queue.Empty:
+                break
+            if batch is None:
+                self._running = False
+            else:
+                taken.append(batch)
+        self._losses += [loss for read in taken for loss in read.losses]
+        self._begun |= bool(taken)
+        rows = _joined([read.rows for read in taken])
+        self._rows += len(rows)
+        return FeedUpdate(self._state(), rows, [event for read in taken for event in read.events])
+
+    def rest(self) -> None:
+        """Read no more until the next poll, but for what is being read now; returns at once."""
+        if not self._stop.is_set():
+            self._onward.clear()
+
+    def stop(self) -> None:
+        """End reading; returns at once."""
+        self._stop.set()
+        self._onward.set()
+
+    def _state(self) -> FeedState:
+        ended = None
+        if not self._running:
+            ended = self.error.said if self.error else None
+        progress = None
+        if self._running and self._total:
+            progress = min(1.0, self._rows / self._total)
+        return FeedState(
+            title=self._title,
+            running=self._running,
+            ended=ended,
+            trouble=_damaged(self._losses),
+            live=False,
+            rows=self._rows,
+            progress=progress,
+            files=self._files,
+        )
+
+    def _run(self) -> None:
+        try:
+            for batch in self._batches:
+                if not self._put(batch):
+                    return
+                self._onward.wait()
+        except FteSniffError as error:
+            self.error = error
+        self._put(None)
+
+    def _put(self, batch: Read | None) -> bool:
+        while not self._stop.is_set():
+            try:
+                self._read.put(batch, timeout=0.1)
+            except queue.Full:
+                continue
+            return True
+        return False
+
+
+def _damaged(losses: Sequence[str]) -> str | None:
+    """The first loss, and how many more there are; None where nothing is lost."""
+    if not losses:
+        return None
+    if len(losses) == 1:
+        return Said("the file is damaged: {loss}", loss=losses[0])
+    return Said(
+        "the file is damaged: {loss}; {count:,} more are told at the end",
+        loss=losses[0],
+        count=len(losses) - 1,
+    )
+
+
+def _has_room(taken: list[Read]) -> bool:
+    packed = all(isinstance(read.rows, PackedRows) for read in taken if len(read.rows))
+    rows = sum(len(read.rows) for read in taken)
+    return rows < (MOST_PACKED_A_POLL if packed else MOST_ROWS_A_POLL)
+
+
+def _joined(taken: list[Sequence[Row]]) -> Sequence[Row]:
+    taken = [rows for rows in taken if len(rows)]
+    packed = [rows for rows in taken if isinstance(rows, PackedRows)]
+    if packed and len(packed) == len(taken):
+        return PackedRows.joined(packed)
+    return [row for rows in taken for row in rows]

@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.analysis.columns.wide import SCHEMA, row_frame
+from fte_sniff.protocol import (
+    COLUMN_BY_NAME,
+    COLUMNS,
+    ColumnType,
+    Damage,
+    Fault,
+    Frame,
+    Row,
+    record,
+)
+
+ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
+
+
+@given(ROWS)
+def test_a_frame_tells_what_the_records_of_the_rows_tell(rows: list[Row]) -> None:
+    plain = row_frame(rows).with_columns(
+        pl.col("time").cast(pl.Int64),
+        *(
+            pl.col(column.name).cast(pl.String)
+            for column in COLUMNS
+            if column.type is ColumnType.WORD
+        ),
+    )
+    assert plain.rows(named=True) == [record(row) for row in rows]
+
+
+@given(ROWS)
+def test_a_frame_has_the_types_of_the_contract(rows: list[Row]) -> None:
+    assert dict(row_frame(rows).schema) == SCHEMA
+    assert list(SCHEMA) == list(COLUMN_BY_NAME)
+
+
+@given(ROWS, st.sets(st.sampled_from(list(COLUMN_BY_NAME)), min_size=1))
+def test_some_columns_are_those_of_the_whole_frame(rows: list[Row], names: set[str]) -> None:
+    wanted = [name for name in COLUMN_BY_NAME if name in names]
+    assert row_frame(rows, names).equals(row_frame(rows).select(wanted))
+
+
+@pytest.mark.parametrize(
+    ("column", "dtype"),
+    [
+        ("time", pl.Datetime("ns", "UTC")),
+        ("port", pl.String()),
+        ("offset", pl.Int64()),
+        ("status", pl.Enum(["ok", "suspect", "malformed"])),
+        ("faults", pl.List(pl.String())),
+        ("raw", pl.String()),
+    ],
+)
+def test_the_types_are_what_readers_of_a_table_expect(column: str, dtype: pl.DataType) -> None:
+    assert SCHEMA[column] == dtype
+
+
+def test_a_port_name_that_is_no_text_is_shown_with_a_mark() -> None:
+    frame = row_frame([Damage("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,))])
+    assert frame["port"].to_list() == ["/dev/?"]

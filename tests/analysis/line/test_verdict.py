@@ -1,0 +1,126 @@
+from random import Random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.faults import damaged_stream, draw_frame, ordinary
+from benchmarks.uart import AfterError
+from benchmarks.uart import heard as heard_by_hardware
+from fte_sniff.analysis.line.uart_model import Resync, falls_of, heard, line_levels
+from fte_sniff.analysis.line.verdict import COMMON_BAUDS, Condition, Setting, judge
+from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
+
+CONTROL = tuple(kind for kind in KINDS if kind.direction is Direction.CONTROL)
+FEEDBACK = tuple(kind for kind in KINDS if kind.direction is Direction.FEEDBACK)
+TRAFFIC = {"all": KINDS, "control": CONTROL, "feedback": FEEDBACK, "one kind": FEEDBACK[:1]}
+
+
+def frames(seed, kinds=KINDS, count=80):
+    random = Random(f"verdict {seed}")
+    return [draw_frame(random, ordinary, kinds) for _ in range(count)]
+
+
+@pytest.mark.parametrize("after_error", AfterError)
+@pytest.mark.parametrize("traffic", TRAFFIC)
+@pytest.mark.parametrize("baud", [19_200, 38_400, 57_600])
+def test_a_slower_line_is_recognised_with_its_baud_and_polarity(baud, traffic, after_error):
+    for inverted in (False, True):
+        data = heard_by_hardware(
+            1, frames(1, TRAFFIC[traffic]), baud, DEFAULT_BAUD, inverted=inverted,
+            after_error=after_error,
+        )  # fmt: skip
+        verdict = judge(data, DEFAULT_BAUD)
+        expected = Condition.INVERTED if inverted else Condition.WRONG_BAUD
+        assert (verdict.condition, verdict.share) == (expected, 0.0)
+        assert verdict.guesses[0][0] == Setting(baud, inverted)
+
+
+@pytest.mark.parametrize("after_error", AfterError)
+@pytest.mark.parametrize("traffic", TRAFFIC)
+@pytest.mark.parametrize("baud", [9_600, DEFAULT_BAUD, 921_600])
+def test_swapped_polarity_is_recognised_at_its_own_baud(baud, traffic, after_error):
+    data = heard_by_hardware(
+        2, frames(2, TRAFFIC[traffic]), baud, baud, inverted=True, after_error=after_error
+    )
+    verdict = judge(data, baud)
+    assert verdict.condition is Condition.INVERTED
+    assert verdict.guesses[0][0] == Setting(baud, True)
+    assert verdict.guesses[0][1] > 0.9
+
+
+@pytest.mark.parametrize("baud", [230_400, 460_800, 921_600, 2_000_000])
+@pytest.mark.parametrize("traffic", TRAFFIC)
+def test_a_faster_line_is_never_taken_for_a_sound_one(baud, traffic):
+    data = heard_by_hardware(3, frames(3, TRAFFIC[traffic], 200), baud, DEFAULT_BAUD)
+    verdict = judge(data, DEFAULT_BAUD)
+    assert verdict.share < 0.1
+    assert verdict.condition in (Condition.WRONG_BAUD, Condition.FOREIGN, Condition.INVERTED)
+
+
+@pytest.mark.parametrize("baud", [b for b in COMMON_BAUDS if b < DEFAULT_BAUD / 8])
+def test_a_far_slower_line_looks_held_low(baud):
+    data = heard_by_hardware(4, frames(4, count=20), baud, DEFAULT_BAUD)
+    assert judge(data, DEFAULT_BAUD).condition is Condition.LOW
+
+
+@pytest.mark.parametrize("traffic", TRAFFIC)
+@pytest.mark.parametrize("baud", COMMON_BAUDS)
+def test_at_the_right_baud_a_line_is_sound(baud, traffic):
+    data = heard_by_hardware(5, frames(5, TRAFFIC[traffic], 20), baud, baud)
+    verdict = judge(data, baud)
+    assert (verdict.condition, verdict.share) == (Condition.SOUND, 1.0)
+    kinds = {"control": {Direction.CONTROL}, "all": set(Direction)}.get(
+        traffic, {Direction.FEEDBACK}
+    )
+    assert verdict.directions == kinds
+
+
+@pytest.mark.parametrize(("share", "condition"), [(0.02, "sound"), (0.4, "damaged")])
+def test_a_bad_wire_is_the_right_line_all_the_same(share, condition):
+    data, _ = damaged_stream(7, 300, share, "ordinary")
+    assert judge(data, DEFAULT_BAUD).condition == condition
+
+
+@pytest.mark.parametrize(
+    ("data", "condition"),
+    [
+        (b"", Condition.SILENT),
+        (b"\0" * 5, Condition.LOW),
+        (b"\0" * 500, Condition.LOW),
+        (b"\x37\x99\xc2", Condition.TOO_LITTLE),
+        (b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n" * 4, "text"),
+        (Random(1).randbytes(600), Condition.FOREIGN),
+        (frames(1)[0], Condition.SOUND),
+    ],
+)
+def test_what_else_a_line_can_be(data, condition):
+    assert judge(data, DEFAULT_BAUD).condition == condition
+
+
+@settings(deadline=None)
+@given(st.binary(max_size=200), st.sampled_from(COMMON_BAUDS))
+def test_any_bytes_get_a_verdict_that_adds_up(data, baud):
+    verdict = judge(data, baud)
+    assert verdict.size == len(data)
+    assert 0 <= verdict.share <= 1
+    assert sum(probability for _, probability in verdict.guesses) <= 1 + 1e-9
+    assert Setting(baud, False) not in dict(verdict.guesses)
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.binary(min_size=1, max_size=20), min_size=1, max_size=5),
+    st.integers(0, 40),
+    st.sampled_from(Resync),
+)
+def test_at_its_own_baud_a_uart_hears_what_was_sent(pieces, idle, resync):
+    levels = line_levels([*pieces, b""], [idle, 40])
+    bits = levels + b"\1" * 20
+    assert heard(bits, falls_of(bits, 0), 0, 1.0, resync, 1000) == b"".join(pieces)
+
+
+@settings(deadline=None)
+@given(st.binary(max_size=100), st.sampled_from(COMMON_BAUDS))
+def test_hardware_hears_what_was_sent_though_its_clock_is_off(data, baud):
+    assert heard_by_hardware(1, [data], baud, baud) == data

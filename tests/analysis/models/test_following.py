@@ -1,0 +1,110 @@
+"""The models behind a store that grows, forgets and is looked back at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fte_sniff.analysis.columns.fields import Decoded
+from fte_sniff.analysis.columns.packing import Codebook, pack
+from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.models.following import Following
+from fte_sniff.analysis.models.motors import Motors
+from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.protocol import KIND_BY_NAME, Direction, Frame, Row, encode
+
+MILLISECOND = 1_000_000
+
+
+def _rows(count: int) -> list[Row]:
+    rows: list[Row] = []
+    for number in range(count):
+        kind = KIND_BY_NAME["speed" if number % 3 == 0 else "speed_feedback"]
+        raw = encode(kind, {"motor": 1 + number % 4, "rpm": number})
+        rows.append(Frame("p", 10 * number, raw, number * MILLISECOND))
+    return rows
+
+
+def _motors(rows: Sequence[Row]) -> Motors:
+    motors = Motors()
+    motors.add(Decoded(pack(rows, Codebook())[0]))
+    return motors
+
+
+@settings(deadline=None)
+@given(
+    st.integers(1, 60),
+    st.integers(1, 20),
+    st.integers(1, 20),
+    st.integers(1, 9),
+    st.lists(st.integers(0, 60), max_size=4),
+)
+def test_the_state_at_any_row_is_that_of_all_rows_up_to_it(
+    count: int, budget: int, every: int, block_rows: int, looks: list[int]
+) -> None:
+    rows = _rows(count)
+    store = RowStore(1000, block_rows)
+    following = Following(store, Bench(), every)
+    for start in range(0, count, 7):
+        store.append(rows[start : start + 7])
+        following.step(budget)
+    while not following.step(budget):
+        pass
+    for index in looks:
+        motors = following.motors_at(index)
+        if index >= count:
+            assert motors is None
+        else:
+            assert motors is not None
+            now = index * MILLISECOND
+            assert motors.states(now) == _motors(rows[: index + 1]).states(now)
+
+
+def test_rows_that_leave_before_they_are_looked_at_are_told() -> None:
+    store = RowStore(100, 32)
+    following = Following(store, Bench(), 32)
+    store.append(_rows(250))
+    assert following.behind == 100
+    assert following.step(1000)
+    assert following.missed == 150
+    assert following.motors.states(None)[0].commands + following.behind == 8
+    assert following.motors_at(200) is not None
+
+
+def test_nothing_is_told_of_rows_that_were_not_looked_at() -> None:
+    store = RowStore()
+    following = Following(store, Bench())
+    store.append(_rows(50))
+    assert not following.step(20)
+    assert following.motors_at(20) is None
+    assert following.motors_at(19) is following.motors
+
+
+@pytest.mark.parametrize("window_ms", [10, 200, 5000])
+def test_traces_of_the_past_reach_back_as_far_as_is_asked(window_ms: int) -> None:
+    rows = _rows(2000)
+    store = RowStore(5000, 64)
+    following = Following(store, Bench(), 128)
+    store.append(rows)
+    following.step(10**6)
+    index = 1000
+    end = index * MILLISECOND
+    window = (end - window_ms * MILLISECOND, end + 1)
+    traces = following.traces_at(index, window[0])
+    spans = traces.spans(2, Direction.FEEDBACK, "rpm", window, 40)
+    inside = [
+        row.values["rpm"]
+        for row in rows[: index + 1]
+        if isinstance(row, Frame)
+        and row.direction is Direction.FEEDBACK
+        and row.values["motor"] == 2
+        and row.t_ns is not None
+        and row.t_ns >= window[0]
+    ]
+    assert np.nanmax(spans.high) == max(inside)
+    assert np.nanmin(spans.low) <= min(inside)
+    assert np.isnan(traces.spans(2, Direction.FEEDBACK, "pulses", window, 40).low).all()

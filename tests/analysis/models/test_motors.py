@@ -1,0 +1,159 @@
+"""What is known of the motors, against one row after the other done by hand."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fte_sniff.analysis.columns.fields import Decoded
+from fte_sniff.analysis.columns.packing import Codebook, pack
+from fte_sniff.analysis.models.motors import Motors, MotorState
+from fte_sniff.protocol import KIND_BY_NAME, KINDS, Damage, Direction, Fault, Frame, Row, encode
+
+SECOND = 1_000_000_000
+SMALL = st.integers(-300, 300)
+
+
+def _frame(draw: st.DrawFn, t_ns: int | None) -> Row:
+    kind = draw(st.sampled_from(KINDS))
+    values = {
+        field.name: draw(
+            st.integers(field.low, min(field.high, field.low + 15)) | st.just(field.high)
+        )
+        for field in kind.fields
+    }
+    raw = encode(kind, values, draw(st.sampled_from(kind.cmds)))
+    if draw(st.integers(0, 9)) == 0:
+        return Damage("p", 0, raw[:-1], t_ns, (Fault.TRUNCATED,))
+    if draw(st.integers(0, 9)) == 0:
+        raw = raw[:2] + draw(st.sampled_from([b"\x00", b"\x09"])) + raw[3:]
+    return Frame("p", 0, raw, t_ns)
+
+
+@st.composite
+def row_lists(draw: st.DrawFn) -> list[Row]:
+    steps = draw(st.lists(st.integers(0, SECOND), max_size=25))
+    has_times = draw(st.booleans())
+    rows, t_ns = [], 0
+    for step in steps:
+        t_ns += step
+        rows.append(_frame(draw, t_ns if has_times else None))
+    return rows
+
+
+def states_of(rows: list[Row], cuts: list[int], now_ns: int = 40 * SECOND) -> list[MotorState]:
+    motors, codebook = Motors(), Codebook()
+    edges = [0, *sorted(min(cut, len(rows)) for cut in cuts), len(rows)]
+    for start, end in pairwise(edges):
+        motors.add(Decoded(pack(rows[start:end], codebook)[0]))
+    return motors.states(now_ns)
+
+
+@settings(deadline=None)
+@given(row_lists(), st.lists(st.integers(0, 25), max_size=4))
+def test_it_makes_no_difference_where_batches_are_cut(rows: list[Row], cuts: list[int]) -> None:
+    assert states_of(rows, cuts) == states_of(rows, [])
+
+
+def _commands(row: Row, motor: int) -> bool:
+    if not isinstance(row, Frame) or row.kind is None:
+        return False
+    if row.direction is not Direction.CONTROL:
+        return False
+    return not row.kind.names_motor or row.values["motor"] == motor
+
+
+def _tells(row: Row, motor: int) -> bool:
+    return (
+        isinstance(row, Frame)
+        and row.direction is Direction.FEEDBACK
+        and row.kind is not None
+        and row.values["motor"] == motor
+    )
+
+
+@settings(deadline=None)
+@given(row_lists())
+def test_a_state_is_what_the_last_frames_said(rows: list[Row]) -> None:
+    for state in states_of(rows, []):
+        commands = [row for row in rows if _commands(row, state.motor)]
+        feedback = [row for row in rows if _tells(row, state.motor)]
+        assert (state.commands, state.feedback) == (len(commands), len(feedback))
+        target = state.target
+        if not commands:
+            assert target is None
+        else:
+            last = commands[-1]
+            values = {name: value for name, value in last.values.items() if name != "motor"}
+            assert target is not None
+            assert (target.kind, dict(target.values), target.t_ns) == (last.kind, values, last.t_ns)
+        for name in ("rpm", "pulses"):
+            told = [row for row in feedback if name in row.values]
+            reading = state.present.get(name)
+            wanted = (told[-1].values[name], told[-1].t_ns) if told else None
+            assert wanted == (reading and (reading.value, reading.t_ns))
+        _check_flags(state, feedback)
+
+
+def _check_flags(state: MotorState, feedback: list[Row]) -> None:
+    for name in ("error", "online"):
+        bytes_ = [(row.values[name], row.t_ns) for row in feedback]
+        if not bytes_:
+            assert name not in state.flags
+            continue
+        changed: list[int | None] = [None] * 8
+        for (before, _), (now, t_ns) in pairwise(bytes_):
+            for bit in range(8):
+                if (before ^ now) >> bit & 1:
+                    changed[bit] = t_ns
+        flags = state.flags[name]
+        assert (flags.byte, flags.changed_ns) == (bytes_[-1][0], tuple(changed))
+
+
+def _row(name: str, t_ns: int | None, **values: int) -> Row:
+    return Frame("p", 0, encode(KIND_BY_NAME[name], values), t_ns)
+
+
+def test_a_motor_that_said_nothing_has_no_numbers() -> None:
+    state = states_of([_row("reset", 0)], [])[2]
+    assert state.present == {}
+    assert state.online is None
+    assert state.delay_p50_ns is None
+    assert state.feedback_per_s is None
+    assert (state.answered, state.unanswered, state.waiting_since_ns) == (0, 0, None)
+
+
+def test_the_limit_of_a_position_command_is_no_speed_that_was_reached() -> None:
+    state = states_of([_row("position", 5, motor=1, rpm=1000, pulses=-7)], [])[0]
+    assert state.target is not None
+    assert dict(state.target.values) == {"rpm": 1000, "pulses": -7}
+    assert "rpm" not in state.present
+    assert state.waiting_since_ns == 5
+
+
+def test_online_is_told_by_the_feedback_of_any_motor() -> None:
+    rows = [
+        _row("speed_feedback", 1, motor=1, rpm=0, online=0x0F),
+        _row("speed_feedback", 2, motor=2, rpm=0, online=0x0B),
+    ]
+    states = states_of(rows, [])
+    assert [state.online for state in states] == [True, True, False, True]
+    assert states[2].online_changed_ns == 2
+    assert states[0].online_changed_ns is None
+
+
+@pytest.mark.parametrize("rate", [10, 100, 1000])
+def test_rates_and_delays(rate: int) -> None:
+    step, delay = SECOND // rate, SECOND // rate // 4
+    rows: list[Row] = []
+    for number in range(4 * rate):
+        rows.append(_row("speed", number * step, motor=1, rpm=5))
+        rows.append(_row("speed_feedback", number * step + delay, motor=1, rpm=5))
+    state = states_of(rows, [], now_ns=4 * SECOND)[0]
+    assert state.commands_per_s == pytest.approx(rate, rel=0.06)
+    assert state.feedback_per_s == pytest.approx(rate, rel=0.06)
+    assert (state.delay_p50_ns, state.delay_p99_ns) == (delay, delay)
+    assert (state.answered, state.unanswered) == (4 * rate, 0)

@@ -1,0 +1,211 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from fte_sniff.analysis.columns.packing import Codebook, Packed, pack
+from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.store.row_store import Bools, RowStore
+from fte_sniff.protocol import Damage, Fault, Frame, Row
+
+ROW = st.from_type(Frame) | st.from_type(Damage)
+FILTERS = [
+    RowFilter.parse(text)
+    for text in ("malformed", "TRUE", "FALSE", "length > 10", "raw LIKE '%_0'")
+]
+
+
+class Again:
+    """Gives again what was appended."""
+
+    def __init__(self, rows: list[Row]) -> None:
+        self.rows = rows
+        self.loads = 0
+
+    def load(self, start: int, count: int, codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
+        self.loads += 1
+        return pack(self.rows[start : start + count], codebook)
+
+
+class StoreMachine(RuleBasedStateMachine):
+    """A store against a plain list of all rows ever appended."""
+
+    @initialize(
+        bound=st.integers(1, 12), block_rows=st.integers(1, 5), most=st.none() | st.integers(1, 3)
+    )
+    def begin(self, bound: int, block_rows: int, most: int | None) -> None:
+        self.bound = bound
+        self.all: list[Row] = []
+        source = None if most is None else Again(self.all)
+        self.store = RowStore(bound, block_rows, source, most or 1)
+        self.filter: RowFilter | None = None
+
+    @rule(rows=st.lists(ROW, max_size=20))
+    def append(self, rows: list[Row]) -> None:
+        self.all += rows
+        self.store.append(rows)
+
+    @rule(row_filter=st.none() | st.sampled_from(FILTERS), near=st.none() | st.integers(-3, 40))
+    def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
+        self.store.set_filter(row_filter, near)
+        self.filter = row_filter
+
+    @rule(budget=st.integers(1, 6))
+    def step(self, budget: int) -> None:
+        before = self.store.pending
+        done = self.store.filter_step(budget)
+        assert done == (self.store.pending == 0)
+        assert before - self.store.pending >= min(budget, before)
+
+    @invariant()
+    def the_latest_rows_are_kept_as_they_came(self) -> None:
+        store = self.store
+        assert store.next == len(self.all)
+        assert len(store) == min(len(self.all), self.bound)
+        assert store.first == store.next - len(store)
+        kept = store.rows(-5, store.next + 5)
+        assert kept == self.all[store.first :]
+        assert [store.row(index) for index in range(store.first, store.next)] == kept
+
+    @invariant()
+    def the_filter_shows_what_it_wants(self) -> None:
+        store = self.store
+        wanted = [
+            index
+            for index in range(store.first, store.next)
+            if self.filter is None or self.filter.select([self.all[index]])
+        ]
+        shown = [store.shown_index(position) for position in range(store.shown_count)]
+        if store.pending:
+            assert shown == [index for index in wanted if index in set(shown)]
+        else:
+            assert shown == wanted
+
+    @invariant()
+    def positions_and_indices_agree(self) -> None:
+        store = self.store
+        shown = store.shown_slice(-3, store.shown_count + 3)
+        assert [index for index, _ in shown] == [
+            store.shown_index(position) for position in range(store.shown_count)
+        ]
+        assert [row for _, row in shown] == [self.all[index] for index, _ in shown]
+        faulty = [index for index, row in shown if row.faults]
+        for index in range(store.first - 2, store.next + 3):
+            assert store.position_of(index) == sum(other < index for other, _ in shown)
+            behind = [other for other in faulty if other > index]
+            before = [other for other in faulty if other < index]
+            assert store.fault_index(index, 1) == (behind[0] if behind else None)
+            assert store.fault_index(index, -1) == (before[-1] if before else None)
+            assert store.is_shown(index) == any(other == index for other, _ in shown)
+
+    @invariant()
+    def what_passes_a_test_is_found_block_by_block(self) -> None:
+        store = self.store
+        shown = store.shown_slice(0, store.shown_count)
+        for index in range(store.first - 2, store.next + 3):
+            behind = [other for other, row in shown if other >= index and len(row.raw) > 10]
+            before = [other for other, row in shown if other <= index and len(row.raw) > 10]
+            assert _walked(store, index, 1) == (behind[0] if behind else None)
+            assert _walked(store, index, -1) == (before[-1] if before else None)
+        for _, row in shown[:3]:
+            holding = [
+                index
+                for index, other in shown
+                if other.port == row.port
+                and other.offset <= row.offset < other.offset + len(other.raw)
+            ]
+            found = store.offset_index(row.port, row.offset)
+            assert found == (holding[0] if holding else None)
+
+    @invariant()
+    def any_filter_selects_from_what_is_kept(self) -> None:
+        store = self.store
+        for row_filter in (None, FILTERS[3]):
+            found: list[Row] = []
+            at = store.first - 1
+            while at < store.next:
+                rows, onward = store.select(at, store.next, row_filter)
+                assert onward > at
+                found, at = found + rows, onward
+            kept = self.all[store.first :]
+            assert found == (kept if row_filter is None else row_filter.select(kept))
+
+
+def _walked(store: RowStore, index: int, by: int) -> int | None:
+    """The nearest row that is longer than ten bytes, told by the bytes that stand aside."""
+
+    def is_long(packed: Packed, long: Mapping[int, bytes], _: Codebook) -> Bools:
+        return np.array([at in long for at in range(len(packed))], np.bool_)
+
+    step = store.find_step(is_long, index, by)
+    while step.onward is not None:
+        step = store.find_step(is_long, step.onward, by)
+    return step.found
+
+
+StoreMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=15, deadline=None)
+test_a_store_is_a_bounded_list_with_a_filter = StoreMachine.TestCase
+
+
+def test_a_new_filter_begins_where_one_looks() -> None:
+    store = RowStore(1_000, block_rows=10)
+    store.append([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)])
+    store.set_filter(RowFilter.parse("noise"), near=42)
+    assert not store.filter_step(1)
+    assert [index for index, _ in store.shown_slice(0, 100)] == list(range(40, 50))
+
+
+def test_blocks_beyond_the_bound_of_memory_are_read_again_when_they_are_asked_for() -> None:
+    rows: list[Row] = [
+        Damage("port", at, bytes(1 + at % 20), None, (Fault.NOISE,)) for at in range(1000)
+    ]
+    source = Again(rows)
+    store = RowStore(1000, 10, source, most_blocks=3)
+    store.append(rows)
+    assert source.loads == 0
+    assert store.rows(970, 1000) == rows[970:]
+    assert source.loads == 0
+    assert store.rows(0, 20) == rows[:20]
+    assert source.loads == 2
+    assert store.rows(0, 20) == rows[:20]
+    assert source.loads == 2
+    store.set_filter(RowFilter.parse("length = 7"))
+    while not store.filter_step(100):
+        pass
+    loads = source.loads
+    assert store.shown_count == 50
+    assert store.position_of(500) == 25
+    assert source.loads == loads
+    assert [row for _, row in store.shown_slice(24, 26)] == [rows[486], rows[506]]
+    assert source.loads > loads
+
+
+def test_other_rows_than_there_were_are_refused() -> None:
+    rows: list[Row] = [Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)]
+    source = Again(rows)
+    store = RowStore(1000, 10, source, most_blocks=1)
+    store.append(rows)
+    source.rows = rows[:5]
+    with pytest.raises(ValueError, match="5 rows came back of 10"):
+        store.rows(0, 10)
+
+
+@pytest.mark.parametrize("position", [-1, 3])
+def test_a_position_that_is_not_there_is_an_error(position: int) -> None:
+    store = RowStore()
+    store.append([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(3)])
+    with pytest.raises(IndexError):
+        store.shown_row(position)
+    with pytest.raises(IndexError):
+        store.row(position)
+
+
+@pytest.mark.parametrize(("bound", "block_rows"), [(0, 10), (10, 0), (10, 2**16 + 1)])
+def test_a_store_of_no_rows_cannot_be(bound: int, block_rows: int) -> None:
+    with pytest.raises(ValueError, match="cannot be"):
+        RowStore(bound, block_rows)

@@ -1,0 +1,69 @@
+import os
+import subprocess
+
+from serial.tools.list_ports_common import ListPortInfo
+
+from fte_sniff.capture.ports.holders import Holder, holders_of
+from fte_sniff.capture.ports.listing import list_ports, listings
+from fte_sniff.capture.ports.permission import way_in
+from fte_sniff.errors import shown
+
+
+def found(device, **facts):
+    port = ListPortInfo(device)
+    for name, value in facts.items():
+        setattr(port, name, value)
+    return port
+
+
+def test_a_port_is_listed_with_its_ids_and_its_lasting_name(pty, tmp_path):
+    lasting = tmp_path / "usb-FTDI_FT232R-if00-port0"
+    lasting.symlink_to(pty.device)
+    port = found(pty.device, vid=0x403, pid=0x6001, serial_number="A1\x1b[2J", description="FT232R")
+    (listed,) = listings([port], tmp_path)
+    assert (listed.device, listed.by_id) == (pty.device, str(lasting))
+    assert listed.usb_ids == "0403:6001"
+    assert listed.serial_number == r"A1\x1b[2J"
+    assert (listed.description, listed.driver, listed.permitted) == ("FT232R", None, True)
+    assert listed.holders == ()
+
+
+def test_a_port_that_is_not_usb_has_no_ids(pty, tmp_path):
+    (listed,) = listings([found(pty.device)], tmp_path / "none")
+    assert (listed.usb_ids, listed.by_id, listed.serial_number) == (None, None, None)
+
+
+def test_the_ports_of_this_machine_are_devices():
+    assert all(os.path.exists(port.device) for port in list_ports())  # noqa: PTH110
+
+
+def test_who_has_a_device_open_is_named_and_oneself_is_not(pty):
+    assert holders_of(pty.device) == []
+    with subprocess.Popen(["sleep", "60"], stdin=pty.near) as other:
+        assert holders_of(pty.device) == [Holder(other.pid, "sleep")]
+        other.terminate()
+    assert holders_of("/dev/no-such-port") == []
+
+
+def test_text_from_outside_is_shown_not_obeyed():
+    assert shown("a\x1b[31m\n\u202eb é") == r"a\x1b[31m\n\u202eb é"
+
+
+def test_the_way_in_names_the_group_or_the_rule(tmp_path):
+    file = tmp_path / "port"
+    file.touch()
+    file.chmod(0o600)
+    assert 'GROUP="dialout"' in way_in(str(file))
+    assert way_in(str(tmp_path / "gone")) == "ask the machine's administrator"
+
+
+def test_the_way_in_names_the_command_for_a_group_that_may(tmp_path):
+    import grp
+
+    group = next(group for group in grp.getgrall() if group.gr_gid not in (0, *os.getgroups()))
+    file = tmp_path / "port"
+    file.touch()
+    file.chmod(0o660)
+    if os.geteuid() == 0:
+        os.chown(file, 0, group.gr_gid)
+        assert f"sudo usermod -aG {group.gr_name} root, then log in again" in way_in(str(file))

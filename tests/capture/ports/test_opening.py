@@ -1,0 +1,232 @@
+import os
+import socket
+import subprocess
+import sys
+import termios
+import threading
+
+import pytest
+import serial
+
+from fte_sniff.capture.ports.holders import Holder, have_open
+from fte_sniff.capture.ports.opening import ControlLine, PortSettings, device_of, open_port
+from fte_sniff.capture.ports.refusal import known_schemes, refusal
+from fte_sniff.capture.url_handlers import protocol_socket
+from fte_sniff.errors import PortError, ValueRangeError
+
+
+def message_of(name, settings=PortSettings()):  # noqa: B008
+    with pytest.raises(PortError) as refused:
+        open_port(name, settings)
+    message = str(refused.value)
+    assert message.isprintable()
+    return message
+
+
+def test_a_terminal_is_opened_raw_8n1_at_the_baud_asked_for(pty):
+    attributes = pty.attributes()
+    attributes[0] |= termios.BRKINT | termios.IXON | termios.ICRNL | termios.ISTRIP
+    attributes[1] |= termios.OPOST
+    attributes[3] |= termios.ECHO | termios.ICANON | termios.ISIG
+    termios.tcsetattr(pty.near, termios.TCSANOW, attributes)
+    with open_port(pty.device, PortSettings(baud=921_600)) as port:
+        iflag, oflag, cflag, lflag, ispeed, ospeed, _ = pty.attributes()
+        discarding = termios.BRKINT | termios.IXON | termios.ICRNL | termios.ISTRIP | termios.IGNPAR
+        assert iflag & discarding == 0
+        assert oflag & termios.OPOST == 0
+        assert cflag & (termios.CSIZE | termios.PARENB | termios.CSTOPB) == termios.CS8
+        assert lflag & (termios.ECHO | termios.ICANON | termios.ISIG) == 0
+        assert (ispeed, ospeed) == (termios.B921600, termios.B921600)
+        assert device_of(port) == pty.device
+
+
+@pytest.mark.parametrize("baud", [123_456, 3_000_000, 115_200])
+def test_every_byte_comes_through_unchanged_and_none_goes_out(pty, baud, until):
+    every_byte = bytes(range(256)) * 4
+    with open_port(pty.device, PortSettings(baud)) as port:
+        pty.send(every_byte)
+        until(lambda: port.in_waiting == len(every_byte))
+        assert port.read(len(every_byte)) == every_byte
+        assert pty.arrived() == b""
+    assert pty.arrived() == b""
+
+
+@pytest.mark.parametrize("dtr", ControlLine)
+@pytest.mark.parametrize("rts", ControlLine)
+def test_a_port_without_control_lines_opens_whatever_is_asked_of_them(pty, dtr, rts, until):
+    settings = PortSettings(dtr=dtr, rts=rts)
+    for name in (pty.device, "sim://", "loop://"):
+        open_port(name, settings).close()
+    with open_port(pty.device, settings) as port:
+        assert (port.dtr, port.rts) == (dtr is ControlLine.ON, rts is ControlLine.ON)
+        pty.send(b"x")
+        until(lambda: port.in_waiting)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("/dev/no-such-port", ["/dev/no-such-port: no such port;"]),
+        ("no-such-port", ["no-such-port: no such port;"]),
+        ("null", ["did you mean /dev/null?"]),
+        ("", ["empty name"]),
+        ("/tmp", ["/tmp is no serial port but a directory"]),
+        (__file__, ["is no serial port but a file"]),
+        (f"{__file__}/x", ["is no serial port but no device either"]),
+        ("/dev/null", ["/dev/null is no serial port but another kind of device"]),
+        ("/dev/\x1b[2J", [r"/dev/\x1b[2J: no such port"]),
+        ("a\0b", [r"a\x00b cannot be opened"]),
+        ("foo://bar", ["foo://bar: no such kind of port", "sim://", "socket://", "loop://"]),
+        ("sim://?sed=1", ["did you mean seed?"]),
+        ("sim://?rate=9999", ["at most 1152 frames/s"]),
+        ("SIM://?drop=7", ["drop=7", "0..1"]),
+        ("socket://localhost", ["no host and TCP port", "socket://192.168.0.7:4001"]),
+        ("socket://localhost:99999", ["no host and TCP port"]),
+        ("rfc2217://:1", ["no host and TCP port", "rfc2217://192.168.0.7:4001"]),
+        ("hwgrep://no-such-thing", ["no ports found"]),
+        ("hwgrep://(", ["cannot be opened"]),
+        ("loop://?x=1", ["options cannot be read"]),
+        ("sim://[", ["sim://[ cannot be opened"]),
+        ("loop://[", ["loop://[ cannot be opened"]),
+        ("hwgrep://[", ["hwgrep://[ cannot be opened"]),
+        ("socket://[", ["no host and TCP port"]),
+        ("loop://?logging=debug", ["leave logging out"]),
+        ("socket://localhost:7?logging=info", ["leave logging out"]),
+        ("/dev/tty", ["is the terminal that this runs in"]),
+        ("/dev/../dev/tty", ["is the terminal that this runs in"]),
+        ("spy://", ["give it a file", "?file="]),
+        ("spy:///dev/ttyUSB0?color", ["give it a file"]),
+    ],
+)
+def test_a_port_that_cannot_be_is_one_line_with_the_way_out(name, told):
+    message = message_of(name)
+    for part in told:
+        assert part in message
+
+
+@pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+def test_a_server_that_is_not_there_is_told_once(scheme):
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        name = f"{scheme}://127.0.0.1:{unused.getsockname()[1]}"
+        message = message_of(name)
+    assert message.count(name) == 1
+    assert message.endswith("Connection refused; does a server listen there?")
+
+
+def test_a_server_that_does_not_speak_rfc_2217_is_named_with_the_way_out():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        where = f"127.0.0.1:{server.getsockname()[1]}"
+        message = message_of(f"rfc2217://{where}")
+    assert message.endswith(f"not speak RFC 2217; where it sends bare bytes, open socket://{where}")
+
+
+def test_control_lines_of_a_port_server_cannot_be_left_alone():
+    settings = PortSettings(dtr=ControlLine.LEAVE)
+    assert "ask for on or off" in message_of("rfc2217://127.0.0.1:1", settings)
+
+
+@pytest.mark.parametrize("baud", [-1, 0, 49, 12_000_001, 2**40])
+def test_a_baud_out_of_range_is_refused_with_the_range(baud):
+    with pytest.raises(ValueRangeError, match=rf"baud {baud} is out of range: 50\.\.12000000"):
+        PortSettings(baud)
+
+
+def test_settings_tell_themselves():
+    settings = PortSettings(dtr=ControlLine.ON, rts=ControlLine.LEAVE)
+    assert str(settings) == "115200 baud 8N1, DTR on, RTS leave"
+
+
+def test_a_port_can_be_open_once_only(pty):
+    with open_port(pty.device):
+        assert "is busy: this or another program has it open" in message_of(pty.device)
+    open_port(pty.device).close()
+
+
+def test_a_busy_port_names_who_has_it(pty):
+    code = "import serial, sys; port = serial.Serial(sys.argv[1], exclusive=True); print(); input()"
+    holder = subprocess.Popen(
+        [sys.executable, "-c", code, pty.device], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    with holder:
+        holder.stdout.readline()
+        message = message_of(pty.device)
+        holder.stdin.close()
+    assert "is busy: python" in message
+    assert f"(pid {holder.pid}) has it open; close that first" in message
+    open_port(pty.device).close()
+
+
+@pytest.mark.parametrize(
+    ("holders", "told"),
+    [
+        ([], "this or another program has it open"),
+        ([Holder(7, "cat")], "cat (pid 7) has it open"),
+        ([Holder(7, "cat"), Holder(8, "od")], "cat (pid 7) and od (pid 8) have it open"),
+    ],
+)
+def test_who_has_it_open_is_said_of_one_and_of_several(holders, told):
+    assert have_open(holders) == told
+
+
+@pytest.fixture
+def somebody():
+    """For the length of the test, no file belongs to us; only root can do that for real."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.setegid(65534)
+    os.seteuid(65534)
+    yield
+    os.seteuid(0)
+    os.setegid(0)
+
+
+def test_a_port_that_is_forbidden_says_what_mends_it(pty, request):
+    os.chmod(pty.device, 0o000)  # noqa: PTH101
+    request.getfixturevalue("somebody")
+    message = message_of(pty.device)
+    assert f"{pty.device}: no permission; " in message
+    assert 'SUBSYSTEM=="tty"' in message or "sudo usermod -aG" in message
+
+
+@pytest.mark.parametrize("number", ["EIO", "ENXIO", "ENODEV"])
+def test_a_device_without_hardware_sends_one_to_the_plug(number):
+    import errno
+
+    error = serial.SerialException(getattr(errno, number), "Could not configure port")
+    assert "check the plug" in str(refusal("/dev/ttyS9", "/dev/ttyS9", error))
+
+
+def test_the_kinds_of_ports_are_found_not_written_down():
+    assert {"sim", "loop", "socket", "rfc2217", "hwgrep"} <= set(known_schemes())
+    assert "cp2110" not in known_schemes()
+
+
+def test_bytes_that_a_server_sends_at_once_are_there():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        greeting = threading.Thread(target=greet, args=(server,))
+        greeting.start()
+
+        class SlowToOpen(protocol_socket.Serial):
+            def _reconfigure_port(self):
+                # pyserial comes here between connecting and throwing away what has arrived.
+                greeting.join()
+                super()._reconfigure_port()
+
+        with SlowToOpen(f"socket://127.0.0.1:{server.getsockname()[1]}", timeout=5) as port:
+            assert port.read(3) == b"\xaa\x55\xee"
+            port.reset_input_buffer()
+
+
+def test_socket_ports_are_those_that_keep_their_first_bytes():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = open_port(f"socket://127.0.0.1:{server.getsockname()[1]}")
+        assert isinstance(port, protocol_socket.Serial)
+        port.close()
+
+
+def greet(server):
+    connection, _ = server.accept()
+    with connection:
+        connection.sendall(b"\xaa\x55\xee")

@@ -1,0 +1,100 @@
+"""What waits for a consumer: in order, bounded, and with a true count of what is left out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import islice
+
+import pytest
+
+from fte_sniff.capture.sources.backlog import Backlog
+from fte_sniff.capture.sources.items import Item
+from fte_sniff.protocol import Chunk, Damage, Framer, PortEvent, PortEventKind
+
+FRAME = bytes.fromhex("55010100000000000FEE")
+OPENED = PortEvent(0, "a", PortEventKind.OPENED, "")
+CLOSED = PortEvent(9**9, "a", PortEventKind.CLOSED, "")
+
+
+def lengths_and_kinds(items: list[Item]) -> list[int | str]:
+    return [len(item.data) if isinstance(item, Chunk) else item.kind.value for item in items]
+
+
+def test_what_waits_is_counted_in_bytes() -> None:
+    backlog = Backlog("a")
+    backlog.tell(OPENED)
+    backlog.put(Chunk("a", 1, b"abc"))
+    backlog.put(Chunk("a", 2, b"de"))
+    assert backlog.waiting == 5
+    assert len(list(islice(backlog, 2))) == 2
+    assert backlog.waiting == 2
+
+
+@pytest.mark.parametrize("taken", [0, 1, 3])
+def test_what_is_dropped_at_the_end_is_one_overrun_with_a_true_count(taken: int) -> None:
+    backlog = Backlog("a", capacity=3000)
+    backlog.tell(OPENED)
+    for t_ns in range(1, 9):
+        backlog.put(Chunk("a", t_ns, bytes(500)))
+    backlog.tell(CLOSED)
+    backlog.end()
+    items = iter(backlog)
+    before = [next(items) for _ in range(taken)]
+    backlog.drop()
+    events = [item for item in items if isinstance(item, PortEvent)]
+    (overrun,) = [event for event in events if event.kind is PortEventKind.OVERRUN]
+    chunks = sum(isinstance(item, Chunk) for item in before)
+    assert overrun.count == 8 * 500 - chunks * 500
+    assert overrun.detail.startswith(f"{overrun.count} bytes were not kept: ")
+    assert overrun.t_ns == max(taken, 1)
+    assert events == [OPENED, overrun, CLOSED][min(taken, 1) :]
+    assert backlog.waiting == 0
+    assert list(backlog) == []
+
+
+def test_once_full_it_takes_bytes_again_when_half_is_free() -> None:
+    backlog = Backlog("a", capacity=10_000)
+    for t_ns in range(12):
+        backlog.put(Chunk("a", t_ns, bytes(744)))
+    assert backlog.waiting == 10 * 744
+    items = iter(backlog)
+    for taken in range(1, 11):
+        next(items)
+        backlog.put(Chunk("a", 100 + taken, bytes(744)))
+        if taken == 6:
+            break
+        assert backlog.waiting == (10 - taken) * 744
+    assert backlog.waiting == 5 * 744
+    backlog.end()
+    assert lengths_and_kinds(list(items)) == [744] * 4 + ["overrun", 744]
+
+
+def test_an_overrun_costs_the_frames_at_its_seams_and_no_other() -> None:
+    backlog, framer = Backlog("a", capacity=20_000), Framer("a", 115_200)
+    stream = FRAME * 20_000
+    taking = iter(backlog)
+    rows, overruns = [], 0
+
+    def take(count: int) -> None:
+        nonlocal overruns
+        for item in islice(taking, count):
+            if isinstance(item, Chunk):
+                rows.extend(framer.feed(item))
+            else:
+                overruns += 1
+                rows.extend(framer.cut())
+
+    for number, at in enumerate(range(0, len(stream), 997)):
+        backlog.put(Chunk("a", number, stream[at : at + 997]))
+        if number % 4 == 3:
+            take(3)
+    backlog.end()
+    take(len(stream))
+    rows.extend(framer.flush())
+    damages = [row for row in rows if isinstance(row, Damage)]
+    assert 1 < overruns < 20
+    assert 0 < len(damages) <= 2 * overruns + 1
+    # A frame without its end, and an end without its beginning.
+    assert all(len(row.raw) < len(FRAME) for row in damages)
+    assert {fault for row in damages for fault in row.faults} <= {"truncated", "noise"}
+    assert Counter(type(row).__name__ for row in rows)["Frame"] > 1000

@@ -1,0 +1,265 @@
+import itertools
+import os
+import signal
+import socket
+import subprocess
+import threading
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.ports.opening import PortSettings, open_port
+from fte_sniff.capture.simulator import SimulationParameters, simulate
+from fte_sniff.capture.sources.items import SourceEnd
+from fte_sniff.capture.sources.source import PortSource, open_source
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+
+CLOCK = Clock.tied()
+
+
+@pytest.fixture
+def source_of():
+    """Open sources; all are closed in the end."""
+    sources = []
+
+    def opens(name, **settings):
+        source = open_source(name, PortSettings(**settings), CLOCK)
+        sources.append(source)
+        return source
+
+    yield opens
+    for source in sources:
+        source.close()
+
+
+def data_of(items):
+    return b"".join(item.data for item in items if isinstance(item, Chunk))
+
+
+def events_of(items):
+    return [item.kind.value for item in items if isinstance(item, PortEvent)]
+
+
+def bytes_taken(items, count, source=None):
+    """Items until so many bytes have come; then their source is stopped."""
+    source = source or items
+    got = 0
+    for item in items:
+        yield item
+        got += len(item.data) if isinstance(item, Chunk) else 0
+        if got >= count:
+            source.stop()
+
+
+def test_all_that_comes_is_yielded_in_order_between_opened_and_closed(pty, source_of):
+    source = source_of(pty.device)
+    sent = os.urandom(20_000)
+    threading.Thread(target=pty.send, args=(sent,)).start()
+    items = list(bytes_taken(source, len(sent)))
+    assert data_of(items) == sent
+    assert events_of(items) == ["opened", "closed"]
+    assert isinstance(items[0], PortEvent)
+    assert isinstance(items[-1], PortEvent)
+    assert {item.port for item in items} == {pty.device}
+    assert source.end is SourceEnd.STOPPED
+    assert pty.arrived() == b""
+
+
+def test_items_carry_the_clocks_time_and_it_never_falls(pty, source_of):
+    before_ns = CLOCK.now_ns()
+    source = source_of(pty.device)
+    pty.send(b"x" * 100)
+    times = [item.t_ns for item in bytes_taken(source, 100)]
+    assert times == sorted(times)
+    assert before_ns <= times[0] <= times[-1] <= CLOCK.now_ns()
+
+
+@pytest.mark.parametrize("name", ["pty", "sim://?host=off&rate=1", "loop://"])
+def test_silence_is_told_every_ten_milliseconds_or_so(pty, source_of, name):
+    source = source_of(pty.device if name == "pty" else name)
+    beats = list(itertools.islice((i for i in source if isinstance(i, Chunk)), 21))
+    assert data_of(beats) == b""
+    gaps_ms = sorted((b.t_ns - a.t_ns) / 1e6 for a, b in itertools.pairwise(beats))
+    assert 5 < gaps_ms[10] < 30
+
+
+def test_an_unplugged_port_ends_with_lost_after_all_that_was_read(pty, source_of, until):
+    source = source_of(pty.device)
+    sent = os.urandom(3000)
+    pty.send(sent)
+    taken = bytearray()
+    items = iter(source)
+    until(lambda: taken.extend(data_of([next(items)])) or len(taken) == len(sent))
+    pty.send(b"last words")
+    # Not before they were read: what the system has not handed over, it drops with the line.
+    until(lambda: source.bytes_read == len(sent) + 10)
+    pty.unplug()
+    rest = list(items)
+    assert bytes(taken) + data_of(rest) == sent + b"last words"
+    assert events_of(rest) == ["lost"]
+    assert isinstance(rest[-1], PortEvent)
+    assert source.end is SourceEnd.LOST
+    assert list(source) == []
+
+
+def test_what_was_read_before_an_unplug_is_kept_for_a_late_consumer(pty, source_of, until):
+    source = source_of(pty.device)
+    pty.send(b"0123456789" * 50)
+    until(lambda: source.bytes_read == 500)
+    pty.unplug()
+    items = list(source)
+    assert data_of(items) == b"0123456789" * 50
+    assert events_of(items) == ["opened", "lost"]
+
+
+def test_a_server_that_sends_and_hangs_up_loses_nothing(source_of):
+    sent = os.urandom(300_000)
+
+    def serve(server):
+        connection, _ = server.accept()
+        with connection:
+            connection.sendall(sent)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        threading.Thread(target=serve, args=(server,)).start()
+        items = list(source_of(f"socket://127.0.0.1:{server.getsockname()[1]}"))
+    assert data_of(items) == sent
+    assert events_of(items) == ["opened", "lost"]
+
+
+def test_a_simulated_port_is_read_to_its_end(source_of):
+    items = list(source_of("sim://?seed=2&rate=1000&frames=100&drop=0.2&noise=0.2"))
+    asked = SimulationParameters(seed=2, rate=1000, frames=100, drop=0.2, noise=0.2)
+    assert data_of(items) == b"".join(item.data for item in simulate(asked))
+    assert events_of(items) == ["opened", "lost"]
+    assert "unplugged" in items[-1].detail
+
+
+def test_a_simulated_frame_is_never_cut_into_two_chunks(source_of):
+    items = list(source_of("sim://?seed=2&rate=200&frames=40"))
+    lengths = [len(item.data) for item in items if isinstance(item, Chunk) and item.data]
+    assert sum(lengths) == 400
+    # Frames come together only where the machine stalls for a while.
+    assert all(length % 10 == 0 for length in lengths)
+
+
+def test_what_loops_back_is_read(source_of):
+    port = open_port("loop://")
+    source = PortSource(port, "loop", CLOCK)
+    port.write(bytes(range(256)))
+    assert data_of(bytes_taken(source, 256)) == bytes(range(256))
+
+
+def test_stop_from_another_thread_yields_what_had_arrived(pty, source_of):
+    source = source_of(pty.device)
+    pty.send(b"just in time")
+    threading.Thread(target=source.stop).start()
+    items = list(source)
+    assert data_of(items) == b"just in time"
+    assert events_of(items) == ["opened", "closed"]
+
+
+def test_stop_from_a_signal_handler_ends_a_consumer_that_waits(pty, source_of):
+    source = source_of(pty.device)
+    before = signal.signal(signal.SIGUSR1, lambda *_: source.stop())
+    try:
+        items = []
+        for item in source:
+            items.append(item)
+            if len(items) == 3:
+                os.kill(os.getpid(), signal.SIGUSR1)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert events_of(items) == ["opened", "closed"]
+    assert source.end is SourceEnd.STOPPED
+
+
+def test_closing_ends_the_thread_and_frees_the_port(pty):
+    for _ in range(3):
+        with open_source(pty.device, PortSettings(), CLOCK) as source:
+            source.stop()
+            source.stop()
+        source.close()
+        assert data_of(source) == b""
+    assert not [t for t in threading.enumerate() if t.name.startswith("reads")]
+
+
+def test_a_consumer_that_breaks_off_leaves_the_port_free(pty):
+    source = open_source(pty.device, PortSettings(), CLOCK)
+    items = iter(source)
+    assert next(items).kind is PortEventKind.OPENED
+    items.close()
+    open_port(pty.device).close()
+
+
+def test_what_a_slow_consumer_cannot_take_is_told_never_silent(pty, until):
+    source = PortSource(open_port(pty.device), "slow", CLOCK, capacity=4000)
+    for number in range(60):
+        pty.send(bytes([number]) * 100)
+        until(lambda sent=100 * (number + 1): source.bytes_read == sent)
+    source.stop()
+    items = list(source)
+    lost = [int(item.detail.split()[0]) for item in items if events_of([item]) == ["overrun"]]
+    kept = data_of(items)
+    assert kept == b"".join(bytes([number]) * 100 for number in range(60))[: len(kept)]
+    assert lost == [6000 - len(kept)]
+    assert events_of(items) == ["opened", "overrun", "closed"]
+
+
+def test_an_overrun_is_told_where_it_happened_and_reading_goes_on(pty, until):
+    source = PortSource(open_port(pty.device), "slow", CLOCK, capacity=2000)
+    pty.send(b"a" * 1000)
+    until(lambda: source.bytes_read == 1000)
+    pty.send(b"c" * 3000)
+    until(lambda: source.bytes_read == 4000)
+    items = iter(source)
+    told = []
+    while told[-1:] != [b"a"]:
+        told += told_by(next(items))
+    # There is room again, and what is sent now is kept.
+    pty.send(b"b" * 10)
+    told += itertools.chain.from_iterable(told_by(item) for item in bytes_taken(items, 10, source))
+    assert [word for word in told if word != b"c"] == ["opened", b"a", "overrun", b"b", "closed"]
+
+
+def test_the_time_of_the_end_is_kept_though_nobody_takes_what_comes(pty, until):
+    source = PortSource(open_port(pty.device), "slow", CLOCK)
+    pty.send(b"in time")
+    until(lambda: source.bytes_read == 7)
+    source.stop_at(CLOCK.now_ns())
+    until(lambda: source.end is SourceEnd.STOPPED)
+    assert source.waiting == 7
+    source.drop()
+    assert [told_by(item) for item in source] == [["opened"], ["overrun"], ["closed"]]
+
+
+def told_by(item):
+    """An event's kind, or the first byte of a chunk that has one."""
+    if isinstance(item, PortEvent):
+        return [item.kind.value]
+    return [item.data[:1]] if item.data else []
+
+
+def test_another_program_at_the_port_is_pointed_out(pty, source_of):
+    with subprocess.Popen(["sleep", "60"], stdin=pty.near) as other:
+        detail = next(iter(source_of(pty.device))).detail
+        other.terminate()
+    assert detail.startswith("115200 baud 8N1, DTR off, RTS off; ")
+    assert f"sleep (pid {other.pid}) has it open too" in detail
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.lists(st.binary(min_size=1, max_size=300), min_size=1, max_size=20))
+def test_however_the_bytes_come_they_are_the_same_bytes(pieces):
+    sent = b"".join(pieces)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        name = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        port = open_port(name)
+        connection, _ = server.accept()
+        with connection:
+            source = PortSource(port, name, CLOCK)
+            for piece in pieces:
+                connection.sendall(piece)
+        assert data_of(source) == sent

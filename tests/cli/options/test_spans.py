@@ -1,0 +1,240 @@
+"""`--from` and `--to`: every way to write a time, and what becomes of it in `decode`."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.cli.options.spans import span_of
+from fte_sniff.errors import FteSniffError
+from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, iso_time
+from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.reading.row_times import row_times
+from fte_sniff.recording.writing.writer import RecordingWriter
+
+SECOND = 10**9
+FIRST = 1_769_860_800 * SECOND + 500_000_000
+"""2026-01-31T12:00:00.5Z"""
+LAST = FIRST + 60 * SECOND
+
+
+@pytest.mark.parametrize(
+    ("text", "t_ns"),
+    [
+        ("2026-01-31T12:00:05Z", FIRST + 4_500_000_000),
+        ("2026-01-31 12:00:05", FIRST + 4_500_000_000),
+        ("2026-01-31T20:00:05+08:00", FIRST + 4_500_000_000),
+        ("2026-01-31T12:00:05.000000001Z", FIRST + 4_500_000_001),
+        ("2026-01-31", FIRST - FIRST % (86400 * SECOND)),
+        ("12:00:05", FIRST + 4_500_000_000),
+        ("12:01", FIRST + 59_500_000_000),
+        ("12:00:05.25", FIRST + 4_750_000_000),
+        ("+10s", FIRST + 10 * SECOND),
+        ("+1.5s", FIRST + 1_500_000_000),
+        ("+1m30s", FIRST + 90 * SECOND),
+        ("+250ms", FIRST + 250_000_000),
+        ("+7ns", FIRST + 7),
+        ("-10s", LAST - 10 * SECOND),
+    ],
+)
+def test_a_time_can_be_written_so(text: str, t_ns: int) -> None:
+    later, earlier = (LAST + 1, LAST + 3600 * SECOND), (FIRST, LAST)
+    span = span_of(text, None, [later[:0] or None, earlier])
+    assert span is not None
+    assert iso_time(span.first_ns) == iso_time(t_ns)
+    assert span_of(None, text, [earlier]).end_ns == t_ns
+
+
+def test_several_inputs_count_from_their_first_row_to_their_last() -> None:
+    span = span_of("+1s", "-1s", [(FIRST + SECOND, LAST), None, (FIRST, FIRST + 2 * SECOND)])
+    assert (span.first_ns, span.end_ns) == (FIRST + SECOND, LAST - SECOND)
+
+
+def test_no_text_is_no_span() -> None:
+    assert span_of(None, None, [(FIRST, LAST)]) is None
+
+
+@pytest.mark.parametrize(
+    ("since", "until", "times", "told"),
+    [
+        ("yesterday", None, (FIRST, LAST), "--from: 'yesterday' is no time"),
+        ("25:00", None, (FIRST, LAST), "'25:00' is no time; write it as"),
+        ("+10", None, (FIRST, LAST), "'10' is no length of time"),
+        ("+s", None, (FIRST, LAST), "is no length of time"),
+        ("1969-12-31", None, (FIRST, LAST), "before any row"),
+        (None, "+10s", None, "--to +10s: the input tells no times"),
+        ("12:00", None, None, "the input tells no times"),
+        ("+20s", "+10s", (FIRST, LAST), "nothing lies between"),
+        ("12:00:20", "12:00:10", (FIRST, LAST), "a time of day is one of the first row's day"),
+        ("9999-12-31", None, (FIRST, LAST), "'9999-12-31' is after 2262-04-11T23:47:16.854775807Z"),
+        ("+99999999999999999999s", None, (FIRST, LAST), "and so after any row"),
+        (f"+{'9' * 5000}s", None, (FIRST, LAST), "and so after any row"),
+        ("9" * 5000, "x", (FIRST, LAST), "is no time"),
+        (f"+{'9' * 5000}", None, (FIRST, LAST), "is no length of time"),
+        (None, "+" + "9" * 5000, None, "the input tells no times"),
+        (f"-{'0' * 5000}1s", f"-{'0' * 5000}2s", (FIRST, LAST), "is not before --to"),
+    ],
+)
+def test_what_is_no_span_is_refused(
+    since: str | None, until: str | None, times: tuple[int, int] | None, told: str
+) -> None:
+    with pytest.raises(FteSniffError) as caught:
+        span_of(since, until, [times])
+    assert told in str(caught.value)
+    assert len(str(caught.value)) < 300
+    assert caught.value.exit_code == 2
+
+
+DAY = 86400 * SECOND
+OVERNIGHT = (FIRST - FIRST % DAY + DAY - 10 * SECOND, FIRST - FIRST % DAY + DAY + 20 * SECOND)
+"""2026-01-31T23:59:50 to 2026-02-01T00:00:20."""
+
+
+@pytest.mark.parametrize(
+    ("since", "until", "times", "end"),
+    [
+        ("23:59:58", "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        (None, "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        ("+1s", "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        ("2026-02-01", "00:00:02", OVERNIGHT, "2026-02-01T00:00:02"),
+        ("23:59:52", "23:59:55", OVERNIGHT, "2026-01-31T23:59:55"),
+        (None, "23:59:55", OVERNIGHT, "2026-01-31T23:59:55"),
+        ("12:00:20", "12:00:30", (FIRST, LAST), "2026-01-31T12:00:30"),
+        (None, "11:00", (FIRST, LAST), "2026-01-31T11:00:00"),
+        (None, "9999-12-31", (FIRST, LAST), "2262-04-11T23:47:16"),
+        (None, "+99999999999999999999s", (FIRST, LAST), "2262-04-11T23:47:16"),
+    ],
+)
+def test_the_end_is_the_first_such_time_behind_the_beginning(
+    since: str | None, until: str, times: tuple[int, int], end: str
+) -> None:
+    span = span_of(since, until, [times])
+    assert span is not None
+    assert iso_time(span.end_ns)[:19] == end
+
+
+def test_a_length_beyond_all_times_lets_all_rows_pass() -> None:
+    assert span_of("-99999999999999999999s", None, [(FIRST, LAST)]).holds(
+        Frame("p", 0, bytes(10), FIRST, (), 0)
+    )
+
+
+def _with_events(path: Path, samples: Path) -> list[Row]:
+    """A recording whose port was opened long before its first row, and closed long after."""
+    rows = list(RecordingReader(samples / "clean.mcap"))
+    times = [row.t_ns for row in rows if row.t_ns is not None]
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write([PortEvent(min(times) - DAY, "p", PortEventKind.OPENED, "")])
+        writer.flush()
+        for at in range(0, len(rows), 100):
+            writer.write(rows[at : at + 100])
+            writer.flush()
+        writer.write([PortEvent(max(times) + DAY, "p", PortEventKind.LOST, "")])
+    return rows
+
+
+@pytest.mark.parametrize("cut", [0, 100])
+def test_relative_times_count_from_rows_not_from_what_happened_to_the_port(
+    run, samples: Path, tmp_path: Path, cut: int
+) -> None:
+    path = tmp_path / "events.mcap"
+    rows = _with_events(path, samples)
+    if cut:
+        path.write_bytes(path.read_bytes()[:-cut])
+    first, last = rows[0].t_ns, rows[-1].t_ns
+    assert row_times(RecordingReader(path)) == (first, last)
+    known = [row.t_ns - first for row in rows]
+    for options, count in (
+        (["--from", "+10s"], sum(at >= 10 * SECOND for at in known)),
+        (["--from", "-1s"], sum(at >= known[-1] - SECOND for at in known)),
+        (["--to", "+1s"], sum(at < SECOND for at in known)),
+        (["--to", "-1s"], sum(at < known[-1] - SECOND for at in known)),
+    ):
+        assert 0 < count < len(rows)
+        done = run("decode", path, "--format", "csv", *options)
+        assert len(done.stdout.splitlines()) == 1 + count, options
+        assert f"rows       {count:,}, " in run("stats", path, *options).stdout
+
+
+def test_a_recording_of_events_alone_has_no_first_row(run, tmp_path: Path) -> None:
+    path = tmp_path / "events.mcap"
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write([PortEvent(FIRST, "p", PortEventKind.OPENED, "")])
+    done = run("decode", path, "--from", "+1s")
+    assert done.returncode == 2
+    assert "the input tells no times; give a recording or a dated log, with rows" in done.stderr
+
+
+def test_decode_leaves_out_what_lies_outside(run, samples: Path) -> None:
+    def rows(*arguments: str) -> list[dict]:
+        done = run("decode", samples / "clean.mcap", "--format", "jsonl", *arguments)
+        assert done.returncode == 0, done.stderr
+        return [json.loads(line) for line in done.stdout.splitlines()]
+
+    every = rows()
+    start, end = "2026-01-31T12:00:10", "2026-01-31T12:00:20"
+    expected = [row for row in every if start <= row["time"] < end]
+    assert 0 < len(expected) < len(every)
+    assert rows("--from", f"{start}Z", "--to", f"{end}Z") == expected
+    assert rows("--from", "12:00:10", "--to", "12:00:20") == expected
+    last = rows("--from", "-1s")
+    assert 0 < len(last) < 100
+    assert every[-len(last) :] == last
+
+
+LOG = "".join(
+    f"[2026-01-31 14:03:{second:02}.123Z] AA 01 01 03 E8 00 00 00 00 EE\n" for second in range(60)
+)
+UNDATED = LOG.replace("2026-01-31 ", "").replace("Z]", "]")
+
+
+@pytest.mark.parametrize(
+    ("option", "count"),
+    [("14:03:58", 2), ("+57.5s", 2), ("-5s", 6), ("2026-01-31T14:03:50Z", 10)],
+)
+@pytest.mark.parametrize("dated", [["ok.log"], ["undated.log", "--date", "2026-01-31"]])
+def test_times_relative_to_a_log(
+    run, tmp_path: Path, option: str, count: int, dated: list[str]
+) -> None:
+    (tmp_path / "ok.log").write_text(LOG)
+    (tmp_path / "undated.log").write_text(UNDATED)
+    name, *said = dated
+    done = run("decode", tmp_path / name, *said, "--format", "csv", "--from", option)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 1 + count
+    done = run("stats", tmp_path / name, *said, "--from", option)
+    assert f"rows       {count}, " in done.stdout
+
+
+def test_a_log_whose_times_are_not_known_before_says_why(run, tmp_path: Path) -> None:
+    (tmp_path / "undated.log").write_text(UNDATED)
+    done = run("decode", tmp_path / "undated.log", "--from", "+5s")
+    assert done.returncode == 2
+    assert done.stderr.strip().endswith("its times have no date; add --date 2026-01-31")
+    done = run("decode", "-", "--from", "+5s", stdin=LOG)
+    assert done.returncode == 2
+    assert "stdin can be read only once" in done.stderr
+    assert "write the times in full" in done.stderr
+
+
+def test_logs_have_no_times(run, samples: Path) -> None:
+    done = run("decode", samples / "clean.raw", "--from", "2026-01-31")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].endswith("has no times; --from and --to need a recording")
+
+
+def test_a_folder_and_a_pattern_stand_for_their_recordings(run, samples: Path) -> None:
+    named = sorted(samples.glob("*.mcap"))
+    texts = [
+        run("decode", *given, "--format", "csv").stdout
+        for given in ([samples], [samples / "*.mcap"], named, reversed(named))
+    ]
+    assert texts[0]
+    assert len(set(texts)) == 1
+
+
+def test_an_empty_folder_is_told(run, tmp_path: Path) -> None:
+    done = run("decode", tmp_path)
+    assert done.returncode == 4
+    assert "there is no recording (*.mcap) in it" in done.stderr

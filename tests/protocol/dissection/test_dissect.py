@@ -1,0 +1,159 @@
+"""The explanation of a row: every byte in one part, every fault at its byte."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.faults import damaged_stream
+from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, frame_faults
+from fte_sniff.protocol.dissection.dissect import Part, dissect, explain
+
+
+def frame(text: str) -> list[Part]:
+    raw = bytes.fromhex(text)
+    return dissect(Frame("p", 0, raw, None, frame_faults(raw)))
+
+
+def damage(text: str, fault: Fault) -> list[Part]:
+    return dissect(Damage("p", 0, bytes.fromhex(text), None, (fault,)))
+
+
+def named(parts: list[Part], name: str) -> Part:
+    (part,) = [part for part in parts if part.name == name]
+    return part
+
+
+@given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]))
+def test_each_byte_stands_in_exactly_one_part(seed: int, payload: str) -> None:
+    stream, _ = damaged_stream(seed, 12, 0.6, payload)
+    framer = Framer("p")
+    for row in framer.feed(Chunk("p", None, stream)) + framer.flush():
+        parts = dissect(row)
+        assert [place for part in parts for place in part.places] == list(range(len(row.raw)))
+        for part in parts:
+            assert part.raw == row.raw[part.places.start : part.places.stop]
+        assert len(explain(row)) == len(row.faults)
+        if isinstance(row, Damage):
+            assert all(part.value == "" or part.name == "header" for part in parts)
+
+
+def test_a_position_frame_field_by_field() -> None:
+    parts = frame("AA 02 02 03 E8 00 00 27 10 EE")
+    assert [(part.name, part.value) for part in parts] == [
+        ("header", "control"),
+        ("cmd", "2"),
+        ("motor", "2"),
+        ("rpm", "1000 RPM"),
+        ("pulses", "10000 pulses"),
+        ("tail", ""),
+    ]
+
+
+def test_unused_places_are_told_apart() -> None:
+    parts = frame("AA 00 07 00 00 00 00 00 00 EE")
+    assert [(part.name, list(part.places)) for part in parts[2:4]] == [
+        ("num", [2]),
+        ("reserve", [3, 4, 5, 6, 7, 8]),
+    ]
+
+
+def test_flags_bit_by_bit_claim_no_more_than_is_known() -> None:
+    parts = frame("55 01 01 03 E8 00 00 03 1D EE")
+    error, online = named(parts, "error"), named(parts, "online")
+    assert [bit.is_set for bit in error.bits] == [True, True] + [False] * 6
+    assert all("unknown" in bit.meaning for bit in error.bits[:4])
+    assert all("assumption" in bit.meaning for bit in online.bits[:4])
+    assert [bit.number for bit in online.bits if bit.is_set] == [0, 2, 3, 4]
+    assert {bit.meaning for bit in online.bits[4:]} == {"undefined"}
+    assert online.fault is Fault.UNDEFINED_FLAGS
+
+
+@pytest.mark.parametrize(
+    ("text", "part", "fault", "note"),
+    [
+        ("AA 09 01 03 E8 00 00 27 10 EE", "cmd", Fault.UNKNOWN_CMD, "no CMD 09"),
+        ("AA 02 00 03 E8 00 00 27 10 EE", "motor", Fault.BAD_MOTOR, "expected 1..4, found 0"),
+        ("AA 01 01 03 E8 00 05 00 00 EE", "reserve", Fault.RESERVED_NONZERO, "found 00 05"),
+    ],
+)
+def test_a_fault_in_a_frame_is_at_its_byte(text: str, part: str, fault: Fault, note: str) -> None:
+    found = named(frame(text), part)
+    assert found.fault is fault
+    assert note in found.note
+
+
+@pytest.mark.parametrize(
+    ("text", "fault", "part", "note"),
+    [
+        ("AB 01 01 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, "header", "AA or 55, found AB"),
+        ("AA 01 01 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, "tail", "expected EE, found EF"),
+        ("AA 01 01", Fault.TRUNCATED, "missing", "expected the tail EE"),
+        ("01 02 03", Fault.NOISE, "noise", "no header (AA or 55)"),
+        ("01 AA 03", Fault.NOISE, "noise", "AA at 1: only 2 bytes"),
+    ],
+)
+def test_damage_names_the_byte_at_fault(text: str, fault: Fault, part: str, note: str) -> None:
+    found = named(damage(text, fault), part)
+    assert found.fault is fault
+    assert note in found.note
+
+
+def test_missing_and_extra_bytes_are_placed() -> None:
+    missing = named(damage("AA 01 01 00 00 EE", Fault.TRUNCATED), "missing")
+    assert (missing.places, missing.raw) == (range(5, 5), b"")
+    assert "DATA[5:9] missing" in missing.meaning
+    extra = named(damage("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG), "extra")
+    assert extra.raw == b"\x12\x34"
+    assert "2 bytes too many" in extra.meaning
+
+
+def test_noise_says_why_its_headers_begin_no_frame() -> None:
+    noise = named(damage("AA 77 01 02 03 04 05 06 07 08 09", Fault.NOISE), "noise")
+    assert "no tail EE nine bytes on (found 08)" in noise.note
+
+
+@given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]))
+def test_every_fault_is_at_a_byte_and_says_why(seed: int, payload: str) -> None:
+    stream, _ = damaged_stream(seed, 12, 0.6, payload)
+    framer = Framer("p")
+    for row in framer.feed(Chunk("p", None, stream)) + framer.flush():
+        shown = {part.fault: part for part in dissect(row) if part.fault is not None}
+        assert set(shown) >= set(row.faults) - {Fault.AMBIGUOUS}
+        assert all(part.note for fault, part in shown.items() if fault in row.faults)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault", "part", "note"),
+    [
+        ("AA B2", Fault.TRUNCATED, "payload", "expected the tail EE at the end, found B2"),
+        ("AA", Fault.TRUNCATED, "missing", "expected the tail EE"),
+        ("AA EE", Fault.TRUNCATED, "missing", "the tail EE is at 1, not at 9"),
+        ("AA 01 01 00 00 EE", Fault.TRUNCATED, "missing", "the tail EE is at 5, not at 9"),
+        (
+            "AA 01 01 03 E8 00 00 12 34 00 00 EE",
+            Fault.OVERLONG,
+            "extra",
+            "the first ten bytes end with 00, not EE; the last ten begin with 01, not AA or 55",
+        ),
+    ],
+)
+def test_damage_says_why_it_is_no_frame(text: str, fault: Fault, part: str, note: str) -> None:
+    found = named(damage(text, fault), part)
+    assert (found.fault, note in found.note) == (fault, True), found.note
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("AA 02 03 EE 55 02 01 03 E8 EE", "could end before the 55 at 4, and another begin"),
+        ("AA 02 03 E8 55 02 01 03 E8 EE", "could end before the 55 at 4, and another begin"),
+        ("AA 02 03 EE 12 02 01 03 E8 EE", "could end with the EE at 3"),
+        ("AA 02 03 12 AA 12 01 03 E8 EE", "could begin with the AA at 4"),
+        ("AA 02 03 12 12 12 01 03 E8 EE", "by what stands beside them"),
+    ],
+)
+def test_a_doubt_says_where_the_other_reading_is(text: str, why: str) -> None:
+    (told,) = explain(Frame("p", 0, bytes.fromhex(text), None, (Fault.AMBIGUOUS,)))
+    assert why in told

@@ -1,0 +1,279 @@
+"""Recordings that were cut, altered or made to harm: what is read is true, and the rest is told."""
+
+import random
+import struct
+import tracemalloc
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import lz4.frame
+import pytest
+import zstandard
+
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.container.memory import keep_freed_memory
+from fte_sniff.recording.container.records import LARGEST
+from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.writing.writer import RecordingWriter
+
+Recorded = tuple[Path, list[Row], list[PortEvent]]
+MAGIC = b"\x89MCAP0\r\n"
+CHUNK = 6
+
+
+def _records(content: bytes) -> list[tuple[int, int, int]]:
+    """Opcode, first byte and end of each record between the magics."""
+    found, place = [], len(MAGIC)
+    while place < len(content) - len(MAGIC):
+        opcode, length = struct.unpack_from("<BQ", content, place)
+        found.append((opcode, place, place + 9 + length))
+        place += 9 + length
+    return found
+
+
+def _read(path: Path) -> tuple[list[Row], RecordingReader]:
+    """The rows record by record; read by columns, they and all that is told are the same."""
+    columns = RecordingReader(path)
+    at_once = [row for batch in columns.batches() for row in batch.rows()]
+    reader = RecordingReader(path)
+    found = list(reader)
+    assert at_once == found
+    assert [row.read_delay_ns for row in at_once] == [row.read_delay_ns for row in found]
+    assert sorted(columns.losses) == sorted(reader.losses)
+    assert (columns.ending, columns.times) == (reader.ending, reader.times)
+    return found, reader
+
+
+def _sizes(records: list[tuple[int, int, int]], length: int) -> list[int]:
+    """Every size where a record or its head ends, in chunks every 3rd, elsewhere every 11th."""
+    near = {place + step for _, *ends in records for place in ends for step in range(-2, 12)}
+    chunks = {size for opcode, *ends in records if opcode == CHUNK for size in range(*ends, 3)}
+    sizes = near | chunks | set(range(0, length, 11))
+    return sorted(size for size in sizes if len(MAGIC) <= size < length)
+
+
+def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    content, rows = recorded[0].read_bytes(), recorded[1]
+    records = _records(content)
+    ends = [end for opcode, _, end in records if opcode == CHUNK]
+    path = tmp_path / "cut.mcap"
+    for size in _sizes(records, len(content)):
+        path.write_bytes(content[:size])
+        found, reader = _read(path)
+        whole = sum(end <= size for end in ends)
+        assert found == rows[: min(20 * whole, len(rows))], size
+        assert not reader.complete
+        assert reader.ending
+        if any(start < size < end for _, start, end in records):
+            assert f"it ends at byte {size}" in reader.ending, (size, reader.ending)
+
+
+def _assert_true(path: Path, rows: list[Row], where: object) -> list[Row]:
+    """Whatever is read is among `rows` and in their order, or the file is refused."""
+    try:
+        found, reader = _read(path)
+    except FileError:
+        return []
+    known = {row.offset: row for row in rows}
+    assert [known.get(row.offset) for row in found] == found, where
+    assert [row.offset for row in found] == sorted(row.offset for row in found), where
+    assert [row.read_delay_ns for row in found] == [
+        known[row.offset].read_delay_ns for row in found
+    ], where
+    assert not reader.complete, where
+    return found
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_flipped_bit_invents_no_row_and_is_told(
+    recorded: Recorded, tmp_path: Path, seed: int
+) -> None:
+    chance = random.Random(seed)
+    content = recorded[0].read_bytes()
+    path = tmp_path / "flipped.mcap"
+    for _ in range(300):
+        place, bit = chance.randrange(len(content)), chance.randrange(8)
+        altered = bytearray(content)
+        altered[place] ^= 1 << bit
+        path.write_bytes(altered)
+        _assert_true(path, recorded[1], (place, bit))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_burst_of_junk_invents_no_row_and_is_told(
+    recorded: Recorded, tmp_path: Path, seed: int
+) -> None:
+    chance = random.Random(seed)
+    content = recorded[0].read_bytes()
+    path = tmp_path / "burst.mcap"
+    for _ in range(200):
+        length = chance.randrange(1, 400)
+        place = chance.randrange(len(content) - length)
+        altered = content[:place] + chance.randbytes(length) + content[place + length :]
+        path.write_bytes(altered)
+        _assert_true(path, recorded[1], (place, length))
+
+
+def test_every_byte_of_the_record_heads_may_be_wrong(recorded: Recorded, tmp_path: Path) -> None:
+    content = recorded[0].read_bytes()
+    path = tmp_path / "heads.mcap"
+    for _, start, _ in _records(content):
+        for place in range(start, start + 9):
+            for value in (0x05, 0xFF):
+                altered = bytearray(content)
+                if altered[place] == value:
+                    continue
+                altered[place] = value
+                path.write_bytes(altered)
+                _assert_true(path, recorded[1], (place, value))
+
+
+@pytest.mark.parametrize("field", range(0, 60, 3))
+def test_a_damaged_chunk_costs_only_its_own_rows(
+    recorded: Recorded, tmp_path: Path, field: int
+) -> None:
+    """Also where its length is wrong: the summary tells where the next chunk begins."""
+    content, rows = recorded[0].read_bytes(), recorded[1]
+    _, start, _ = [record for record in _records(content) if record[0] == CHUNK][1]
+    altered = bytearray(content)
+    altered[start + field] ^= 0x41
+    path = tmp_path / "x.mcap"
+    path.write_bytes(altered)
+    found = _assert_true(path, rows, field)
+    if 9 <= field < 25:  # the chunk's times: nothing else guards them
+        assert found == rows
+    else:
+        assert found == rows[:20] + rows[40:]
+
+
+def test_a_chunk_whose_length_swallows_the_next_costs_only_its_own_rows(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    content, rows = bytearray(recorded[0].read_bytes()), recorded[1]
+    chunks = [record for record in _records(bytes(content)) if record[0] == CHUNK]
+    struct.pack_into("<Q", content, chunks[1][1] + 1, chunks[2][2] - chunks[1][1] - 9)
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    assert _assert_true(path, rows, "swallowed") == rows[:20] + rows[40:]
+
+
+def test_what_was_lost_is_told(recorded: Recorded, tmp_path: Path) -> None:
+    content = recorded[0].read_bytes()
+    _, start, end = [record for record in _records(content) if record[0] == CHUNK][1]
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content[: end - 20] + bytes(20) + content[end:])
+    found, reader = _read(path)
+    assert len(found) == 40
+    assert len(reader.losses) == 2
+    assert reader.losses[0].startswith(f"a chunk that does not unpack at byte {start} (")
+    assert reader.losses[1] == "20 of 62 messages are missing"
+
+
+def test_bytes_behind_the_end_are_told(recorded: Recorded, tmp_path: Path) -> None:
+    content = recorded[0].read_bytes()
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content + b"garbage")
+    found, reader = _read(path)
+    assert found == recorded[1]
+    assert "do not belong to it" in reader.ending
+
+
+def _chunk(compression: bytes, packed: bytes, claimed: int, length: int | None = None) -> bytes:
+    body = struct.pack("<QQQI", 0, 0, claimed, 0)
+    body += struct.pack("<I", len(compression)) + compression
+    body += struct.pack("<Q", len(packed)) + packed
+    return struct.pack("<BQ", CHUNK, len(body) if length is None else length) + body
+
+
+NAMELESS = zstandard.ZstdCompressor(write_content_size=False)
+BOMB = b"\0" * (64 * 1024 * 1024)
+
+
+@pytest.mark.parametrize(
+    "chunk",
+    [
+        _chunk(b"zstd", zstandard.compress(BOMB), 1000),
+        _chunk(b"zstd", NAMELESS.compress(BOMB), 1000),
+        _chunk(b"zstd", zstandard.compress(b"x"), 2**62),
+        _chunk(b"zstd", zstandard.compress(b"x"), LARGEST + 1),
+        _chunk(b"zstd", NAMELESS.compress(b"x"), LARGEST + 1),
+        _chunk(b"lz4", lz4.frame.compress(BOMB), 1000),
+        _chunk(b"", b"", 2**62),
+        _chunk(b"", b"x" * 100, 100, length=2**62),
+        _chunk(b"", b"x" * 100, 100, length=LARGEST),
+        _chunk(b"brotli", b"x" * 100, 100),
+        _chunk(b"", struct.pack("<BQ", 5, 2**62), 9),
+        _chunk(b"\xff" * 100, b"", 0),
+        struct.pack("<BQ", CHUNK, 0),
+        struct.pack("<BQ", CHUNK, 2**64 - 1),
+        struct.pack("<BQI", 4, 4, 2**32 - 1),
+        struct.pack("<BQ", 5, 3) + b"abc",
+    ],
+)
+def test_sizes_in_a_file_are_not_believed(tmp_path: Path, chunk: bytes) -> None:
+    path = tmp_path / "hostile.mcap"
+    RecordingWriter(path, [PortFacts("p")]).close()
+    content = path.read_bytes()
+    data_end = next(start for opcode, start, _ in _records(content) if opcode == 15)
+    path.write_bytes(content[:data_end] + chunk + content[data_end:])
+    keep_freed_memory()  # once for the process, whatever the file says
+    tracemalloc.start()
+    try:
+        found, reader = _read(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert found == []
+    assert not reader.complete
+    assert peak < 8 * 1024 * 1024
+
+
+def test_a_guarded_definition_is_believed_more_than_a_bare_one(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """A flipped bit in the head would put the rows on another port, and no checksum would tell."""
+    content = bytearray(recorded[0].read_bytes())
+    place = content.index(b"ttyUSB0", content.index(b"/fte/control/motor1"))
+    content[place + 6] ^= 1
+    content[-33:-8] = bytes(25)  # nor the summary, nor the checksum over the data
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    found, reader = _read(path)
+    assert found == recorded[1]
+    assert not reader.complete
+
+
+def test_a_summary_that_does_not_match_its_checksum_leads_nowhere(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    content, rows = bytearray(recorded[0].read_bytes()), recorded[1]
+    start = next(start for opcode, start, _ in _records(bytes(content)) if opcode == 8)
+    struct.pack_into("<Q", content, start + 9 + 16, 20)  # where the chunk begins, it says
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    assert _assert_true(path, rows, "summary") == rows
+
+
+def test_many_different_losses_are_summed_up(
+    tmp_path: Path, make_rows: Callable[..., list[Row]]
+) -> None:
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        for number in range(100):
+            writer.write(make_rows(1, start=10**18 + number))
+            writer.flush()
+    content = bytearray(path.read_bytes())
+    for opcode, start, end in _records(bytes(content)):
+        if opcode == CHUNK:
+            content[start + 40] ^= 0xFF
+            assert zlib.crc32(content[start:end])
+    path.write_bytes(content)
+    found, reader = _read(path)
+    assert found == []
+    assert len(reader.losses) == 22
+    assert "more could not be read (80 times)" in reader.losses

@@ -1,0 +1,148 @@
+"""Recordings written from columns: message for message what the recorder of captures writes."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.recording.encoding.columns import RowColumns, Words
+from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.writing.bulk_writer import CHUNK_ROWS, write_recording
+from fte_sniff.recording.writing.writer import RecordingWriter
+
+MakeRows = Callable[..., list[Row]]
+
+
+def _messages(path: Path) -> list[tuple[object, ...]]:
+    """What any MCAP reader sees of a file, in the order of the file."""
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        found = [
+            (
+                channel.topic,
+                channel.metadata,
+                schema and (schema.name, schema.data),
+                message.log_time,
+                message.publish_time,
+                message.sequence,
+                message.data,
+            )
+            for schema, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(found)
+        return found
+
+
+@st.composite
+def _rows(draw: st.DrawFn) -> list[Row]:
+    rows: list[Row] = []
+    now = 10**18
+    for offset in range(draw(st.integers(1, 30))):
+        now += draw(st.sampled_from([0, 1, 868_000]))
+        port = draw(st.sampled_from(["one", "two"]))
+        faults = tuple(draw(st.lists(st.sampled_from(list(Fault)), max_size=3)))
+        uncertain = draw(st.booleans())
+        delay = draw(st.sampled_from([None, 0, -5, 2**40]))
+        kind = draw(st.sampled_from(KINDS))
+        raw = encode(kind, {f.name: draw(st.integers(f.low, f.high)) for f in kind.fields})
+        match draw(st.integers(0, 5)):
+            case 0:
+                rows.append(
+                    Damage(
+                        port, offset, draw(st.binary(min_size=1, max_size=30)), now, faults, delay
+                    )
+                )
+            case 1:
+                cmd, num = draw(st.integers(0, 255)), draw(st.integers(0, 255))
+                odd = raw[:1] + bytes([cmd, num]) + raw[3:]
+                rows.append(Frame(port, offset, odd, now, faults, delay, uncertain))
+            case 2:
+                rows.append(Frame(port, offset, raw, now, faults, delay, uncertain))
+            case _:
+                rows.append(Frame(port, offset, raw, now, (), 5))
+    return rows
+
+
+PORTS = [PortFacts("one", 115_200), PortFacts("two")]
+
+
+@settings(deadline=None, max_examples=60)
+@given(_rows())
+def test_message_for_message_what_a_capture_writes(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
+) -> None:
+    folder = tmp_path_factory.mktemp("both")
+    with RecordingWriter(folder / "capture.mcap", PORTS) as writer:
+        writer.write(rows)
+    write_recording(folder / "bulk.mcap", PORTS, [RowColumns.of_rows(Words(), rows)])
+    assert _messages(folder / "bulk.mcap") == _messages(folder / "capture.mcap")
+
+
+def test_rows_come_back_from_a_file_of_many_chunks(tmp_path: Path, make_rows: MakeRows) -> None:
+    path = tmp_path / "long.mcap"
+    rows = make_rows(2 * CHUNK_ROWS + 100, "p")
+    words = Words()
+    parts = [
+        RowColumns.of_rows(words, rows[:CHUNK_ROWS]),
+        RowColumns.of_rows(words, rows[CHUNK_ROWS:]),
+    ]
+    write_recording(path, [PortFacts("p")], parts)
+    reader = RecordingReader(path)
+    found = list(reader)
+    assert found == rows
+    assert [row.read_delay_ns for row in found] == [row.read_delay_ns for row in rows]
+    assert reader.complete
+
+
+def test_times_that_fall_and_ports_that_nobody_named(tmp_path: Path, make_rows: MakeRows) -> None:
+    path = tmp_path / "falls.mcap"
+    rows = [*make_rows(50, "new"), *make_rows(50, "newer", 10**18)]
+    write_recording(path, [], [RowColumns.of_rows(Words(), rows)])
+    reader = RecordingReader(path)
+    assert list(reader) == rows
+    assert reader.complete
+    times = [log_time for _, _, _, log_time, *_ in _messages(path)]
+    assert times == sorted(times)
+
+
+def test_events_stand_where_their_times_say(tmp_path: Path, make_rows: MakeRows) -> None:
+    path = tmp_path / "events.mcap"
+    rows = make_rows(40, "p")
+    times = [row.t_ns or 0 for row in rows]
+    events = [
+        PortEvent(times[0] - 1, "p", PortEventKind.OPENED, "8N1"),
+        PortEvent(times[20] + 1, "p", PortEventKind.LOST, "gone"),
+        PortEvent(times[-1] + 1, "p", PortEventKind.CLOSED, ""),
+    ]
+    write_recording(path, [PortFacts("p")], [RowColumns.of_rows(Words(), rows, events)])
+    entries = list(RecordingReader(path).entries())
+    assert entries == [events[0], *rows[:21], events[1], *rows[21:], events[2]]
+
+
+def test_no_rows_make_a_recording_that_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "idle.mcap"
+    write_recording(path, [PortFacts("p", 9600)], [], {"host": "bench"})
+    reader = RecordingReader(path)
+    assert list(reader) == []
+    assert reader.complete
+    assert reader.ports == (PortFacts("p", 9600),)
+    assert reader.metadata["fte-sniff"]["host"] == "bench"
+
+
+def test_where_a_recording_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="folder does not exist"):
+        write_recording(tmp_path / "none" / "x.mcap", [], [])
+
+
+def test_rows_without_time_cannot_be_recorded() -> None:
+    with pytest.raises(FileError, match="has no time since 1970"):
+        RowColumns.of_rows(Words(), [Damage("p", 0, b"x", None, (Fault.NOISE,))])

@@ -1,0 +1,416 @@
+"""One capture in one file or in many: rotation, trouble, bounds, triggers."""
+
+import errno
+import os
+import resource
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.encoding.stretches import GAP_NAME, LEFT_OUT_NAME, Stretch, stretch_of
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.writing import gaps
+from fte_sniff.recording.writing.keeping import Keeping, OnFull, Surroundings
+from fte_sniff.recording.writing.place import Existing
+from fte_sniff.recording.writing.recorder import NEXT_NAME, Recorder
+from tests.recording.conftest import START, STEP, some_rows
+
+PORT = PortFacts("/dev/ttyUSB0", 115_200)
+ALL = Keeping(free_bytes=0)
+
+
+def _metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
+    with path.open("rb") as file:
+        return [(one.name, one.metadata) for one in make_reader(file).iter_metadata()]
+
+
+def _named(path: Path, name: str) -> list[dict[str, str]]:
+    return [metadata for found, metadata in _metadata(path) if found == name]
+
+
+def _rows(path: Path) -> list[Row]:
+    """The rows of a file that is whole, also for the mcap package."""
+    with path.open("rb") as file:
+        assert make_reader(file, validate_crcs=True).get_summary() is not None
+    reader = RecordingReader(path)
+    rows = list(reader)
+    assert reader.complete
+    return rows
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.mcap"))
+
+
+def _record(recorder: Recorder, batches: Sequence[Sequence[Row]]) -> None:
+    for batch in batches:
+        recorder.write(batch)
+        recorder.flush()
+
+
+@pytest.fixture
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Attempts to record again follow at once."""
+    monkeypatch.setattr(gaps, "AGAIN_S", 0.0)
+    monkeypatch.setattr(gaps, "AGAIN_MOST_S", 0.0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    sizes=st.lists(st.integers(1, 60), min_size=1, max_size=12),
+    rotate=st.sampled_from(
+        [("bytes", 1), ("bytes", 25_000), ("s", 0.01), ("s", 0.05), ("s", 9.0), ("index", 8_600)]
+    ),
+    ports=st.integers(1, 2),
+)
+def test_no_row_is_lost_or_doubled_at_a_seam(
+    tmp_path_factory: pytest.TempPathFactory,
+    sizes: list[int],
+    rotate: tuple[str, float],
+    ports: int,
+) -> None:
+    folder = tmp_path_factory.mktemp("seams")
+    what, bound = rotate
+    keeping = replace(ALL, rotate_bytes=int(bound) if what == "bytes" else None)
+    keeping = replace(keeping, rotate_s=bound if what == "s" else None)
+    keeping = replace(keeping, most_index=int(bound) if what == "index" else None)
+    streams = [some_rows(sum(sizes), f"port{n}", START + n) for n in range(ports)]
+    recorder = Recorder(folder / "x.mcap", [PORT], keeping=keeping)
+    start = 0
+    for size in sizes:
+        _record(recorder, [[row for stream in streams for row in stream[start : start + size]]])
+        start += size
+    recorder.close()
+    assert recorder.failure is None
+    files = _files(folder)
+    names = [f"x_{n:05}.mcap" for n in range(1, len(files) + 1)]
+    if what == "index":
+        names[0] = "x.mcap"
+    assert [file.name for file in files] == names
+    found = [row for file in files for row in _rows(file)]
+    for stream in streams:
+        assert [row for row in found if row.port == stream[0].port] == stream
+    assert len(found) == len(streams) * len(streams[0])
+    for before, after in pairwise(files):
+        assert _named(before, NEXT_NAME) == [{"file": after.name}]
+        (facts,) = _named(after, "fte-sniff")
+        assert facts["previous"] == before.name
+    if bound == 1:
+        assert len(files) == len(sizes) + 1
+
+
+def test_a_capture_without_rotation_is_one_file_of_the_given_name(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=ALL)
+    _record(recorder, [some_rows(30)])
+    recorder.close()
+    recorder.close()
+    assert [path.name for path in _files(tmp_path)] == ["x.mcap"]
+    assert "part" not in _named(tmp_path / "x.mcap", "fte-sniff")[0]
+
+
+def test_a_sequence_that_is_there_is_not_mixed_with_another(tmp_path: Path) -> None:
+    keeping = replace(ALL, rotate_bytes=1)
+    (tmp_path / "x_00002.mcap").write_bytes(b"precious")
+    with pytest.raises(FileError, match=r"x_00002\.mcap exists already"):
+        Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping)
+    numbered = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping, existing=Existing.NUMBER)
+    numbered.close()
+    assert numbered.path.name == "x-2_00001.mcap"
+    replacing = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping, existing=Existing.REPLACE)
+    _record(replacing, [some_rows(5)])
+    replacing.close()
+    assert (tmp_path / "x_00002.mcap").read_bytes() != b"precious"
+
+
+@contextmanager
+def _files_no_larger_than(size: int) -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_file_that_may_not_grow_is_followed_by_another_and_no_row_is_lost(
+    tmp_path: Path,
+) -> None:
+    rows = some_rows(2000)
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=ALL)
+    _record(recorder, [rows[:1500]])
+    with _files_no_larger_than((tmp_path / "x.mcap").stat().st_size + 100):
+        _record(recorder, [rows[1500:1600]])
+    _record(recorder, [rows[1600:]])
+    recorder.close()
+    stopped, goes_on = recorder.changes()
+    assert stopped.path is None
+    assert "recording stopped" in str(stopped.failure)
+    assert goes_on.path == tmp_path / "x_00002.mcap"
+    assert recorder.failure is None
+    assert _rows(tmp_path / "x.mcap") + _rows(tmp_path / "x_00002.mcap") == rows
+
+
+@pytest.mark.usefixtures("hurried")
+@pytest.mark.parametrize("way", ["deleted", "moved", "folder"])
+def test_a_file_that_is_taken_away(tmp_path: Path, way: str) -> None:
+    folder = tmp_path / "here"
+    folder.mkdir()
+    rows = some_rows(60)
+    recorder = Recorder(folder / "x.mcap", [PORT], keeping=ALL)
+    _record(recorder, [rows[:20]])
+    if way == "deleted":
+        (folder / "x.mcap").unlink()
+    elif way == "moved":
+        (folder / "x.mcap").rename(tmp_path / "moved.mcap")
+    else:
+        shutil.rmtree(folder)
+    _record(recorder, [rows[20:30]])
+    first = recorder.changes()
+    assert "recording stopped" in str(first[0].failure)
+    if way == "folder":
+        assert len(first) == 1
+        _record(recorder, [rows[30:40]])
+        folder.mkdir()
+        recorder.flush()
+    _record(recorder, [rows[40:]])
+    recorder.close()
+    (file,) = _files(folder)
+    assert file.name == "x_00002.mcap"
+    assert _rows(file) == rows[40:]
+    (gap,) = _named(file, GAP_NAME)
+    assert gap["rows"] == ("40" if way == "folder" else "30")
+    assert gap["from"].startswith("2026-02-02")
+    assert f"{gap['rows']} rows and port events" in str(recorder.failure)
+    assert "\n" not in str(recorder.failure)
+
+
+@contextmanager
+def _small_disk(folder: Path, size: str) -> Iterator[Path]:
+    """A file system of its own, of a few hundred kB."""
+    folder.mkdir()
+    made = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", folder], capture_output=True
+    )
+    if made.returncode:
+        pytest.skip("mounting a small file system needs to be root")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "-l", folder], check=True)
+
+
+@pytest.mark.usefixtures("hurried")
+def test_a_full_disk_leaves_whole_files_and_recording_goes_on_when_there_is_room(
+    tmp_path: Path,
+) -> None:
+    batches = [some_rows(500, start=START + n * 500 * STEP) for n in range(14)]
+    with _small_disk(tmp_path / "small", "300k") as folder:
+        ballast = folder / "ballast"
+        ballast.write_bytes(bytes(150_000))
+        recorder = Recorder(folder / "x.mcap", [PORT], keeping=ALL)
+        _record(recorder, batches[:10])
+        stopped = recorder.changes()
+        assert "the disk is full" in str(stopped[0].failure)
+        before = _rows(folder / "x.mcap")
+        assert before == [row for batch in batches[:10] for row in batch][: len(before)]
+        assert len(before) % 500 == 0
+        ballast.unlink()
+        recorder.flush()
+        assert recorder.changes()[-1].path is not None
+        _record(recorder, batches[10:])
+        recorder.close()
+        files = _files(folder)
+        found = [row for file in files for row in _rows(file)]
+        told = [gap for file in files for gap in _named(file, GAP_NAME)]
+        assert sum(int(gap["rows"]) for gap in told) + len(found) == 14 * 500
+        assert found[: len(before)] == before
+        assert found[-2000:] == [row for batch in batches[10:] for row in batch]
+        assert "were not recorded: recording stopped: the disk is full" in str(recorder.failure)
+
+
+def test_the_oldest_of_our_own_files_makes_room_and_nobody_elses(tmp_path: Path) -> None:
+    batches = [some_rows(300, start=START + n * 300 * STEP) for n in range(60)]
+    with _small_disk(tmp_path / "small", "400k") as folder:
+        for name in ("w_00001.mcap", "x_0.mcap", "y.mcap"):
+            (folder / name).write_bytes(b"precious")
+        keeping = replace(
+            ALL, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=60_000, free_bytes=120_000
+        )
+        recorder = Recorder(folder / "x.mcap", [PORT], keeping=keeping)
+        _record(recorder, batches)
+        recorder.close()
+        assert recorder.failure is None
+        assert all(change.failure is None for change in recorder.changes())
+        for name in ("w_00001.mcap", "x_0.mcap", "y.mcap"):
+            assert (folder / name).read_bytes() == b"precious"
+        files = sorted(folder.glob("x_0????.mcap"))
+        assert files[0].name != "x_00001.mcap"
+        assert len(files) >= 2
+        everything = [row for batch in batches for row in batch]
+        found = [row for file in files for row in _rows(file)]
+        assert found == everything[-len(found) :]
+
+
+def test_a_file_that_took_the_place_of_ours_is_not_deleted(tmp_path: Path) -> None:
+    keeping = Keeping(
+        free_bytes=0, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=1, most_bytes=100_000
+    )
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping)
+    _record(recorder, [some_rows(300)])
+    first = tmp_path / "x_00001.mcap"
+    first.unlink()
+    first.write_bytes(b"precious")
+    _record(recorder, [some_rows(300, start=START + n * 300 * STEP) for n in range(1, 12)])
+    recorder.close()
+    assert first.read_bytes() == b"precious"
+    assert not (tmp_path / "x_00002.mcap").exists()
+    ours = [path for path in _files(tmp_path) if path != first]
+    assert sum(path.stat().st_size for path in ours) < 100_000 + 40_000
+
+
+def test_the_bound_of_all_files_stops_the_recording_and_is_told(tmp_path: Path) -> None:
+    keeping = Keeping(free_bytes=0, most_bytes=60_000)
+    batches = [some_rows(300, start=START + n * 300 * STEP) for n in range(8)]
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping)
+    _record(recorder, batches)
+    recorder.close()
+    (change,) = recorder.changes()
+    assert "its files have reached 60 kB (--max-size)" in str(change.failure)
+    kept = _rows(tmp_path / "x.mcap")
+    assert kept == [row for batch in batches for row in batch][: len(kept)]
+    assert (tmp_path / "x.mcap").stat().st_size < 90_000
+    assert f"{8 * 300 - len(kept)} rows" in str(recorder.failure)
+
+
+def test_a_disk_without_room_is_told_before_anything_is_made(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="--min-free"):
+        Recorder(tmp_path / "x.mcap", [PORT], keeping=Keeping(free_bytes=2**60))
+    assert _files(tmp_path) == []
+
+
+@pytest.mark.usefixtures("hurried")
+@pytest.mark.parametrize("number", [errno.EIO, errno.EDQUOT, errno.ENOSPC])
+@pytest.mark.parametrize("call", ["pwrite", "fdatasync", "ftruncate"])
+def test_whatever_a_disk_refuses_the_file_stays_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, call: str
+) -> None:
+    """The n-th system call of a flush is refused, for each n; then the disk is well again."""
+    rows = some_rows(90)
+    real: Callable[..., object] = getattr(os, call)
+    for nth in range(1, 8):
+        folder = tmp_path / str(nth)
+        folder.mkdir()
+        recorder = Recorder(folder / "x.mcap", [PORT], keeping=ALL)
+        _record(recorder, [rows[:30]])
+        calls = 0
+
+        def refuse(*given: object) -> object:
+            nonlocal calls
+            calls += 1
+            if calls == nth:  # noqa: B023
+                raise OSError(number, os.strerror(number))
+            return real(*given)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(os, call, refuse)
+            _record(recorder, [rows[30:60]])
+        _record(recorder, [rows[60:]])
+        recorder.close()
+        found = [row for file in sorted(_files(folder), key=_part) for row in _rows(file)]
+        assert found == rows
+        assert recorder.failure is None
+
+
+def _part(path: Path) -> str:
+    return path.stem
+
+
+def _picks(rows: Sequence[Row]) -> list[Row]:
+    """Every row whose offset ends in three sevens, in octal."""
+    return [row for row in rows if row.offset % 97 == 0]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    sizes=st.lists(st.integers(1, 80), min_size=1, max_size=10),
+    before=st.integers(0, 40),
+    after=st.integers(0, 40),
+)
+def test_a_trigger_keeps_exactly_what_surrounds_its_rows(
+    tmp_path_factory: pytest.TempPathFactory, sizes: list[int], before: int, after: int
+) -> None:
+    path = tmp_path_factory.mktemp("trigger") / "x.mcap"
+    rows = some_rows(sum(sizes))
+    around = Surroundings(before * STEP / 1e9, after * STEP / 1e9)
+    keeping = replace(ALL, around=around)
+    event = PortEvent(START, PORT.name, PortEventKind.OPENED, "")
+    with_event = Recorder(path, [PORT], keeping=keeping, select=_picks)
+    with_event.write_event(event)
+    start = 0
+    for size in sizes:
+        _record(with_event, [rows[start : start + size]])
+        start += size
+    with_event.close()
+    picked = [row.t_ns or 0 for row in _picks(rows)]
+    wanted = [
+        row
+        for row in rows
+        if any(t - before * STEP <= (row.t_ns or 0) <= t + after * STEP for t in picked)
+    ]
+    assert _rows(path) == wanted
+    assert list(RecordingReader(path).events()) == [event]
+    told = _named(path, LEFT_OUT_NAME)
+    assert sum(int(one["rows"]) for one in told) == len(rows) - len(wanted)
+
+
+def test_what_waits_for_a_trigger_is_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fte_sniff.recording.writing.trigger.MOST_WAITING", 50)
+    rows = some_rows(400)
+    keeping = replace(ALL, around=Surroundings(1e6, 0))
+    recorder = Recorder(
+        tmp_path / "x.mcap",
+        [PORT],
+        keeping=keeping,
+        select=lambda given: [row for row in given if row is rows[300]],
+    )
+    _record(recorder, [rows])
+    recorder.close()
+    assert _rows(tmp_path / "x.mcap") == rows[250:301]
+    assert sum(int(one["rows"]) for one in _named(tmp_path / "x.mcap", LEFT_OUT_NAME)) == 349
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"rows": "0"},
+        {"rows": "-1"},
+        {"rows": "9" * 5000},
+        {"rows": "٣"},
+        {"from": "yesterday"},
+        {"from": "2026-02-31T00:00:00.000000000Z"},
+        {"to": "1999-01-01T00:00:00.000000000Z"},
+    ],
+)
+def test_a_note_that_makes_no_sense_tells_of_no_stretch(changed: dict[str, str]) -> None:
+    stretch = Stretch(3, START, START + 5, "why")
+    told = stretch.told()
+    assert [stretch_of(name, told) for name in (GAP_NAME, LEFT_OUT_NAME, NEXT_NAME)] == [
+        stretch,
+        stretch,
+        None,
+    ]
+    assert stretch_of(GAP_NAME, told | changed) is None

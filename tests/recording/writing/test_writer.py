@@ -1,0 +1,365 @@
+import errno
+import os
+import resource
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap.records import Statistics
+from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
+
+from fte_sniff.errors import FileError, unwritable
+from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
+from fte_sniff.recording.container import mcap_file
+from fte_sniff.recording.encoding.facts import PortFacts, host_facts
+from fte_sniff.recording.encoding.topics import TOPICS
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.writing.refusals import stopped
+from fte_sniff.recording.writing.writer import MOST_PENDING, Existing, RecordingWriter
+from tests.recording.privilege import unprivileged
+
+Rows = Callable[..., list[Row]]
+PORT = PortFacts("/dev/ttyUSB0", 115_200)
+
+
+def _statistics(path: Path) -> Statistics:
+    """What the mcap package's seeking reader says, all checksums checked."""
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert sum(1 for _ in reader.iter_messages()) == summary.statistics.message_count
+    with path.open("rb") as file:
+        assert all(StreamReader(file, validate_crcs=True).records)
+    return summary.statistics
+
+
+def test_an_empty_capture_explains_itself_in_every_reader(tmp_path: Path) -> None:
+    path = tmp_path / "empty.mcap"
+    RecordingWriter(path, [PORT], host_facts(0) | {"host": "bench"}).close()
+    statistics = _statistics(path)
+    assert (statistics.message_count, statistics.chunk_count) == (0, 0)
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        channels = summary.channels.values()
+        assert [channel.topic for channel in channels] == [topic.name for topic in TOPICS]
+        assert {tuple(channel.metadata.items()) for channel in channels} == {
+            (("port", "/dev/ttyUSB0"), ("baud", "115200"))
+        }
+        header = reader.get_header()
+        assert (header.profile, header.library) == ("", "fte-sniff 0.1.0")
+        (metadata,) = reader.iter_metadata()
+    assert metadata.name == "fte-sniff"
+    assert metadata.metadata["start"] == "1970-01-01T00:00:00.000000000Z"
+    assert metadata.metadata["host"] == "bench"
+    assert metadata.metadata["port.1.baud"] == "115200"
+    reader2 = RecordingReader(path)
+    assert (list(reader2), reader2.complete, reader2.ports) == ([], True, (PORT,))
+    assert reader2.metadata["fte-sniff"] == metadata.metadata
+
+
+def test_definitions_stand_before_the_first_chunk(
+    recorded: tuple[Path, list[Row], list[PortEvent]],
+) -> None:
+    names = []
+    with recorded[0].open("rb") as file:
+        for record in StreamReader(file, emit_chunks=True, validate_crcs=True).records:
+            names.append(type(record).__name__)
+    first = names.index("Chunk")
+    assert names[:first] == ["Header", "Metadata", *["Schema"] * 6, *["Channel"] * len(TOPICS)]
+    assert names.count("Chunk") == 4
+
+
+def test_another_program_decodes_the_same_values(
+    recorded: tuple[Path, list[Row], list[PortEvent]],
+) -> None:
+    path, rows, _ = recorded
+    by_offset = {row.offset: row for row in rows}
+    seen = set()
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            assert message.log_time == message.publish_time
+            if channel.topic == "/fte/port":
+                continue
+            row = by_offset[decoded.offset]
+            seen.add(decoded.offset)
+            assert decoded.raw == row.raw
+            assert message.log_time == row.t_ns
+            if channel.topic != "/fte/malformed":
+                assert not isinstance(row, Damage)
+                assert {name: getattr(decoded, name) for name in row.values} == row.values
+                assert decoded.motor == int(channel.topic[-1]) if "motor" in row.values else True
+    assert seen == set(by_offset)
+
+
+def test_sequences_count_up_on_each_channel(
+    recorded: tuple[Path, list[Row], list[PortEvent]],
+) -> None:
+    found: dict[int, list[int]] = {}
+    with recorded[0].open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            found.setdefault(channel.id, []).append(message.sequence)
+    assert all(numbers == list(range(len(numbers))) for numbers in found.values())
+
+
+def test_the_file_is_whole_and_indexed_after_every_flush(tmp_path: Path, make_rows: Rows) -> None:
+    path = tmp_path / "x.mcap"
+    rows = make_rows(50)
+    with RecordingWriter(path, [PORT]) as writer:
+        for start in range(0, 50, 10):
+            writer.write(rows[start : start + 10])
+            assert writer.rows == start + 10
+            assert writer.flushed_rows == start
+            writer.flush()
+            assert writer.flushed_rows == start + 10
+            assert writer.size == path.stat().st_size
+            assert _statistics(path).message_count == start + 10
+            reader = RecordingReader(path)
+            assert list(reader) == rows[: start + 10]
+            assert reader.complete
+
+
+def test_a_long_summary_waits_for_data_and_the_file_is_readable_meanwhile(
+    tmp_path: Path, make_rows: Rows, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_file, "LONG_SUMMARY", 0)
+    path = tmp_path / "x.mcap"
+    rows = make_rows(40)
+    summaries = []
+    with RecordingWriter(path, [PORT]) as writer:
+        for number in range(40):
+            writer.write(rows[number : number + 1])
+            writer.flush()
+            with path.open("rb") as file:
+                reader = make_reader(file, validate_crcs=True)
+                summaries.append(reader.get_summary() is not None)
+                assert sum(1 for _ in reader.iter_messages()) == number + 1
+            ours = RecordingReader(path)
+            assert list(ours) == rows[: number + 1]
+            assert ours.complete
+    assert True in summaries
+    assert False in summaries
+    assert _statistics(path).message_count == 40
+
+
+def test_close_can_be_repeated_and_writing_afterwards_is_a_mistake(
+    tmp_path: Path, make_rows: Rows
+) -> None:
+    writer = RecordingWriter(tmp_path / "x.mcap", [PORT])
+    writer.close()
+    writer.close()
+    with pytest.raises(ValueError, match="closed"):
+        writer.write(make_rows(1))
+
+
+def test_many_rows_make_chunks_by_themselves(tmp_path: Path, make_rows: Rows) -> None:
+    rows = make_rows(MOST_PENDING + 5)
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [PORT]) as writer:
+        writer.write(rows)
+        assert writer.flushed_rows == MOST_PENDING
+    assert _statistics(path).chunk_count == 2
+    assert list(RecordingReader(path)) == rows
+
+
+def test_a_port_that_nobody_named_gets_its_channels(tmp_path: Path, make_rows: Rows) -> None:
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [PORT]) as writer:
+        writer.write(make_rows(3))
+        writer.flush()
+        writer.write(make_rows(30, port="late"))
+    reader = RecordingReader(path)
+    assert reader.ports == (PORT, PortFacts("late"))
+    assert sum(row.port == "late" for row in reader) == 30
+    assert _statistics(path).channel_count == 2 * len(TOPICS)
+
+
+def test_text_that_utf8_cannot_hold_is_told_in_backslash_codes(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    port = "tty\udcff"
+    with RecordingWriter(path, [PortFacts(port)], {"host\udcfe": "\udcfd"}) as writer:
+        writer.write([Damage(port, 0, b"x", 5, (Fault.NOISE,))])
+        writer.write_event(PortEvent(6, port, PortEventKind.LOST, "\udc80"))
+    reader = RecordingReader(path)
+    assert [row.port for row in reader] == ["tty\\udcff"]
+    assert [event.detail for event in reader.events()] == ["\\udc80"]
+
+
+@pytest.mark.parametrize("t_ns", [None, -1, 2**63])
+def test_a_row_without_a_time_is_refused_and_costs_nothing_else(
+    tmp_path: Path, make_rows: Rows, t_ns: int | None
+) -> None:
+    path = tmp_path / "x.mcap"
+    rows = make_rows(5)
+    with RecordingWriter(path, [PORT]) as writer:
+        writer.write(rows)
+        with pytest.raises(FileError, match="offset 77: it has no time"):
+            writer.write([Damage(PORT.name, 77, b"x", t_ns, (Fault.NOISE,))])
+    assert list(RecordingReader(path)) == rows
+
+
+def test_an_existing_file_is_kept_unless_replacing_was_asked_for(
+    tmp_path: Path, make_rows: Rows
+) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(b"precious" * 10_000)
+    with pytest.raises(FileError, match=r"x\.mcap exists already.*--force"):
+        RecordingWriter(path, [PORT])
+    assert path.read_bytes() == b"precious" * 10_000
+    with RecordingWriter(path, [PORT], existing=Existing.REPLACE) as writer:
+        writer.write(make_rows(5))
+    assert _statistics(path).message_count == 5
+
+
+def test_places_where_no_recording_can_be(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "socket"))
+    (tmp_path / "file").touch()
+    cases = [
+        (tmp_path / "absent" / "x.mcap", Existing.REFUSE, "folder does not exist"),
+        (tmp_path, Existing.REPLACE, "is a directory"),
+        (tmp_path, Existing.REFUSE, "is a directory"),
+        (tmp_path / "file", Existing.REFUSE, "exists already"),
+        (tmp_path / "socket", Existing.REPLACE, "not a regular file"),
+        (Path("/dev/full"), Existing.REPLACE, "the disk is full"),
+        (tmp_path / "file" / "x.mcap", Existing.REFUSE, "a file, not a folder"),
+    ]
+    for path, existing, message in cases:
+        with pytest.raises(FileError, match=message) as caught:
+            RecordingWriter(path, [PORT], existing=existing)
+        assert "\n" not in str(caught.value)
+        assert str(path) in str(caught.value)
+
+
+def test_a_folder_that_forbids_writing(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with unprivileged(), pytest.raises(FileError, match="no permission to write there"):
+        RecordingWriter(tmp_path / "x.mcap", [PORT])
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [(errno.ENOSPC, "the disk is full"), (errno.EDQUOT, "quota"), (errno.EIO, "error")],
+)
+def test_why_a_recording_stopped_is_told_in_one_line(number: int, words: str) -> None:
+    error = OSError(number, os.strerror(number))
+    for told in (stopped(Path("x.mcap"), error, 5), unwritable(Path("x.mcap"), error)):
+        assert words in str(told)
+        assert "x.mcap" in str(told)
+        assert "\n" not in str(told)
+
+
+@contextmanager
+def _files_no_larger_than(size: int) -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("room", [1, 500, 3000])
+def test_a_write_that_fails_leaves_all_that_was_flushed_in_a_whole_file(
+    tmp_path: Path, make_rows: Rows, room: int
+) -> None:
+    path = tmp_path / "x.mcap"
+    rows = make_rows(3000)
+    with RecordingWriter(path, [PORT]) as writer:
+        writer.write(rows[:100])
+        writer.flush()
+        size = writer.size
+        with _files_no_larger_than(size + room):
+            writer.write(rows[100:])
+            with pytest.raises(FileError, match=r"recording stopped: .*\(100 rows\)") as caught:
+                writer.flush()
+            with pytest.raises(FileError) as again:
+                writer.write(rows[:1])
+        assert again.value is caught.value
+        assert writer.failure is caught.value
+    assert path.stat().st_size == size
+    assert _statistics(path).message_count == 100
+    reader = RecordingReader(path)
+    assert list(reader) == rows[:100]
+    assert reader.complete
+
+
+def test_no_room_for_the_head_leaves_no_file(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with _files_no_larger_than(100), pytest.raises(FileError, match="cannot be written"):
+        RecordingWriter(path, [PORT])
+    assert not path.exists()
+
+
+ENDLESS = """
+import sys
+from pathlib import Path
+from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
+from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.writing.writer import RecordingWriter
+
+raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
+writer = RecordingWriter(Path(sys.argv[1]), [PortFacts("p")])
+count = 0
+while True:
+    writer.write([Frame("p", 10 * n, raw, 10**18 + n, (), n) for n in range(count, count + 50)])
+    count += 50
+    writer.flush()
+    print(count, flush=True)
+"""
+
+
+@pytest.mark.parametrize("flushes", [1, 7, 40])
+def test_a_killed_writer_leaves_what_was_flushed(tmp_path: Path, flushes: int) -> None:
+    path = tmp_path / "killed.mcap"
+    with subprocess.Popen(
+        [sys.executable, "-c", ENDLESS, str(path)], stdout=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None
+        for _ in range(flushes):
+            child.stdout.readline()
+        child.send_signal(signal.SIGKILL)
+        told = [int(line) for line in child.stdout.read().splitlines() if line]
+    flushed = max([50 * flushes, *told])
+    reader = RecordingReader(path)
+    offsets = [row.offset for row in reader]
+    assert offsets == [10 * n for n in range(len(offsets))]
+    assert flushed <= len(offsets) <= flushed + 50
+
+
+def test_the_message_records_are_what_the_format_says(tmp_path: Path, make_rows: Rows) -> None:
+    """Offsets in the message index point at the opcode of a message of that time and channel."""
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [PORT]) as writer:
+        writer.write(make_rows(40))
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Chunk, MessageIndex
+    from mcap.stream_reader import get_chunk_data_stream
+
+    with path.open("rb") as file:
+        records = list(StreamReader(file, emit_chunks=True).records)
+    (chunk,) = [record for record in records if isinstance(record, Chunk)]
+    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+    assert isinstance(stream, ReadDataStream)
+    data = stream.read(length)
+    places = [
+        (index.channel_id, time, offset)
+        for index in records
+        if isinstance(index, MessageIndex)
+        for time, offset in index.records
+    ]
+    assert len(places) == 40
+    for channel_id, time, offset in places:
+        assert struct.unpack_from("<B8xH4xQQ", data, offset) == (5, channel_id, time, time)

@@ -1,0 +1,360 @@
+"""The capture process and the view's end of it: real processes, real terminals, real files."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import resource
+import select
+import signal
+import socket
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from time import monotonic
+
+import pytest
+
+from fte_sniff.analysis.store.feed import WakingFeed
+from fte_sniff.capture.sources.tap import Tap
+from fte_sniff.errors import FileError, PortError
+from fte_sniff.protocol import PortEventKind, Row
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.writing.place import Existing
+from fte_sniff.session.capturing import live
+from fte_sniff.session.capturing.live import END_WITHIN_S, LiveSession
+from fte_sniff.session.capturing.messages import Batch, Ended, Started
+from fte_sniff.session.capturing.plan import CapturePlan
+from fte_sniff.session.capturing.process import capture
+from tests.cli.processes import BOUND_S, holding, wait_until
+
+SIM = "sim://?seed=1&rate=1000"
+
+
+def plan(recording: Path | None = None, port: str = SIM, **limits: float) -> CapturePlan:
+    return CapturePlan(Tap((port,)), recording, **limits)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def quickly_overdue(monkeypatch: pytest.MonkeyPatch) -> float:
+    """After so many seconds a capture that was asked to end is overdue."""
+    monkeypatch.setattr(live, "END_WITHIN_S", 0.3)
+    return 0.3
+
+
+@contextmanager
+def alarms(do: Callable[[], None], every_s: float) -> Iterator[None]:
+    """While in this context, something is done every now and then, whatever else waits."""
+    before = signal.signal(signal.SIGALRM, lambda *_: do())
+    signal.setitimer(signal.ITIMER_REAL, every_s, every_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def to_the_end(session: LiveSession) -> list[Row]:
+    rows: list[Row] = []
+    for update in updates(session):
+        rows += update.rows
+    return rows
+
+
+def updates(session: LiveSession) -> Iterator:
+    deadline = monotonic() + BOUND_S
+    while monotonic() < deadline:
+        update = session.wait(0.1)
+        yield update
+        if not update.state.running:
+            return
+    raise AssertionError("it does not end")
+
+
+def until(session: LiveSession, holds: Callable[[int], bool]) -> None:
+    for update in updates(session):
+        if holds(update.state.rows):
+            return
+    raise AssertionError("it ended too early")
+
+
+def test_what_has_come_can_be_waited_for() -> None:
+    with LiveSession(plan()) as session:
+        assert isinstance(session, WakingFeed)
+        assert select.select([session.descriptor], [], [], BOUND_S)[0]
+        update = session.poll()
+        assert update.rows or update.events
+
+
+def test_rows_seen_are_rows_recorded(tmp_path: Path) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap", count=200)) as session:
+        rows = to_the_end(session)
+    assert len(rows) == 200
+    assert list(RecordingReader(tmp_path / "x.mcap")) == rows
+    assert session.error is None
+
+
+def test_events_are_seen_and_recorded(tmp_path: Path) -> None:
+    events = []
+    with LiveSession(plan(tmp_path / "x.mcap", duration_s=0.2)) as session:
+        for update in updates(session):
+            events += update.events
+    assert [event.kind for event in events] == [PortEventKind.OPENED, PortEventKind.CLOSED]
+    assert list(RecordingReader(tmp_path / "x.mcap").events()) == events
+
+
+def test_a_view_that_does_not_look_costs_nothing(tmp_path: Path) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap", duration_s=1.0)) as session:
+        # Nothing is taken from the pipe until the file is closed.
+        wait_until(lambda: not holding(tmp_path / "x.mcap"))
+        rows = to_the_end(session)
+    recorded = list(RecordingReader(tmp_path / "x.mcap"))
+    assert rows == recorded
+    assert len(recorded) > 300
+
+
+def test_stop_ends_it_and_asking_twice_is_asking_once(tmp_path: Path) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+        until(session, lambda rows: rows > 20)
+        assert not session.stopping
+        session.stop()
+        session.stop()
+        to_the_end(session)
+        session.stop()
+        assert session.poll().state.ended == "stopped"
+    reader = RecordingReader(tmp_path / "x.mcap")
+    assert len(list(reader)) > 20
+    assert reader.complete
+
+
+def test_leaving_the_session_closes_the_file(tmp_path: Path) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+        until(session, lambda rows: rows > 20)
+    reader = RecordingReader(tmp_path / "x.mcap")
+    assert len(list(reader)) > 20
+    assert reader.complete
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_to_the_capture_process_ends_it_well(tmp_path: Path, number: int) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+        until(session, lambda rows: rows > 20)
+        os.kill(session._process.pid or 0, number)
+        rows = to_the_end(session)
+        assert session.error is None
+    assert list(RecordingReader(tmp_path / "x.mcap"))[-len(rows) :] == rows
+
+
+def test_ctrl_c_means_nothing_to_the_capture_process(tmp_path: Path) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+        os.kill(session._process.pid or 0, signal.SIGINT)
+        until(session, lambda rows: rows > 50)
+        assert session.poll().state.running
+
+
+def test_a_killed_capture_is_told(tmp_path: Path) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+        until(session, lambda rows: rows > 20)
+        session._process.kill()
+        to_the_end(session)
+        assert isinstance(session.error, PortError)
+        assert "unexpectedly" in (session.poll().state.ended or "")
+    list(RecordingReader(tmp_path / "x.mcap"))
+
+
+def test_a_port_that_is_lost_ends_it_and_says_so(tmp_path: Path) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap", port=f"{SIM}&frames=30")) as session:
+        rows = to_the_end(session)
+        assert isinstance(session.error, PortError)
+        assert "was lost" in (session.poll().state.ended or "")
+    assert len(rows) == 30
+    assert list(RecordingReader(tmp_path / "x.mcap")) == rows
+
+
+def test_what_cannot_start_raises_and_leaves_no_process(tmp_path: Path) -> None:
+    sessions = [LiveSession(plan(port="/dev/ttyNOPE")), LiveSession(plan(tmp_path / "x.mcap"))]
+    (tmp_path / "x.mcap").touch()
+    for session, refusal, words in zip(
+        sessions, (PortError, FileError), ("no such port", "exists already"), strict=True
+    ):
+        with pytest.raises(refusal, match=words):
+            session.begin()
+        assert not session._process.is_alive()
+    assert (tmp_path / "x.mcap").read_bytes() == b""
+
+
+def test_a_recording_that_fails_is_told_at_once_and_the_capture_goes_on(tmp_path: Path) -> None:
+    with files_bounded(20_000):
+        session = LiveSession(plan(tmp_path / "x.mcap", duration_s=2.0))
+    with session:
+        rows_when_told = None
+        for update in updates(session):
+            if update.state.recording is None and rows_when_told is None:
+                rows_when_told = update.state.rows
+        assert isinstance(session.error, FileError)
+        assert "recording stopped" in str(session.error)
+        assert rows_when_told is not None
+        assert session.total_rows > rows_when_told + 200
+    told = RecordingReader(tmp_path / "x.mcap").metadata["fte-sniff"]
+    assert told["port.1.granted"] == "no low latency setting; line errors unavailable"
+
+
+def test_a_recording_that_is_deleted_is_told_at_once_and_the_capture_goes_on(
+    tmp_path: Path,
+) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+        until(session, lambda rows: rows > 20)
+        (tmp_path / "x.mcap").unlink()
+        until(session, lambda _rows: session.error is not None)
+        state = session.poll().state
+        assert (state.running, state.recording) == (True, str(tmp_path / "x_00002.mcap"))
+        assert state.files == (str(tmp_path / "x.mcap"), str(tmp_path / "x_00002.mcap"))
+        assert "x.mcap was deleted" in (state.trouble or "")
+        assert "recording goes on in" in (state.trouble or "")
+        told_at = state.rows
+        until(session, lambda rows: rows > told_at + 100)
+    assert isinstance(session.error, FileError)
+    assert not (tmp_path / "x.mcap").exists()
+
+
+def test_a_capture_that_is_stuck_is_killed_and_that_is_told(
+    tmp_path: Path, quickly_overdue: float
+) -> None:
+    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+        wait_until(lambda: bool(list(RecordingReader(tmp_path / "x.mcap"))))
+        os.kill(session._process.pid or 0, signal.SIGSTOP)
+        start = monotonic()
+        session.stop()
+    assert quickly_overdue <= monotonic() - start < BOUND_S / 2
+    assert isinstance(session.error, PortError)
+    assert "was killed" in (session.poll().state.ended or "")
+    assert not session._process.is_alive()
+    assert list(RecordingReader(tmp_path / "x.mcap"))
+
+
+def falls_silent(_plan: CapturePlan, view: Connection) -> None:
+    """Stands in for a capture: is stopped for good in the middle of a message."""
+    view.send(Started(None))
+    os.write(view.fileno(), struct.pack("!i", 1000))
+    signal.pause()
+
+
+def test_a_capture_that_is_stuck_within_a_message_is_killed_by_asking_again(
+    monkeypatch: pytest.MonkeyPatch, quickly_overdue: float
+) -> None:
+    monkeypatch.setattr(live, "capture", falls_silent)
+    with LiveSession(plan()) as session, alarms(session.stop, quickly_overdue):
+        to_the_end(session)
+        assert isinstance(session.error, PortError)
+
+
+def is_behind(_plan: CapturePlan, view: Connection) -> None:
+    """Stands in for a capture: has much to hand on yet when it is asked to end."""
+    view.send(Started(None))
+    view.recv()
+    for total in range(15):
+        view.poll(0.2)
+        view.send(Batch([], [], total, 0))
+    view.send(Ended())
+
+
+def test_a_capture_that_is_behind_may_take_its_time_to_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(live, "capture", is_behind)
+    monkeypatch.setattr(live, "END_WITHIN_S", 2.0)
+    with LiveSession(plan()) as session:
+        session.stop()
+        while session.poll().state.running:
+            pass
+    assert session.error is None
+    assert session.total_rows == 14
+
+
+def test_a_capture_that_is_stuck_before_it_begins_just_ends(
+    tmp_path: Path, quickly_overdue: float
+) -> None:
+    session = LiveSession(plan(tmp_path / "x.mcap"))
+    pid = session._process.pid or 0
+    os.kill(pid, signal.SIGSTOP)
+    os.waitid(os.P_PID, pid, os.WSTOPPED)
+    session.stop()
+    with session:
+        assert not session.poll().state.running
+    assert session.error is None
+    assert not session._process.is_alive()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_stop_while_the_port_is_not_open_yet_ends_it_at_once(tmp_path: Path) -> None:
+    # A server that takes no connection: opening the port would last long.
+    with socket.socket() as server, socket.socket() as first:
+        server.bind(("127.0.0.1", 0))
+        server.listen(0)
+        first.connect(server.getsockname())
+        host, number = server.getsockname()
+        session = LiveSession(plan(tmp_path / "x.mcap", port=f"socket://{host}:{number}"))
+        session.stop()
+        session.stop()
+        start = monotonic()
+        session.begin()
+        assert monotonic() - start < END_WITHIN_S
+        assert not session.poll().state.running
+        session.close()
+    assert session.error is None
+    assert session.recording is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("existing", [Existing.REFUSE, Existing.REPLACE])
+def test_a_capture_whose_view_went_before_it_began_says_and_leaves_nothing(
+    tmp_path: Path, existing: Existing
+) -> None:
+    if existing is Existing.REPLACE:
+        (tmp_path / "x.mcap").write_bytes(b"precious")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    wanted = replace(plan(tmp_path / "x.mcap"), existing=existing)
+    process = context.Process(target=capture, args=(wanted, theirs))
+    process.start()
+    theirs.close()
+    ours.close()
+    process.join(BOUND_S)
+    # A traceback would come with another exit code.
+    assert process.exitcode == 0
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
+    wanted = replace(plan(tmp_path / "x.mcap", count=30), existing=Existing.NUMBER)
+    sessions = [LiveSession(wanted) for _ in range(3)]
+    for session in sessions:
+        with session:
+            assert session.recording is not None
+            rows = to_the_end(session)
+            assert session.poll().state.recording == str(session.recording)
+        assert list(RecordingReader(session.recording)) == rows
+    assert {session.recording for session in sessions} == set(tmp_path.iterdir())
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+@pytest.mark.parametrize("seconds", [1e308, math.inf])
+def test_a_duration_beyond_all_bounds_is_none(seconds: float) -> None:
+    with LiveSession(plan(duration_s=seconds, count=20)) as session:
+        assert len(to_the_end(session)) == 20
+
+
+@contextmanager
+def files_bounded(size: int) -> Iterator[None]:
+    """Processes started in this context cannot write files longer than `size` bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)

@@ -1,0 +1,178 @@
+"""The rows of several ports on one time line, and where their order is not certain."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fte_sniff.capture.simulator import SimulationParameters, simulate
+from fte_sniff.protocol import Chunk, Frame, Framer, PortEvent, PortEventKind, Row
+from fte_sniff.session.capturing.ordering import MOST_HELD_NS, REACH_NS, Entry, Ordering
+
+MS = 1_000_000
+FRAME = bytes.fromhex("AA0000000000000000EE")
+START_NS = 10**18
+
+
+def row(port: str, ms: float) -> Frame:
+    return Frame(port, 0, FRAME, round(ms * MS))
+
+
+def event(port: str, ms: float) -> PortEvent:
+    return PortEvent(round(ms * MS), port, PortEventKind.LOST, "")
+
+
+def put(order: Ordering, *entries: Entry) -> None:
+    for entry in entries:
+        order.put(entry.port, [entry])
+
+
+def test_one_port_waits_for_nothing() -> None:
+    order = Ordering({"a": 0})
+    put(order, row("a", 1), event("a", 2), row("a", 3))
+    assert order.take() == [row("a", 1), event("a", 2), row("a", 3)]
+
+
+def test_a_row_waits_until_the_other_port_is_past_it() -> None:
+    order = Ordering({"a": 0, "b": 0})
+    put(order, row("a", 100))
+    order.heard("a", 101 * MS, None, data=True)
+    order.heard("b", 110 * MS, None, data=False)
+    assert order.take() == []
+    order.heard("b", 101 * MS + REACH_NS, None, data=False)
+    assert order.take() == [row("a", 100)]
+
+
+def test_a_read_with_bytes_is_past_all_that_came_before_it() -> None:
+    order = Ordering({"a": 0, "b": 0})
+    put(order, row("a", 100))
+    order.heard("b", 101 * MS, None, data=True)
+    assert order.take() == [row("a", 100)]
+
+
+def test_a_port_with_undecided_bytes_is_waited_for_from_the_first_of_them() -> None:
+    order = Ordering({"a": 0, "b": 0})
+    put(order, row("a", 100), row("a", 150))
+    order.heard("b", 500 * MS, 120 * MS, data=True)
+    assert order.take() == [row("a", 100)]
+    put(order, row("b", 120))
+    order.heard("b", 510 * MS, None, data=False)
+    assert order.take() == [row("b", 120), row("a", 150)]
+
+
+def test_no_port_holds_up_another_for_ever() -> None:
+    order = Ordering({"a": 0, "b": 0})
+    put(order, row("a", 100))
+    order.heard("b", 101 * MS, 50 * MS, data=True)
+    order.heard("a", 100 * MS + MOST_HELD_NS - 1, None, data=False)
+    assert order.take() == []
+    order.heard("a", 100 * MS + MOST_HELD_NS, None, data=False)
+    assert order.take() == [row("a", 100)]
+
+
+def test_events_stand_where_they_happened() -> None:
+    order = Ordering({"a": 0, "b": 0})
+    put(order, event("a", 5), row("b", 4), row("b", 6))
+    assert order.drain() == [row("b", 4), event("a", 5), row("b", 6)]
+
+
+@pytest.mark.parametrize(
+    ("uncertain", "times", "marked"),
+    [
+        # The later row may be the earlier one by as much as its own port is uncertain.
+        ({"a": 0, "b": 2}, [("a", 10), ("b", 11)], [True, True]),
+        ({"a": 2, "b": 0}, [("a", 10), ("b", 11)], [False, False]),
+        ({"a": 0, "b": 2}, [("a", 10), ("b", 12.5)], [False, False]),
+        ({"a": 1, "b": 1}, [("a", 10), ("a", 10.5), ("b", 11), ("b", 12.5)], [True] * 3 + [False]),
+        ({"a": 0, "b": 0}, [("a", 10), ("b", 10)], [True, True]),
+        ({"a": 16, "b": 1}, [("b", 10), ("a", 20), ("b", 22)], [True, True, False]),
+        ({"a": 9, "b": 9}, [("a", 10), ("a", 11), ("a", 12)], [False] * 3),
+    ],
+)
+def test_what_two_ports_cannot_tell_apart_is_marked(
+    uncertain: dict[str, int], times: list[tuple[str, float]], marked: list[bool]
+) -> None:
+    order = Ordering({port: ms * MS for port, ms in uncertain.items()})
+    for port, ms in times:
+        put(order, row(port, ms))
+        order.heard(port, round(ms * MS) + MS, None, data=True)
+    found = order.take() + order.drain()
+    assert [(r.port, (r.t_ns or 0) / MS) for r in found] == times
+    assert [isinstance(r, Frame) and r.order_uncertain for r in found] == marked
+
+
+FAULTS = st.sampled_from([0.0, 0.3])
+LATENESS = st.lists(st.integers(0, 16 * MS), min_size=1, max_size=9)
+SEEDS = st.integers(0, 99)
+
+
+def wire(port: str, carries: str, seed: int, fault: float, rate: float, late: list[int]) -> list:
+    """A wire as an adapter reads it: bytes late by up to 16 ms, and silence told."""
+    asked = SimulationParameters(
+        seed=seed, rate=rate, frames=60, drop=fault, noise=fault, wire=carries
+    )
+    return list(_reads(port, list(simulate(asked)), itertools.cycle(late)))
+
+
+def _reads(port: str, coming: list, late: Iterator[int]) -> Iterator[Chunk]:
+    """Reads of what comes, never later than 16 ms after it came, and a beat each 10 ms."""
+    now, at = START_NS, 0
+    while at < len(coming):
+        due = START_NS + coming[at].t_ns + next(late)
+        while now + 10 * MS < due:
+            now += 10 * MS
+            yield Chunk(port, now, b"")
+        now = max(now, due)
+        data = b""
+        while at < len(coming) and START_NS + coming[at].t_ns <= now:
+            data += coming[at].data
+            at += 1
+        yield Chunk(port, now, data)
+
+
+@settings(deadline=None)
+@given(
+    st.tuples(SEEDS, FAULTS),
+    st.tuples(SEEDS, FAULTS),
+    st.sampled_from([5.0, 200.0, 1000.0]),
+    LATENESS,
+    LATENESS,
+)
+def test_rows_come_out_in_order_of_time_and_all_of_them(
+    one: tuple[int, float], two: tuple[int, float], rate: float, late1: list[int], late2: list[int]
+) -> None:
+    read = {
+        "a": wire("a", "control", *one, rate, late1),
+        "b": wire("b", "feedback", *two, rate, late2),
+    }
+    until_ns = max(chunks[-1].t_ns or 0 for chunks in read.values())
+    for port, chunks in read.items():
+        beats = range((chunks[-1].t_ns or 0) + 10 * MS, until_ns, 10 * MS)
+        chunks += [Chunk(port, t_ns, b"") for t_ns in beats]
+    framers = {port: Framer(port) for port in read}
+    order = Ordering(dict.fromkeys(read, MS))
+    made: dict[str, list[Row]] = {port: [] for port in read}
+    found: list[Entry] = []
+
+    def take(port: str, rows: list[Row]) -> None:
+        made[port] += rows
+        order.put(port, rows)
+
+    for chunk in heapq.merge(*read.values(), key=lambda chunk: chunk.t_ns):
+        framer = framers[chunk.port]
+        take(chunk.port, framer.feed(chunk))
+        waits = framer.waits_since_ns
+        order.heard(chunk.port, chunk.t_ns or 0, waits, data=bool(chunk.data))
+        found += order.take()
+    for port, framer in framers.items():
+        take(port, framer.flush())
+    found += order.drain()
+    for a, b in itertools.pairwise(found):
+        assert (a.t_ns or 0) <= (b.t_ns or 0), (a, b)
+    for port, rows in made.items():
+        assert [entry for entry in found if entry.port == port] == rows

@@ -1,0 +1,327 @@
+"""`fte_sniff.scan` and `fte_sniff.read`: recordings as tables, their promise and their bounds."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import fte_sniff
+from fte_sniff.analysis.columns.table import TABLE_SCHEMA
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import Row, record
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.session.files.earliest import earliest_ns
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+RECORDINGS = sorted(SAMPLES.glob("*.mcap"))
+
+
+def _records(frame: pl.DataFrame) -> list[dict[str, object]]:
+    """The frame as the row contract's dicts, times in nanoseconds."""
+    return frame.with_columns(pl.col("time").dt.epoch("ns")).to_dicts()
+
+
+def _rows(path: Path) -> list[Row]:
+    return list(RecordingReader(path))
+
+
+@pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name)
+def test_a_table_says_what_the_rows_say(path: Path) -> None:
+    frame = fte_sniff.read(path)
+    assert frame.schema == TABLE_SCHEMA
+    assert _records(frame) == [record(row) for row in _rows(path)]
+
+
+@pytest.mark.parametrize("name", list(TABLE_SCHEMA))
+def test_each_column_alone_is_that_of_the_whole(name: str) -> None:
+    path = SAMPLES / "damaged.mcap"
+    assert fte_sniff.scan(path).select(name).collect().equals(fte_sniff.read(path).select(name))
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        pl.col("motor") == 1,
+        pl.col("rpm") > 500,
+        pl.col("faults").list.len() > 0,
+        pl.col("kind") == "speed_feedback",
+        pl.col("length") > 10,
+        pl.lit(True),
+        pl.lit(False),
+        pl.col("time") < pl.datetime(2026, 1, 31, 12, 0, 5, time_zone="UTC"),
+    ],
+    ids=str,
+)
+def test_a_filter_gives_the_same_before_and_after_reading(wanted: pl.Expr) -> None:
+    path = SAMPLES / "damaged.mcap"
+    asked = fte_sniff.scan(path).filter(wanted).select("offset", "raw")
+    expected = fte_sniff.read(path).filter(wanted).select("offset", "raw")
+    assert asked.collect().equals(expected)
+    assert asked.collect(engine="streaming").sort("offset").equals(expected.sort("offset"))
+    assert asked.head(7).collect().equals(expected.head(7))
+
+
+_Frame = pl.LazyFrame | pl.DataFrame
+_FILTERS = [
+    pl.col("motor") == 3,
+    pl.col("length") > 0,
+    pl.col("offset") % 20 == 0,
+    *(pl.col("time") >= datetime(2026, 1, 31, 12, 0, at, tzinfo=UTC) for at in (1, 10, 19)),
+]
+
+
+@st.composite
+def _steps(draw: st.DrawFn) -> Callable[[_Frame], _Frame]:
+    rows = draw(st.integers(0, 1300))
+    columns = ["time", "motor", "offset", "length"]
+    return draw(
+        st.sampled_from(
+            [
+                lambda table: table.head(rows),
+                lambda table: table.tail(rows),
+                lambda table: table.slice(rows // 2, rows),
+                lambda table: table.slice(-rows, rows // 3),
+                lambda table: table.select(columns),
+                *(lambda table, by=by: table.filter(by) for by in _FILTERS),
+            ]
+        )
+    )
+
+
+@pytest.fixture(scope="module")
+def two_files(tmp_path_factory: pytest.TempPathFactory) -> tuple[pl.LazyFrame, pl.DataFrame]:
+    """Two recordings, each of several chunks, some of which end before a filter's time."""
+    rows = _rows(SAMPLES / "clean.mcap")
+    folders = [tmp_path_factory.mktemp(name) for name in ("first", "second")]
+    parts = (rows[:500], rows[500:])
+    paths = [_recording_by_chunks(*given) for given in zip(folders, parts, strict=True)]
+    return fte_sniff.scan(paths), fte_sniff.read(paths)
+
+
+@settings(max_examples=150, deadline=None)
+@given(steps=st.lists(_steps(), min_size=1, max_size=5))
+def test_a_query_gives_what_the_same_steps_give_of_the_whole(
+    two_files: tuple[pl.LazyFrame, pl.DataFrame], steps: list[Callable[[_Frame], _Frame]]
+) -> None:
+    """The first rows of a filter's are not the filter's of the first rows."""
+    lazy, whole = two_files
+    for step in steps:
+        lazy, whole = step(lazy), step(whole)
+    assert lazy.collect().equals(whole)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 499, 500, 501, 1200, 5000])
+def test_the_first_rows_are_counted_before_those_the_filter_leaves(
+    two_files: tuple[pl.LazyFrame, pl.DataFrame], count: int
+) -> None:
+    lazy, whole = two_files
+    for by in _FILTERS:
+        assert lazy.head(count).filter(by).collect().equals(whole.head(count).filter(by))
+        assert lazy.filter(by).head(count).collect().equals(whole.filter(by).head(count))
+
+
+def test_filters_columns_and_limits_reach_the_reader() -> None:
+    query = fte_sniff.scan(SAMPLES / "damaged.mcap").filter(pl.col("rpm") > 500).select("motor")
+    plan = query.explain()
+    assert "SELECTION" in plan
+    assert "PROJECT 2/18" in plan or "PROJECT 1/18" in plan, plan
+
+
+def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
+    late, early = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    rows = _rows(SAMPLES / "clean.mcap")
+    from fte_sniff.recording.encoding.facts import PortFacts
+    from fte_sniff.recording.writing.writer import RecordingWriter
+
+    for path, part in ((late, rows[600:]), (early, rows[:600])):
+        with RecordingWriter(path, [PortFacts("p")]) as writer:
+            writer.write(part)
+    offsets = [row.offset for row in rows]
+    for paths in (tmp_path, tmp_path / "*.mcap", f"{tmp_path}/[ab].mcap", [late, early]):
+        assert fte_sniff.read(paths)["offset"].to_list() == offsets
+    assert fte_sniff.scan(tmp_path).head(3).collect()["offset"].to_list() == offsets[:3]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("absent.mcap", "there is no such file"),
+        ("", "there is no recording (*.mcap) in it"),
+        ("*.mcap", "no file matches this pattern"),
+        ("text.mcap", "is not an MCAP recording"),
+    ],
+)
+def test_what_cannot_be_read_is_told_at_once(tmp_path: Path, name: str, told: str) -> None:
+    if name == "text.mcap":
+        (tmp_path / name).write_text("AA 01 and so on")
+    for use in (fte_sniff.scan, fte_sniff.read):
+        with pytest.raises(FileError) as caught:
+            use(tmp_path / name)
+        assert told in str(caught.value)
+
+
+def test_a_recording_without_rows_is_an_empty_table(tmp_path: Path) -> None:
+    from fte_sniff.recording.encoding.facts import PortFacts
+    from fte_sniff.recording.writing.writer import RecordingWriter
+
+    path = tmp_path / "idle.mcap"
+    RecordingWriter(path, [PortFacts("p")]).close()
+    assert fte_sniff.read(path).schema == TABLE_SCHEMA
+    assert fte_sniff.read(path).height == 0
+    assert fte_sniff.scan(path).collect().height == 0
+
+
+def test_a_damaged_recording_is_read_with_a_warning_that_says_what_is_lost(tmp_path: Path) -> None:
+    whole = (SAMPLES / "clean.mcap").read_bytes()
+    cut, flipped = tmp_path / "cut.mcap", tmp_path / "flipped.mcap"
+    cut.write_bytes(whole[: len(whole) // 2])
+    middle = len(whole) // 2
+    flipped.write_bytes(whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :])
+    for path in (cut, flipped):
+        reader = RecordingReader(path)
+        rows = [record(row) for row in reader]
+        assert len(rows) < len(_rows(SAMPLES / "clean.mcap"))
+        lost = [*reader.losses, reader.ending]
+        for use in (fte_sniff.read, lambda file: fte_sniff.scan(file).collect()):
+            with pytest.warns(fte_sniff.RecordingWarning) as caught:
+                assert _records(use(path)) == rows
+            (told,) = (str(warning.message) for warning in caught)
+            assert told.startswith(f"{path}: ")
+            assert len(told.splitlines()) == 1
+            assert all(loss in told for loss in lost)
+    with pytest.warns(fte_sniff.RecordingWarning) as caught:
+        fte_sniff.read([cut, SAMPLES / "clean.mcap", flipped])
+    assert [warning.filename for warning in caught] == [__file__, __file__]
+
+
+def test_importing_the_package_loads_neither_numpy_nor_polars() -> None:
+    program = (
+        "import sys, fte_sniff; assert 'scan' in fte_sniff.__all__; "
+        "print([name for name in ('numpy', 'polars', 'mcap') if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_example_runs(tmp_path: Path) -> None:
+    for path in (SAMPLES / "tables.py", SAMPLES / "damaged.mcap"):
+        shutil.copy(path, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "tables.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert "motor" in done.stdout
+    assert done.stdout.endswith("rows in damaged.parquet\n")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["damaged.mcap", "tables.py"]
+
+
+_START = datetime(2026, 1, 31, 12, tzinfo=UTC)
+_time = pl.col("time")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "bounded"),
+    [
+        (_time > _START, True),
+        (_time >= _START, True),
+        (_time == _START, True),
+        (pl.lit(_START) <= _time, True),
+        (_time >= pl.datetime(2026, 1, 31, 12, time_zone="UTC"), True),
+        (_time.is_between(_START, datetime(2027, 1, 1, tzinfo=UTC)), True),
+        ((_time >= _START) & (pl.col("rpm") > 3), True),
+        (
+            (pl.col("rpm") > 3) & ((_time < datetime(2027, 1, 1, tzinfo=UTC)) & (_time > _START)),
+            True,
+        ),
+        ((_time >= _START) | (_time == datetime(2027, 1, 1, tzinfo=UTC)), True),
+        ((_time >= _START) | (pl.col("rpm") > 3), False),
+        (_time < _START, False),
+        (_time != _START, False),
+        (~(_time > _START), False),
+        (_time > _time, False),
+        (_time > pl.lit(None), False),
+        (_time.is_not_null(), False),
+        (pl.col("offset") > 10**18, False),
+        (_time.dt.offset_by("1h") > _START, False),
+        (_time.cast(pl.Int64) > 10**18, False),
+        (pl.lit(True), False),
+    ],
+    ids=str,
+)
+def test_a_bound_is_taken_from_a_filter_only_where_it_holds(wanted: pl.Expr, bounded: bool) -> None:
+    start_ns = int(_START.timestamp()) * 10**9
+    assert earliest_ns(wanted) in ({start_ns, start_ns + 999} if bounded else {0})
+
+
+def test_a_bound_holds_however_polars_writes_the_filter(tmp_path: Path) -> None:
+    """What reaches the reader is rewritten by polars: rounded, turned around, parted anew."""
+    rows = _rows(SAMPLES / "clean.mcap")
+    path = _recording_by_chunks(tmp_path, rows)
+    whole = fte_sniff.read(path)
+    for at in (0, 1, 300, len(rows) - 1):
+        time = whole["time"][at]
+        for wanted in (_time > time, _time >= time, _time == time, _time.is_between(time, time)):
+            both = wanted & (pl.col("length") > 0)
+            for asked in (wanted, both):
+                found = fte_sniff.scan(path).filter(asked).collect()
+                assert found.equals(whole.filter(asked))
+
+
+def test_chunks_before_the_earliest_time_are_passed_over(tmp_path: Path) -> None:
+    """The first chunk is damaged, and a query for what comes after it neither sees nor says it."""
+    rows = _rows(SAMPLES / "clean.mcap")
+    path = _recording_by_chunks(tmp_path, rows)
+    start = fte_sniff.read(path)["time"][500]
+    content = bytearray(path.read_bytes())
+    content[content.index(b"zstd") + 40] ^= 0xFF
+    path.write_bytes(content)
+    found = fte_sniff.scan(path).filter(_time >= start).collect()
+    assert _records(found) == [record(row) for row in rows[500:]]
+    with pytest.warns(fte_sniff.RecordingWarning):
+        fte_sniff.scan(path).filter(_time <= start).collect()
+
+
+def test_a_row_that_came_late_is_found_by_its_own_time(tmp_path: Path) -> None:
+    """It stands in a chunk whose log times are all later."""
+    from fte_sniff.protocol import Frame
+    from fte_sniff.recording.encoding.facts import PortFacts
+    from fte_sniff.recording.writing.writer import RecordingWriter
+
+    rows = [row for row in _rows(SAMPLES / "clean.mcap") if isinstance(row, Frame)][:40]
+    last = rows[-1]
+    late = Frame("late", 0, last.raw, (rows[0].t_ns or 0) + 1, (), 0)
+    path = tmp_path / "late.mcap"
+    with RecordingWriter(path, [PortFacts("p"), PortFacts("late")]) as writer:
+        for row in (*rows, late, *rows[-1:]):
+            writer.write([row])
+            writer.flush()
+    whole = fte_sniff.read(path)
+    time = whole.filter(pl.col("port") == "late")["time"][0]
+    for wanted in (_time <= time, _time == time, _time >= time):
+        assert fte_sniff.scan(path).filter(wanted).collect().equals(whole.filter(wanted))
+        assert "late" in fte_sniff.scan(path).filter(wanted).collect()["port"].to_list()
+
+
+def _recording_by_chunks(folder: Path, rows: list[Row]) -> Path:
+    from fte_sniff.recording.encoding.facts import PortFacts
+    from fte_sniff.recording.writing.writer import RecordingWriter
+
+    path = folder / "chunks.mcap"
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        for start in range(0, len(rows), 100):
+            writer.write(rows[start : start + 100])
+            writer.flush()
+    return path

@@ -1,0 +1,193 @@
+"""Saving rows to a file: every form, what is in the way, and that nothing half is left."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import resource
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from fte_sniff.analysis.columns.table import TABLE_SCHEMA, rows_table
+from fte_sniff.errors import FileError, UsageError
+from fte_sniff.formats.logs.hex_log import HexLog
+from fte_sniff.formats.raw import raw_chunks
+from fte_sniff.protocol import (
+    COLUMN_BY_NAME,
+    KIND_BY_NAME,
+    Damage,
+    Fault,
+    Frame,
+    Row,
+    encode,
+    iso_time,
+    spaced_hex,
+)
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.session.saving import parquet_sink
+from fte_sniff.session.saving.save import FORMS, Saving, Target
+
+NOON_NS = 1_769_860_800_000_000_000
+PORTS = ("/dev/ttyUSB0", "b")
+
+
+def rows(count: int = 40) -> list[Row]:
+    made: list[Row] = []
+    for number in range(count):
+        raw = encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 4, "rpm": number})
+        made.append(Frame(PORTS[0], 10 * number, raw, NOON_NS + number))
+    return [*made, Damage("b", 0, b"\x01\x02\x03", NOON_NS + count, (Fault.NOISE,))]
+
+
+def saved(path: Path, taken: list[Row]) -> Path:
+    saving = Saving(Target.parse(str(path)), PORTS)
+    for at in range(0, len(taken), 7):
+        saving.write(taken[at : at + 7])
+    saving.finish()
+    assert saving.rows == len(taken)
+    return path
+
+
+@pytest.mark.parametrize("suffix", FORMS)
+def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suffix: str) -> None:
+    taken = rows()
+    path = saved(tmp_path / f"rows{suffix}", taken)
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+    whole = b"".join(row.raw for row in taken)
+    match suffix:
+        case ".csv":
+            lines = list(csv.DictReader(io.StringIO(path.read_text("utf-8"))))
+            assert list(lines[0]) == list(COLUMN_BY_NAME)
+            assert [line["raw"] for line in lines] == [row.raw.hex().upper() for row in taken]
+        case ".jsonl":
+            found = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
+            assert [one["time"] for one in found] == [iso_time(row.t_ns or 0) for row in taken]
+        case ".parquet":
+            assert pl.read_parquet(path).equals(rows_table(taken))
+            assert pl.read_parquet_schema(path) == TABLE_SCHEMA
+        case ".mcap":
+            assert list(RecordingReader(path).entries()) == taken
+        case ".txt":
+            text = path.read_text("utf-8")
+            assert all(spaced_hex(row.raw) in text for row in taken)
+            assert "port" in text
+        case ".hex":
+            assert b"".join(chunk.data for chunk in HexLog.of_file(path)) == whole
+        case _:
+            assert b"".join(chunk.data for chunk in raw_chunks(path)) == whole
+
+
+@pytest.mark.parametrize("suffix", FORMS)
+def test_no_rows_make_a_file_too(tmp_path: Path, suffix: str) -> None:
+    assert saved(tmp_path / f"none{suffix}", []).exists()
+
+
+def test_many_rows_of_a_parquet_file_wait_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parquet_sink, "PIECE_ROWS", 10)
+    taken = rows()
+    path = saved(tmp_path / "rows.parquet", taken)
+    assert pl.read_parquet(path).equals(rows_table(taken))
+    assert pl.read_parquet_schema(path) == TABLE_SCHEMA
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_file_in_the_way_is_named_and_replaced_only_where_that_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    path.write_text("mine")
+    with pytest.raises(FileError, match=r"rows.csv exists already; name another, or .* rows.csv!"):
+        Target.parse(str(path))
+    saving = Saving(Target.parse(f"{path}!"), PORTS)
+    assert path.read_text() == "mine"
+    saving.finish()
+    assert path.read_text().startswith("time,port")
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.mcap!", "./a.mcap!", "link.mcap!", "hard.mcap !"])
+def test_a_file_that_rows_come_from_is_never_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    source = tmp_path / "a.mcap"
+    source.write_text("mine")
+    Path("link.mcap").symlink_to(source)
+    Path("hard.mcap").hardlink_to(source)
+    with pytest.raises(FileError, match=r"would be lost; name another$"):
+        Target.parse(name, ["gone.mcap", str(source)])
+    Target.parse("b.mcap", ["gone.mcap", str(source)])
+
+
+def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    saving = Saving(Target.parse(str(path)), PORTS)
+    path.write_text("mine")
+    with pytest.raises(FileError, match="exists already"):
+        saving.finish()
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+    assert path.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "said"),
+    [
+        ("rows", UsageError, "the name's end says what is written: .csv .jsonl"),
+        ("rows.pdf", UsageError, "the name's end"),
+        ("", UsageError, "the name's end"),
+        ("nowhere/rows.csv", FileError, "does not exist; name a folder that does"),
+        ("folder.csv", FileError, "is a folder; name a file in it"),
+        ("~nobody-here/rows.csv", FileError, "does not exist"),
+    ],
+)
+def test_what_cannot_be_saved_to_is_told_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, error: type[Exception], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder.csv").mkdir()
+    with pytest.raises(error, match=said):
+        Target.parse(name)
+
+
+def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "rows.csv").symlink_to("/dev/null")
+    with pytest.raises(FileError, match="is no regular file; name another"):
+        Target.parse(f"{tmp_path / 'rows.csv'}!")
+
+
+@pytest.mark.parametrize("suffix", FORMS)
+def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
+    saving = Saving(Target.parse(str(tmp_path / f"rows{suffix}")), PORTS)
+    saving.write(rows())
+    saving.abandon()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
+    saving = Saving(Target.parse(str(tmp_path / "rows.mcap")), PORTS)
+    with pytest.raises(FileError, match=r"it has no time since 1970.*write another format"):
+        saving.write([Damage("b", 0, b"\x01", None, (Fault.NOISE,))])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", FORMS)
+def test_a_file_that_cannot_grow_is_one_line_and_leaves_nothing(
+    tmp_path: Path, suffix: str
+) -> None:
+    saving = Saving(Target.parse(str(tmp_path / f"rows{suffix}")), PORTS)
+    taken = rows(20_000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        with pytest.raises(FileError, match=r"rows.*File too large"):
+            _write_all(saving, taken)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not list(tmp_path.iterdir())
+
+
+def _write_all(saving: Saving, taken: list[Row]) -> None:
+    saving.write(taken)
+    saving.finish()
