@@ -59,7 +59,7 @@ def command(
     form = form or form_of(output)
     wanted = row_filter(filter_text)
     inputs = opened(files, how)
-    span = span_of(since, until, (one.times for one in inputs))
+    span = span_of(since, until, (one.times for one in inputs), how.zone_given())
     reading = Reading(inputs, span, wanted, limit)
     _write(form, output, reading, force=force)
     for note in reading.notes:

@@ -74,7 +74,7 @@ def command(
     check_inputs(files)
     wanted = row_filter(filter_text)
     inputs = opened(files, how)
-    span = span_of(since, until, (one.times for one in inputs))
+    span = span_of(since, until, (one.times for one in inputs), how.zone_given())
     reading = Reading(inputs, span, wanted)
     survey = _surveyed(reading, baud)
     asked = Asked(filter_text, reading.tally.rows, reading.left_out)

@@ -84,7 +84,7 @@ def command(
     inputs = opened(files, how)
     ports = [port.name for one in inputs for port in one.ports]
     bench = remembered_bench(settings, ports, resolution, gear_ratio)
-    span = span_of(since, until, (one.times for one in inputs))
+    span = span_of(since, until, (one.times for one in inputs), how.zone_given())
     # What cannot be read at all is told before the screen opens, not on it.
     pages = RecordedPages() if _recordings_only(inputs) else None
     session = ReplaySession(

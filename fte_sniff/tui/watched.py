@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC
 from typing import TYPE_CHECKING
 
 from fte_sniff.analysis.accumulators.counting import count_rows
 from fte_sniff.analysis.accumulators.tally import Rate, Tally
-from fte_sniff.analysis.filter.moments import DAY_NS
 from fte_sniff.analysis.store.feed import Feed, FeedState, FeedUpdate
 from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.protocol import PortEvent, PortEventKind
@@ -171,7 +171,7 @@ class Watched:
             return None
         if isinstance(goal, ToDistance):
             return self._first_at(here + goal.ns)
-        return self._first_at(here - here % DAY_NS + goal.day_ns)
+        return self._first_at(goal.clock.on_day_of(here, UTC))
 
     def _holding(self, offset: int, cursor: int) -> int | None:
         if cursor >= self.store.shown_count:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from datetime import time, timedelta, timezone
 
 import pytest
 
+from fte_sniff.analysis.filter.moments import ClockTime
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FilterError, InputTextError
 from fte_sniff.tui.prompt.complete import completed
@@ -18,9 +20,10 @@ from fte_sniff.tui.prompt.history import History
     [
         ("1", ToRow(1)),
         (" 1,200 ", ToRow(1200)),
-        ("12:00", ToTimeOfDay(43_200 * 10**9)),
-        ("00:00:03.5", ToTimeOfDay(3_500_000_000)),
-        ("23:59:59.999999999", ToTimeOfDay(86_400 * 10**9 - 1)),
+        ("12:00", ToTimeOfDay(ClockTime(time(12)))),
+        ("00:00:03.5", ToTimeOfDay(ClockTime(time(0, 0, 3), 500_000_000))),
+        ("23:59:59.999999999", ToTimeOfDay(ClockTime(time(23, 59, 59), 999_999_999))),
+        ("20:00+08:00", ToTimeOfDay(ClockTime(time(20, tzinfo=timezone(timedelta(hours=8)))))),
         ("+2s", ToDistance(2 * 10**9)),
         ("-50ms", ToDistance(-50_000_000)),
         ("+0.25s", ToDistance(250_000_000)),

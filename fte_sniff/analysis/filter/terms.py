@@ -6,6 +6,7 @@ It must not know how parts are joined or in what order they were written.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
@@ -87,11 +88,24 @@ FUNCTIONS: Final = {
 
 
 def nearest(word: str, choices: Iterable[str]) -> str:
-    """`did you mean x?`, or nothing where no choice begins with the word or is like it."""
-    names = list(choices)
-    begun = [name for name in names if len(word) > 1 and name.startswith(word.lower())]
-    near = begun or difflib.get_close_matches(word.lower(), names, n=1)
+    """`did you mean x?`, or nothing where the word is short for no choice, nor like one."""
+    names, asked = list(choices), word.lower()
+    begun = [name for name in names if len(word) > 1 and name.startswith(asked)]
+    near = (
+        begun
+        or [name for name in names if _is_short_for(asked, name)]
+        or difflib.get_close_matches(asked, names, n=1)
+    )
     return Said("did you mean {near}?", near=near[0]) if near else ""
+
+
+def _is_short_for(text: str, name: str) -> bool:
+    """Whether each of a text's words leaves letters out of the name's one, as in `speed fb`."""
+    words, parts = re.split(r"[\s_.-]+", text), name.split("_")
+    return len(words) == len(parts) > 1 and all(
+        re.fullmatch(".*".join(map(re.escape, word)) + ".*", part)
+        for word, part in zip(words, parts, strict=True)
+    )
 
 
 def how_to_ask(term: Term) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 from fte_sniff.analysis.filter.byte_patterns import is_of_whole_bytes
-from fte_sniff.analysis.filter.moments import DAY_NS, clock_ns, time_ns
+from fte_sniff.analysis.filter.moments import DAY_NS, clock_time, time_ns
 from fte_sniff.analysis.filter.terms import (
     COLUMN_OF_WORD,
     INT64,
@@ -62,7 +62,8 @@ class Values:
         """The time of day that `right` says beside a time; None where it says none."""
         if left.type is not TermType.TIME or right.type is not TermType.LITERAL:
             return None
-        return clock_ns(right.shown)
+        clock = clock_time(right.shown)
+        return None if clock is None else clock.since_midnight_ns
 
     def fitted(self, left: Term, right: Term) -> str:
         """The SQL of `right` where it stands beside `left`."""

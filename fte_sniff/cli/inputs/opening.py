@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import tzinfo
 from functools import wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
@@ -67,7 +68,8 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
     zone = click.option(
         "--zone",
         metavar="ZONE",
-        help="Of hex logs: the zone of their times, as +08:00 or Asia/Shanghai.  [default: UTC]",
+        help="The zone of times that name none, in hex logs and in --from and --to, as +08:00 or "
+        "Asia/Shanghai.  [default: UTC]",
     )
     return files(kind(topic(day(zone(with_how)))))
 
@@ -103,7 +105,7 @@ class HowToRead:
     day: str | None = None
     """Of hex logs, the day of the first time."""
     zone: str | None = None
-    """Of hex logs, the zone of the times."""
+    """The zone of times that name none; None for UTC."""
 
     def clock(self) -> LogClock:
         """The clock of a log.
@@ -112,7 +114,15 @@ class HowToRead:
             InputTextError: day or zone is none.
         """
         day = None if self.day is None else day_of(self.day)
-        return LogClock(day, None if self.zone is None else zone_of(self.zone))
+        return LogClock(day, self.zone_given())
+
+    def zone_given(self) -> tzinfo | None:
+        """The zone that was said; None where none was.
+
+        Raises:
+            InputTextError: it is none.
+        """
+        return None if self.zone is None else zone_of(self.zone)
 
 
 def opened(files: Sequence[Path], how: HowToRead) -> list[Input]:

@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from fte_sniff.analysis.filter.moments import clock_ns, length_ns, time_ns
+from fte_sniff.analysis.filter.moments import ClockTime, clock_time, length_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Field, Take
@@ -26,8 +26,7 @@ class ToRow:
 class ToTimeOfDay:
     """The first row at or after a time of the day under the cursor."""
 
-    day_ns: int
-    """Nanoseconds since midnight UTC."""
+    clock: ClockTime
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +88,8 @@ def parse_goal(text: str) -> Goal:
         return ToOffset(int(match[1].replace(",", "").replace("_", ""), 0))
     if (t_ns := time_ns(text)) is not None:
         return ToTime(t_ns)
-    if (day_ns := clock_ns(text)) is not None:
-        return ToTimeOfDay(day_ns)
+    if (clock := clock_time(text)) is not None:
+        return ToTimeOfDay(clock)
     if text[:1] in SIGNS and (ns := length_ns(text[1:])) is not None:
         return ToDistance(-ns if text[0] == "-" else ns)
     if _NO_UNIT.fullmatch(text):

@@ -26,6 +26,8 @@ MISTAKES: list[tuple[str, tuple[str, ...]]] = [
     ("motor = noise", ("motor is a number, noise is a name", "compare it, as in motor = 1")),
     # words
     ("kind = 'sped'", ("kind is never 'sped'", "character 8", "did you mean speed?")),
+    ("kind = 'speed_fb'", ("kind is never 'speed_fb'", "did you mean speed_feedback?")),
+    ("kind = 'position fb'", ("did you mean position_feedback?",)),
     ("kind != sped", ("kind is never 'sped'", "did you mean speed?")),
     ("kind IN ('speed', 'positon')", ("'positon'", "character 19", "did you mean position?")),
     ("'sped' = kind", ("kind is never 'sped'",)),

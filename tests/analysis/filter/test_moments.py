@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from datetime import UTC, timedelta, timezone, tzinfo
+from zoneinfo import ZoneInfo
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.filter.moments import DAY_NS, SECOND_NS, clock_ns, length_ns, time_ns
+from fte_sniff.analysis.filter.moments import DAY_NS, SECOND_NS, clock_time, length_ns, time_ns
 from fte_sniff.protocol import iso_time
 
 NOON_NS = 1_769_860_800 * SECOND_NS
 """2026-01-31T12:00:00Z."""
+
+CHINA = timezone(timedelta(hours=8))
 
 
 @pytest.mark.parametrize(
@@ -45,16 +50,54 @@ def test_a_time_that_the_program_writes_it_reads(t_ns: int) -> None:
         ("9:05", 32_700 * SECOND_NS),
         ("12:00:00.25Z", 43_200 * SECOND_NS + SECOND_NS // 4),
         ("23:59:59.999999999", DAY_NS - 1),
+        ("20:00+08:00", 43_200 * SECOND_NS),
+        ("4:00:00.5 +0800", 72_000 * SECOND_NS + SECOND_NS // 2),
+        ("20:00-05:30", 5_400 * SECOND_NS),
         ("24:00", None),
         ("12:60", None),
         ("12:00:61", None),
+        ("12:00+25:00", None),
         ("12", None),
         ("12:0", None),
         ("\u0661\u0662:00", None),
     ],
 )
 def test_a_time_of_day(text: str, ns: int | None) -> None:
-    assert clock_ns(text) == ns
+    clock = clock_time(text)
+    assert (clock and clock.since_midnight_ns) == ns
+
+
+@pytest.mark.parametrize(
+    ("text", "zone", "same", "after"),
+    [
+        ("12:00", UTC, "2026-01-31T12:00:00Z", "2026-02-01T12:00:00Z"),
+        ("07:00:00.5", CHINA, "2026-01-31T23:00:00.5Z", "2026-02-01T23:00:00.5Z"),
+        ("07:00+08:00", UTC, "2026-01-31T23:00:00Z", "2026-02-01T23:00:00Z"),
+        ("07:00Z", CHINA, "2026-01-31T07:00:00Z", "2026-02-01T07:00:00Z"),
+    ],
+)
+def test_a_time_of_day_is_of_the_day_in_its_zone(
+    text: str, zone: tzinfo, same: str, after: str
+) -> None:
+    late = NOON_NS + 8 * 3600 * SECOND_NS  # 20:00 in UTC, and 04:00 the day after in China
+    clock = clock_time(text)
+    assert clock is not None
+    assert clock.on_day_of(late, zone) == time_ns(same)
+    assert clock.on_day_after(late, zone) == time_ns(after)
+
+
+def test_a_day_on_which_clocks_are_put_forward_has_its_own_noon() -> None:
+    morning = time_ns("2026-03-29T00:30Z")
+    noon = clock_time("12:00")
+    assert morning is not None
+    assert noon is not None
+    assert noon.on_day_of(morning, ZoneInfo("Europe/Berlin")) == time_ns("2026-03-29T10:00Z")
+
+
+@pytest.mark.parametrize("text", ["2026-01-31 20:00", "2026-01-31T20:00:00"])
+def test_a_time_that_names_no_zone_is_of_the_one_agreed(text: str) -> None:
+    assert time_ns(text, CHINA) == NOON_NS
+    assert time_ns(f"{text}Z", CHINA) == NOON_NS + 8 * 3600 * SECOND_NS
 
 
 @pytest.mark.parametrize(

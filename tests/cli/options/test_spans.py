@@ -1,6 +1,7 @@
 """`--from` and `--to`: every way to write a time, and what becomes of it in `decode`."""
 
 import json
+from datetime import timedelta, timezone
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ LAST = FIRST + 60 * SECOND
         ("2026-01-31", FIRST - FIRST % (86400 * SECOND)),
         ("12:00:05", FIRST + 4_500_000_000),
         ("12:01", FIRST + 59_500_000_000),
+        ("20:00:05+08:00", FIRST + 4_500_000_000),
         ("12:00:05.25", FIRST + 4_750_000_000),
         ("+10s", FIRST + 10 * SECOND),
         ("+1.5s", FIRST + 1_500_000_000),
@@ -44,6 +46,20 @@ def test_a_time_can_be_written_so(text: str, t_ns: int) -> None:
     assert span is not None
     assert iso_time(span.first_ns) == iso_time(t_ns)
     assert span_of(None, text, [earlier]).end_ns == t_ns
+
+
+@pytest.mark.parametrize("since", ["20:00:05", "2026-01-31 20:00:05", "12:00:05Z"])
+def test_a_time_without_zone_is_of_the_zone_that_is_said(since: str) -> None:
+    zone = timezone(timedelta(hours=8))
+    span = span_of(since, "20:00:10", [(FIRST, LAST)], zone)
+    assert (span.first_ns, span.end_ns) == (FIRST + 4_500_000_000, FIRST + 9_500_000_000)
+
+
+def test_midnight_is_that_of_the_zone() -> None:
+    zone = timezone(timedelta(hours=12))  # where the second day begins at 12:00 UTC
+    span = span_of("23:59:59", "00:00:30", [(FIRST - SECOND, LAST)], zone)
+    assert iso_time(span.first_ns) == "2026-01-31T11:59:59.000000000Z"
+    assert iso_time(span.end_ns) == "2026-01-31T12:00:30.000000000Z"
 
 
 def test_several_inputs_count_from_their_first_row_to_their_last() -> None:
