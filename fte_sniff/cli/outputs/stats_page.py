@@ -177,9 +177,9 @@ def _streams(
         streams = [stream for stream in streams if stream.ranges]
     of_motors = [stream for stream in streams if stream.motor is not None]
     of_all = [stream for stream in streams if stream.motor is None]
-    for some in (of_motors, of_all):
-        if some:
-            yield from _values(some).lines(width)
+    for number, some in enumerate(filter(None, (of_motors, of_all))):
+        yield from [Text()] if number else []
+        yield from _values(some).lines(width)
 
 
 def _periods(streams: Sequence[StreamNumbers], when: When) -> TextTable:
