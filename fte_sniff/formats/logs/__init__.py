@@ -7,7 +7,7 @@ It must not know what the bytes mean. A line at a time, from the outside in:
     text_lines    text of whatever encoding, to lines
     pastes        which form a line has, and so where its bytes stand:
         code          words of source code around the bytes
-        dumps         lines of a hex dump, each a dump_line
+        dumps         lines of a hex dump, each a dump_line; address_run: which follows which
         line_numbers  numbered lines
         fronts        what stands before the bytes and may be none
         decimals      hex or decimal?

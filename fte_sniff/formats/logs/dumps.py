@@ -1,9 +1,9 @@
 """Owns which lines are those of a hex dump: addresses, and text beside bytes, are no bytes.
 
-It must not know what the bytes mean, nor which numbers count lines (`line_numbers` does). A line is
-one of a dump if the text beside its bytes shows them, or if addresses rise by as many bytes as
-stand on a line; so it waits for the next line where it alone does not tell. What cannot be told
-even then is refused.
+It must not know what the bytes mean, which address follows which (`address_run` does), nor which
+numbers count lines (`line_numbers`). A line is one of a dump if the text beside its bytes shows
+them, or if addresses rise by as many bytes as stand on a line; so it waits for the next line where
+it alone does not tell. What cannot be told even then is refused.
 """
 
 from __future__ import annotations
@@ -12,19 +12,17 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
+from fte_sniff.formats.logs.address_run import AddressRun
 from fte_sniff.formats.logs.dump_line import LONGEST_LINE, DumpLine, address_of, dump_line
 from fte_sniff.formats.logs.line_numbers import LineNumbers, number_before
 from fte_sniff.formats.logs.pasted_line import Line
 
 Note = Callable[[str], None]
 
-_BASES = (16, 8, 10)
 _WIDTHS = (6, 7, 8, 16)
 """Digits of the addresses that programs write."""
-_DIGITS_OF_OD = 7
-"""Its addresses are octal, or decimal with -A d."""
 _MOST_REPEATED = 1 << 20
-_BEGUN_ADDRESS = re.compile(r"\s*(?P<digits>[0-9A-Fa-f]{1,15})\s*")
+"""Bytes that one * may stand for."""
 _PER_LINE = (8, 16, 32)
 """Bytes that programs put on a line of a dump."""
 _MOST_GARBLED = 2
@@ -34,54 +32,11 @@ _REPEATED = re.compile(r"\s*\*\s*")
 
 
 @dataclass(slots=True)
-class _Dump:
-    """A dump under way."""
-
-    last: DumpLine
-    start: dict[int, int]
-    """The address of the last line, by each base that it can be written in."""
-    repeats: bool = False
-
-    def begins_next(self, text: str, at: int) -> bool:
-        """Whether the text is the next address, but for digits that are missing behind it."""
-        begun = _BEGUN_ADDRESS.fullmatch(text, at)
-        if begun is None or len(begun["digits"]) >= len(self.last.address):
-            return False
-        if self.repeats:
-            return True
-        nexts = (_written(start + len(self.last.data), base) for base, start in self.start.items())
-        width = len(self.last.address)
-        return any(one.zfill(width).startswith(begun["digits"].lower()) for one in nexts)
-
-    def misses_lines(self, line: DumpLine) -> bool:
-        """Whether a line with an address only ends a dump that has more lines than there are."""
-        if line.data or len(line.address) != len(self.last.address):
-            return False
-        rises = (
-            (_value(line.address, base) or 0) - start - len(self.last.data)
-            for base, start in self.start.items()
-        )
-        return any(0 < rise <= _MOST_REPEATED for rise in rises)
-
-    def follows(self, line: DumpLine) -> dict[int, int]:
-        """The address of a line that follows, by base; empty where it does not follow."""
-        size = len(self.last.data)
-        found = {}
-        for base, start in self.start.items():
-            address = _value(line.address, base)
-            rise = -1 if address is None else address - start
-            repeated = self.repeats and rise > size and rise % size == 0
-            if address is not None and (rise == size or repeated):
-                found[base] = address
-        return found
-
-
-@dataclass(slots=True)
 class Dumps:
     """Finds the lines of dumps among others, which may be numbered."""
 
     note: Note
-    _dumps: list[_Dump] = field(default_factory=list)
+    _dumps: list[AddressRun] = field(default_factory=list)
     _held: tuple[Line, DumpLine] | None = None
     _numbers: LineNumbers = field(init=False)
     _told: bool = False
@@ -140,16 +95,16 @@ class Dumps:
     def _dumped(self, line: Line, dumped: DumpLine) -> Iterator[Line]:
         if self._held is not None:
             held_line, held = self._held
-            first = _Dump(held, _starts(held))
-            if first.follows(dumped):
+            first = AddressRun.begun(held)
+            if first.with_line(dumped) is not None:
                 self._held = None
                 self._dumps = [first, *self._dumps[:1]]
                 yield self._accepted(held_line, held)
             else:
                 yield from self._release()
-        for dump in self._dumps:
-            if follows := dump.follows(dumped):
-                yield from self._goes_on(dump, line, dumped, follows)
+        for place, dump in enumerate(self._dumps):
+            if (after := dump.with_line(dumped)) is not None:
+                yield from self._goes_on(place, line, after)
                 return
         if not dumped.data:
             yield from self._release()
@@ -172,38 +127,39 @@ class Dumps:
             (line, dumped), self._held = self._held, None
             self._begin(line, dumped)
             yield self._accepted(line, dumped)
-        self._dumps[0].repeats = True
+        self._dumps[0] = self._dumps[0].repeating()
         self._dumped_at = repeated.piece.line
 
-    def _goes_on(
-        self, dump: _Dump, line: Line, dumped: DumpLine, follows: dict[int, int]
-    ) -> Iterator[Line]:
-        base = _base(line, dump, follows)
-        repeated = (follows[base] - dump.start[base]) // len(dump.last.data) - 1
-        if repeated:
-            if repeated * len(dump.last.data) > _MOST_REPEATED:
+    def _goes_on(self, place: int, line: Line, after: AddressRun) -> Iterator[Line]:
+        before = self._dumps[place]
+        left_out = before.left_out_before(after)
+        if left_out is None:
+            raise line.refused("nothing tells how many lines * stands for; dump again with -v")
+        if left_out:
+            repeated = before.last.data
+            if left_out * len(repeated) > _MOST_REPEATED:
                 raise line.refused("* stands for too many bytes; dump with -v")
-            yield replace(line, text="", at=0, data=dump.last.data * repeated)
-        if dumped.data:
-            dump.last, dump.start, dump.repeats = dumped, follows, False
-            yield self._accepted(line, dumped)
+            yield replace(line, text="", at=0, data=repeated * left_out)
+        if after.last.data:
+            self._dumps[place] = after
+            yield self._accepted(line, after.last)
         else:
-            self._dumps.remove(dump)
+            del self._dumps[place]
 
     def _begin(self, line: Line, dumped: DumpLine) -> None:
-        starts = _starts(dumped)
-        if self._dumps and starts.get(16) and not self._told:
+        begun = AddressRun.begun(dumped)
+        if self._dumps and begun.starts.get(16) and not self._told:
             self._told = True
             self.note(
                 f"line {line.piece.line}: the dump goes on at address {dumped.address}, which does"
                 " not follow the line before: bytes between them are missing"
             )
-        self._dumps = [_Dump(dumped, starts), *self._dumps[:1]]
+        self._dumps = [begun, *self._dumps[:1]]
 
     def _refuse_garbled(self, line: Line) -> None:
         """Refuse a line of a dump that is none."""
         found = address_of(line.text, line.at)
-        if found is not None and any(dump.follows(found) for dump in self._dumps):
+        if found is not None and any(dump.with_line(found) for dump in self._dumps):
             raise line.refused(
                 f"behind the address {found.address}, bytes and text do not agree; paste the"
                 " dump again",
@@ -253,7 +209,7 @@ class Dumps:
             if not self._told:
                 self._told = True
                 self.note(f"line {line.piece.line}: {dumped.address} is taken for an address")
-            self._dumps = [_Dump(dumped, _starts(dumped))]
+            self._dumps = [AddressRun.begun(dumped)]
             yield self._accepted(line, dumped)
         else:
             raise line.refused(
@@ -280,28 +236,3 @@ def _has_address_before(before: Line, line: Line) -> bool:
     place = before.text.index(first.address, before.at) + len(first.address)
     pairs = len(_PAIR.findall(before.text[place : place + LONGEST_LINE]))
     return abs(pairs - rise) <= _MOST_GARBLED
-
-
-def _base(line: Line, dump: _Dump, follows: dict[int, int]) -> int:
-    """The base of an address; where it says how many lines were left out, it must be certain."""
-    usual = (8, 10) if len(dump.last.address) == _DIGITS_OF_OD else (16,)
-    likely = [base for base in follows if base in usual] or list(follows)
-    if dump.repeats and len({follows[base] for base in likely}) > 1:
-        raise line.refused("nothing tells how many lines * stands for; dump again with -v")
-    return likely[0]
-
-
-def _starts(line: DumpLine) -> dict[int, int]:
-    values = {base: _value(line.address, base) for base in _BASES}
-    return {base: value for base, value in values.items() if value is not None}
-
-
-def _written(address: int, base: int) -> str:
-    return format(address, {16: "x", 8: "o", 10: "d"}[base])
-
-
-def _value(digits: str, base: int) -> int | None:
-    try:
-        return int(digits, base)
-    except ValueError:
-        return None
