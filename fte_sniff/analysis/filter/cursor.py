@@ -1,6 +1,6 @@
 """Owns walking through the words and signs of a filter, and what is said of one out of place.
 
-It must not know in what order they may stand (`filter_grammar` does), nor what they mean.
+It must not know in what order they may stand (`grammar` does), nor what they mean.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Owns the order of a filter's parts: SQL's boolean expressions, read by recursive descent.
 
-It must not know what a part means: `filter_meaning` does. What is not written here is in no filter,
-so nothing that looks beyond one row (aggregates, windows, subqueries) ever reaches polars.
+It must not know what a part means: `predicates` and `expressions` do. What is not written here is
+in no filter, so nothing that looks beyond one row (aggregates, windows, subqueries) ever reaches
+polars.
 
     or          and { (OR | ||) and }
     and         not { (AND | &&) not }
@@ -19,7 +20,8 @@ from collections.abc import Callable
 from typing import Final
 
 from fte_sniff.analysis.filter.cursor import AGGREGATES, LEAVE_OUT, ONE_ROW, REFUSED, Cursor
-from fte_sniff.analysis.filter.meaning import Meaning
+from fte_sniff.analysis.filter.expressions import Expressions
+from fte_sniff.analysis.filter.predicates import Predicates
 from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, FUNCTIONS, Term, TermType, quoted
 from fte_sniff.analysis.filter.tokens import Token, TokenType, complaint
 from fte_sniff.errors import FilterError
@@ -57,7 +59,8 @@ class _Parser:
         self._text = text
         self._cursor = Cursor(text)
         self._nesting = 0
-        self._mean = Meaning(text)
+        self._expressions = Expressions(text)
+        self._predicates = Predicates(text)
 
     def whole(self) -> Term:
         if self._cursor.peek().type is TokenType.END:
@@ -65,7 +68,7 @@ class _Parser:
         term = self._or()
         if self._cursor.peek().type is not TokenType.END:
             raise self._cursor.unexpected(Said("join conditions with AND or OR"))
-        return self._mean.truth(term)
+        return self._predicates.truth(term)
 
     def _deeper(self, read: Callable[[], Term]) -> Term:
         self._nesting += 1
@@ -86,17 +89,17 @@ class _Parser:
         terms = [self._and()]
         while self._cursor.take("OR", "||"):
             terms.append(self._and())
-        return terms[0] if len(terms) == 1 else self._mean.chain(terms, "OR")
+        return terms[0] if len(terms) == 1 else self._predicates.chain(terms, "OR")
 
     def _and(self) -> Term:
         terms = [self._not()]
         while self._cursor.take("AND", "&&"):
             terms.append(self._not())
-        return terms[0] if len(terms) == 1 else self._mean.chain(terms, "AND")
+        return terms[0] if len(terms) == 1 else self._predicates.chain(terms, "AND")
 
     def _not(self) -> Term:
         if self._cursor.take("NOT", "!"):
-            return self._mean.negated(self._deeper(self._not))
+            return self._predicates.negated(self._deeper(self._not))
         return self._predicate()
 
     def _predicate(self) -> Term:
@@ -110,12 +113,12 @@ class _Parser:
         start = self._cursor.place
         negated = self._cursor.take("NOT", "!~")
         if negated == "!~":
-            return self._mean.negated(self._mean.regexp(left, self._value()))
+            return self._predicates.negated(self._predicates.regexp(left, self._value()))
         found = self._worded(left)
         if found is None:
             self._cursor.place = start
             return left
-        return self._mean.negated(found) if negated else found
+        return self._predicates.negated(found) if negated else found
 
     def _comparison(self, left: Term, sign: str, token: Token) -> Term:
         if sign not in COMPARISONS:
@@ -136,7 +139,7 @@ class _Parser:
                 )
         else:
             right = self._value()
-        found = self._mean.compared(left, COMPARISONS[sign], right)
+        found = self._predicates.compared(left, COMPARISONS[sign], right)
         if self._cursor.stands(*COMPARISONS):
             raise self._cursor.unexpected(Said("join comparisons with AND; a single & joins bits"))
         return found
@@ -152,14 +155,17 @@ class _Parser:
         if self._cursor.take("DISTINCT"):
             self._cursor.need("FROM", Said("write IS DISTINCT FROM"))
             joint = "IS NOT DISTINCT FROM" if negated else "IS DISTINCT FROM"
-            return self._mean.distinct(left, self._value(), joint)
+            return self._predicates.distinct(left, self._value(), joint)
         word = self._cursor.take("NULL", "TRUE", "FALSE")
         if word is None:
             raise self._cursor.unexpected(
                 Said("after IS stands NULL, TRUE, FALSE; a value is asked for with =")
             )
-        found = self._mean.is_null(left) if word == "NULL" else self._mean.is_truth(left, word)
-        return self._mean.negated(found) if negated else found
+        if word == "NULL":
+            found = self._predicates.is_null(left)
+        else:
+            found = self._predicates.is_truth(left, word)
+        return self._predicates.negated(found) if negated else found
 
     def _worded(self, left: Term) -> Term | None:
         word = self._cursor.take("IN", "BETWEEN", "~", *PATTERN_WORDS)
@@ -170,11 +176,11 @@ class _Parser:
         if word == "BETWEEN":
             low = self._value()
             self._cursor.need("AND", Said("write BETWEEN low AND high"))
-            return self._mean.between(left, low, self._value())
+            return self._predicates.between(left, low, self._value())
         pattern = self._value()
         if word in ("LIKE", "ILIKE"):
-            return self._mean.like(left, word, pattern)
-        return self._mean.regexp(left, pattern)
+            return self._predicates.like(left, word, pattern)
+        return self._predicates.regexp(left, pattern)
 
     def _in(self, left: Term) -> Term:
         if not self._cursor.stands("("):
@@ -186,13 +192,13 @@ class _Parser:
                     Said("IN wants a list"),
                     Said("write it in brackets: IN (1, 2)"),
                 )
-            return self._mean.compared(right, "=", left)
+            return self._predicates.compared(right, "=", left)
         items = self._arguments()
         if not items:
             raise complaint(
                 self._text, left.start, Said("the list after IN is empty"), Said("write IN (1, 2)")
             )
-        return self._mean.among(left, items)
+        return self._predicates.among(left, items)
 
     def _arguments(self) -> list[Term]:
         self._cursor.need("(", Said("a '(' is missing"))
@@ -213,7 +219,7 @@ class _Parser:
         while sign := self._cursor.take(*_LEVELS[level]):
             signs.append(sign)
             terms.append(self._value(level + 1))
-        return self._mean.arithmetic(terms, signs) if signs else terms[0]
+        return self._expressions.arithmetic(terms, signs) if signs else terms[0]
 
     def _unary(self) -> Term:
         token = self._cursor.peek()
@@ -222,9 +228,9 @@ class _Parser:
             return self._primary()
         if self._cursor.peek().type is TokenType.NUMBER and sign == "-":
             number = self._cursor.advance()
-            return self._mean.number(-number.number, token.start, f"-{number.text}")
+            return self._expressions.number(-number.number, token.start, f"-{number.text}")
         term = self._deeper(self._unary)
-        return self._mean.minus(term, token.start) if sign == "-" else term
+        return self._expressions.minus(term, token.start) if sign == "-" else term
 
     def _primary(self) -> Term:
         token = self._cursor.peek()
@@ -234,7 +240,7 @@ class _Parser:
             raise self._cursor.unexpected(Said("here a field or a value is missing"))
         self._cursor.advance()
         if token.type is TokenType.NUMBER:
-            return self._mean.number(token.number, token.start, token.text)
+            return self._expressions.number(token.number, token.start, token.text)
         if token.type is TokenType.TEXT:
             return _literal(token)
         return self._named(token)
@@ -245,7 +251,7 @@ class _Parser:
         if token.type is TokenType.NAME and called and token.word not in OPERATOR_WORDS:
             return self._call(token)
         if column:
-            return self._mean.column(column, token.start)
+            return self._expressions.column(column, token.start)
         if token.type is TokenType.QUOTED:
             return _literal(token)
         if token.word in ("TRUE", "FALSE"):
@@ -260,7 +266,7 @@ class _Parser:
     def _call(self, token: Token) -> Term:
         name = token.text.lower()
         if name in FUNCTIONS:
-            return self._mean.called(name, self._arguments(), token.start)
+            return self._expressions.called(name, self._arguments(), token.start)
         if name in COLUMN_BY_NAME or name in COLUMN_OF_WORD:
             way_out = Said("a sign is missing between them: = or IN")
         elif token.word in AGGREGATES:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 
 from fte_sniff.analysis.filter.byte_patterns import is_of_whole_bytes
+from fte_sniff.analysis.filter.complaints import Complaints, nearest
 from fte_sniff.analysis.filter.moments import DAY_NS, clock_time, time_ns
 from fte_sniff.analysis.filter.terms import (
     COLUMN_OF_WORD,
@@ -16,13 +17,9 @@ from fte_sniff.analysis.filter.terms import (
     UNTYPED,
     Term,
     TermType,
-    how_to_ask,
-    nearest,
     quoted,
 )
-from fte_sniff.analysis.filter.tokens import complaint
-from fte_sniff.errors import FilterError
-from fte_sniff.protocol import COLUMN_BY_NAME, ColumnType
+from fte_sniff.protocol import ColumnType
 from fte_sniff.said import Said
 
 
@@ -30,23 +27,7 @@ class Values:
     """Reads the values of one filter by what they stand beside."""
 
     def __init__(self, text: str) -> None:
-        self._text = text
-
-    def error(self, term: Term, what: str, way_out: str = "") -> FilterError:
-        """A complaint about a term."""
-        return complaint(self._text, term.start, what, way_out)
-
-    def unknown(self, term: Term) -> FilterError:
-        """A complaint about a name that nothing has."""
-        choices = [*COLUMN_BY_NAME, *COLUMN_OF_WORD]
-        return self.error(
-            term,
-            Said("unknown name '{term}'", term=term.shown),
-            (
-                nearest(term.shown, choices)
-                or Said("the fields are {names}", names=", ".join(COLUMN_BY_NAME))
-            ),
-        )
+        self._complain = Complaints(text)
 
     def sides(self, left: Term, right: Term) -> tuple[str, str]:
         """The SQL of both where they stand beside each other.
@@ -77,65 +58,36 @@ class Values:
                 TermType.NUMBER,
             }:
                 return right.sql
-            raise self._mismatch(left, right)
+            raise self._complain.mismatch(left, right)
         if left.type is TermType.TIME:
             return self._time(right)
         if left.type is TermType.HEX:
             return quoted(self.hex_digits(right))
         if left.type is TermType.TEXT:
             return right.sql
-        raise self._mismatch(left, right)
+        raise self._complain.mismatch(left, right)
 
     def _refuse_name(self, left: Term, name: Term) -> None:
         if left.type in (TermType.TEXT, TermType.HEX):
-            raise self.error(
+            raise self._complain.about(
                 name,
                 Said("unknown name '{term}'", term=name.shown),
                 Said("a text stands in quotes: '{name}'", name=name.shown),
             )
         if name.shown.lower() in COLUMN_OF_WORD:
-            raise self._mismatch(left, name)
-        raise self.unknown(name)
-
-    def _mismatch(self, left: Term, right: Term) -> FilterError:
-        if left.type in UNTYPED and right.type in UNTYPED:
-            return self.error(
-                left,
-                Said("two texts are compared"),
-                Said("a field's name stands without single quotes"),
-            )
-        if left.column is None and right.type is TermType.LITERAL:
-            near = nearest(right.shown, COLUMN_BY_NAME) or "name a field"
-            return self.error(
-                right,
-                Said("'{right}' is a text, no field", right=right.shown),
-                Said("{near} (no quotes)", near=near),
-            )
-        what = Said(
-            "{left} is {left_is}, {right} is {right_is}",
-            left=left.shown,
-            left_is=Said(left.type.value),
-            right=right.shown,
-            right_is=Said(right.type.value),
-        )
-        if left.type is TermType.NUMBER and right.type is TermType.LITERAL:
-            return self.error(right, what, Said("write a number, without quotes"))
-        if left.type is TermType.HEX and right.type is TermType.NUMBER:
-            return self.error(
-                right, what, Said("write the bytes as a text, as in raw LIKE 'AA01%'")
-            )
-        return self.error(right, what, how_to_ask(left))
+            raise self._complain.mismatch(left, name)
+        raise self._complain.unknown(name)
 
     def word(self, left: Term, right: Term) -> str:
         """The SQL of a word where it stands beside a column that has words."""
         column = left.column
         if column is None or right.type not in UNTYPED:
-            raise self._mismatch(left, right)
+            raise self._complain.mismatch(left, right)
         word = right.shown.strip().lower()
         if word in column.words:
             return quoted(word)
         if column.type is ColumnType.WORDS and {*re.split(r"[\s,]+", word)} <= {*column.words}:
-            raise self.error(
+            raise self._complain.about(
                 right,
                 Said("several faults in one text"),
                 Said("ask for each: {example}", example=_example_of_two(word)),
@@ -146,7 +98,7 @@ class Values:
             if other
             else ""
         )
-        raise self.error(
+        raise self._complain.about(
             right,
             Said("{column} is never '{right}'", column=column.name, right=right.shown),
             (
@@ -159,7 +111,7 @@ class Values:
     def _time(self, literal: Term) -> str:
         found = time_ns(literal.shown)
         if found is None or found not in INT64:
-            raise self.error(
+            raise self._complain.about(
                 literal,
                 Said("'{literal}' is no time", literal=literal.shown),
                 Said(
@@ -169,11 +121,23 @@ class Values:
             )
         return f"({found})" if found < 0 else str(found)
 
+    def as_text(self, term: Term, wanting: str) -> str:
+        """The SQL of a term as a text; `wanting` is what wants one."""
+        if term.type is TermType.NAME:
+            raise self._complain.unknown(term)
+        if term.type is TermType.WORDS:
+            return f"array_to_string({term.sql}, ',')"
+        if term.type is TermType.WORD:
+            return f"CAST({term.sql} AS VARCHAR)"
+        if term.type in (TermType.TEXT, TermType.HEX):
+            return term.sql
+        raise self._complain.other_type(term, Said("{sign} wants a text", sign=wanting))
+
     def hex_digits(self, literal: Term, wild: str = "") -> str:
         """A text as upper-case hex without spaces; `wild` are other signs that may stand in it."""
         digits = "".join(literal.shown.split()).upper()
         if not set(digits) <= set("0123456789ABCDEF" + wild):
-            raise self.error(
+            raise self._complain.about(
                 literal,
                 Said("'{literal}' is not hex", literal=literal.shown),
                 Said("write the bytes as in raw LIKE 'AA01%'"),
@@ -184,7 +148,7 @@ class Values:
         """A text as a pattern of whole bytes."""
         pattern = self.hex_digits(literal, "%_")
         if not is_of_whole_bytes(pattern):
-            raise self.error(
+            raise self._complain.about(
                 literal,
                 Said("'{literal}' has half a byte", literal=literal.shown),
                 Said("write two digits a byte, _ for any digit, % for any bytes: '%A_ 01%'"),
