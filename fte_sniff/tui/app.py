@@ -25,7 +25,8 @@ from textual.filter import LineFilter
 
 from fte_sniff.analysis.store.feed import Feed, RestingFeed, WakingFeed
 from fte_sniff.analysis.store.paging import BlockSource
-from fte_sniff.analysis.store.row_store import BLOCK_ROWS, ENDLESS, RowStore
+from fte_sniff.analysis.store.row_run import BLOCK_ROWS, ENDLESS
+from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.session.saving.save import Saving
 from fte_sniff.tui.actions.filtering import Filtering

@@ -12,7 +12,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from fte_sniff.analysis.models.bench import NO_BENCH, Bench
-from fte_sniff.analysis.store.row_store import DEFAULT_BOUND
+from fte_sniff.analysis.store.row_run import DEFAULT_BOUND
 from fte_sniff.tui.table.look import ColumnChoice
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from fte_sniff.analysis.accumulators.counting import count_rows
 from fte_sniff.analysis.accumulators.tally import Rate, Tally
 from fte_sniff.analysis.store.feed import Feed, FeedState, FeedUpdate
+from fte_sniff.analysis.store.finding import find_byte
 from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.language import _
@@ -46,7 +47,7 @@ class Watched:
 
     def __init__(self, feed: Feed, row_filter: RowFilter | None, store: RowStore) -> None:
         self.store = store
-        self.store.set_filter(row_filter)
+        self.store.shown.set_filter(row_filter)
         self.state = FeedState("")
         self._feed = feed
         self._tally = Tally()
@@ -78,8 +79,8 @@ class Watched:
         self._line_errors += sum(
             event.count for event in update.events if event.kind is PortEventKind.LINE_ERROR
         )
-        changed = bool(update.rows) or bool(self.store.pending)
-        self.store.filter_step()
+        changed = bool(update.rows) or bool(self.store.shown.pending)
+        self.store.shown.filter_step()
         self._take_rate(now_ns)
         return News(changed, update.events, ended, trouble)
 
@@ -132,18 +133,18 @@ class Watched:
     @property
     def shown_words(self) -> str:
         """How many rows the filter lets through; empty where there is none."""
-        if self.store.filter is None:
+        if self.store.shown.filter is None:
             return ""
         form = _("{shown:,} of {all:,} rows")
-        if self.store.pending:
+        if self.store.shown.pending:
             form = _("{shown:,} of {all:,} rows, {pending:,} to go")
-        count, pending = self.store.shown_count, self.store.pending
+        count, pending = self.store.shown.count, self.store.shown.pending
         return form.format(shown=count, all=len(self.store), pending=pending)
 
     @property
     def empty_words(self) -> str:
         """Why there is nothing to see, where nothing is shown."""
-        if self.store.pending:
+        if self.store.shown.pending:
             return _("filtering ...")
         if len(self.store):
             return _("the filter hides all {count:,} rows; F shows them again").format(
@@ -153,15 +154,15 @@ class Watched:
 
     def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
         """Show only what the filter lets through, the rows near that index first."""
-        self.store.set_filter(row_filter, near)
-        self.store.filter_step()
+        self.store.shown.set_filter(row_filter, near)
+        self.store.shown.filter_step()
 
     def row_of(self, goal: Goal, cursor: int) -> int | None:
         """The shown row that is meant, or None where there is no such row, or none has a time."""
         if isinstance(goal, ToRow):
             return goal.number - 1
         if isinstance(goal, ToShare):
-            return round(goal.percent / 100 * max(0, self.store.shown_count - 1))
+            return round(goal.percent / 100 * max(0, self.store.shown.count - 1))
         if isinstance(goal, ToOffset):
             return self._holding(goal.offset, cursor)
         if isinstance(goal, ToTime):
@@ -174,14 +175,14 @@ class Watched:
         return self._first_at(goal.clock.on_day_of(here, UTC))
 
     def _holding(self, offset: int, cursor: int) -> int | None:
-        if cursor >= self.store.shown_count:
+        if cursor >= self.store.shown.count:
             return None
-        index = self.store.offset_index(self.store.shown_row(cursor).port, offset)
-        return None if index is None else self.store.position_of(index)
+        index = find_byte(self.store, self.store.shown.row(cursor).port, offset)
+        return None if index is None else self.store.shown.position_of(index)
 
     def _first_at(self, t_ns: int) -> int:
         """The first shown row at or after a time; times are taken to rise."""
-        low, high = 0, self.store.shown_count
+        low, high = 0, self.store.shown.count
         while low < high:
             middle = (low + high) // 2
             time = self._time_at(middle)
@@ -189,7 +190,7 @@ class Watched:
                 low = middle + 1
             else:
                 high = middle
-        return min(low, max(0, self.store.shown_count - 1))
+        return min(low, max(0, self.store.shown.count - 1))
 
     def _time_at(self, row: int) -> int | None:
-        return self.store.shown_row(row).t_ns if row < self.store.shown_count else None
+        return self.store.shown.row(row).t_ns if row < self.store.shown.count else None

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from time import monotonic
 
+from fte_sniff.analysis.store.finding import find_step
 from fte_sniff.analysis.store.search import Search
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.tui.actions.parts import Parts
@@ -106,7 +107,7 @@ class Searching(Parts):
             if around:
                 index = store.first if by > 0 else store.next - 1
             while index is not None:
-                step = store.find_step(mask, index, by)
+                step = find_step(store, mask, index, by)
                 here = step.found if step.found is not None else index
                 if around and (here - start) * by >= 0:
                     return
@@ -121,9 +122,9 @@ class Searching(Parts):
             self._tell(_("there was no further one: it went on from the other end"))
 
     def _tell_none(self, search: Search) -> None:
-        if self._watched.store.pending:
+        if self._watched.store.shown.pending:
             words = _("no row so far has {text}; the filter is still at work")
-        elif self._watched.store.filter is None:
+        elif self._watched.store.shown.filter is None:
             words = _("no row has {text}")
         else:
             words = _("no row that the filter shows has {text}")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from textual.widgets import Input
 
+from fte_sniff.analysis.store.finding import select_rows
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.formats.tables.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
@@ -60,12 +61,12 @@ class Taking(Parts):
         if not selected:
             row = self._table.cursor_row
             return None if row is None else [row]
-        start, end = store.position_of(selected.start), store.position_of(selected.stop)
+        start, end = store.shown.position_of(selected.start), store.shown.position_of(selected.stop)
         if end - start > MOST_COPIED:
             words = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
             self._tell(words.format(count=end - start, most=MOST_COPIED))
             return None
-        return [row for _, row in store.shown_slice(start, end)]
+        return [row for _, row in store.shown.slice(start, end)]
 
     def _copy(self, text: str, rows: int) -> None:
         text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
@@ -89,7 +90,7 @@ class Taking(Parts):
         if self._saving is not None:
             words = _("{file} is still being saved; esc ends that")
             self._tell(words.format(file=shown(str(self._saving.path))))
-        elif not self._watched.store.shown_count:
+        elif not self._watched.store.shown.count:
             self._tell(_("no row is shown that could be saved"))
         else:
             self._tell_what_is_saved()
@@ -98,10 +99,10 @@ class Taking(Parts):
     def _tell_what_is_saved(self) -> None:
         store, selected = self._watched.store, self._table.selected
         if selected:
-            count = store.position_of(selected.stop) - store.position_of(selected.start)
+            count = store.shown.position_of(selected.stop) - store.shown.position_of(selected.start)
             self._tell(_("{count:,} selected rows would be saved").format(count=count))
         else:
-            count = store.shown_count
+            count = store.shown.count
             self._tell(_("{count:,} shown rows would be saved").format(count=count))
 
     def _target(self, line: str) -> Target:
@@ -117,7 +118,7 @@ class Taking(Parts):
         except FteSniffError as error:
             self._notice.warn(worded(error))
             return
-        saving, row_filter = self._saving, store.filter
+        saving, row_filter = self._saving, store.shown.filter
         self._tell_share(saving, 0)
         self._work(GROUP, partial(self._write, saving, wanted, row_filter))
 
@@ -129,7 +130,7 @@ class Taking(Parts):
             while at < wanted.stop:
                 if at < store.first:
                     at = min(store.first, wanted.stop)
-                rows, at = store.select(at, wanted.stop, row_filter)
+                rows, at = select_rows(store, at, wanted.stop, row_filter)
                 saving.write(rows)
                 self._tell_share(saving, (at - wanted.start) / len(wanted))
                 await asyncio.sleep(0)

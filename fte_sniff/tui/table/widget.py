@@ -19,6 +19,7 @@ from textual.geometry import Region, Size
 from textual.message import Message
 from textual.strip import Strip
 
+from fte_sniff.analysis.store.finding import find_fault
 from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.analysis.store.search import Search
 from fte_sniff.errors import FteSniffError
@@ -95,13 +96,13 @@ class RowTable(Scrolling, can_focus=True):
         view = self.viewport
         if not view.count:
             return None
-        return self._store.shown_row(view.cursor)
+        return self._store.shown.row(view.cursor)
 
     @property
     def cursor_index(self) -> int | None:
         """Index in the store of the row under the cursor, or None where there are no rows."""
         view = self.viewport
-        return self._store.shown_index(view.cursor) if view.count else None
+        return self._store.shown.index(view.cursor) if view.count else None
 
     @property
     def near(self) -> int | None:
@@ -131,8 +132,8 @@ class RowTable(Scrolling, can_focus=True):
     def sync(self) -> None:
         """Draw what the store now shows, with the cursor on the row it was on."""
         store, view = self._store, self.viewport
-        count = store.position_of(self._paused_index if view.paused else store.next)
-        view.refit(count, store.position_of(self._cursor_index), store.shown_count - count)
+        count = store.shown.position_of(self._paused_index if view.paused else store.next)
+        view.refit(count, store.shown.position_of(self._cursor_index), store.shown.count - count)
         if view.following:
             self._keep_cursor()
         self._draw()
@@ -140,7 +141,7 @@ class RowTable(Scrolling, can_focus=True):
     def _keep_cursor(self) -> None:
         """Remember the cursor's row by its index, which stays when rows leave or are filtered."""
         if self.viewport.count:
-            self._cursor_index = self._store.shown_index(self.viewport.cursor)
+            self._cursor_index = self._store.shown.index(self.viewport.cursor)
 
     def _moved(self) -> None:
         self._keep_cursor()
@@ -270,18 +271,18 @@ class RowTable(Scrolling, can_focus=True):
 
     def jump_to_fault(self, by: int) -> bool:
         """Put the cursor on the nearest fault below (`by` 1) or above (-1), if there is one."""
-        index = self._store.fault_index(self._cursor_index, by)
+        index = find_fault(self._store, self._cursor_index, by)
         return index is not None and self.jump_to_index(index)
 
     def jump_to_mark(self, by: int) -> bool:
         """Put the cursor on the nearest mark below (`by` 1) or above (-1) that is shown."""
-        shown = filter(self._store.is_shown, self.marks.beyond(self._cursor_index, by))
+        shown = filter(self._store.shown.has, self.marks.beyond(self._cursor_index, by))
         index = next(shown, None)
         return index is not None and self.jump_to_index(index)
 
     def jump_to_index(self, index: int) -> bool:
         """Put the cursor on a shown row by its index; False where a pause keeps it out of view."""
-        position = self._store.position_of(index)
+        position = self._store.shown.position_of(index)
         if position >= self.viewport.count:
             return False
         self.jump(position)

@@ -33,7 +33,7 @@ def places(
     end = min(view.top + view.height, view.count)
     since = _since(store, view.top, times, marks, start_ns)
     made = []
-    for index, row in store.shown_slice(view.top, end):
+    for index, row in store.shown.slice(view.top, end):
         made.append(Place(row, _sign(index, marks, selected), since))
         if times is TimeStyle.BEFORE:
             since = row.t_ns
@@ -51,7 +51,7 @@ def _since(
 ) -> int | None:
     """The time that the window's first row counts from."""
     if times is TimeStyle.BEFORE:
-        return store.shown_row(top - 1).t_ns if 0 < top <= store.shown_count else None
+        return store.shown.row(top - 1).t_ns if 0 < top <= store.shown.count else None
     if times is TimeStyle.MARK:
         latest = marks.latest
         return None if latest is None or latest < store.first else store.row(latest).t_ns

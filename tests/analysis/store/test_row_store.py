@@ -10,7 +10,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from fte_sniff.analysis.columns.packing import Codebook, Packed, pack
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.store.row_store import Bools, RowStore
+from fte_sniff.analysis.store.finding import Bools, find_byte, find_fault, find_step, select_rows
+from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.protocol import Damage, Fault, Frame, Row
 
 ROW = st.from_type(Frame) | st.from_type(Damage)
@@ -52,15 +53,15 @@ class StoreMachine(RuleBasedStateMachine):
 
     @rule(row_filter=st.none() | st.sampled_from(FILTERS), near=st.none() | st.integers(-3, 40))
     def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
-        self.store.set_filter(row_filter, near)
+        self.store.shown.set_filter(row_filter, near)
         self.filter = row_filter
 
     @rule(budget=st.integers(1, 6))
     def step(self, budget: int) -> None:
-        before = self.store.pending
-        done = self.store.filter_step(budget)
-        assert done == (self.store.pending == 0)
-        assert before - self.store.pending >= min(budget, before)
+        before = self.store.shown.pending
+        done = self.store.shown.filter_step(budget)
+        assert done == (self.store.shown.pending == 0)
+        assert before - self.store.shown.pending >= min(budget, before)
 
     @invariant()
     def the_latest_rows_are_kept_as_they_came(self) -> None:
@@ -80,8 +81,8 @@ class StoreMachine(RuleBasedStateMachine):
             for index in range(store.first, store.next)
             if self.filter is None or self.filter.select([self.all[index]])
         ]
-        shown = [store.shown_index(position) for position in range(store.shown_count)]
-        if store.pending:
+        shown = [store.shown.index(position) for position in range(store.shown.count)]
+        if store.shown.pending:
             assert shown == [index for index in wanted if index in set(shown)]
         else:
             assert shown == wanted
@@ -89,24 +90,24 @@ class StoreMachine(RuleBasedStateMachine):
     @invariant()
     def positions_and_indices_agree(self) -> None:
         store = self.store
-        shown = store.shown_slice(-3, store.shown_count + 3)
+        shown = store.shown.slice(-3, store.shown.count + 3)
         assert [index for index, _ in shown] == [
-            store.shown_index(position) for position in range(store.shown_count)
+            store.shown.index(position) for position in range(store.shown.count)
         ]
         assert [row for _, row in shown] == [self.all[index] for index, _ in shown]
         faulty = [index for index, row in shown if row.faults]
         for index in range(store.first - 2, store.next + 3):
-            assert store.position_of(index) == sum(other < index for other, _ in shown)
+            assert store.shown.position_of(index) == sum(other < index for other, _ in shown)
             behind = [other for other in faulty if other > index]
             before = [other for other in faulty if other < index]
-            assert store.fault_index(index, 1) == (behind[0] if behind else None)
-            assert store.fault_index(index, -1) == (before[-1] if before else None)
-            assert store.is_shown(index) == any(other == index for other, _ in shown)
+            assert find_fault(store, index, 1) == (behind[0] if behind else None)
+            assert find_fault(store, index, -1) == (before[-1] if before else None)
+            assert store.shown.has(index) == any(other == index for other, _ in shown)
 
     @invariant()
     def what_passes_a_test_is_found_block_by_block(self) -> None:
         store = self.store
-        shown = store.shown_slice(0, store.shown_count)
+        shown = store.shown.slice(0, store.shown.count)
         for index in range(store.first - 2, store.next + 3):
             behind = [other for other, row in shown if other >= index and len(row.raw) > 10]
             before = [other for other, row in shown if other <= index and len(row.raw) > 10]
@@ -119,7 +120,7 @@ class StoreMachine(RuleBasedStateMachine):
                 if other.port == row.port
                 and other.offset <= row.offset < other.offset + len(other.raw)
             ]
-            found = store.offset_index(row.port, row.offset)
+            found = find_byte(store, row.port, row.offset)
             assert found == (holding[0] if holding else None)
 
     @invariant()
@@ -129,7 +130,7 @@ class StoreMachine(RuleBasedStateMachine):
             found: list[Row] = []
             at = store.first - 1
             while at < store.next:
-                rows, onward = store.select(at, store.next, row_filter)
+                rows, onward = select_rows(store, at, store.next, row_filter)
                 assert onward > at
                 found, at = found + rows, onward
             kept = self.all[store.first :]
@@ -142,9 +143,9 @@ def _walked(store: RowStore, index: int, by: int) -> int | None:
     def is_long(packed: Packed, long: Mapping[int, bytes], _: Codebook) -> Bools:
         return np.array([at in long for at in range(len(packed))], np.bool_)
 
-    step = store.find_step(is_long, index, by)
+    step = find_step(store, is_long, index, by)
     while step.onward is not None:
-        step = store.find_step(is_long, step.onward, by)
+        step = find_step(store, is_long, step.onward, by)
     return step.found
 
 
@@ -155,9 +156,9 @@ test_a_store_is_a_bounded_list_with_a_filter = StoreMachine.TestCase
 def test_a_new_filter_begins_where_one_looks() -> None:
     store = RowStore(1_000, block_rows=10)
     store.append([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)])
-    store.set_filter(RowFilter.parse("noise"), near=42)
-    assert not store.filter_step(1)
-    assert [index for index, _ in store.shown_slice(0, 100)] == list(range(40, 50))
+    store.shown.set_filter(RowFilter.parse("noise"), near=42)
+    assert not store.shown.filter_step(1)
+    assert [index for index, _ in store.shown.slice(0, 100)] == list(range(40, 50))
 
 
 def test_blocks_beyond_the_bound_of_memory_are_read_again_when_they_are_asked_for() -> None:
@@ -174,14 +175,14 @@ def test_blocks_beyond_the_bound_of_memory_are_read_again_when_they_are_asked_fo
     assert source.loads == 2
     assert store.rows(0, 20) == rows[:20]
     assert source.loads == 2
-    store.set_filter(RowFilter.parse("length = 7"))
-    while not store.filter_step(100):
+    store.shown.set_filter(RowFilter.parse("length = 7"))
+    while not store.shown.filter_step(100):
         pass
     loads = source.loads
-    assert store.shown_count == 50
-    assert store.position_of(500) == 25
+    assert store.shown.count == 50
+    assert store.shown.position_of(500) == 25
     assert source.loads == loads
-    assert [row for _, row in store.shown_slice(24, 26)] == [rows[486], rows[506]]
+    assert [row for _, row in store.shown.slice(24, 26)] == [rows[486], rows[506]]
     assert source.loads > loads
 
 
@@ -200,7 +201,7 @@ def test_a_position_that_is_not_there_is_an_error(position: int) -> None:
     store = RowStore()
     store.append([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(3)])
     with pytest.raises(IndexError):
-        store.shown_row(position)
+        store.shown.row(position)
     with pytest.raises(IndexError):
         store.row(position)
 

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.store.finding import find_fault
 from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.protocol import Damage, Fault, Frame, Row
 
@@ -35,12 +36,12 @@ def test_the_nearest_fault_is_found(
     store = RowStore(bound, block_rows=8)
     store.append(rows_of(faulty))
     if filtered:
-        store.set_filter(TEN_BYTES)
-        store.filter_step()
+        store.shown.set_filter(TEN_BYTES)
+        store.shown.filter_step()
     shown = [
         at
         for at in range(store.first, store.next)
         if faulty[at] and not (filtered and at % 2) and (at - start) * by > 0
     ]
     nearest = min(shown, key=lambda at: abs(at - start), default=None)
-    assert store.fault_index(start, by) == nearest
+    assert find_fault(store, start, by) == nearest

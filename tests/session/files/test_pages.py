@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns.packing import Codebook, unpack
+from fte_sniff.analysis.store.finding import find_fault
 from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
@@ -124,8 +125,8 @@ def test_a_store_of_few_blocks_holds_every_row(files: list[Path], rows: list[Row
         rows[-1],
     ]
     assert sum(len(packed) for packed in store.packed(0, len(rows))) == len(rows)
-    assert store.fault_index(0, 1) == 997
-    assert store.fault_index(COUNT - 1, -1) == (COUNT - 1) // 997 * 997
+    assert find_fault(store, 0, 1) == 997
+    assert find_fault(store, COUNT - 1, -1) == (COUNT - 1) // 997 * 997
 
 
 def vanish(path: Path) -> None:
