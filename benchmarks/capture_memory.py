@@ -121,7 +121,9 @@ def main() -> None:
                     )
                     shown += 1
         passed = time.monotonic() - start
-        print(f"{session.total_rows:,} rows, {path.stat().st_size / 1e6:,.0f} MB, {passed:.0f} s")
+        print(
+            f"{session.told.total_rows:,} rows, {path.stat().st_size / 1e6:,.0f} MB, {passed:.0f} s"
+        )
 
 
 if __name__ == "__main__":

@@ -86,7 +86,7 @@ def print_lines(
     lines = PlainLines(select, ports=ports)
     try:
         for update in _updates(session):
-            lines.take(update, session.error)
+            lines.take(update, session.told.error)
     except BrokenPipeError:
         abandon_stdout()
     finally:
@@ -99,9 +99,9 @@ def tell_troubles(session: LiveSession) -> None:
     lines = PlainLines(lambda _: [])
     try:
         for update in _updates(session):
-            gone = session.recording is None and nobody_reads(sys.stdout.fileno())
-            lines.take(update, None if gone else session.error)
-            if session.recording is None:
+            gone = session.told.recording is None and nobody_reads(sys.stdout.fileno())
+            lines.take(update, None if gone else session.told.error)
+            if session.told.recording is None:
                 session.stop()
     finally:
         see_out(session)

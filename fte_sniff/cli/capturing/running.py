@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from fte_sniff.capture.sources.items import Wiring
     from fte_sniff.session.capturing.live import LiveSession
     from fte_sniff.session.capturing.plan import CapturePlan
+    from fte_sniff.session.capturing.told import Told
     from fte_sniff.tui.opening import Opening
 
 _STDOUT = Path("-")
@@ -183,10 +184,10 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
     session = LiveSession(plan)
     with signals_call(session.stop, _ending(plan), session.drop_leftover):
         session.begin()
-        if session.device is not None:
-            tell(f"a host program can open {shown(session.device)}")
-        if session.recording is not None:
-            tell(f"recording to {session.recording}")
+        if session.told.device is not None:
+            tell(f"a host program can open {shown(session.told.device)}")
+        if session.told.recording is not None:
+            tell(f"recording to {session.told.recording}")
         _tell_who_goes_on(plan, session)
         print_lines(session, select, ports=len(plan.wiring.names) > 1)
         _leave(session)
@@ -200,14 +201,14 @@ def _fill_stdout(plan: CapturePlan) -> None:
     session = LiveSession(plan)
     with signals_call(session.stop, _ending(plan), session.drop_leftover):
         session.begin()
-        if session.device is not None:
-            tell(f"a host program can open {shown(session.device)}")
+        if session.told.device is not None:
+            tell(f"a host program can open {shown(session.told.device)}")
         tell("recording to standard output")
         tell_troubles(session)
-        if session.error is not None:
+        if session.told.error is not None:
             # What comes once nobody reads is no gap: the recording is what there was to do.
-            ended = nobody_reads(sys.stdout.fileno()) and session.stopped_recording
-            raise ended or session.error
+            ended = nobody_reads(sys.stdout.fileno()) and session.told.stopped_recording
+            raise ended or session.told.error
 
 
 def _show_screen(plan: CapturePlan, opening: Opening) -> None:
@@ -250,15 +251,16 @@ def _tell_who_goes_on(plan: CapturePlan, session: LiveSession) -> None:
 
 def _leave(session: LiveSession) -> None:
     """Say where the recording lies; raise what went wrong, if something did."""
-    if session.recording is not None:
-        _tell_where(session, session.recording)
-    if session.error is not None:
-        raise session.error
+    told = session.told
+    if told.recording is not None:
+        _tell_where(told, told.recording)
+    if told.error is not None:
+        raise told.error
 
 
-def _tell_where(session: LiveSession, last: Path) -> None:
-    outcome = session.outcome
-    first = outcome.first if outcome else session.recordings[0]
+def _tell_where(told: Told, last: Path) -> None:
+    outcome = told.outcome
+    first = outcome.first if outcome else told.recordings[0]
     several = f"{first} to " if first != last else ""
     gone = part = ""
     if outcome and outcome.deleted_files:
@@ -270,9 +272,9 @@ def _tell_where(session: LiveSession, last: Path) -> None:
         events = f"{fired:,} event{'s' * (fired != 1)}" if fired else "--trigger never fired"
         part = f"{kept:,} of {rows:,} rows ({events}) "
     tell(f"recorded {part}to {several}{last}{gone}")
-    there = sum(path.exists() for path in session.recordings)
+    there = sum(path.exists() for path in told.recordings)
     if there > 1:
-        tell(f"{there} files; all of them: fte-sniff decode {_pattern(session.recordings[0])}")
+        tell(f"{there} files; all of them: fte-sniff decode {_pattern(told.recordings[0])}")
 
 
 def _pattern(first: Path) -> str:

@@ -9,5 +9,6 @@ It must not know what shows the rows.
     ordering   the rows of several ports on one time line
     wiring     wires that carry what the other one should
     outbox     the bounded way out of the capture process, so that no view can hold it up
+    told       what a view knows of a capture by now
     live       the view's end of a capture process
 """

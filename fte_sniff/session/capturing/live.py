@@ -1,6 +1,7 @@
 """Owns the view's end of a capture process: starting it, hearing from it, ending it.
 
-It must not know what shows the rows, nor what the capture process does inside.
+It must not know what shows the rows, what messages mean for a view (`told` does), nor what the
+capture process does inside.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
-from fte_sniff.errors import FileError, FteSniffError, PortError
-from fte_sniff.protocol import PortEvent, PortEventKind, Row
-from fte_sniff.recording.writing.recorder import Outcome
+from fte_sniff.analysis.store.feed import FeedUpdate
+from fte_sniff.errors import FileError, PortError
+from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.said import Said
 from fte_sniff.session.capturing.messages import DROP, STOP, Batch, Ended, Message, Started
 from fte_sniff.session.capturing.plan import CapturePlan
 from fte_sniff.session.capturing.process import capture
+from fte_sniff.session.capturing.told import Told
 
 MOST_ROWS_A_POLL = 16_384
 """Rows that one poll hands over at most, so that a view that was stopped can still breathe."""
@@ -41,20 +42,6 @@ class LiveSession:
     from signal handlers. Once asked to end, it ends: a capture process that is stuck is killed.
     """
 
-    error: FteSniffError | None = None
-    """What went wrong, once it has: with the port, the recording, or the capture process."""
-    recording: Path | None = None
-    """Where the recording lies; None where there is none, or it has stopped."""
-    device: str | None = None
-    """What a host program is to open, where this is a bridge."""
-    recordings: tuple[Path, ...] = ()
-    """All files that it was written to, in order; more than one where it was rotated or went on
-    elsewhere."""
-    stopped_recording: FteSniffError | None = None
-    """Why the recording stopped last, once it has; `error` tells at the end what that cost."""
-    outcome: Outcome | None = None
-    """What there is of the recording, once the capture has ended of itself."""
-
     def __init__(self, plan: CapturePlan) -> None:
         """Start the capture process; what it finds is told by `begin`.
 
@@ -62,11 +49,8 @@ class LiveSession:
             FileError: the working folder is gone, without which no process can be started.
         """
         _check_folder()
-        self._plan = plan
-        self._begun = False
-        self._ended: Ended | None = None
-        self._total = self._not_shown = self._leftover = 0
-        self._away: set[str] = set()
+        self.told = Told(plan.wiring.names)
+        """What the capture has told by now."""
         self._stopped_at_s: float | None = None
         self._heard_at_s = 0.0
         self._receiving = False
@@ -88,14 +72,14 @@ class LiveSession:
         Raises:
             FteSniffError: the port cannot be opened, or the recording cannot be made.
         """
-        while not self._begun and self._ended is None:
+        while not self.told.begun and self.told.ended is None:
             if self._capture.poll(LOOK_EVERY_S):
-                self._take(self._receive())
+                self.told = self.told.after(self._receive())
             else:
                 self._give_up_when_overdue()
-        if self._ended is not None and self.error is not None:
+        if self.told.ended is not None and self.told.error is not None:
             self.close()
-            raise self.error
+            raise self.told.error
 
     @property
     def stopping(self) -> bool:
@@ -113,11 +97,6 @@ class LiveSession:
         """Can be read from when there is something to poll; until `close`."""
         return self._capture.fileno()
 
-    @property
-    def total_rows(self) -> int:
-        """All rows captured so far."""
-        return self._total
-
     def poll(self) -> FeedUpdate:
         """What came since the poll before; returns at once."""
         return self.wait(0)
@@ -126,16 +105,17 @@ class LiveSession:
         """What comes next, or nothing if nothing comes within `timeout_s` seconds."""
         rows: list[Row] = []
         events: list[PortEvent] = []
-        while self._ended is None and len(rows) < MOST_ROWS_A_POLL:
+        while self.told.ended is None and len(rows) < MOST_ROWS_A_POLL:
             if not self._capture.poll(timeout_s):
                 self._give_up_when_overdue()
                 break
             timeout_s = 0
-            batch = self._take(self._receive())
-            if batch is not None:
-                rows += batch.rows
-                events += batch.events
-        return FeedUpdate(self._state(), rows, events)
+            message = self._receive()
+            self.told = self.told.after(message)
+            if isinstance(message, Batch):
+                rows += message.rows
+                events += message.events
+        return FeedUpdate(self.told.state, rows, events)
 
     def stop(self) -> None:
         """Ask the capture to end; returns at once, and may be called again."""
@@ -145,7 +125,7 @@ class LiveSession:
                 self._process.kill()
             return
         self._stopped_at_s = time.monotonic()
-        if not self._begun:
+        if not self.told.begun:
             # It may be waiting for a port that takes long to open, and hear nothing else.
             self._process.terminate()
         # Where it has ended already, `wait` tells how.
@@ -157,14 +137,14 @@ class LiveSession:
 
         It is counted in the recording as an overrun. Returns at once.
         """
-        if self._leftover:
+        if self.told.leftover:
             with suppress(OSError):
                 self._capture.send(DROP)
 
     def close(self) -> None:
         """End the capture, wait until its file is closed, and forget the rows that still come."""
         self.stop()
-        while self._ended is None:
+        while self.told.ended is None:
             self.wait(LOOK_EVERY_S)
         self._process.join(END_WITHIN_S)
         if self._process.is_alive():
@@ -202,11 +182,11 @@ class LiveSession:
                 "kept",
                 seconds=END_WITHIN_S,
             )
-            self._take(self._gone(reason))
+            self.told = self.told.after(self._gone(reason))
 
     def _gone(self, reason: str) -> Ended:
         """What the end of a process means that left no word of its own."""
-        if self.stopping and not self._begun:
+        if self.stopping and not self.told.begun:
             return Ended()
         return Ended(reason, PortError(reason))
 
@@ -223,58 +203,6 @@ class LiveSession:
         self._heard_at_s = time.monotonic()
         assert isinstance(message, Started | Batch | Ended)
         return message
-
-    def _take(self, message: Message) -> Batch | None:
-        if isinstance(message, Ended):
-            self._ended = message
-            self.error, self.outcome = message.error, message.outcome
-            return None
-        if isinstance(message, Started):
-            self._begun, self.recording, self.device = True, message.recording, message.device
-            self.recordings = () if message.recording is None else (message.recording,)
-            return None
-        for event in message.events:
-            if event.kind is PortEventKind.LOST:
-                self._away.add(event.port)
-            elif event.kind is PortEventKind.FOUND_AGAIN:
-                self._away.discard(event.port)
-        self._total, self._not_shown = message.total_rows, message.not_shown
-        self._leftover = message.leftover
-        for change in message.recording:
-            self.recording = change.path
-            self.recordings += () if change.path is None else (change.path,)
-            self.stopped_recording = change.failure or self.stopped_recording
-            self.error = change.failure or self.error
-        return message
-
-    def _title(self) -> str:
-        names = self._plan.wiring.names
-        if self.device is not None:
-            # Whoever looks wants to know what the host program is to open.
-            names = (names[0], self.device)
-        return " + ".join(names)
-
-    def _state(self) -> FeedState:
-        ended = self._ended
-        trouble = self.error.said if ended is None and self.error is not None else None
-        if trouble and self.recording:
-            trouble = Said(
-                "{trouble}; recording goes on in {path}", trouble=trouble, path=self.recording
-            )
-        if ended is None and trouble is None and self._leftover:
-            trouble = Said("writing what has arrived: {bytes:,} bytes wait", bytes=self._leftover)
-        return FeedState(
-            title=self._title(),
-            recording=str(self.recording) if self.recording else None,
-            running=ended is None,
-            waiting=ended is None and bool(self._away),
-            ended=(ended.reason or Said("stopped")) if ended else None,
-            trouble=trouble,
-            rows=self._total,
-            not_shown=self._not_shown,
-            files=tuple(map(str, self.recordings)),
-            leftover=self._leftover,
-        )
 
 
 def _check_folder() -> None:
