@@ -24,7 +24,8 @@ files mirror the screen:
 
     terminal.py      the terminal under it: its loss, Ctrl-Z, coming back
     outflow.py       text on its way there, for which nobody waits
-    app.py           puts it together: the timer and the end
+    app.py           puts it together: what a look at the feed changes, and the end
+    rhythm.py        when the feed is looked at
     waking.py        being woken by a feed that has something
     opening.py       what it is opened with, and what the user may choose anew
     actions/         what the keys do, one topic a file

@@ -1,7 +1,7 @@
-"""Owns the screen as a whole: what is on it, the timer that feeds it, and its end.
+"""Owns the screen as a whole: what is on it, what a look at its feed changes, and its end.
 
 It must not know where rows come from, how they are filtered, or what their bytes mean; what the
-keys do stands in `actions`.
+keys do stands in `actions`, and when the feed is looked at in `rhythm`.
 """
 
 from __future__ import annotations
@@ -23,10 +23,8 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.events import Event, Key
 from textual.filter import LineFilter
 
-from fte_sniff.analysis.store.feed import Feed, RestingFeed, WakingFeed
+from fte_sniff.analysis.store.feed import Feed
 from fte_sniff.analysis.store.paging import BlockSource
-from fte_sniff.analysis.store.row_run import BLOCK_ROWS, ENDLESS
-from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.session.saving.save import Saving
 from fte_sniff.tui.actions.filtering import Filtering
@@ -54,6 +52,7 @@ from fte_sniff.tui.prompt.filter import FilterField
 from fte_sniff.tui.prompt.goto import GotoField
 from fte_sniff.tui.prompt.save import SaveField
 from fte_sniff.tui.prompt.search import SearchField
+from fte_sniff.tui.rhythm import TICK_S, Rhythm
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
 from fte_sniff.tui.table.look import Look
@@ -62,14 +61,7 @@ from fte_sniff.tui.terminal import Terminal
 from fte_sniff.tui.theme_names import THEMES
 from fte_sniff.tui.themes import OWN
 from fte_sniff.tui.title import TitleLine, mode_of
-from fte_sniff.tui.waking import Waking
-from fte_sniff.tui.watched import Watched
-
-TICK_S = 1 / 20
-"""Between two looks at the feed that the clock brings about: often enough, and yet calm."""
-
-KEYS_NS = 250_000_000
-"""How long a file's rows, and the models, wait after a key: reading takes time from those keys."""
+from fte_sniff.tui.watched import News, Watched
 
 LOW = 16
 """Lines below which a pane has to be content with very few."""
@@ -111,12 +103,9 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
         self._opening = opening
-        self._feed = feed
-        self._waking: Waking | None = None
-        self._woken = False
-        self._key_at_ns = monotonic_ns() - KEYS_NS
+        self._rhythm = Rhythm(feed)
         row_filter = opening.row_filter
-        self._watched = Watched(feed, row_filter, _store(opening.keep_rows, source))
+        self._watched = Watched(feed, row_filter, opening.store(source))
         self._title_line, self._header = TitleLine(), TableHeader()
         look = Look(choice=opening.choices.columns)
         self._table = RowTable(self._watched.store, self._header, look)
@@ -180,8 +169,8 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         if not self._watched.state.live:
             self._table.action_first()
         self.set_interval(TICK_S, self._tick_by_clock)
-        if isinstance(self._feed, WakingFeed) and self._watched.state.running:
-            self._waking = Waking(self._feed.descriptor, lambda: self.call_later(self._tick_woken))
+        if self._watched.state.running:
+            self._rhythm.listen(lambda: self.call_later(self._tick_woken))
         loop = asyncio.get_running_loop()
         for number in self._opening.signals:
             # Off the main thread there are no signal handlers; whoever runs it there ends it.
@@ -190,7 +179,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
 
     def on_unmount(self) -> None:
         """Leave no half file, and give the signals back."""
-        self._rest()
+        self._rhythm.end()
         if self._saving is not None:
             self._saving.abandon()
         loop = asyncio.get_running_loop()
@@ -212,59 +201,36 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         return monotonic_ns()
 
     def _tick_woken(self) -> None:
-        self._woken = True
+        self._rhythm.woken()
         self.tick()
 
     def _tick_by_clock(self) -> None:
-        """Look where the feed has not made the screen look since the last time."""
-        if not self._woken:
+        if self._rhythm.strike():
             self.tick()
-        self._woken = False
-
-    def _rest(self) -> None:
-        """Let the feed wake nobody any more."""
-        if self._waking is not None:
-            self._waking.end()
-            self._waking = None
 
     async def on_event(self, event: Event) -> None:
         """Keys come before a file's rows."""
         state = self._watched.state
         if isinstance(event, Key) and state.running and not state.live:
-            self._key_at_ns = monotonic_ns()
             self._panes.rest()
-            if isinstance(self._feed, RestingFeed):
-                self._feed.rest()
+            self._rhythm.key()
         await super().on_event(event)
 
     def tick(self) -> None:
         """Look at the feed, and draw what changed."""
         state = self._watched.state
-        keys_first = state.running and monotonic_ns() - self._key_at_ns < KEYS_NS
+        keys_first = state.running and self._rhythm.keys_come
         try:
             # A file can wait until what is there was counted; a wire cannot.
             wait = keys_first or (self._panes.overtaken and not state.live)
             news = self._watched.look(self.now_ns(), take=not wait)
         except FteSniffError as failure:
-            self.failure = failure
-            self.exit()
+            self._close_for(failure)
             return
         if not self._watched.state.running:
-            self._rest()
+            self._rhythm.end()
         self._panes.tell_events(news.events)
-        for event in news.events if self._watched.state.live else ():
-            self._notice.tell_event(event)
-        if news.trouble:
-            self._notice.hold("recording", shown(_(news.trouble)))
-        elif not self._watched.state.trouble:
-            self._notice.release("recording")
-        if news.ended and self._opening.at_end is AtEnd.LEAVE:
-            self.exit()
-        elif news.ended and self._watched.state.ended:
-            why = shown(_(self._watched.state.ended))
-            self._notice.hold("end", _("ended: {reason}").format(reason=why))
-        elif news.ended and self._watched.events_words:
-            self._notice.tell(self._watched.events_words)
+        self._tell_news(news)
         if news.changed:
             self._table.set_look(ports=self._watched.ports)
             self._table.start_ns = self._watched.start_ns
@@ -273,6 +239,23 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         if not keys_first:
             state = self._watched.state
             self._panes.tick(self.now_ns(), state.live and state.running)
+
+    def _tell_news(self, news: News) -> None:
+        """Say what happened to ports, the recording and the feed; leave, where that was asked."""
+        state = self._watched.state
+        for event in news.events if state.live else ():
+            self._notice.tell_event(event)
+        if news.trouble:
+            self._notice.hold("recording", shown(_(news.trouble)))
+        elif not state.trouble:
+            self._notice.release("recording")
+        if news.ended and self._opening.at_end is AtEnd.LEAVE:
+            self.exit()
+        elif news.ended and state.ended:
+            why = shown(_(state.ended))
+            self._notice.hold("end", _("ended: {reason}").format(reason=why))
+        elif news.ended and self._watched.events_words:
+            self._notice.tell(self._watched.events_words)
 
     def _show_state(self) -> None:
         """Draw the lines above and below the table, where they changed."""
@@ -286,26 +269,22 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
     def _handle_exception(self, error: Exception) -> None:
         """Rows that cannot be read any more end the screen with a reason, whoever wants them."""
         if isinstance(error, FteSniffError):
-            self.failure = error
-            self.exit()
+            self._close_for(error)
         else:
             super()._handle_exception(error)
 
     @on(RowTable.Failed)
     def _fail(self, event: RowTable.Failed) -> None:
-        self.failure = event.failure
+        self._close_for(event.failure)
+
+    def _close_for(self, failure: FteSniffError) -> None:
+        self.failure = failure
         self.exit()
 
     @on(RowTable.Moved)
     def _follow_cursor(self) -> None:
         self._show_state()
         self._panes.follow_cursor()
-
-
-def _store(keep_rows: int, source: BlockSource | None) -> RowStore:
-    if source is None:
-        return RowStore(keep_rows)
-    return RowStore(ENDLESS, source=source, most_blocks=max(2, keep_rows // BLOCK_ROWS))
 
 
 def run_screen(feed: Feed, opening: Opening = USUAL, source: BlockSource | None = None) -> int:

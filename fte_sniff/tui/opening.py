@@ -12,7 +12,9 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from fte_sniff.analysis.models.bench import NO_BENCH, Bench
-from fte_sniff.analysis.store.row_run import DEFAULT_BOUND
+from fte_sniff.analysis.store.paging import BlockSource
+from fte_sniff.analysis.store.row_run import BLOCK_ROWS, DEFAULT_BOUND, ENDLESS
+from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.tui.table.look import ColumnChoice
 
 if TYPE_CHECKING:
@@ -57,7 +59,7 @@ class Opening:
     row_filter: RowFilter | None = None
     """Only the rows that it wants are shown, until the user says otherwise."""
     keep_rows: int = DEFAULT_BOUND
-    """Rows that can be looked at, at least 1; the oldest leave the screen first."""
+    """Rows that can be looked at, or lie in memory, at least 1; the oldest leave first."""
     signals: tuple[signal.Signals, ...] = ENDING_SIGNALS
     """Upon which the screen closes; others do what they did before."""
     bench: Bench = NO_BENCH
@@ -68,6 +70,12 @@ class Opening:
     """What was chosen before."""
     keep: Keep = keep_nothing
     """Is told at the end what was chosen, where that differs from `choices`."""
+
+    def store(self, source: BlockSource | None = None) -> RowStore:
+        """A store for so many rows; for all there are, where a source gives the others again."""
+        if source is None:
+            return RowStore(self.keep_rows)
+        return RowStore(ENDLESS, source=source, most_blocks=max(2, self.keep_rows // BLOCK_ROWS))
 
 
 USUAL: Final = Opening()

@@ -9,7 +9,7 @@ import pytest
 from textual.pilot import Pilot
 
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.tui import app as app_module
+from fte_sniff.tui import rhythm
 from fte_sniff.tui.app import SniffApp
 from tests.tui.conftest import NOON_NS
 from tests.tui.playing import Rows, page, play, press, settle, type_line
@@ -57,7 +57,7 @@ def test_keys_come_before_the_rows_of_a_file(
     rests: list[bool] = []
     feed.rest = lambda: rests.append(True)
     feed.state = replace(feed.state, live=False)
-    monkeypatch.setattr(app_module, "KEYS_NS", 3_600_000_000_000)
+    monkeypatch.setattr(rhythm, "KEYS_NS", 3_600_000_000_000)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(10))
@@ -70,7 +70,7 @@ def test_keys_come_before_the_rows_of_a_file(
         assert len(app._watched.store) == 10
         await type_line(app, pilot, "rpm")
         assert "rpm" in page(app)
-        monkeypatch.setattr(app_module, "KEYS_NS", 0)
+        monkeypatch.setattr(rhythm, "KEYS_NS", 0)
         await settle(app, pilot)
         assert len(app._watched.store) == 20
 

@@ -14,8 +14,7 @@ from fte_sniff.analysis.store.feed import FeedUpdate
 from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
-from fte_sniff.tui import app as apps
-from fte_sniff.tui import panes
+from fte_sniff.tui import opening, panes
 from fte_sniff.tui.app import SniffApp
 from tests.tui.conftest import ListFeed
 from tests.tui.playing import Rows, page, press, rpms, settle, table, type_line
@@ -45,7 +44,7 @@ def few_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     def small(bound: int, source: Any, most_blocks: int) -> RowStore:
         return RowStore(bound, 100, source, 2)
 
-    monkeypatch.setattr(apps, "RowStore", small)
+    monkeypatch.setattr(opening, "RowStore", small)
 
 
 @pytest.mark.usefixtures("few_in_memory")
@@ -122,7 +121,7 @@ def test_rows_are_counted_before_they_leave_memory(
     def small(bound: int, source: Any, most_blocks: int) -> RowStore:
         return RowStore(bound, 100, source, 8)
 
-    monkeypatch.setattr(apps, "RowStore", small)
+    monkeypatch.setattr(opening, "RowStore", small)
     monkeypatch.setattr(panes, "STEP_ROWS", 50)
     monkeypatch.setattr(panes, "UNSEEN_S", 0.0)
     rows = speed_rows(2000)
