@@ -18,7 +18,7 @@ from fte_sniff.errors import UsageError
 from fte_sniff.formats.tables.writers import FORM_BY_END, OutputFormat
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.writing.keeping import Keeping
+    from fte_sniff.recording.writing.keeping import Keeping, OnFull
 
 _BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
@@ -184,25 +184,11 @@ def keeping_of(
         OnFull,
         Surroundings,
     )
-    from fte_sniff.recording.writing.outlet import is_outlet
 
     if trigger is None and (before is not None or after is not None):
         raise UsageError("--before and --after surround a trigger; say which with --trigger")
-    if isinstance(rotate, int) and rotate < _LEAST_FILE:
-        raise UsageError(f"--rotate: a file has at least {_LEAST_FILE // 1000} kB; say more")
-    if isinstance(rotate, float) and rotate < _LEAST_SECONDS:
-        raise UsageError(f"--rotate: a file spans at least {_LEAST_SECONDS:g} s; say more")
-    if max_size is not None and max_size < _LEAST_FILE:
-        raise UsageError(f"--max-size: a file has at least {_LEAST_FILE // 1000} kB; say more")
-    if isinstance(rotate, int) and max_size is not None and max_size < 2 * rotate:
-        raise UsageError("--max-size must have room for two files of --rotate; raise it")
-    if rotate is Rotate.NONE and on_full == OnFull.ROTATE_OLDEST:
-        raise UsageError(
-            "--on-full rotate-oldest deletes files of several; leave --rotate none out"
-        )
-    sequence = isinstance(rotate, int | float) or on_full == OnFull.ROTATE_OLDEST
-    if sequence and output is not None and is_outlet(output):
-        raise UsageError(f"{output} cannot be rotated: it is no file; leave --rotate out")
+    _check_sizes(rotate, max_size)
+    _check_sequence(output, rotate, OnFull(on_full))
     around = Surroundings(10.0 if before is None else before, 5.0 if after is None else after)
     return Keeping(
         flush_every_s=flush_every,
@@ -214,3 +200,29 @@ def keeping_of(
         free_bytes=min_free,
         around=None if trigger is None else around,
     )
+
+
+def _check_sizes(rotate: int | float | Rotate | None, max_size: int | None) -> None:
+    if isinstance(rotate, int) and rotate < _LEAST_FILE:
+        raise UsageError(f"--rotate: a file has at least {_LEAST_FILE // 1000} kB; say more")
+    if isinstance(rotate, float) and rotate < _LEAST_SECONDS:
+        raise UsageError(f"--rotate: a file spans at least {_LEAST_SECONDS:g} s; say more")
+    if max_size is not None and max_size < _LEAST_FILE:
+        raise UsageError(f"--max-size: a file has at least {_LEAST_FILE // 1000} kB; say more")
+    if isinstance(rotate, int) and max_size is not None and max_size < 2 * rotate:
+        raise UsageError("--max-size must have room for two files of --rotate; raise it")
+
+
+def _check_sequence(output: Path | None, rotate: int | float | Rotate | None, full: OnFull) -> None:
+    """Refuse more than one file where there can be only one."""
+    from fte_sniff.recording.writing.keeping import OnFull
+    from fte_sniff.recording.writing.outlet import is_outlet
+
+    rotates_oldest = full is OnFull.ROTATE_OLDEST
+    if rotate is Rotate.NONE and rotates_oldest:
+        raise UsageError(
+            "--on-full rotate-oldest deletes files of several; leave --rotate none out"
+        )
+    sequence = isinstance(rotate, int | float) or rotates_oldest
+    if sequence and output is not None and is_outlet(output):
+        raise UsageError(f"{output} cannot be rotated: it is no file; leave --rotate out")

@@ -10,7 +10,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
+from dataclasses import replace
 from functools import reduce
 from glob import escape
 from pathlib import Path
@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.capturing.recording_options import check_recording, keeping_of, recording_options
+from fte_sniff.cli.capturing.planning import plan_of
+from fte_sniff.cli.capturing.recording_options import recording_options
 from fte_sniff.cli.options.filtering import filter_option, row_filter, selection
 from fte_sniff.cli.options.keeping import keep_rows_option
 from fte_sniff.cli.options.paths import FileName
@@ -27,10 +28,11 @@ from fte_sniff.cli.options.seconds import Seconds
 from fte_sniff.cli.options.units import remembered_bench, units_options
 from fte_sniff.cli.streams.signals import ENDING, signals_call
 from fte_sniff.cli.streams.telling import nobody_reads, tell
-from fte_sniff.errors import UsageError, shown
+from fte_sniff.errors import shown
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.models.bench import Bench
     from fte_sniff.capture.ports.opening import PortSettings
     from fte_sniff.capture.sources.items import Wiring
     from fte_sniff.session.capturing.live import LiveSession
@@ -85,22 +87,16 @@ def run_capture(
     ports: Sequence[str],
     settings: Remembered,
     *,
-    lang: str | None,
     baud: int | None,
     dtr: str,
     rts: str,
-    output: Path | None,
-    force: bool,
-    no_record: bool,
-    keep_recording: bool,
     plain: bool,
+    lang: str | None,
     filter_text: str | None,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
-    duration: float | None,
-    count: int | None,
-    **recording: Any,
+    **planned: Any,
 ) -> None:
     """Capture, record and show or print, until the end.
 
@@ -108,72 +104,53 @@ def run_capture(
         wiring_with: the wiring, given how its ports are to be opened.
         ports: what the user calls them.
         settings: what holds where no option says otherwise; the others are the options,
-            `recording` those of `recording_options`.
+            `planned` those that `plan_of` knows.
 
     Raises:
         FteSniffError: what went wrong, once all is closed.
     """
     from fte_sniff.capture.ports.opening import ControlLine, PortSettings
-    from fte_sniff.recording.writing.place import Existing
-    from fte_sniff.session.capturing.plan import CapturePlan
 
-    if no_record and output is not None:
-        raise UsageError("-o names a recording and --no-record wants none; leave one of them out")
-    if no_record and keep_recording:
-        raise UsageError(
-            "--keep-recording and --no-record: there is nothing to keep; leave one out"
-        )
     if baud is None:
         baud = settings.defaults(ports, "baud").baud or DEFAULT_BAUD
-    check_recording(output)
+    wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
+    plan = plan_of(wiring, **planned)
     bench = remembered_bench(settings, ports, resolution, gear_ratio, baud)
-    row_filter(recording["trigger"])
-    existing = Existing.REPLACE if force else Existing.REFUSE
-    plan = CapturePlan(
-        wiring=wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts))),
-        recording=None if no_record else output or _default_path(),
-        existing=existing if output else Existing.NUMBER,
-        keeping=keeping_of(output, **recording),
-        trigger=recording["trigger"],
-        outlives_view=keep_recording,
-        duration_s=duration,
-        count=count,
-    )
-    if _is_stdout(output):
+    if _is_stdout(plan.recording):
         _fill_stdout(plan)
     elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         if resolution is not None:
             tell("fte-sniff: lines tell positions in pulses; the screen shows turns too")
         _print_lines(plan, filter_text)
     else:
-        from fte_sniff.tui.opening import AtEnd, Opening
-
-        opening = Opening(
-            AtEnd.STAY if duration is None and count is None else AtEnd.LEAVE,
-            row_filter(filter_text),
-            keep_rows,
-            tuple(_ending(plan)),
-            bench,
-            settings.language(lang),
-            settings.choices,
-            settings.keep,
+        opening = _opening(plan, bench, settings, lang)
+        _show_screen(
+            plan, replace(opening, row_filter=row_filter(filter_text), keep_rows=keep_rows)
         )
-        _show_screen(plan, opening)
 
 
-def _is_stdout(output: Path | None) -> bool:
+def _opening(plan: CapturePlan, bench: Bench, settings: Remembered, lang: str | None) -> Opening:
+    """How the screen begins, but for what is shown of the rows."""
+    from fte_sniff.tui.opening import AtEnd, Opening
+
+    return Opening(
+        AtEnd.STAY if plan.duration_s is None and plan.count is None else AtEnd.LEAVE,
+        signals=tuple(_ending(plan)),
+        bench=bench,
+        language=settings.language(lang),
+        choices=settings.choices,
+        keep=settings.keep,
+    )
+
+
+def _is_stdout(recording: Path | None) -> bool:
     """Whether the recording goes where rows would be printed: `-`, /dev/stdout and the like."""
-    if output is None or output == _STDOUT:
-        return output is not None
+    if recording is None or recording == _STDOUT:
+        return recording is not None
     try:
-        return os.path.samestat(output.stat(), os.fstat(sys.stdout.fileno()))
+        return os.path.samestat(recording.stat(), os.fstat(sys.stdout.fileno()))
     except OSError:
         return False
-
-
-def _default_path() -> Path:
-    """`fte-sniff-<UTC time>.mcap` in the working folder."""
-    return Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
 
 
 def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
