@@ -74,7 +74,11 @@ _NOTHING: dict[str, Value] = dict.fromkeys(COLUMN_BY_NAME)
 
 
 def record(row: Row) -> dict[str, Value]:
-    """The row as a dict of the contract's names, in their order; `time` in nanoseconds."""
+    """The row as a dict of the contract's names, in their order.
+
+    `time` is in nanoseconds since 1970 UTC, the values are in the units of their `COLUMNS`, `raw`
+    is hex; what the row has not is None.
+    """
     found: dict[str, Value] = {
         **_NOTHING,
         "time": row.t_ns,

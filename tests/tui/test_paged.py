@@ -137,9 +137,7 @@ def test_rows_are_counted_before_they_leave_memory(
                 await pilot.pause()
             await press(app, pilot, "S")
             await settle(app, pilot)
-            while "rows to go" in page(app):
-                assert monotonic() < end
-                await settle(app, pilot)
+            assert "rows to go" not in page(app)
 
     asyncio.run(run())
     # The first block is where the cursor stays.

@@ -1,6 +1,7 @@
 """One number after another, kept in little memory whatever comes.
 
-They must not know what the numbers mean.
+They must not know a clock, a screen or a file; and but for the tally, which counts rows, none of
+them knows what its numbers mean.
 
     tally           rows by status, and how many a second
     counting        rows side by side, to a tally

@@ -1,6 +1,7 @@
 """Hex as people paste it and log it, to chunks with their times.
 
-It must not know what the bytes mean. A line at a time, from the outside in:
+It must not know what values the bytes tell: headers of frames help to see where bytes begin on a
+line, and a framer whether the log's directions fit. A line at a time, from the outside in:
 
     hex_log       HexLog: a log as chunks, with the times and directions that it tells
     log_clock     which moment a line's time is
