@@ -9,7 +9,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import fte_sniff
@@ -18,8 +18,9 @@ from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row, record
 from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.session.files.earliest import earliest_ns
+from tests.examples import examples
 
-SAMPLES = Path(__file__).parents[2] / "samples"
+SAMPLES = Path(__file__).parents[3] / "samples"
 RECORDINGS = sorted(SAMPLES.glob("*.mcap"))
 
 
@@ -105,7 +106,7 @@ def two_files(tmp_path_factory: pytest.TempPathFactory) -> tuple[pl.LazyFrame, p
     return fte_sniff.scan(paths), fte_sniff.read(paths)
 
 
-@settings(max_examples=150, deadline=None)
+@examples(80)
 @given(steps=st.lists(_steps(), min_size=1, max_size=5))
 def test_a_query_gives_what_the_same_steps_give_of_the_whole(
     two_files: tuple[pl.LazyFrame, pl.DataFrame], steps: list[Callable[[_Frame], _Frame]]
