@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.cli.processes import PROGRAM
+from tests.cli.forked import Program
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "samples"
+RUN_BOUND_S = 120.0
+"""How long a run may take at most, on the slowest machine."""
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -26,30 +28,32 @@ def settings_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def environment(settings_file: Path) -> dict[str, str]:
     """Ours, with nothing in it that changes how the program writes."""
-    dropped = ("NO_COLOR", "COLUMNS", "LC_ALL", "LC_MESSAGES")
+    return _plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file)}
+
+
+def _plain_environment() -> dict[str, str]:
+    # What is compiled is kept, so that not every start compiles the program anew.
+    dropped = ("NO_COLOR", "COLUMNS", "LC_ALL", "LC_MESSAGES", "PYTHONDONTWRITEBYTECODE")
     kept = {key: value for key, value in os.environ.items() if key not in dropped}
-    own = {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color", "LANG": "C.UTF-8"}
-    return kept | own | {"FTE_SNIFF_CONFIG": str(settings_file)}
+    return kept | {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color", "LANG": "C.UTF-8"}
+
+
+@pytest.fixture(scope="session")
+def program() -> Iterator[Program]:
+    """The program, loaded once for all that `run` runs."""
+    with Program(_plain_environment(), ROOT) as program:
+        yield program
 
 
 @pytest.fixture
-def run(tmp_path: Path, environment: dict[str, str]) -> Run:
+def run(tmp_path: Path, environment: dict[str, str], program: Program) -> Run:
     """Run the program in an empty folder to its end, and give what it wrote and its exit code."""
 
     def run(*arguments: str | Path, stdin: str | bytes = "") -> subprocess.CompletedProcess[str]:
         data = stdin.encode() if isinstance(stdin, str) else stdin
-        done = subprocess.run(
-            [*PROGRAM, *map(str, arguments)],
-            input=data,
-            capture_output=True,
-            timeout=60,
-            check=False,
-            cwd=tmp_path,
-            env=environment,
-        )
-        return subprocess.CompletedProcess(
-            done.args, done.returncode, done.stdout.decode(), done.stderr.decode()
-        )
+        words = [str(argument) for argument in arguments]
+        code, output, errors = program.run(words, data, tmp_path, environment, RUN_BOUND_S)
+        return subprocess.CompletedProcess(words, code, output.decode(), errors.decode())
 
     return run
 

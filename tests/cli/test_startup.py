@@ -1,5 +1,6 @@
 """Commands start with what they need: `hex` and `encode` at once, screens with their first rows."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import pytest
 
 from fte_sniff.cli.main import COMMANDS
 from tests.cli.conftest import ROOT, SAMPLES
+from tests.cli.processes import BOUND_S, PROGRAM
 from tests.cli.terminals import terminal
 
 HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "rich", "serial")
@@ -74,6 +76,53 @@ def test_help_of_every_command(run) -> None:
     assert run("--version").stdout.startswith("fte-sniff, version ")
 
 
+CLEAN = str(SAMPLES / "clean.mcap")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["hex", "AA 02 02 03 E8 00 00 27 10 EE", "--format", "table"],
+        ["encode", "speed", "--motor", "1", "--rpm", "5"],
+        ["decode", CLEAN, "--format", "jsonl", "--filter", "motor = 1"],
+        ["decode", str(SAMPLES / "damaged.hex"), "--format", "csv"],
+        ["decode", CLEAN, "-o", "rows.parquet", "--force"],
+        ["decode", CLEAN, "-o", "rows.mcap", "--force", "--from", "+1s"],
+        ["stats", CLEAN],
+        ["repair", CLEAN],
+        ["ports"],
+        ["live", "sim://?seed=1", "--count", "3", "-o", "x.mcap", "--force", "--plain"],
+        ["live", "/dev/ttyNOPE"],
+    ],
+    ids=" ".join,
+)
+def test_what_is_started_anew_does_what_a_loaded_program_does(
+    run, environment, tmp_path: Path, arguments: list[str]
+) -> None:
+    """Nearly all tests of commands use `run`, which starts none anew."""
+    done = subprocess.run(
+        [*PROGRAM, *arguments],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        env=environment,
+        cwd=tmp_path,
+        timeout=BOUND_S,
+        check=False,
+    )
+    loaded = run(*arguments)
+    assert (done.returncode, without_times(done.stdout)) == (
+        loaded.returncode,
+        without_times(loaded.stdout),
+    )
+    assert len(done.stderr.splitlines()) == len(loaded.stderr.splitlines())
+
+
+def without_times(text: str) -> str:
+    """What a capture prints but for when it was, and how wide that is."""
+    return re.sub(r"\d\d:\d\d:\d\d\.\d+", "", text)
+
+
 @pytest.mark.parametrize("arguments", [[], ["encode"]])
 def test_no_command_prints_the_help(run, arguments: list[str]) -> None:
     done = run(*arguments)
@@ -110,6 +159,6 @@ def test_ctrl_c_while_it_loads_is_no_traceback(environment, tmp_path: Path) -> N
         assert process.stdout is not None
         assert process.stdout.readline() == b"loading\n"
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=60)
     assert process.returncode == -signal.SIGINT
     assert errors == b""

@@ -1,0 +1,171 @@
+"""The program in processes of its own that need not load it: forked from one that has.
+
+Each has its own streams, folder, environment and exit code, runs `fte_sniff/__main__.py` from its
+first line, and ends as an interpreter does. What a start itself does is no matter of this file;
+tests of that start the program anew, as `processes.py` does.
+
+    test           Program             loaded once        the program
+     | --streams, request--> | ------------fork-------------> |
+     | <------number-------- |                                |
+     | <------exit code----- | <------------end-------------- |
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import pkgutil
+import runpy
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from importlib import import_module
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import fte_sniff
+
+MOST = 1 << 17
+"""Bytes of a request at most."""
+THREADS = "OPENBLAS_NUM_THREADS"
+Request = dict[str, Any]
+
+
+class Program:
+    """The program, loaded and waiting to be run again and again, one run at a time."""
+
+    def __init__(self, environment: Mapping[str, str], root: Path) -> None:
+        """Load it.
+
+        Args:
+            environment: what an interpreter begins with.
+            root: where `tests` lies.
+        """
+        # Its streams are pipes as those of its runs are: what a stream is, it learns but once.
+        self._near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with far:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "tests.cli.forked", str(far.fileno())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                cwd=root,
+                env={**environment, THREADS: "1"},
+                pass_fds=[far.fileno()],
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._near.close()
+        self._process.communicate(timeout=60)
+
+    def run(
+        self,
+        arguments: list[str],
+        stdin: bytes,
+        folder: Path,
+        environment: Mapping[str, str],
+        bound_s: float,
+    ) -> tuple[int, bytes, bytes]:
+        """Run it to its end; the exit code, and what it wrote to stdout and stderr."""
+        with ExitStack() as stack:
+            pipes = [os.pipe() for _ in range(3)]
+            (given, give), (out, put_out), (err, put_err) = pipes
+            theirs = [given, put_out, put_err]
+            request = {"argv": arguments, "folder": str(folder), "environment": dict(environment)}
+            socket.send_fds(self._near, [json.dumps(request).encode()], theirs)
+            for descriptor in theirs:
+                os.close(descriptor)
+            number = int(self._answer())
+            late = threading.Timer(bound_s, os.kill, (number, signal.SIGKILL))
+            late.start()
+            stack.callback(late.cancel)
+            written = [b"", b""]
+            threads = [
+                threading.Thread(target=_give, args=(give, stdin)),
+                threading.Thread(target=_take, args=(err, written, 1)),
+            ]
+            for thread in threads:
+                thread.start()
+            _take(out, written, 0)
+            for thread in threads:
+                thread.join()
+            code = int(self._answer())
+            assert not late.finished.is_set(), f"{arguments} takes longer than {bound_s} s"
+        return code, *written
+
+    def _answer(self) -> bytes:
+        answer = self._near.recv(MOST)
+        assert answer, self._process.communicate()[1].decode()
+        return answer
+
+
+def _give(descriptor: int, data: bytes) -> None:
+    with suppress(BrokenPipeError), open(descriptor, "wb") as stream:
+        stream.write(data)
+
+
+def _take(descriptor: int, written: list[bytes], which: int) -> None:
+    with open(descriptor, "rb") as stream:
+        written[which] = stream.read()
+
+
+def _load() -> None:
+    """Load all of the program that leaves the process with one thread: only that can be forked."""
+    sys.modules["polars"] = None  # type: ignore[assignment]  # it starts threads when it is loaded
+    for module in pkgutil.walk_packages(fte_sniff.__path__, "fte_sniff."):
+        if not module.name.startswith(("fte_sniff.tui", "fte_sniff.__main__")):
+            with suppress(ImportError):
+                import_module(module.name)
+    del sys.modules["polars"]
+    assert len([*Path("/proc/self/task").iterdir()]) == 1
+    gc.freeze()
+
+
+def _next_run(control: socket.socket) -> Request | None:
+    """Wait for requests; each returns in a process of its own, and None in this one at the end."""
+    while True:
+        asked, theirs, _, _ = socket.recv_fds(control, MOST, 3)
+        if not asked:
+            return None
+        number = os.fork()
+        if not number:
+            control.close()
+            for descriptor, theirs_now in enumerate(theirs):
+                os.dup2(theirs_now, descriptor)
+                os.close(theirs_now)
+            request: Request = json.loads(asked)
+            return request
+        for descriptor in theirs:
+            os.close(descriptor)
+        control.send(str(number).encode())
+        _, status = os.waitpid(number, 0)
+        control.send(str(os.waitstatus_to_exitcode(status)).encode())
+
+
+def _main() -> None:
+    _load()
+    request = _next_run(socket.socket(fileno=int(sys.argv[1])))
+    if request is not None:
+        os.chdir(request["folder"])
+        os.environ.clear()
+        os.environ.update(request["environment"])
+        sys.argv = ["fte-sniff", *request["argv"]]
+        runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
+
+
+if __name__ == "__main__":
+    _main()
