@@ -105,11 +105,11 @@ def kill_one(path: Path, every_s: float, after_s: float, *, seams: bool = False)
             told.append(child.stdout.readline())
         killed_s = time.monotonic()
         child.send_signal(signal.SIGKILL)
-        told += child.stdout.read().splitlines()
+        told += child.stdout.read().splitlines(keepends=True)
     counts, flushed_s = {"w": 0, "f": 0}, killed_s
     for line in told:
-        if not line.strip():
-            continue
+        if not line.endswith("\n"):
+            continue  # it was killed while it told this
         word, count, *at = line.split()
         counts[word] = int(count)
         if at:

@@ -77,7 +77,7 @@ def pty(new_pty):
 def until():
     """Wait until something holds, but not for ever."""
 
-    def wait(holds, limit_s=10.0):
+    def wait(holds, limit_s=60.0):
         deadline = time.monotonic() + limit_s
         while not holds():
             assert time.monotonic() < deadline, "waited in vain"

@@ -29,7 +29,7 @@ def serving():
     yield serves
     for controller, thread in running:
         controller.stop()
-        thread.join(5)
+        thread.join(60)
         assert not thread.is_alive()
         controller.close()
 

@@ -172,7 +172,7 @@ def test_an_rfc2217_port_is_bridged_both_ways_and_its_baud_follows(server, pty, 
         serial.Serial(bridge.device, 19200, timeout=30) as host,
     ):
         host.write(b"\xfe\xff\xff\x00")
-        until(lambda: server.data == b"\xfe\xff\xff\x00", 30)
-        until(lambda: speed_of(pty.near) == 19200, 30)
+        until(lambda: server.data == b"\xfe\xff\xff\x00")
+        until(lambda: speed_of(pty.near) == 19200)
         pty.send(b"\xffback")
         assert host.read(5) == b"\xffback"

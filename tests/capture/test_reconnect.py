@@ -17,7 +17,7 @@ from fte_sniff.capture.sources.source import open_source
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 CLOCK = Clock.tied()
-BOUND_S = 30.0
+BOUND_S = 60.0
 
 
 @pytest.fixture

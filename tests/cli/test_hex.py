@@ -114,7 +114,7 @@ def test_a_paste_on_a_terminal(environment, tmp_path) -> None:
         screen.until("paste the bytes, then press Enter and Ctrl-D")
         screen.type(f"[14:03:22.123]发→◇{FRAME}\n\x04")
         screen.until("10000 pulses")
-        assert screen.process.wait(20) == 0
+        assert screen.process.wait(60) == 0
 
 
 def test_raw_bytes_on_standard_input_are_decodes_business(run, samples: Path) -> None:

@@ -17,7 +17,7 @@ from tests.cli.processes import PROGRAM, holding, wait_until
 from tests.cli.terminals import Terminal, in_session, ruling, silent, terminal
 
 LIVE = ("live", "sim://?rate=2500", "--baud", "460800", "-o", "x.mcap")
-END_S = 20.0
+END_S = 60.0
 """How long the end may take; on a quiet machine two seconds."""
 ROWS = "55 02 0"
 """Feedback, as the table shows its bytes."""

@@ -116,5 +116,5 @@ async def until(app: SniffApp, pilot: Pilot[None], holds: Callable[[], bool]) ->
     """Let the screen go on until something holds that is worked on beside it."""
     async with asyncio.timeout(60):
         while not holds():
-            await pilot.pause(0.01)
+            await pilot.pause(0.05)
     await settle(app, pilot)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-BOUND_S = 20.0
+BOUND_S = 60.0
 
 PROGRAM = """
 from fte_sniff.analysis.store.feed import FeedState, FeedUpdate

@@ -25,7 +25,7 @@ from .playing import Rows, lines, page, play, press, settle, type_line
 
 
 async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while notice.display:
             await pilot.pause(0.01)
 

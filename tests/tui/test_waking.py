@@ -18,7 +18,7 @@ from fte_sniff.tui.waking import REST_S, Waking
 from tests.tui.conftest import ListFeed
 from tests.tui.playing import Rows, page, play
 
-BOUND_S = 20.0
+BOUND_S = 60.0
 
 
 class ToldFeed(ListFeed):

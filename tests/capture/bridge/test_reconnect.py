@@ -14,7 +14,7 @@ from fte_sniff.capture.sources.items import SourceEnd
 from fte_sniff.protocol import Chunk, PortEvent
 
 CLOCK = Clock.tied()
-BOUND_S = 30.0
+BOUND_S = 60.0
 
 
 class Bridged:

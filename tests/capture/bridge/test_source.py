@@ -25,7 +25,7 @@ from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
 
 CLOCK = Clock.tied()
-BOUND_S = 30.0
+BOUND_S = 60.0
 _TIOCGEXCL = 0x80045440
 
 

@@ -50,7 +50,7 @@ def test_a_sample_is_taken_at_another_baud_with_the_same_care(pty, until):
         sampling.start()
         until(lambda: pty.attributes()[4] == termios.B57600)
         # What comes at once may still be of the old baud, and is not taken.
-        until(lambda: pty.send(b"\xff\x00\xff\xff") or found, 30)
+        until(lambda: pty.send(b"\xff\x00\xff\xff") or found)
         sampling.join()
         iflag, oflag, _, lflag, *_ = pty.attributes()
     assert set(found[0]) == {0xFF, 0x00}

@@ -30,7 +30,7 @@ def test_an_end_that_takes_long_is_no_death_by_alarm(environment) -> None:
         stdin=subprocess.DEVNULL,
         capture_output=True,
         env=environment,
-        timeout=30,
+        timeout=60,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, b"")

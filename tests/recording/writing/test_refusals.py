@@ -91,7 +91,7 @@ def test_a_pipe_is_read_as_often_as_wanted(
     feeder = threading.Thread(target=pipe.write_bytes, args=(content,))
     feeder.start()
     reader = RecordingReader(pipe)
-    feeder.join(timeout=10)
+    feeder.join(timeout=60)
     assert list(reader) == recorded[1]
     assert list(reader) == recorded[1]
     assert list(reader.events()) == recorded[2]

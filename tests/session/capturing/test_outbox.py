@@ -60,7 +60,7 @@ def test_a_view_that_does_not_look_loses_the_oldest_rows_and_is_told_how_many() 
     closing = threading.Thread(target=outbox.close, args=(Ended(),))
     closing.start()
     batches = [message for message in received(theirs) if isinstance(message, Batch)]
-    closing.join(20)
+    closing.join(60)
     seen = [row for batch in batches for row in batch.rows]
     assert batches[-1].total_rows == total
     assert len(seen) + batches[-1].not_shown == total
@@ -74,5 +74,5 @@ def test_a_view_that_is_gone_is_noticed() -> None:
     outbox = Outbox(ours, gone.set)
     theirs.close()
     outbox.put_rows(rows(0, 1))
-    assert gone.wait(20)
+    assert gone.wait(60)
     outbox.close(Ended())

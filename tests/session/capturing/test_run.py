@@ -69,7 +69,7 @@ def run(source: Known, **limits: int) -> tuple[list[Row], list[PortEvent], Ended
     while isinstance(message := theirs.recv(), Batch):
         rows += message.rows
         events += message.events
-    closing.join(30)
+    closing.join(60)
     return rows, events, ended
 
 

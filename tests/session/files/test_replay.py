@@ -26,7 +26,7 @@ def batches(count: int, size: int = 10) -> list[Read]:
 
 def all_of(session: ReplaySession) -> list[Row]:
     rows: list[Row] = []
-    deadline = monotonic() + 20
+    deadline = monotonic() + 60
     while monotonic() < deadline:
         update = session.poll()
         rows += update.rows
@@ -115,17 +115,17 @@ def test_reading_rests_until_the_next_poll() -> None:
 
     def reading() -> Iterator[Read]:
         for number, batch in enumerate(batches(5)):
-            assert gate.acquire(timeout=20)
+            assert gate.acquire(timeout=60)
             read.put(number)
             yield batch
 
     session = ReplaySession(reading(), "file")
-    deadline = monotonic() + 20
+    deadline = monotonic() + 60
     while not session.poll().rows and monotonic() < deadline:
         pass
     session.poll()
     gate.release()
-    assert [read.get(timeout=20), read.get(timeout=20)] == [0, 1]
+    assert [read.get(timeout=60), read.get(timeout=60)] == [0, 1]
     session.rest()
     gate.release(3)
     came = []
@@ -135,14 +135,14 @@ def test_reading_rests_until_the_next_poll() -> None:
     # What is being read when it is told to rest may still come.
     assert came in ([], [2])
     all_of(session)
-    assert [read.get(timeout=20) for _ in range(3 - len(came))][-1] == 4
+    assert [read.get(timeout=60) for _ in range(3 - len(came))][-1] == 4
 
 
 def test_a_session_that_was_stopped_does_not_rest_for_ever() -> None:
     session = ReplaySession(batches(100), "file")
     session.stop()
     session.rest()
-    session._thread.join(timeout=20)
+    session._thread.join(timeout=60)
     assert not session._thread.is_alive()
 
 
@@ -153,7 +153,7 @@ def test_stop_ends_the_reading() -> None:
 
     session = ReplaySession(endless(), "file")
     session.stop()
-    session._thread.join(20)
+    session._thread.join(60)
     assert not session._thread.is_alive()
 
 
