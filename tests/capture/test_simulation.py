@@ -2,7 +2,7 @@ import hashlib
 import itertools
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.simulator import SimulationParameters, simulate
@@ -16,6 +16,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     encode,
 )
+from tests.examples import examples
 
 SHARE = st.floats(0, 1)
 ANY_PARAMETERS = st.builds(
@@ -33,7 +34,7 @@ def heard(count, **asked):
     return list(itertools.islice(simulate(SimulationParameters(**asked)), count))
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(ANY_PARAMETERS)
 def test_the_same_parameters_give_the_same_bytes_at_the_same_times(parameters):
     twice = [list(itertools.islice(simulate(parameters), 60)) for _ in range(2)]
@@ -50,7 +51,7 @@ def test_other_seeds_give_other_bytes():
     assert len({tuple(item.data for item in heard(400, seed=seed)) for seed in range(8)}) == 8
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(ANY_PARAMETERS, st.sampled_from([115_200, 921_600]))
 def test_nothing_overlaps_on_the_wire_and_every_byte_takes_its_time(parameters, baud):
     free_ns = 0

@@ -1,6 +1,6 @@
 from itertools import pairwise
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import (
@@ -48,7 +48,6 @@ def test_an_error_counted_before_its_byte_marks_the_row_that_comes_next():
     assert hit(rows) == [20]
 
 
-@settings(deadline=None)
 @given(
     st.integers(1, 30),
     st.lists(st.tuples(st.integers(0, 299), st.integers(1, 20)), max_size=8),

@@ -1,7 +1,7 @@
 import tempfile
 from pathlib import Path
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -81,7 +81,6 @@ def _told(entry: Entry) -> tuple[Entry, int | None, bool]:
     return entry, entry.read_delay_ns, entry.order_uncertain
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.lists(st.lists(st.one_of(frames, damage, events), max_size=12), max_size=4),
     st.sampled_from([PORTS, PORTS[:1], ()]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.models.bench import Bench
@@ -24,7 +24,6 @@ ROWS = st.lists(
 WIDTHS = st.sampled_from([8, 20, 40, 79, 120, 199])
 
 
-@settings(deadline=None)
 @given(
     ROWS,
     st.data(),

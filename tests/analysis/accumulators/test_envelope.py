@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.accumulators.envelope import Envelope
@@ -22,7 +22,6 @@ def filled(times: list[int], values: list[int], cuts: list[int], **sizes: int) -
     return envelope
 
 
-@settings(deadline=None)
 @given(st.data(), TIMES, st.lists(st.integers(0, 60), max_size=4), st.integers(1, 50))
 def test_no_spike_is_lost_however_it_came_and_however_it_is_drawn(
     data: st.DataObject, times: list[int], cuts: list[int], columns: int
@@ -44,7 +43,6 @@ def test_no_spike_is_lost_however_it_came_and_however_it_is_drawn(
     assert shown <= set(values)
 
 
-@settings(deadline=None)
 @given(st.data(), TIMES, st.lists(st.integers(0, 60), max_size=4))
 def test_it_makes_no_difference_where_batches_are_cut(
     data: st.DataObject, times: list[int], cuts: list[int]
@@ -58,7 +56,6 @@ def test_it_makes_no_difference_where_batches_are_cut(
         np.testing.assert_array_equal(getattr(once, name), getattr(parts, name))
 
 
-@settings(deadline=None)
 @given(st.integers(1, 40), st.permutations(range(30)))
 def test_times_that_fall_within_reach_are_sorted_in(columns: int, order: list[int]) -> None:
     times, values = [10 * place for place in order], list(order)

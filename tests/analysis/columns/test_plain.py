@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
@@ -12,6 +12,7 @@ from fte_sniff.analysis.columns import plain
 from fte_sniff.analysis.columns.plain import PlainRuns
 from fte_sniff.protocol import FRAME_LENGTH
 from fte_sniff.protocol.framer.patterns import PLAIN_RUN
+from tests.examples import examples
 
 
 def _plain_frames(data: bytes) -> int:
@@ -24,7 +25,7 @@ byte = st.one_of(
 )
 
 
-@settings(max_examples=300)
+@examples(100)
 @given(st.integers(0, 5000), st.lists(st.tuples(st.integers(0, 399), byte), max_size=4))
 def test_a_run_is_never_counted_longer_than_it_is(
     seed: int, changes: list[tuple[int, int]]
@@ -38,7 +39,6 @@ def test_a_run_is_never_counted_longer_than_it_is(
     assert _plain_frames(data) <= match.end() // FRAME_LENGTH
 
 
-@settings(max_examples=50)
 @given(st.integers(0, 5000))
 def test_a_run_of_plain_frames_is_counted_whole(seed: int) -> None:
     frame = damaged_stream(seed, 1, 0, "ordinary")[0]
@@ -46,7 +46,6 @@ def test_a_run_of_plain_frames_is_counted_whole(seed: int) -> None:
         assert _plain_frames(frame * 5000) == 5000
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.integers(0, 5000), st.sampled_from([0.0, 0.02, 0.3]), st.binary(max_size=30))
 def test_from_every_place_no_more_is_found_than_is_there(
     seed: int, share: float, before: bytes

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns.wide import row_frame
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMNS, Damage, Fault, Frame, Row
+from tests.examples import examples
 
 MISTAKES: list[tuple[str, tuple[str, ...]]] = [
     # names
@@ -222,7 +223,7 @@ def test_any_text_parses_or_is_explained(text: str) -> None:
     _parses_or_explains(text)
 
 
-@settings(max_examples=400)
+@examples(150)
 @given(st.lists(PIECES, max_size=14).map(" ".join))
 def test_any_words_parse_or_are_explained(text: str) -> None:
     _parses_or_explains(text)

@@ -1,7 +1,7 @@
 from random import Random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream, draw_frame, ordinary
@@ -98,7 +98,6 @@ def test_what_else_a_line_can_be(data, condition):
     assert judge(data, DEFAULT_BAUD).condition == condition
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=200), st.sampled_from(COMMON_BAUDS))
 def test_any_bytes_get_a_verdict_that_adds_up(data, baud):
     verdict = judge(data, baud)
@@ -108,7 +107,6 @@ def test_any_bytes_get_a_verdict_that_adds_up(data, baud):
     assert Setting(baud, False) not in dict(verdict.guesses)
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.binary(min_size=1, max_size=20), min_size=1, max_size=5),
     st.integers(0, 40),
@@ -120,7 +118,6 @@ def test_at_its_own_baud_a_uart_hears_what_was_sent(pieces, idle, resync):
     assert heard(bits, falls_of(bits, 0), 0, 1.0, resync, 1000) == b"".join(pieces)
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=100), st.sampled_from(COMMON_BAUDS))
 def test_hardware_hears_what_was_sent_though_its_clock_is_off(data, baud):
     assert heard_by_hardware(1, [data], baud, baud) == data

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns.fields import Decoded
@@ -35,7 +35,6 @@ def _motors(rows: Sequence[Row]) -> Motors:
     return motors
 
 
-@settings(deadline=None)
 @given(
     st.integers(1, 60),
     st.integers(1, 20),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns.fields import Decoded
@@ -52,7 +52,6 @@ def states_of(rows: list[Row], cuts: list[int], now_ns: int = 40 * SECOND) -> li
     return motors.states(now_ns)
 
 
-@settings(deadline=None)
 @given(row_lists(), st.lists(st.integers(0, 25), max_size=4))
 def test_it_makes_no_difference_where_batches_are_cut(rows: list[Row], cuts: list[int]) -> None:
     assert states_of(rows, cuts) == states_of(rows, [])
@@ -75,7 +74,6 @@ def _tells(row: Row, motor: int) -> bool:
     )
 
 
-@settings(deadline=None)
 @given(row_lists())
 def test_a_state_is_what_the_last_frames_said(rows: list[Row]) -> None:
     for state in states_of(rows, []):

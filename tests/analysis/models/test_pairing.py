@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns.fields import NO_TIME
@@ -45,7 +45,6 @@ def by_hand(events: list[tuple[bool, int]]) -> tuple[list[int], int, bool]:
     return delays, unanswered, asked is not None
 
 
-@settings(deadline=None)
 @given(EVENTS, st.lists(st.integers(0, 40), max_size=4))
 def test_batches_of_any_size_give_what_the_rule_says(
     events: list[tuple[bool, int]], cuts: list[int]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns.fields import Decoded
@@ -38,7 +38,6 @@ def statistics_of(rows: list[Row], cut: int = 0) -> Statistics:
     return found
 
 
-@settings(deadline=None)
 @given(ROWS)
 def test_counts_are_what_one_counts_by_hand(rows: list[Row]) -> None:
     found = statistics_of(rows)
@@ -76,7 +75,6 @@ def _rising(steps: list[int]) -> list[Row]:
     return rows
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(0, SECOND), max_size=30), st.integers(0, 30))
 def test_it_makes_no_difference_where_batches_are_cut(steps: list[int], cut: int) -> None:
     rows = _rising(steps)

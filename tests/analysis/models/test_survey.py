@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns.fields import Decoded
@@ -47,7 +47,6 @@ def frame(kind: str, t_ns: int | None, *, port: str = "p", **values: int) -> Fra
     return Frame(port, 0, encode(KIND_BY_NAME[kind], values), t_ns)
 
 
-@settings(deadline=None)
 @given(ROWS, ROWS)
 def test_extents_status_and_faults_are_what_one_counts(one: list[Row], other: list[Row]) -> None:
     survey, rows = survey_of(one, other), [*one, *other]
@@ -72,7 +71,6 @@ def test_extents_status_and_faults_are_what_one_counts(one: list[Row], other: li
 
 
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=5), st.integers(0, 300))
-@settings(deadline=None)
 def test_pieces_with_gaps_between_tell_what_each_tells_alone(sizes: list[int], cut: int) -> None:
     pieces, gaps, t_ns = [], list[tuple[int, int]](), SECOND
     for size in sizes:
@@ -95,7 +93,6 @@ def test_pieces_with_gaps_between_tell_what_each_tells_alone(sizes: list[int], c
     assert (answers.unanswered, answers.neither) == (measured, len(pieces))
 
 
-@settings(deadline=None)
 @given(ROWS)
 def test_directions_and_ranges_are_what_one_counts(rows: list[Row]) -> None:
     survey = survey_of(rows)
@@ -118,7 +115,6 @@ def test_directions_and_ranges_are_what_one_counts(rows: list[Row]) -> None:
         }
 
 
-@settings(deadline=None)
 @given(ROWS, st.integers(0, 15))
 def test_answers_are_those_of_the_motors_pane(rows: list[Row], cut: int) -> None:
     survey = survey_of(rows[:cut], rows[cut:])
@@ -156,7 +152,6 @@ def test_delays_are_over_all_answers_and_know_when_the_longest_was() -> None:
     assert found.delays.longest_at_ns == 7 * SECOND + 200 * MS
 
 
-@settings(deadline=None)
 @given(
     st.lists(
         st.tuples(st.sampled_from(MOTORS), st.integers(0, 255), st.integers(0, 255)), max_size=20

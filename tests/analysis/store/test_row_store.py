@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
@@ -13,6 +12,7 @@ from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.store.finding import Bools, find_byte, find_fault, find_step, select_rows
 from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.protocol import Damage, Fault, Frame, Row
+from tests.examples import examples
 
 ROW = st.from_type(Frame) | st.from_type(Damage)
 FILTERS = [
@@ -149,7 +149,7 @@ def _walked(store: RowStore, index: int, by: int) -> int | None:
     return step.found
 
 
-StoreMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=15, deadline=None)
+StoreMachine.TestCase.settings = examples(30, stateful_step_count=15)
 test_a_store_is_a_bounded_list_with_a_filter = StoreMachine.TestCase
 
 

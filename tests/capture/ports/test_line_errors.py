@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.clock import Clock
@@ -70,7 +70,6 @@ def test_each_counter_stands_in_its_place(place, kind):
     assert getattr(found, kind) == numbers[place]
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**31), st.sampled_from(KINDS))
 def test_a_counter_that_wraps_counts_on(before, more, kind):
     earlier = LineErrorCounts(**{kind: before})
@@ -83,7 +82,6 @@ marked_bytes = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(marked_bytes, st.lists(st.integers(0, 180), max_size=8))
 def test_marks_are_taken_out_however_they_were_cut(bytes_, cuts):
     data = bytes(byte for byte, _ in bytes_)
@@ -214,7 +212,6 @@ def test_a_uart_of_this_machine_is_read():
         os.close(descriptor)
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(-(2**31), 2**31 - 1), min_size=32, max_size=32))
 def test_low_latency_is_one_bit_and_nothing_else_changes(numbers):
     before = struct.pack("=32i", *numbers)

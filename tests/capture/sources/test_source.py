@@ -6,7 +6,7 @@ import subprocess
 import threading
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.clock import Clock
@@ -15,6 +15,7 @@ from fte_sniff.capture.simulator import SimulationParameters, simulate
 from fte_sniff.capture.sources.items import SourceEnd
 from fte_sniff.capture.sources.source import PortSource, open_source
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from tests.examples import examples
 
 CLOCK = Clock.tied()
 
@@ -250,7 +251,7 @@ def test_another_program_at_the_port_is_pointed_out(pty, source_of):
     assert f"sleep (pid {other.pid}) has it open too" in detail
 
 
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(st.lists(st.binary(min_size=1, max_size=300), min_size=1, max_size=20))
 def test_however_the_bytes_come_they_are_the_same_bytes(pieces):
     sent = b"".join(pieces)

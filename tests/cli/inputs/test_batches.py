@@ -5,7 +5,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.accumulators.tally import Tally
@@ -60,7 +60,6 @@ def written(batch: Batch, form: OutputFormat) -> str:
 
 
 @pytest.mark.parametrize("form", [*TEXT_FORMS, OutputFormat.HEX])
-@settings(deadline=None)
 @given(rows=ROWS)
 def test_the_text_is_the_same_byte_for_byte(form: OutputFormat, rows: list[Row]) -> None:
     one_by_one, at_once = both(rows)
@@ -68,7 +67,6 @@ def test_the_text_is_the_same_byte_for_byte(form: OutputFormat, rows: list[Row])
         assert written(at_once, form) == written(one_by_one, form)
 
 
-@settings(deadline=None)
 @given(ROWS)
 def test_the_count_is_the_same(rows: list[Row]) -> None:
     one_by_one, at_once = Tally(), Tally()
@@ -77,7 +75,6 @@ def test_the_count_is_the_same(rows: list[Row]) -> None:
     assert at_once == one_by_one
 
 
-@settings(deadline=None)
 @given(
     ROWS,
     st.sampled_from(
@@ -107,7 +104,6 @@ def test_the_first_rows_are_the_same(rows: list[Row], count: int) -> None:
     assert at_once.first(count).rows() == one_by_one.first(count).rows() == rows[:count]
 
 
-@settings(deadline=None)
 @given(ROWS)
 def test_the_frame_is_the_same(rows: list[Row]) -> None:
     one_by_one, at_once = both(rows)

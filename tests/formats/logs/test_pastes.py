@@ -7,12 +7,13 @@ import shutil
 import subprocess
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, FteSniffError, InputTextError
 from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.formats.logs.pastes import bytes_of_text
+from tests.examples import examples
 from tests.formats.forms import FORMS, bytes_in
 
 CONTROL = bytes.fromhex("AA010103E800000000EE")
@@ -38,7 +39,6 @@ def test_a_session_in_each_form(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FORMS)
-@settings(deadline=None)
 @given(data=STREAMS)
 def test_any_stream_in_each_form_comes_back(name: str, data: bytes) -> None:
     form = FORMS[name]
@@ -66,13 +66,13 @@ def test_any_stream_in_each_form_comes_back(name: str, data: bytes) -> None:
 def test_what_the_programs_really_write(command: list[str]) -> None:
     if shutil.which(command[0]) is None:
         pytest.skip(f"there is no {command[0]} here")
-    done = subprocess.run(command, input=SESSION, capture_output=True, check=True, timeout=30)
+    done = subprocess.run(command, input=SESSION, capture_output=True, check=True, timeout=60)
     assert read(done.stdout.decode())[0] == SESSION
 
 
 @pytest.mark.parametrize("command", ["hexdump -C", "od -t x1", "od -A x -t x1z", "od -A d -t x1"])
 @given(zeros=st.integers(0, 400))
-@settings(deadline=None, max_examples=20)
+@examples(20)
 def test_lines_left_out_of_a_dump_are_put_back_or_it_is_refused(command: str, zeros: int) -> None:
     if shutil.which(command.split()[0]) is None:
         pytest.skip(f"there is no {command} here")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from random import Random
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.faults import PAYLOADS, draw_frame
@@ -21,6 +21,7 @@ from fte_sniff.protocol import (
     Row,
     byte_time_ns,
 )
+from tests.examples import examples
 from tests.protocol.streams import raw_bytes
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
@@ -33,7 +34,7 @@ def rows_of(chunks: Sequence[Chunk]) -> list[Row]:
     return rows + framer.flush()
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(raw_bytes, st.integers(1, 50))
 def test_rows_tile_the_stream(data: bytes, size: int) -> None:
     chunks = [Chunk("p", None, data[at : at + size]) for at in range(0, len(data), size)]
@@ -88,7 +89,7 @@ def cut_otherwise(draw: st.DrawFn) -> tuple[list[Chunk], list[Chunk]]:
     return chunks, other
 
 
-@settings(max_examples=300, deadline=None)
+@examples(150)
 @given(cut_otherwise())
 def test_cutting_into_other_chunks_gives_the_same_rows(
     cuts: tuple[list[Chunk], list[Chunk]],
@@ -120,7 +121,7 @@ def one_damaged(draw: st.DrawFn) -> tuple[list[bytes], int, bytes]:
     return frames, number, raw[:start] + calm + raw[start + count :]
 
 
-@settings(max_examples=200, deadline=None)
+@examples(100)
 @given(one_damaged())
 def test_a_damaged_frame_costs_only_itself(case: tuple[list[bytes], int, bytes]) -> None:
     frames, number, became = case
@@ -132,7 +133,7 @@ def test_a_damaged_frame_costs_only_itself(case: tuple[list[bytes], int, bytes])
     assert len(found) in (len(frames) - 1, len(frames))
 
 
-@settings(max_examples=200, deadline=None)
+@examples(100)
 @given(st.integers(0, 10_000), st.integers(0, 8), st.binary(min_size=1, max_size=60))
 def test_junk_before_a_frame_never_costs_the_frame(seed: int, number: int, junk: bytes) -> None:
     frames = calm_frames(seed, 12)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from random import Random
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import (
@@ -17,6 +17,7 @@ from fte_sniff.protocol import (
     Row,
     byte_time_ns,
 )
+from tests.examples import examples
 from tests.protocol.streams import raw_bytes
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
@@ -55,7 +56,7 @@ def test_behind_damage_a_frame_waits_for_what_could_make_it_overlong() -> None:
     assert (waiting.raw, waiting.faults) == (SPEED, (Fault.AMBIGUOUS,))
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.integers(0, 10_000))
 def test_junk_right_before_a_frame_is_no_reason_for_doubt_where_the_line_pauses(seed: int) -> None:
     random, framer = Random(seed), Framer("p")
@@ -68,7 +69,7 @@ def test_junk_right_before_a_frame_is_no_reason_for_doubt_where_the_line_pauses(
     assert [row.faults for row in rows if row.raw == SPEED] == [()] * 100
 
 
-@settings(max_examples=300, deadline=None)
+@examples(150)
 @given(raw_bytes)
 def test_no_frame_waits_for_more_than_two_further_ones(data: bytes) -> None:
     framer = Framer("p")

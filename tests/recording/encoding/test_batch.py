@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
@@ -12,6 +12,7 @@ from fte_sniff.recording.encoding.batch import Packer
 from fte_sniff.recording.encoding.messages import encode_event, encode_row
 from fte_sniff.recording.encoding.model import MESSAGE, MESSAGE_HEAD
 from fte_sniff.recording.encoding.topics import EVENTS, Topic, topic_of
+from tests.examples import examples
 from tests.recording.test_round_trip import damage, events, frames
 
 Entry = Row | PortEvent
@@ -21,7 +22,7 @@ def _topic(entry: Entry) -> Topic:
     return EVENTS if isinstance(entry, PortEvent) else topic_of(entry)
 
 
-@settings(max_examples=200, deadline=None)
+@examples(80)
 @given(
     st.lists(st.lists(st.one_of(frames, frames, damage, events), min_size=1), max_size=3),
     st.booleans(),

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
@@ -20,6 +20,7 @@ from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.recording.reading.span import Span
 from fte_sniff.recording.writing.place import Existing
 from fte_sniff.recording.writing.writer import RecordingWriter
+from tests.examples import examples
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
 MakeRows = Callable[..., list[Row]]
@@ -64,7 +65,6 @@ def _rows(draw: st.DrawFn) -> list[Row]:
     return rows
 
 
-@settings(deadline=None, max_examples=60)
 @given(_rows())
 def test_any_row_comes_back_as_it_was(
     tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
@@ -148,7 +148,7 @@ def test_a_message_that_only_looks_equally_long_is_not_misread(
     assert told(found) == told(mixed)
 
 
-@settings(deadline=None, max_examples=150)
+@examples(80)
 @given(st.data())
 def test_whatever_a_message_says_columns_say_what_reading_one_by_one_says(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
@@ -39,7 +39,6 @@ def _index(places: list[int]) -> bytes:
     return struct.pack("<HI", 1, len(entries)) + entries
 
 
-@settings(deadline=None)
 @given(_RECORDS, st.randoms())
 def test_an_index_changes_nothing_but_the_speed(
     lengths: list[int | None], random: np.random.Generator
@@ -59,7 +58,6 @@ def test_an_index_changes_nothing_but_the_speed(
         assert found.number(CHANNEL_PLACE, "<u2").tolist() == numbers
 
 
-@settings(deadline=None)
 @given(_RECORDS, st.lists(st.integers(0, 2**64 - 1), max_size=3), st.data())
 def test_a_false_index_is_not_believed(
     lengths: list[int | None], far: list[int], data: st.DataObject

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -75,7 +75,6 @@ def _rows(draw: st.DrawFn) -> list[Row]:
 PORTS = [PortFacts("one", 115_200), PortFacts("two")]
 
 
-@settings(deadline=None, max_examples=60)
 @given(_rows())
 def test_message_for_message_what_a_capture_writes(
     tmp_path_factory: pytest.TempPathFactory, rows: list[Row]

@@ -12,7 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -25,6 +25,7 @@ from fte_sniff.recording.writing import gaps
 from fte_sniff.recording.writing.keeping import Keeping, OnFull, Surroundings
 from fte_sniff.recording.writing.place import Existing
 from fte_sniff.recording.writing.recorder import NEXT_NAME, Recorder
+from tests.examples import examples
 from tests.recording.conftest import START, STEP, some_rows
 
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
@@ -67,7 +68,7 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gaps, "AGAIN_MOST_S", 0.0)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     sizes=st.lists(st.integers(1, 60), min_size=1, max_size=12),
     rotate=st.sampled_from(
@@ -342,7 +343,7 @@ def _picks(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if row.offset % 97 == 0]
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     sizes=st.lists(st.integers(1, 80), min_size=1, max_size=10),
     before=st.integers(0, 40),

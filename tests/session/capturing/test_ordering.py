@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.simulator import SimulationParameters, simulate
@@ -135,7 +135,6 @@ def _reads(port: str, coming: list, late: Iterator[int]) -> Iterator[Chunk]:
         yield Chunk(port, now, data)
 
 
-@settings(deadline=None)
 @given(
     st.tuples(SEEDS, FAULTS),
     st.tuples(SEEDS, FAULTS),

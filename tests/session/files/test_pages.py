@@ -6,9 +6,10 @@ import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from shutil import copy
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.columns.packing import Codebook, unpack
@@ -22,6 +23,7 @@ from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.recording.reading.span import EVERYTHING, Span
 from fte_sniff.recording.writing.bulk_writer import write_recording
 from fte_sniff.session.files.pages import RecordedPages
+from tests.examples import examples
 
 COUNT = 150_000
 """Rows of a file: more than one batch."""
@@ -81,7 +83,7 @@ def test_any_rows_come_again_as_they_were(files: list[Path], rows: list[Row]) ->
     assert found == rows
     codebook = Codebook()
 
-    @settings(max_examples=30, deadline=None)
+    @examples(30)
     @given(st.integers(0, len(rows) - 1), st.integers(1, 3000))
     def check(start: int, count: int) -> None:
         count = min(count, len(rows) - start)
@@ -150,9 +152,9 @@ def be_spoilt(path: Path) -> None:
 
 @pytest.mark.parametrize("happen", [vanish, be_replaced, be_cut, be_spoilt])
 def test_a_file_that_is_not_what_it_was_is_named(
-    happen: Callable[[Path], None], rows: list[Row], tmp_path: Path
+    happen: Callable[[Path], None], files: list[Path], tmp_path: Path
 ) -> None:
-    path = written(tmp_path / "run.mcap", "a", rows[:COUNT])
+    path = copy(files[0], tmp_path / "run.mcap")
     pages, _ = noted([path])
     happen(path)
     with pytest.raises(FileError, match=r"run\.mcap: (has changed|there is no such file)"):
