@@ -100,6 +100,7 @@ def command(
         language=settings.language(lang),
         choices=settings.choices,
         keep=settings.keep,
+        trouble=settings.trouble,
     )
     code = run_screen(session, opening, pages)
     with signals_call(session.stop) as ask:

@@ -165,6 +165,8 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
     def on_mount(self) -> None:
         """Begin to look at the feed, a file at its first row; end when the system says so."""
         self._table.focus()
+        if self._opening.trouble:
+            self._notice.warn(shown("; ".join(self._opening.trouble)))
         self.tick()
         if not self._watched.state.live:
             self._table.action_first()

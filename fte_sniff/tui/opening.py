@@ -70,6 +70,8 @@ class Opening:
     """What was chosen before."""
     keep: Keep = keep_nothing
     """Is told at the end what was chosen, where that differs from `choices`."""
+    trouble: tuple[str, ...] = ()
+    """What went wrong before the screen was there to tell it, a sentence each."""
 
     def store(self, source: BlockSource | None = None) -> RowStore:
         """A store for so many rows; for all there are, where a source gives the others again."""

@@ -140,6 +140,7 @@ def _opening(plan: CapturePlan, bench: Bench, settings: Remembered, lang: str | 
         language=settings.language(lang),
         choices=settings.choices,
         keep=settings.keep,
+        trouble=settings.trouble,
     )
 
 

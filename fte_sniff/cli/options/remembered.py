@@ -14,13 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.options.settings import (
-    PortDefaults,
-    Settings,
-    keep_screen,
-    read_settings,
-    settings_path,
-)
+from fte_sniff.cli.options.settings import PortDefaults, Settings
+from fte_sniff.cli.options.settings_file import keep_screen, read_settings, settings_path
 from fte_sniff.cli.streams.telling import tell
 from fte_sniff.errors import FteSniffError, UsageError, unreadable
 from fte_sniff.tui.language import AUTO, LANGUAGES, language_of
@@ -57,6 +52,8 @@ class Remembered:
 
     path: Path
     settings: Settings
+    trouble: tuple[str, ...] = ()
+    """What is wrong with the file, and was told: a line each."""
 
     def defaults(self, ports: Sequence[str], *names: str) -> PortDefaults:
         """What the settings say of these ports, as far as it is asked for by name.
@@ -96,9 +93,12 @@ class Remembered:
         columns = choices.columns
         try:
             # Read again: another screen may have been there meanwhile.
-            before = read_settings(self.path).screen
+            found = read_settings(self.path)
+            if found.faults:
+                tell(f"the look of the screen is not kept: mend {self.path} first")
+                return
             screen = replace(
-                before,
+                found.screen,
                 theme=choices.theme,
                 columns=None if columns is None else columns.names,
                 widths=None if columns is None else dict(columns.widths) or None,
@@ -121,7 +121,10 @@ def remembered(config: Path | None) -> Remembered:
             raise unreadable(config, error) from error
     path = config or settings_path()
     try:
-        return Remembered(path, read_settings(path))
+        settings = read_settings(path)
+        trouble = [f"{path}: {fault}; going on without it" for fault in settings.faults]
     except FteSniffError as error:
-        tell(f"fte-sniff: {error}; going on without settings")
-        return Remembered(path, Settings())
+        settings, trouble = Settings(), [f"{error}; going on without settings"]
+    for line in trouble:
+        tell(f"fte-sniff: {line}")
+    return Remembered(path, settings, tuple(trouble))

@@ -1,6 +1,7 @@
-"""Owns the settings file: where it lies, how it is read and checked, and what is kept in it.
+"""Owns what settings are, which values each may have, and what of a file's tables is none.
 
-It must not know what a setting does: commands and the screen take the values from here.
+It must not know where the file lies, nor what a setting does: commands and the screen take the
+values from here. What is wrong is left out by itself, and said; all else of the file holds.
 
     [screen]
     theme = "textual-light"
@@ -15,16 +16,10 @@ It must not know what a setting does: commands and the screen take the values fr
 
     [live]
     ports = ["/dev/ttyUSB0"]        # what `fte-sniff live` opens when it is given none
-
-The file is TOML, in the platform's folder for settings (`FTE_SNIFF_CONFIG` or `--config` name
-another). What the user wrote into it, comments too, stays when something is kept in it.
 """
 
 from __future__ import annotations
 
-import os
-import tempfile
-import tomllib
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -33,16 +28,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
-from fte_sniff.errors import FileError, reason_of, unreadable
 from fte_sniff.tui.language import AUTO, LANGUAGES
 from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
 from fte_sniff.tui.theme_names import THEMES
 
-VARIABLE: Final = "FTE_SNIFF_CONFIG"
-"""The environment's word for another settings file."""
-
 _COLUMNS: Final = (*ORDER, VALUES)
-_WAY_OUT = "mend the file, or move it away"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +67,8 @@ class Settings:
     ports: tuple[str, ...] = ()
     """What to watch when no port is named; one or two."""
     by_port: Mapping[str, PortDefaults] = field(default_factory=lambda: MappingProxyType({}))
+    faults: tuple[str, ...] = ()
+    """What the file says beside, and cannot be: a line each."""
 
     def of_port(self, port: str) -> PortDefaults:
         """What is said of a port by this name, or by another that leads to the same device."""
@@ -86,37 +78,6 @@ class Settings:
             same = (name for name in self.by_port if Path(name).resolve() == device)
             found = self.by_port.get(next(same, ""))
         return found or PortDefaults()
-
-
-def settings_path() -> Path:
-    """Where the settings lie when nobody says otherwise."""
-    named = os.environ.get(VARIABLE)
-    if named:
-        return Path(named)
-    from platformdirs import user_config_path
-
-    return user_config_path("fte-sniff", appauthor=False) / "config.toml"
-
-
-def read_settings(path: Path) -> Settings:
-    """What the file says; nothing where there is no such file.
-
-    Raises:
-        FileError: it cannot be read, or says what cannot be.
-    """
-    try:
-        content = path.read_bytes()
-    except (FileNotFoundError, NotADirectoryError):
-        return Settings()
-    except OSError as error:
-        raise unreadable(path, error) from error
-    try:
-        told = tomllib.loads(content.decode())
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileError(f"{path} is not TOML: {error}; {_WAY_OUT}") from error
-    except RecursionError as error:
-        raise FileError(f"{path} is nested too deeply; {_WAY_OUT}") from error
-    return _Check(path).settings(told)
 
 
 _Convert: TypeAlias = Callable[[Any], Any]
@@ -174,7 +135,7 @@ def _word(words: Collection[str]) -> _Convert:
     return convert
 
 
-_SCREEN: Mapping[str, _Convert] = {
+SCREEN: Mapping[str, _Convert] = {
     "theme": _word(THEMES),
     "columns": _columns,
     "widths": _widths,
@@ -185,100 +146,55 @@ _PORT: Mapping[str, _Convert] = {"baud": _whole, "resolution": _ratio, "gear-rat
 _TABLES = ("screen", "live", "port")
 
 
+def settings_of(told: Mapping[str, Any]) -> Settings:
+    """What the tables of a file say, as far as it can be."""
+    check = _Check()
+    tables = check.known(told, _TABLES, "")
+    return Settings(
+        ScreenSettings(**check.values(tables.get("screen", {}), "screen", SCREEN)),
+        check.values(tables.get("live", {}), "live", _LIVE).get("ports", ()),
+        MappingProxyType(
+            {
+                name: PortDefaults(**check.values(table, f"port.{name}", _PORT))
+                for name, table in check.table(tables.get("port", {}), "port").items()
+            }
+        ),
+        tuple(check.faults),
+    )
+
+
 class _Check:
-    """Takes a file's tables apart, and says where one is not what it should be."""
+    """Takes a file's tables apart, and notes where one is not what it should be."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self) -> None:
+        self.faults: list[str] = []
 
-    def settings(self, told: Mapping[str, Any]) -> Settings:
-        self._known(told, _TABLES, "")
-        ports = self._table(told.get("port", {}), "port")
-        return Settings(
-            ScreenSettings(**self._values(told.get("screen", {}), "screen", _SCREEN)),
-            self._values(told.get("live", {}), "live", _LIVE).get("ports", ()),
-            MappingProxyType(
-                {
-                    name: PortDefaults(**self._values(table, f"port.{name}", _PORT))
-                    for name, table in ports.items()
-                }
-            ),
-        )
+    def table(self, value: Any, name: str) -> Mapping[str, Any]:
+        if isinstance(value, dict):
+            return value
+        self.faults.append(f"[{name}] must be a table")
+        return {}
 
-    def _table(self, value: Any, name: str) -> Mapping[str, Any]:
-        if not isinstance(value, dict):
-            raise FileError(f"{self._path}: [{name}] must be a table; {_WAY_OUT}")
-        return value
-
-    def _known(self, table: Mapping[str, Any], names: tuple[str, ...], where: str) -> None:
+    def known(
+        self, table: Mapping[str, Any], names: Collection[str], where: str
+    ) -> Mapping[str, Any]:
+        """What of the table has a name that there is."""
         for name in table:
             if name not in names:
                 near = get_close_matches(name, names, 1)
                 hint = f"did you mean {near[0]}?" if near else f"it knows {', '.join(names)}"
                 place = f" in [{where}]" if where else ""
-                raise FileError(f"{self._path}: unknown name {name!r}{place}; {hint}")
+                self.faults.append(f"unknown name {name!r:.60}{place}; {hint}")
+        return {name: value for name, value in table.items() if name in names}
 
-    def _values(self, table: Any, where: str, converts: Mapping[str, _Convert]) -> dict[str, Any]:
-        self._known(self._table(table, where), tuple(converts), where)
+    def values(
+        self, table: Any, where: str, converts: Mapping[str, Callable[[Any], Any]]
+    ) -> dict[str, Any]:
+        """The values of a table by the names of their fields."""
         found = {}
-        for name, value in table.items():
+        for name, value in self.known(self.table(table, where), converts, where).items():
             try:
                 found[name.replace("-", "_")] = converts[name](value)
             except ValueError as error:
-                raise FileError(
-                    f"{self._path}: {name} in [{where}] must be {error}, not {value!r:.60}"
-                ) from error
+                self.faults.append(f"{name} in [{where}] must be {error}, not {value!r:.60}")
         return found
-
-
-def keep_screen(path: Path, settings: ScreenSettings) -> None:
-    """Write what is said of the screen into the file, and leave the rest as it is.
-
-    The new file takes the place of the old one at once, so that no half of it is ever there.
-
-    Raises:
-        FileError: the file there cannot be read or written.
-    """
-    import tomlkit
-    from tomlkit.exceptions import TOMLKitError
-
-    try:
-        document = tomlkit.parse(path.read_text("utf-8")) if path.exists() else tomlkit.document()
-        screen = document.setdefault("screen", tomlkit.table())
-        for name in _SCREEN:
-            value = getattr(settings, name)
-            if value is not None:
-                screen[name] = _toml(value)
-            elif name in screen:
-                del screen[name]
-        _replace(path, tomlkit.dumps(document))
-    except (TOMLKitError, UnicodeDecodeError, TypeError) as error:
-        raise FileError(f"{path} is not TOML: {error}; {_WAY_OUT}") from error
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {reason_of(error)}") from error
-
-
-def _toml(value: Any) -> Any:
-    """The value as the file holds it."""
-    import tomlkit
-
-    if isinstance(value, Mapping):
-        table = tomlkit.inline_table()
-        table.update(value)
-        return table
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _replace(path: Path, text: str) -> None:
-    # A link stays one: people keep such files elsewhere and link to them.
-    path = path.resolve()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
-    ) as new:
-        new.write(text)
-    try:
-        Path(new.name).replace(path)
-    except OSError:
-        Path(new.name).unlink(missing_ok=True)
-        raise

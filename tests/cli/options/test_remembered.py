@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.cli.options.settings import read_settings
+from fte_sniff.cli.options.settings_file import read_settings
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
 
@@ -68,19 +68,43 @@ def test_a_choice_that_cannot_be_kept_is_one_line(environment, tmp_path: Path) -
     assert b"Traceback" not in screen.drawn
 
 
-@pytest.mark.parametrize("broken", ["[screen", "[colour]\n", '[screen]\ntheme = "pink"\n'])
+@pytest.mark.parametrize(
+    ("broken", "way_on"),
+    [
+        ("[screen", "going on without settings"),
+        ("[colour]\n", "going on without it"),
+        ('[screen]\ntheme = "pink"\n', "going on without it"),
+    ],
+)
 @pytest.mark.parametrize("named", [False, True])
-def test_a_broken_settings_file_is_one_line_and_the_program_goes_on(
-    run, settings_file: Path, tmp_path: Path, broken: str, named: bool
+def test_what_is_wrong_in_a_settings_file_is_one_line_and_the_program_goes_on(
+    run, settings_file: Path, tmp_path: Path, broken: str, way_on: str, named: bool
 ) -> None:
     file = tmp_path / "own.toml" if named else settings_file
     file.write_text(broken)
     done = run("live", DOTS, *QUICK, *(("--config", file) if named else ()))
     assert done.returncode == 0
     assert done.stdout.count("\n") == 2
-    (line,) = (line for line in done.stderr.splitlines() if "settings" in line)
+    (line,) = (line for line in done.stderr.splitlines() if "going on" in line)
     assert line.startswith(f"fte-sniff: {file}")
-    assert line.endswith("going on without settings")
+    assert line.endswith(way_on)
+
+
+def test_the_screen_tells_what_is_wrong_in_the_settings_file(
+    environment, settings_file: Path, tmp_path: Path
+) -> None:
+    settings_file.write_text('[screen]\ntheme = "pink"\n')
+    with terminal(environment, tmp_path, "view", CLEAN, size=(200, 24)) as screen:
+        screen.until("theme in [screen] must be one of")
+        screen.type("q")
+        assert screen.ended() == 0
+
+
+def test_ports_hold_beside_a_name_that_is_none(run, settings_file: Path) -> None:
+    settings_file.write_text(f'[live]\nports = ["{DOTS}"]\nfoo = 1\n')
+    done = run("live", *QUICK)
+    assert done.returncode == 0
+    assert "unknown name 'foo' in [live]" in done.stderr
 
 
 @pytest.mark.parametrize("command", [("live", DOTS), ("bridge", DOTS), ("view", CLEAN)])

@@ -1,17 +1,12 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.cli.options.settings import (
-    PortDefaults,
-    ScreenSettings,
-    Settings,
-    keep_screen,
-    read_settings,
-    settings_path,
-)
+from fte_sniff.cli.options.settings import PortDefaults, ScreenSettings, Settings
+from fte_sniff.cli.options.settings_file import keep_screen, read_settings, settings_path
 from fte_sniff.errors import FileError
 from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
 from fte_sniff.tui.theme_names import THEMES
@@ -32,6 +27,8 @@ baud = 57600
 resolution = 500
 gear-ratio = 30
 """
+
+ONLY_X = Settings(by_port={"x": PortDefaults()})
 
 names = st.sampled_from([*ORDER, VALUES])
 screens = st.builds(
@@ -80,7 +77,6 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[screen", "is not TOML"),
         ("[screen]\ntheme = 3\n", "theme in [screen] must be one of textual-dark"),
         ('[screen]\ncolums = ["time"]\n', "did you mean columns?"),
         ('[screen]\ncolumns = ["moter"]\n', "columns in [screen] must be a list"),
@@ -98,13 +94,29 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ('[port."x"]\ngear-ratio = nan\n', "gear-ratio in [port.x] must be a number above 0"),
         ("[live]\nports = []\n", "ports in [live] must be a list of one or two ports"),
         ("[colour]\n", "unknown name 'colour'"),
-        ("a = " + "[" * 5_000, ""),
     ],
 )
-def test_what_cannot_be_is_one_line(file: Path, text: str, says: str) -> None:
+def test_what_cannot_be_is_left_out_and_said(file: Path, text: str, says: str) -> None:
+    settings = read_settings(written(file, text))
+    (fault,) = settings.faults
+    assert says in fault
+    assert "\n" not in fault
+    assert replace(settings, faults=()) in (Settings(), ONLY_X)
+
+
+def test_what_is_right_beside_it_holds(file: Path) -> None:
+    wrong = WHOLE.replace("[screen]", "[screen]\nfoo = 1").replace("57600", "0")
+    settings = read_settings(written(file, f"{wrong}[colour]\n"))
+    assert len(settings.faults) == 3
+    whole = read_settings(written(file, WHOLE))
+    assert (settings.screen, settings.ports) == (whole.screen, whole.ports)
+    assert settings.by_port == {"/dev/ttyUSB0": PortDefaults(None, 500, 30)}
+
+
+@pytest.mark.parametrize("text", ["[screen", "a = " + "[" * 5_000])
+def test_what_is_no_toml_is_one_line(file: Path, text: str) -> None:
     with pytest.raises(FileError) as caught:
         read_settings(written(file, text))
-    assert says in str(caught.value)
     assert str(file) in str(caught.value)
     assert "\n" not in str(caught.value)
 
