@@ -58,7 +58,7 @@ _CELLS: Mapping[str, Callable[[PortListing], str]] = {
     "at": lambda port: port.location or "",
     "serial": lambda port: port.serial_number or "",
     "driver": lambda port: port.driver or "",
-    "description": lambda port: "" if port.description == "n/a" else port.description,
+    "description": lambda port: port.description or "",
     "by id": lambda port: port.by_id or "",
 }
 

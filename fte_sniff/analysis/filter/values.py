@@ -7,10 +7,13 @@ stands.
 from __future__ import annotations
 
 import re
+from typing import Final
+
+import polars as pl
 
 from fte_sniff.analysis.filter.byte_patterns import is_of_whole_bytes
 from fte_sniff.analysis.filter.complaints import Complaints, nearest
-from fte_sniff.analysis.filter.moments import DAY_NS, clock_time, time_ns
+from fte_sniff.analysis.filter.moments import DAY_NS, SECOND_NS, clock_time, time_ns
 from fte_sniff.analysis.filter.terms import (
     COLUMN_OF_WORD,
     INT64,
@@ -21,6 +24,14 @@ from fte_sniff.analysis.filter.terms import (
 )
 from fte_sniff.protocol import ColumnType
 from fte_sniff.said import Said
+
+HOW_TO_WRITE_TIMES: Final = Said(
+    "write UTC as '2026-01-31T12:00:00.5Z' or '2026-01-31 12:00', or "
+    "'12:00:05' for that time of any day"
+)
+"""The way out where a value is to be a time and is none."""
+
+_YEAR_2000_NS: Final = 946_684_800 * SECOND_NS
 
 
 class Values:
@@ -48,6 +59,7 @@ class Values:
 
     def fitted(self, left: Term, right: Term) -> str:
         """The SQL of `right` where it stands beside `left`."""
+        self._refuse_long_ago(left, right)
         if left.type is TermType.WORD:
             return self.word(left, right)
         if right.type is TermType.NAME:
@@ -66,6 +78,26 @@ class Values:
         if left.type is TermType.TEXT:
             return right.sql
         raise self._complain.mismatch(left, right)
+
+    def _refuse_long_ago(self, left: Term, right: Term) -> None:
+        """A number beside a time counts nanoseconds since 1970; a small one means something else.
+
+        Who means such a time can still write it with its date.
+        """
+        for time, number in ((left, right), (right, left)):
+            if time.type is not TermType.TIME or number.type is not TermType.NUMBER:
+                continue
+            value = None if number.names else _value(number.sql)
+            if value is not None and value < _YEAR_2000_NS:
+                raise self._complain.about(
+                    number,
+                    Said(
+                        "{number} would be a time before the year 2000: "
+                        "a number counts nanoseconds since 1970",
+                        number=number.shown,
+                    ),
+                    HOW_TO_WRITE_TIMES,
+                )
 
     def _refuse_name(self, left: Term, name: Term) -> None:
         if left.type in (TermType.TEXT, TermType.HEX):
@@ -114,10 +146,7 @@ class Values:
             raise self._complain.about(
                 literal,
                 Said("'{literal}' is no time", literal=literal.shown),
-                Said(
-                    "write UTC as '2026-01-31T12:00:00.5Z' or '2026-01-31 12:00', or "
-                    "'12:00:05' for that time of any day"
-                ),
+                HOW_TO_WRITE_TIMES,
             )
         return f"({found})" if found < 0 else str(found)
 
@@ -154,6 +183,12 @@ class Values:
                 Said("write two digits a byte, _ for any digit, % for any bytes: '%A_ 01%'"),
             )
         return pattern
+
+
+def _value(sql: str) -> int | float | None:
+    """What an expression without fields comes to; None where it is null."""
+    found: int | float | None = pl.select(pl.sql_expr(sql)).item()
+    return found
 
 
 def _example_of_two(words: str) -> str:

@@ -21,6 +21,8 @@ _BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
 _SERIAL_BASE = "serial-base"
 """The bus of Linux between a port and its device; its drivers say nothing about either."""
+_NOTHING_SAID = "n/a"
+"""What pyserial puts where a device says nothing."""
 _SYS_CHAR = Path("/sys/dev/char")
 _PTY_MAJORS = range(136, 144)
 """Device numbers of pseudo-terminals, which the system tells nothing else of."""
@@ -42,7 +44,8 @@ class PortListing:
     """USB serial number."""
     location: str | None
     """Where it is plugged in, as `1-1.2`."""
-    description: str
+    description: str | None
+    """What the device says it is; None where it says nothing."""
     driver: str | None
     """The kernel's driver, as `ftdi_sio`."""
     permitted: bool
@@ -103,7 +106,7 @@ def _listing(port: ListPortInfo, by_id: str | None) -> PortListing:
         pid=port.pid,
         serial_number=_shown(port.serial_number),
         location=_shown(port.location),
-        description=shown(port.description),
+        description=None if port.description == _NOTHING_SAID else _shown(port.description),
         driver=_driver_of(port.device),
         permitted=os.access(port.device, os.R_OK | os.W_OK),
         holders=tuple(holders_of(port.device)),

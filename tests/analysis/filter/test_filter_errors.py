@@ -61,6 +61,13 @@ MISTAKES: list[tuple[str, tuple[str, ...]]] = [
     ("time > 'yesterday'", ("'yesterday' is no time", "2026-01-31T12:00:00.5Z")),
     ("time > '2026-02-30'", ("is no time",)),
     ("time > '24:00'", ("'24:00' is no time", "'12:00:05' for that time of any day")),
+    ("time > 12", ("12 would be a time before the year 2000", "'12:00:05' for that time of any")),
+    ("12.5 <= time", ("12.5 would be a time before the year 2000", "write UTC as")),
+    ("time = -1", ("-1 would be a time before the year 2000",)),
+    ("time IN (1769860800000000000, 5)", ("5 would be a time before",)),
+    ("time BETWEEN 10 AND 20", ("10 would be a time before",)),
+    ("12 IS DISTINCT FROM time", ("12 would be a time before",)),
+    ("time > 2 * 60", ("this value would be a time before",)),
     ("time > 12:00:05", ("there is no ':'", "time > '12:00:05'")),
     (
         "time BETWEEN '23:59' AND '00:01'",
