@@ -5,7 +5,9 @@ It must not know formats or the frame table; it wires readers to a filter to a w
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,6 +20,9 @@ from fte_sniff.cli.outputs.destination import file_output, form_of, format_optio
 from fte_sniff.cli.outputs.summary import summary
 from fte_sniff.cli.streams.telling import tell
 from fte_sniff.formats.tables.writers import OutputFormat, row_writer
+
+if TYPE_CHECKING:
+    from fte_sniff.recording.writing.bulk_writer import Note
 
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -106,10 +111,19 @@ def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: 
 
 def _record(output: Path | None, reading: Reading, *, force: bool) -> None:
     from fte_sniff.recording.encoding.columns import Words
+    from fte_sniff.recording.encoding.facts import OF_A_PART
+    from fte_sniff.recording.encoding.selection import SELECTION_NAME
+    from fte_sniff.recording.encoding.stretches import LEFT_OUT_NAME
     from fte_sniff.recording.writing.bulk_writer import write_recording
 
     words = Words()
     with file_output(output, OutputFormat.MCAP, force=force) as path:
         ports = [port for one in reading.inputs for port in one.ports]
         facts = {name: fact for one in reading.inputs for name, fact in one.facts.items()}
-        write_recording(path, ports, (batch.columns(words) for batch in reading), facts)
+        own = {name: fact for name, fact in facts.items() if name not in OF_A_PART}
+
+        def notes() -> Iterator[Note]:
+            yield from ((LEFT_OUT_NAME, one.told()) for one in reading.missing)
+            yield from ((SELECTION_NAME, one.told()) for one in reading.selections)
+
+        write_recording(path, ports, (batch.columns(words) for batch in reading), own, notes)

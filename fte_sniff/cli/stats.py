@@ -17,6 +17,7 @@ from fte_sniff.cli.inputs.opening import HowToRead, check_inputs, input_argument
 from fte_sniff.cli.inputs.reading import Reading
 from fte_sniff.cli.options.filtering import filter_option, row_filter
 from fte_sniff.cli.options.spans import span_of, span_options
+from fte_sniff.cli.options.units import line_speed_option
 from fte_sniff.cli.outputs.stats_document import Asked, document
 from fte_sniff.cli.outputs.summary import hint
 from fte_sniff.cli.streams.telling import tell
@@ -24,6 +25,7 @@ from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.models.survey import Survey
+    from fte_sniff.recording.encoding.selection import Selection
 
 
 class Form(StrEnum):
@@ -46,11 +48,7 @@ class Form(StrEnum):
 )
 @filter_option
 @span_options
-@click.option(
-    "--baud",
-    type=click.IntRange(min=1),
-    help=f"Bits/s of every line, instead of what a recording says.  [default: {DEFAULT_BAUD}]",
-)
+@line_speed_option
 def command(
     files: tuple[Path, ...],
     how: HowToRead,
@@ -77,7 +75,7 @@ def command(
     span = span_of(since, until, (one.times for one in inputs), how.zone_given())
     reading = Reading(inputs, span, wanted)
     survey = _surveyed(reading, baud)
-    asked = Asked(filter_text, reading.tally.rows, reading.left_out)
+    asked = Asked(filter_text, reading.tally.rows, reading.left_out, _selections(reading))
     if form is Form.JSON:
         numbers = document(survey, asked)
         click.echo(json.dumps(numbers, ensure_ascii=False, indent=2))
@@ -91,16 +89,29 @@ def command(
         tell(f"fte-sniff: {advice}")
 
 
+def _selections(reading: Reading) -> list[Selection]:
+    """What the inputs tell of filters before this one."""
+    return [selection for one in reading.inputs for selection in one.selections()]
+
+
 def _surveyed(reading: Reading, baud: int | None) -> Survey:
     from fte_sniff.analysis.models.bench import Bench
     from fte_sniff.analysis.models.survey import Survey
 
     survey = Survey(Bench(baud or DEFAULT_BAUD))
+    before = None
     for one, left_out in zip(reading.inputs, reading.left_out_of, strict=True):
         told = {port.name: port.baud for port in one.ports if port.baud} if baud is None else {}
         survey.begin(one.name, told, [(gap.first_ns, gap.last_ns) for gap in left_out])
+        if not one.follows(before):
+            survey.interrupt()
         for batch in reading.of(one):
+            if batch.after_loss:
+                survey.interrupt()
             survey.add(batch.sequence(), batch.events)
+        if one.losses:
+            survey.interrupt()
+        before = one
     return survey
 
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.inputs.batches import ColumnBatch
 from fte_sniff.cli.inputs.one_input import Input, RecordingInput
 from fte_sniff.cli.inputs.opening import (
     STDIN,
@@ -27,14 +26,13 @@ from fte_sniff.cli.options.filtering import filter_option, row_filter
 from fte_sniff.cli.options.keeping import REREAD, keep_rows_option
 from fte_sniff.cli.options.remembered import config_option, lang_option, remembered
 from fte_sniff.cli.options.spans import span_of, span_options
-from fte_sniff.cli.options.units import remembered_bench, units_options
+from fte_sniff.cli.options.units import line_speed_option, remembered_bench, units_options
 from fte_sniff.cli.streams.signals import signals_call
 from fte_sniff.cli.streams.telling import tell
 from fte_sniff.errors import UsageError
+from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.reading.span import Span
-    from fte_sniff.session.files.pages import RecordedPages
     from fte_sniff.session.files.replay import Read
 
 
@@ -43,6 +41,7 @@ if TYPE_CHECKING:
 @filter_option
 @span_options
 @keep_rows_option(10_000_000, REREAD)
+@line_speed_option
 @units_options
 @config_option
 @lang_option
@@ -53,6 +52,7 @@ def command(
     since: str | None,
     until: str | None,
     keep_rows: int,
+    baud: int | None,
     resolution: float | None,
     gear_ratio: float | None,
     config: Path | None,
@@ -74,6 +74,7 @@ def command(
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     settings = remembered(config)
     check_inputs(files)
+    from fte_sniff.cli.inputs.viewing import Viewing
     from fte_sniff.session.files.pages import RecordedPages
     from fte_sniff.session.files.replay import ReplaySession
     from fte_sniff.tui.app import run_screen
@@ -83,12 +84,13 @@ def command(
     notes: list[str] = []
     inputs = opened(files, how)
     ports = [port.name for one in inputs for port in one.ports]
-    bench = remembered_bench(settings, ports, resolution, gear_ratio)
+    bench = remembered_bench(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
     span = span_of(since, until, (one.times for one in inputs), how.zone_given())
     # What cannot be read at all is told before the screen opens, not on it.
     pages = RecordedPages() if _recordings_only(inputs) else None
+    viewing = Viewing(inputs, span, baud, pages, notes.append)
     session = ReplaySession(
-        _begun(_read(inputs, span, notes, pages)),
+        _begun(iter(viewing)),
         " ".join(map(str, files)),
         None if span else _total(inputs),
         [str(path) for named in files for path in meant(named)],
@@ -97,6 +99,7 @@ def command(
         row_filter=wanted,
         keep_rows=keep_rows,
         bench=bench,
+        origin=viewing.origin,
         language=settings.language(lang),
         choices=settings.choices,
         keep=settings.keep,
@@ -117,21 +120,6 @@ def _begun(reads: Iterator[Read]) -> Iterator[Read]:
     """The same, the first of which is read now."""
     first = next(reads, None)
     return reads if first is None else chain([first], reads)
-
-
-def _read(
-    inputs: Sequence[Input], span: Span | None, notes: list[str], pages: RecordedPages | None
-) -> Iterator[Read]:
-    """All rows for a view; where they can be read again, the pages learn how."""
-    from fte_sniff.session.files.replay import Read
-
-    for one in inputs:
-        for batch in one.batches(span, notes.append):
-            if pages is not None and isinstance(batch, ColumnBatch) and batch.again is not None:
-                pages.add(batch.again, len(batch))
-            yield Read(batch.sequence(), batch.events)
-        if isinstance(one, RecordingInput) and one.losses:
-            yield Read((), (), one.losses)
 
 
 def _recordings_only(inputs: Sequence[Input]) -> bool:

@@ -232,6 +232,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         if not self._watched.state.running:
             self._rhythm.end()
         self._panes.tell_events(news.events)
+        self._panes.tell_seams(news.seams)
         self._tell_news(news)
         if news.changed:
             self._table.set_look(ports=self._watched.ports)

@@ -15,6 +15,7 @@ from fte_sniff.analysis.models.bench import NO_BENCH, Bench
 from fte_sniff.analysis.store.paging import BlockSource
 from fte_sniff.analysis.store.row_run import BLOCK_ROWS, DEFAULT_BOUND, ENDLESS
 from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.session.saving.origin import UNKNOWN, Origin
 from fte_sniff.tui.table.look import ColumnChoice
 
 if TYPE_CHECKING:
@@ -72,6 +73,8 @@ class Opening:
     """Is told at the end what was chosen, where that differs from `choices`."""
     trouble: tuple[str, ...] = ()
     """What went wrong before the screen was there to tell it, a sentence each."""
+    origin: Origin = UNKNOWN
+    """What is known of the rows beside them, to be saved with them."""
 
     def store(self, source: BlockSource | None = None) -> RowStore:
         """A store for so many rows; for all there are, where a source gives the others again."""

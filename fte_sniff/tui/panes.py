@@ -12,6 +12,7 @@ from typing import Final
 from fte_sniff.analysis.models.bench import Bench
 from fte_sniff.analysis.models.following import Following
 from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.store.seams import Seam
 from fte_sniff.protocol import PortEvent
 from fte_sniff.tui.bytes import BytesPane
 from fte_sniff.tui.detail import DetailPane
@@ -107,6 +108,10 @@ class Panes:
     def tell_events(self, events: Sequence[PortEvent]) -> None:
         """Something happened to ports."""
         self._models.statistics.add_events(events)
+
+    def tell_seams(self, seams: Sequence[Seam]) -> None:
+        """These stand between rows of the store."""
+        self._models.meet(seams)
 
     def tick(self, now_ns: int, running: bool) -> None:
         """Let the models look at what came, and draw the pane where it is time.

@@ -16,6 +16,7 @@ from fte_sniff.analysis.accumulators.tally import Rate, Tally
 from fte_sniff.analysis.store.feed import Feed, FeedState, FeedUpdate
 from fte_sniff.analysis.store.finding import find_byte
 from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.store.seams import Seam, shifted
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.language import _
 from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToOffset, ToRow, ToShare, ToTime
@@ -40,6 +41,8 @@ class News:
     """Whether the feed ended since the look before."""
     trouble: str | None
     """What has gone wrong since the look before, although the feed runs on."""
+    seams: Sequence[Seam] = ()
+    """What stands between rows that came, by their indices in the store."""
 
 
 class Watched:
@@ -71,6 +74,7 @@ class Watched:
         ended = self.state.running and not update.state.running
         trouble = update.state.trouble if update.state.trouble != self.state.trouble else None
         self.state = update.state
+        seams = shifted(update.seams, self.store.next)
         if update.rows:
             self.store.append(update.rows)
             count_rows(self._tally, update.rows)
@@ -82,7 +86,7 @@ class Watched:
         changed = bool(update.rows) or bool(self.store.shown.pending)
         self.store.shown.filter_step()
         self._take_rate(now_ns)
-        return News(changed, update.events, ended, trouble)
+        return News(changed, update.events, ended, trouble, seams)
 
     def _take_rate(self, now_ns: int) -> None:
         """Frames per second: now, on a wire; over the time covered, in what lies behind."""

@@ -10,7 +10,9 @@ every so many rows; with it the state at any row that the store keeps costs a fe
 
 from __future__ import annotations
 
+from bisect import bisect_left, insort
 from collections import deque
+from collections.abc import Sequence
 from typing import Final
 
 from fte_sniff.analysis.columns.fields import Decoded, timed
@@ -19,6 +21,7 @@ from fte_sniff.analysis.models.motors import Motors
 from fte_sniff.analysis.models.statistics import Statistics
 from fte_sniff.analysis.models.traces import Traces
 from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.store.seams import Missing, Seam
 
 STATE_EVERY: Final = 32_768
 """Rows between two states that are kept."""
@@ -42,6 +45,8 @@ class Following:
         self._every = state_every
         self._next = 0
         self._states: deque[tuple[int, Motors]] = deque([(0, Motors())])
+        self._seams: list[Seam] = []
+        self._met = 0
         self.motors = Motors()
         self.traces = Traces()
         self.statistics = Statistics(bench)
@@ -59,6 +64,9 @@ class Following:
         end = min(self._next + budget_rows, self._store.next)
         while self._next < end:
             stop = min(end, (self._next // self._every + 1) * self._every)
+            self._meet_up_to(self._next)
+            if self._met < len(self._seams):
+                stop = min(stop, self._seams[self._met].place)
             for packed in self._store.packed(self._next, stop):
                 rows = Decoded(packed)
                 self.motors.add(rows)
@@ -70,16 +78,37 @@ class Following:
         self._forget_what_left()
         return not self.behind
 
+    def meet(self, seams: Sequence[Seam]) -> None:
+        """Rows will come, or came since the last step, that stand behind these.
+
+        Args:
+            seams: rising, with the indices that the rows have in the store.
+        """
+        self._seams += seams
+
+    def _meet_up_to(self, index: int) -> None:
+        """What is looked at next is the row of that index."""
+        while self._met < len(self._seams) and self._seams[self._met].place <= index:
+            seam = self._seams[self._met]
+            self.statistics.meet(seam)
+            if isinstance(seam, Missing):
+                self.motors.interrupt()
+            self._met += 1
+
     def _skip_what_left(self) -> None:
         gone = self._store.first - self._next
         if gone > 0:
             self.missed += gone
             self._next += gone
+            insort(self._seams, Missing(self._next), key=_place)
 
     def _forget_what_left(self) -> None:
         """Keep one state from before the oldest row, to start from."""
         while len(self._states) > 1 and self._states[1][0] <= self._store.first:
             self._states.popleft()
+        gone = min(self._met, bisect_left(self._seams, self._states[0][0], key=_place))
+        del self._seams[:gone]
+        self._met -= gone
 
     def motors_at(self, index: int) -> Motors | None:
         """The motors right after the row of that index; None where it was not looked at yet."""
@@ -90,9 +119,18 @@ class Following:
             return self.motors
         start, state = next(kept for kept in reversed(self._states) if kept[0] <= end)
         motors = state.copied()
+        first, last = (bisect_left(self._seams, at, key=_place) for at in (start, end))
+        for seam in self._seams[first:last]:
+            if isinstance(seam, Missing):
+                self._add(motors, start, seam.place)
+                motors.interrupt()
+                start = seam.place
+        self._add(motors, start, end)
+        return motors
+
+    def _add(self, motors: Motors, start: int, end: int) -> None:
         for packed in self._store.packed(start, end):
             motors.add(Decoded(packed))
-        return motors
 
     def traces_at(self, index: int, from_ns: int) -> Traces:
         """The traces around a row, back to a time: in full detail where that is not too much.
@@ -118,3 +156,7 @@ class Following:
                 return at
             start = at
         return start if start == self._store.first else None
+
+
+def _place(seam: Seam) -> int:
+    return seam.place

@@ -163,6 +163,10 @@ class _Motor:
         for name, flag_byte in self._flags.items():
             flag_byte.add(rows.values(name, feedback), rows.t_ns[feedback])
 
+    def interrupt(self) -> None:
+        self.pairing.interrupt()
+        self._command_times, self._feedback_times = Recent(), Recent()
+
     def _aim(self, rows: Decoded, place: int) -> None:
         kind = KINDS[rows.kinds[place]]
         names = [field.name for field in kind.fields if field.start != NUM_PLACE]
@@ -214,6 +218,11 @@ class Motors:
             motor.add(rows, found.commands[motor.number], found.feedback[motor.number])
         named = found.any_feedback
         self._online.add(rows.values("online", named), rows.t_ns[named])
+
+    def interrupt(self) -> None:
+        """Rows are missing here: no answer is looked for behind this, and no rate goes over it."""
+        for motor in self._motors:
+            motor.interrupt()
 
     def copied(self) -> Motors:
         """The same, which later rows do not change."""

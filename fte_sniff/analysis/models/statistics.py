@@ -24,6 +24,7 @@ from fte_sniff.analysis.models.bench import Bench
 from fte_sniff.analysis.models.fault_counts import FaultCounts
 from fte_sniff.analysis.models.port_run import PortNumbers, PortRun
 from fte_sniff.analysis.models.streams import StreamNumbers, Streams
+from fte_sniff.analysis.store.seams import Pace, Seam
 from fte_sniff.protocol import Fault, PortEvent
 
 FAULTS: Final = tuple(Fault)
@@ -67,15 +68,18 @@ class Statistics:
         for event in events:
             self._port(event.port).happened(event)
 
-    def interrupt(self) -> None:
-        """Rows are missing here: no silence, period or rate goes over this."""
-        self._streams.interrupt()
-        for port in self._ports.values():
-            port.interrupt()
-
-    def pace(self, port: str, baud: int) -> None:
-        """From here on this port has so many bits per second."""
-        self._port(port).baud = baud
+    def meet(self, seam: Seam) -> None:
+        """The next rows stand behind this: no silence, period or rate goes over missing ones."""
+        if isinstance(seam, Pace):
+            self._port(seam.port).baud = seam.baud
+        elif seam.port is None:
+            self._streams.interrupt(None)
+            for port in self._ports.values():
+                port.interrupt()
+        elif seam.port in self._ports:
+            if seam.port in self._names:
+                self._streams.interrupt(self._names.index(seam.port))
+            self._ports[seam.port].interrupt()
 
     def _port(self, name: str) -> PortRun:
         if name not in self._ports:

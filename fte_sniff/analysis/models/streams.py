@@ -156,10 +156,12 @@ class Streams:
                 lows, highs = ends[where]
                 stream.stretch(name, lows[number], highs[number])
 
-    def interrupt(self) -> None:
-        """Rows are missing here: no period goes over this."""
-        for stream in self._streams.values():
-            stream.goes_on = False
+    def interrupt(self, wire: int | None) -> None:
+        """Rows of a port, by its number, or of all are missing here: no period goes over this."""
+        for (port, _), stream in self._streams.items():
+            if wire in (None, port):
+                stream.goes_on = False
+                stream.times = Recent()
 
     def numbers(self, ports: Sequence[str], now_ns: int | None) -> list[StreamNumbers]:
         """Each, by port, kind and motor.

@@ -23,7 +23,8 @@ from fte_sniff.analysis.models.flags_seen import FlagNumbers, FlagsSeen
 from fte_sniff.analysis.models.port_run import PortNumbers
 from fte_sniff.analysis.models.statistics import Statistics
 from fte_sniff.analysis.models.streams import StreamNumbers
-from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.analysis.store.seams import Missing, Seam, SeamFinder
+from fte_sniff.protocol import PortEvent, Row
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +47,7 @@ class Survey:
         self._statistics = Statistics(bench)
         self._answers = Answers()
         self._flags = FlagsSeen()
-        self._bauds: dict[str, int] = {}
-        self._gaps: list[int] = []
+        self._seams = SeamFinder()
 
     def begin(
         self, name: str, bauds: Mapping[str, int], left_out: Sequence[tuple[int, int]] = ()
@@ -63,40 +63,28 @@ class Survey:
                 1970 UTC; nothing is measured across.
         """
         self.sources.append(Source(name))
-        self._gaps = sorted(t_ns for first, last in left_out for t_ns in (first, last + 1))
-        for port, baud in bauds.items():
-            # What the next file of a capture tells is how it began, not how it went on.
-            if self._bauds.get(port) != baud:
-                self._bauds[port] = baud
-                self._statistics.pace(port, baud)
+        for seam in self._seams.begin(bauds, left_out):
+            self._meet(seam)
 
     def add(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> None:
         """The next rows, and what happened to ports among them."""
         packed = pack(rows, self._codebook)[0]
         start = 0
-        for event in events:
-            if event.kind is PortEventKind.BAUD_CHANGED and event.port in self._bauds:
-                later = np.flatnonzero(packed["t_ns"][start:] >= event.t_ns)
-                end = start + int(later[0]) if len(later) else len(packed)
-                self._take_runs(packed[start:end])
-                self._statistics.pace(event.port, event.count)
-                start = end
-        self._take_runs(packed[start:])
+        for seam in self._seams.seams(rows, events):
+            self._take(packed[start : seam.place])
+            self._meet(seam)
+            start = seam.place
+        self._take(packed[start:])
         self._statistics.add_events(events)
 
-    def _take_runs(self, packed: Packed) -> None:
-        """Take rows, and measure nothing across what the input does not hold."""
-        while self._gaps:
-            later = np.flatnonzero(packed["t_ns"] >= self._gaps[0])
-            if not len(later):
-                break
-            self._take(packed[: later[0]])
-            packed = packed[later[0] :]
-            while self._gaps and self._gaps[0] <= packed["t_ns"][0]:
-                del self._gaps[0]
-            self._statistics.interrupt()
+    def interrupt(self) -> None:
+        """Rows are missing here: nothing is measured across."""
+        self._meet(Missing(0))
+
+    def _meet(self, seam: Seam) -> None:
+        self._statistics.meet(seam)
+        if isinstance(seam, Missing):
             self._answers.interrupt()
-        self._take(packed)
 
     def _take(self, packed: Packed) -> None:
         if not len(packed):

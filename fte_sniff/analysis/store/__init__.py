@@ -3,6 +3,7 @@
 It must not know a screen, a clock or a file.
 
     feed            what a view asks of whatever brings it rows
+    seams           what stands between two rows: missing ones, another pace
     block           so many rows side by side, and which of them a filter wants
     paging          which blocks lie in memory, where their rows can be read again
     row_run         the blocks as one run of rows, of which the oldest leave

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
+from fte_sniff.analysis.store.seams import Seam
 from fte_sniff.protocol import PortEvent, Row
 
 
@@ -50,6 +51,8 @@ class FeedUpdate:
     rows: Sequence[Row] = field(default=())
     """In the order in which they are to be shown."""
     events: Sequence[PortEvent] = field(default=())
+    seams: Sequence[Seam] = field(default=())
+    """What stands between the rows, or behind the last of them; rising."""
 
 
 class Feed(Protocol):

@@ -5,5 +5,7 @@ It must not know what a command does with the rows.
     opening     how files are named, and opened
     one_input   one of them, whatever it is
     batches     rows on their way through a command, many at once
+    holes       where rows are missing between those that come
+    viewing     inputs on their way to a view
     reading     inputs through a filter, and what is known of them then
 """

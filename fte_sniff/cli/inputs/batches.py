@@ -7,7 +7,7 @@ framed here, and side by side from recordings; a command need not know which.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, Self
 
 from fte_sniff.formats.tables.writers import FrameWriter, RowWriter
@@ -49,6 +49,16 @@ class Batch(Protocol):
     @property
     def events(self) -> Sequence[PortEvent]:
         """What happened to ports among them."""
+        ...
+
+    @property
+    def after_loss(self) -> bool:
+        """Whether rows before them could not be read."""
+        ...
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """Time of the first of them, and the latest; None where one has none, or there is none."""
         ...
 
     def write_to(self, writer: RowWriter) -> None:
@@ -98,6 +108,17 @@ class RowBatch:
         """None: a log tells of no port."""
         return ()
 
+    @property
+    def after_loss(self) -> bool:
+        """Never: a log is read whole, or not at all."""
+        return False
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """Time of the first, and the latest."""
+        times = [row.t_ns for row in self.held if row.t_ns is not None]
+        return (times[0], max(times)) if times and len(times) == len(self.held) else None
+
     def write_to(self, writer: RowWriter) -> None:
         """Write them one by one."""
         writer.write(self.held)
@@ -122,6 +143,8 @@ class ColumnBatch:
     held: RowColumns
     again: Callable[[], RowColumns] | None = None
     """Reads the same rows again, where that can be done."""
+    after_loss: bool = False
+    """Whether rows before them could not be read."""
 
     def __len__(self) -> int:
         return len(self.held)
@@ -135,15 +158,14 @@ class ColumnBatch:
     def wanted(self, row_filter: RowFilter) -> ColumnBatch:
         """Only those that the filter wants."""
         mask = row_filter.among(self.held).to_numpy()
-        return ColumnBatch(self.held.parted(mask, self.held.events))
+        return replace(self, held=self.held.parted(mask, self.held.events), again=None)
 
     def first(self, count: int) -> ColumnBatch:
         """Only so many of them."""
-        return (
-            self
-            if count >= len(self)
-            else ColumnBatch(self.held.parted(slice(count), self.held.events))
-        )
+        if count >= len(self):
+            return self
+        held = self.held.parted(slice(count), self.held.events)
+        return replace(self, held=held, again=None)
 
     def rows(self) -> list[Row]:
         """As objects."""
@@ -159,6 +181,12 @@ class ColumnBatch:
     def events(self) -> Sequence[PortEvent]:
         """What happened to ports among them."""
         return self.held.events
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """Time of the first, and the latest."""
+        t_ns = self.held.t_ns
+        return (int(t_ns[0]), int(t_ns.max())) if len(t_ns) else None
 
     def write_to(self, writer: RowWriter) -> None:
         """Write them at once where the format can."""

@@ -28,6 +28,7 @@ from fte_sniff.protocol import (
 
 if TYPE_CHECKING:
     from fte_sniff.recording.encoding.facts import PortFacts
+    from fte_sniff.recording.encoding.selection import Selection
     from fte_sniff.recording.encoding.stretches import Stretch
     from fte_sniff.recording.reading.reader import RecordingReader
     from fte_sniff.recording.reading.span import Span
@@ -78,8 +79,21 @@ class Input(Protocol):
         """What it says about itself beside the ports: the host, the clock."""
         ...
 
+    @property
+    def losses(self) -> Sequence[str]:
+        """What could not be read, one line each, once all is read."""
+        ...
+
+    def follows(self, before: Input | None) -> bool:
+        """Whether its first row is the next that came behind the last of another."""
+        ...
+
     def left_out(self, span: Span | None) -> Sequence[Stretch]:
         """The rows that came in the span and that it does not hold, as far as it tells."""
+        ...
+
+    def selections(self) -> Sequence[Selection]:
+        """The filters that chose its rows, as far as it tells."""
         ...
 
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
@@ -141,10 +155,20 @@ class RecordingInput:
         """What could not be read, one line each, once all is read."""
         return [loss for loss in (*self.reader.losses, self.reader.ending) if loss]
 
+    def follows(self, before: Input | None) -> bool:
+        """Whether it is the next file of the same capture."""
+        from fte_sniff.recording.encoding.facts import is_next_part
+
+        return isinstance(before, RecordingInput) and is_next_part(before.facts, self.facts)
+
     def left_out(self, span: Span | None) -> Sequence[Stretch]:
         """What a trigger, or a disk that failed, kept from it."""
         told = self.reader.left_out()
         return [one for one in told if span is None or span.touches(one.first_ns, one.last_ns)]
+
+    def selections(self) -> Sequence[Selection]:
+        """What `decode --filter`, or a screen, chose from another."""
+        return self.reader.selections()
 
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, many thousands side by side; see `Input`."""
@@ -156,8 +180,9 @@ class RecordingInput:
         for passage, columns in self.reader.passages(span=span or EVERYTHING):
             troubles.update(event.kind for event in columns.events)
             some = some or bool(len(columns))
-            if len(columns) or columns.events:
-                yield ColumnBatch(columns, partial(self.reader.again, passage))
+            if len(columns) or columns.events or passage.after_loss:
+                again = partial(self.reader.again, passage)
+                yield ColumnBatch(columns, again, passage.after_loss)
         for kind in TROUBLES:
             if troubles[kind]:
                 times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
@@ -198,8 +223,21 @@ class LogInput:
         """A log says nothing."""
         return {}
 
+    @property
+    def losses(self) -> Sequence[str]:
+        """None: a log is read whole, or not at all."""
+        return ()
+
+    def follows(self, before: Input | None) -> bool:
+        """Nothing tells whether it does."""
+        return False
+
     def left_out(self, span: Span | None) -> Sequence[Stretch]:
         """A log does not tell of what it does not hold."""
+        return ()
+
+    def selections(self) -> Sequence[Selection]:
+        """A log does not tell of any."""
         return ()
 
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:

@@ -1,4 +1,7 @@
-"""Owns `--resolution` and `--gear-ratio`: what makes turns out of pulses. It knows no screen."""
+"""Owns `--resolution`, `--gear-ratio` and `--baud`: what makes turns of pulses, and time of bytes.
+
+It must not know a screen.
+"""
 
 from __future__ import annotations
 
@@ -46,6 +49,15 @@ def units_options(command: Callable[..., Any]) -> Callable[..., Any]:
         help="Turns of a motor in one turn of its output; 1 by default.",
     )
     return resolution(gear_ratio(command))
+
+
+def line_speed_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """`--baud` of what is read: of recordings only where they are not to be believed."""
+    return click.option(
+        "--baud",
+        type=click.IntRange(min=1),
+        help=f"Bits/s of every line, instead of what a recording says.  [default: {DEFAULT_BAUD}]",
+    )(command)
 
 
 def remembered_bench(

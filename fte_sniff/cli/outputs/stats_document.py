@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.models.port_run import EventNumbers, PortNumbers
     from fte_sniff.analysis.models.streams import StreamNumbers
     from fte_sniff.analysis.models.survey import Survey
+    from fte_sniff.recording.encoding.selection import Selection
     from fte_sniff.recording.encoding.stretches import Stretch
 
 VERSION = 1
@@ -41,6 +42,8 @@ class Asked:
     """How many rows there were before the filter."""
     left_out: Sequence[Stretch] = ()
     """Rows that came and that the inputs do not hold, as far as they tell."""
+    selections: Sequence[Selection] = ()
+    """The filters that chose the inputs' rows, as far as they tell."""
 
 
 def document(survey: Survey, asked: Asked) -> Json:
@@ -58,6 +61,9 @@ def document(survey: Survey, asked: Asked) -> Json:
                 "reason": one.reason,
             }
             for one in asked.left_out
+        ],
+        "selections": [
+            {"filter": one.filter_text, "rows_read": one.rows} for one in asked.selections
         ],
         **_extent(total),
         "duration_s": _seconds(total.span_ns),

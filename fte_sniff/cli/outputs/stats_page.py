@@ -87,6 +87,9 @@ def _whole(survey: Survey, asked: Asked) -> Iterator[Text]:
         of_them = f"holds for {total.rows:,} of {asked.rows_read:,} rows"
         yield _line("filter", f"{shown(asked.filter_text)}  {of_them}")
     yield _line("rows", f"{total.rows:,}, {total.bytes:,} bytes")
+    for selection in asked.selections:
+        chosen = f"only those of {selection.rows:,} rows for which this held: "
+        yield _line("selection", f"{chosen}{shown(selection.filter_text)}")
     for reason in dict.fromkeys(one.reason for one in asked.left_out):
         own = [one for one in asked.left_out if one.reason == reason]
         yield _line("left out", f"{rows_in_places(own)}: {shown(reason)}")

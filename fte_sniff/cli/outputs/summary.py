@@ -55,9 +55,12 @@ def summary(
 
 
 def rows_in_places(left_out: Sequence[Stretch]) -> str:
-    """`893 rows in 2 places`."""
-    rows, places = sum(one.rows for one in left_out), len(left_out)
-    return f"{rows:,} row{'s' * (rows != 1)} in {places:,} place{'s' * (places != 1)}"
+    """`893 rows in 2 places`, and `893 rows and more` where of one it is not known how many."""
+    rows, places = sum(one.rows or 0 for one in left_out), len(left_out)
+    told = f"{rows:,} row{'s' * (rows != 1)}"
+    if any(one.rows is None for one in left_out):
+        told = f"{told} and more" if rows else "nobody knows how many rows"
+    return f"{told} in {places:,} place{'s' * (places != 1)}"
 
 
 def _missed(tally: Tally, written: int | None, filter_text: str | None, *, spanned: bool) -> str:

@@ -16,6 +16,9 @@ from fte_sniff.protocol import iso_time
 PROGRAM = "fte-sniff"
 """This program's name, with which the library string of its files begins."""
 
+OF_A_PART = ("part", "previous")
+"""The names of what a file says of its place among the files of a capture."""
+
 
 @dataclass(frozen=True, slots=True)
 class PortFacts:
@@ -56,3 +59,16 @@ def recording_facts(ports: tuple[PortFacts, ...], facts: Mapping[str, str]) -> d
         found[f"port.{number}.name"] = port.name
         found[f"port.{number}.baud"] = "" if port.baud is None else str(port.baud)
     return found
+
+
+def is_next_part(before: Mapping[str, str], facts: Mapping[str, str]) -> bool:
+    """Whether a file is of the same capture as another, and the next that was recorded.
+
+    Args:
+        before: what the other says about itself.
+        facts: what it says.
+    """
+    same = all(before.get(name) == facts.get(name) for name in ("start", "host"))
+    first, second = before.get("part", "1"), facts.get("part", "1")
+    numbered = all(part.isascii() and part.isdecimal() for part in (first, second))
+    return bool(same and facts.get("start") and numbered and int(first) + 1 == int(second))

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from itertools import groupby, islice
+from itertools import groupby
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -72,6 +72,8 @@ class _Part:
     loose: bytearray = field(default_factory=bytearray)
     ranges: list[Range] = field(default_factory=list)
     """Where its records stand in the file."""
+    after_loss: bool = False
+    """Whether the file could not be read right before it."""
 
     @property
     def named(self) -> int:
@@ -158,13 +160,13 @@ class BulkReading:
         for parts in self._jobs_of(records):
             outcome: Future[_Outcome | None] = Future()
             outcome.set_result(self._outcome(parts, *self._known()))
-            yield from self._finished(_Job(parts, 0, outcome))
+            yield from (columns for columns, _ in self._finished(_Job(parts, 0, outcome)))
 
     def _placed(self, job: _Job) -> Iterator[tuple[Passage, RowColumns]]:
         known, skipped = self._reading.definitions, 0
         ranges = ranges_of(one for part in job.parts for one in part.ranges)
-        for columns in self._finished(job):
-            yield Passage(known, ranges, self._span, skipped, len(columns)), columns
+        for columns, after_loss in self._finished(job):
+            yield Passage(known, ranges, self._span, skipped, len(columns), after_loss), columns
             skipped += len(columns)
 
     def _has_room(self, size: int) -> bool:
@@ -180,10 +182,11 @@ class BulkReading:
 
     def _jobs_of(self, records: Iterable[RawRecord]) -> Iterator[list[_Part]]:
         parts: list[_Part] = []
-        size, enough = 0, FIRST_JOB
+        size, enough, skipped = 0, FIRST_JOB, 0
         for record in records:
             begins = record.opcode in (Opcode.CHUNK, Opcode.MESSAGE)
-            if begins and size >= enough:
+            lost = _skipped(records) > skipped
+            if begins and parts and (lost or size >= enough):
                 yield parts
                 parts, size, enough = [], 0, JOB
             if record.opcode == Opcode.CHUNK:
@@ -195,6 +198,9 @@ class BulkReading:
                     parts[-1].ranges.append(_range(record))
             elif record.opcode == Opcode.MESSAGE or record.opcode in _DEFINITIONS:
                 size += self._take_loose(record, parts)
+            if begins:
+                parts[-1].after_loss |= lost
+                skipped = _skipped(records)
         if parts:
             yield parts
 
@@ -210,25 +216,52 @@ class BulkReading:
         parts[-1].loose += HEAD.pack(record.opcode, len(record.body)) + record.body
         return HEAD.size + len(record.body)
 
-    def _finished(self, job: _Job) -> Iterator[RowColumns]:
+    def _finished(self, job: _Job) -> Iterator[tuple[RowColumns, bool]]:
+        """The rows, and whether something was lost right before them."""
         outcome = job.outcome.result()
         if outcome is not None and outcome.version != self._reading.version:
             outcome = self._outcome(job.parts, *self._known())
-        if outcome is None or not all(self._reading.knows(*known) for known in outcome.definitions):
+        if outcome is None or not self._stands(outcome):
             yield from self._one_by_one(job.parts)
             return
         for gathered in outcome.gathered:
             self._reading.count(gathered.messages, gathered.times)
-            for loss in gathered.losses:
-                self._reading.lose(loss)
-        yield outcome.columns
+        yield outcome.columns, job.parts[0].after_loss
 
-    def _one_by_one(self, parts: list[_Part]) -> Iterator[RowColumns]:
-        entries = (entry for part in parts for entry in part.entries(self._reading))
-        while batch := list(islice(entries, SLOW_BATCH)):
-            events = [entry for entry in batch if isinstance(entry, PortEvent)]
-            rows = [entry for entry in batch if not isinstance(entry, PortEvent)]
-            yield self._span.part_of(RowColumns.of_rows(self._words, rows, events))
+    def _stands(self, outcome: _Outcome) -> bool:
+        """Whether nothing in it must be read record by record: what is new, and what is lost."""
+        whole = not any(gathered.losses for gathered in outcome.gathered)
+        return whole and all(self._reading.knows(*known) for known in outcome.definitions)
+
+    def _one_by_one(self, parts: list[_Part]) -> Iterator[tuple[RowColumns, bool]]:
+        batch: list[Row | PortEvent] = []
+        after_loss = False
+        for lost, entry in self._entries(parts):
+            if lost or len(batch) == SLOW_BATCH:
+                if batch or after_loss:
+                    yield self._columns_of(batch), after_loss
+                batch, after_loss = [], lost
+            if entry is not None:
+                batch.append(entry)
+        if batch or after_loss:
+            yield self._columns_of(batch), after_loss
+
+    def _entries(self, parts: list[_Part]) -> Iterator[tuple[bool, Row | PortEvent | None]]:
+        """What the parts hold, and whether something was lost before it; None at the last end."""
+        known = self._reading.lost
+        for part in parts:
+            skipped = part.after_loss
+            for entry in part.entries(self._reading):
+                yield skipped or self._reading.lost > known, entry
+                known, skipped = self._reading.lost, False
+            if skipped:
+                yield True, None
+        yield self._reading.lost > known, None
+
+    def _columns_of(self, batch: list[Row | PortEvent]) -> RowColumns:
+        events = [entry for entry in batch if isinstance(entry, PortEvent)]
+        rows = [entry for entry in batch if not isinstance(entry, PortEvent)]
+        return self._span.part_of(RowColumns.of_rows(self._words, rows, events))
 
     def _outcome(self, parts: list[_Part], version: int, readers: Readers) -> _Outcome | None:
         """Runs in a thread. None where the parts must be read record by record."""
@@ -246,6 +279,11 @@ class BulkReading:
         if columns is None:
             columns = RowColumns.joined([piece.columns for piece in gathered])
         return _Outcome(version, gathered, self._span.part_of(columns), definitions)
+
+
+def _skipped(records: Iterable[RawRecord]) -> int:
+    """How often reading the file went on elsewhere so far."""
+    return len(records.losses) if isinstance(records, RecordStream) else 0
 
 
 def _range(record: RawRecord) -> Range:

@@ -81,6 +81,11 @@ class Reading:
         )
 
     @property
+    def lost(self) -> int:
+        """How often something could not be read."""
+        return self._lost.total()
+
+    @property
     def definitions(self) -> Definitions:
         """What is known of the channels so far."""
         if self._definitions is None or self._definitions[0] != self.version:

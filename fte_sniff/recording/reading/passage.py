@@ -37,6 +37,8 @@ class Passage:
     """Rows that these records hold before them."""
     count: int
     """How many rows they are."""
+    after_loss: bool = False
+    """Whether something could not be read between the rows before and these."""
 
 
 def ranges_of(records: Iterable[Range]) -> tuple[Range, ...]:

@@ -36,6 +36,7 @@ from fte_sniff.recording.container.salvage import holds_a_chunk
 from fte_sniff.recording.container.summary import Summary, read_summary
 from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.encoding.selection import Selection, selection_of
 from fte_sniff.recording.encoding.stretches import Stretch, stretch_of
 from fte_sniff.recording.encoding.topics import TOPIC_BY_NAME
 from fte_sniff.recording.reading.bulk import BulkReading
@@ -65,6 +66,7 @@ class RecordingReader:
         self._channels: dict[int, Channel] = {}
         self._metadata: dict[str, dict[str, str]] = {}
         self._summary: Summary | None = None
+        self._noted: list[Metadata] | None = None
         self._finished = False
         self._ending = ""
         self._losses: tuple[str, ...] = ()
@@ -123,14 +125,24 @@ class RecordingReader:
 
     def left_out(self) -> list[Stretch]:
         """The rows that came and are not in the file, as it tells; no chunk is read for it."""
-        found = []
-        with self._open() as stream:
-            for record in RecordStream(stream, self._starts(), lambda _first, _last: False):
-                if record.opcode == Opcode.METADATA:
-                    with suppress(RecordError):
-                        told = parse(Metadata, record.body)
-                        found.append(stretch_of(told.name, told.metadata))
+        found = [stretch_of(one.name, one.metadata) for one in self._notes()]
         return [stretch for stretch in found if stretch is not None]
+
+    def selections(self) -> list[Selection]:
+        """The filters that chose the rows of the file, as it tells; no chunk is read for it."""
+        found = [selection_of(one.name, one.metadata) for one in self._notes()]
+        return [selection for selection in found if selection is not None]
+
+    def _notes(self) -> list[Metadata]:
+        """All metadata records, wherever they stand."""
+        if self._noted is None:
+            self._noted = []
+            with self._open() as stream:
+                for record in RecordStream(stream, self._starts(), lambda _first, _last: False):
+                    if record.opcode == Opcode.METADATA:
+                        with suppress(RecordError):
+                            self._noted.append(parse(Metadata, record.body))
+        return self._noted
 
     def __iter__(self) -> Iterator[Row]:
         """The rows, in file order.

@@ -10,7 +10,7 @@ than the one before it gets that one's, and its message tells its own time besid
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,9 @@ from fte_sniff.recording.encoding.topics import Topic
 from fte_sniff.recording.writing.bulk_packing import ColumnPacker
 from fte_sniff.recording.writing.writer import METADATA_NAME
 
+Note = tuple[str, Mapping[str, str]]
+"""The name of a metadata record, and what it tells."""
+
 CHUNK_ROWS = 16_384
 """Rows in a chunk: some 1.6 MB unpacked, which a core's cache holds."""
 
@@ -38,6 +41,7 @@ def write_recording(
     ports: Sequence[PortFacts],
     batches: Iterable[RowColumns],
     facts: Mapping[str, str] | None = None,
+    notes: Callable[[], Iterable[Note]] = tuple,
 ) -> None:
     """Write a recording; a file that is there already is replaced.
 
@@ -46,6 +50,7 @@ def write_recording(
         ports: the ports whose rows come, as far as they are known; rows of others are taken too.
         batches: the rows and events.
         facts: what the file is to say about itself beside the ports.
+        notes: gives what else it is to say; asked for once all batches have come.
 
     Raises:
         FileError: the file cannot be written, or what the batches raise.
@@ -58,7 +63,7 @@ def write_recording(
         writer = _Writer(descriptor, ports, facts or {})
         for columns in batches:
             writer.write(columns)
-        writer.finish()
+        writer.finish(notes())
     except OSError as error:
         raise unwritable(path, error) from error
     finally:
@@ -92,7 +97,11 @@ class _Writer:
             self._file.add_chunk(self._packer.pack(chunk, times, events))
             self._last_time = max([self._last_time, *times[-1:].tolist(), *events[-1:].tolist()])
 
-    def finish(self) -> None:
+    def finish(self, notes: Iterable[Note]) -> None:
+        self._file.add_metadata(
+            Metadata(name, {key: plain(value) for key, value in told.items()})
+            for name, told in notes
+        )
         self._file.finish()
 
     def _log_times(self, times: Array) -> Array:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from fte_sniff.analysis.columns.packing import PackedRows
 from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
+from fte_sniff.analysis.store.seams import Seam, shifted
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.said import Said
@@ -35,6 +36,8 @@ class Read:
     """What happened to ports meanwhile."""
     losses: Sequence[str] = ()
     """What the file turned out to lack, one line each; may hold text from it."""
+    seams: Sequence[Seam] = ()
+    """What stands between the rows, or behind the last of them; rising."""
 
 
 class ReplaySession:
@@ -88,10 +91,16 @@ class ReplaySession:
             else:
                 taken.append(batch)
         self._losses += [loss for read in taken for loss in read.losses]
+        seams = list[Seam]()
+        came = 0
+        for read in taken:
+            seams += shifted(read.seams, came)
+            came += len(read.rows)
         self._begun |= bool(taken)
         rows = _joined([read.rows for read in taken])
         self._rows += len(rows)
-        return FeedUpdate(self._state(), rows, [event for read in taken for event in read.events])
+        events = [event for read in taken for event in read.events]
+        return FeedUpdate(self._state(), rows, events, seams)
 
     def rest(self) -> None:
         """Read no more until the next poll, but for what is being read now; returns at once."""

@@ -15,6 +15,7 @@ import polars as pl
 from fte_sniff.analysis.columns.table import TABLE_SCHEMA, rows_table
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
+from fte_sniff.session.saving.origin import Origin
 
 PIECE_ROWS: Final = 262_144
 """Rows of the file that are kept in memory at most."""
@@ -23,7 +24,7 @@ PIECE_ROWS: Final = 262_144
 class ParquetSink:
     """Rows as `analysis.table` has their columns; many rows wait in files beside the one to be."""
 
-    def __init__(self, path: Path, ports: Sequence[str]) -> None:
+    def __init__(self, path: Path, _origin: Origin) -> None:
         self._path = path
         self._pieces: list[Path] = []
         self._frames: list[pl.DataFrame] = []

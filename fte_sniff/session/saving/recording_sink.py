@@ -9,19 +9,28 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from mcap.records import Metadata
+
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 from fte_sniff.recording.encoding.facts import PortFacts
+from fte_sniff.recording.encoding.selection import SELECTION_NAME
+from fte_sniff.recording.encoding.stretches import LEFT_OUT_NAME
 from fte_sniff.recording.writing.place import Existing
 from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.session.saving.origin import Origin
 
 
 class RecordingSink:
     """Rows as a recording; each must have a time."""
 
-    def __init__(self, path: Path, ports: Sequence[str]) -> None:
-        facts = [PortFacts(port) for port in ports]
+    def __init__(self, path: Path, origin: Origin) -> None:
+        facts = [PortFacts(port, origin.bauds.get(port)) for port in origin.ports]
         self._writer = RecordingWriter(path, facts, existing=Existing.REPLACE)
+        for stretch in origin.left_out:
+            self._writer.note(Metadata(LEFT_OUT_NAME, stretch.told()))
+        for selection in origin.selections:
+            self._writer.note(Metadata(SELECTION_NAME, selection.told()))
 
     def write(self, rows: Sequence[Row]) -> None:
         """Record the rows."""

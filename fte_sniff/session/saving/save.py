@@ -17,6 +17,7 @@ from typing import Final
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
 from fte_sniff.protocol import Row
 from fte_sniff.said import Said
+from fte_sniff.session.saving.origin import Origin
 from fte_sniff.session.saving.sinks import SINKS, Sink
 
 OVERWRITE: Final = "!"
@@ -104,12 +105,12 @@ def _same(path: Path, other: str) -> bool:
 class Saving:
     """One file under way."""
 
-    def __init__(self, target: Target, ports: Sequence[str]) -> None:
+    def __init__(self, target: Target, origin: Origin) -> None:
         """Begin the file.
 
         Args:
             target: where it is to lie.
-            ports: the ports that rows may come from.
+            origin: where the rows come from.
 
         Raises:
             FileError: it cannot be made there.
@@ -129,14 +130,14 @@ class Saving:
         except OSError as error:
             raise self._refused(error) from error
         try:
-            self._sink = self._made(ports)
+            self._sink = self._made(origin)
         except (OSError, FteSniffError):
             self._part.unlink(missing_ok=True)
             raise
 
-    def _made(self, ports: Sequence[str]) -> Sink:
+    def _made(self, origin: Origin) -> Sink:
         try:
-            return FORMS[self._target.path.suffix.lower()](self._part, ports)
+            return FORMS[self._target.path.suffix.lower()](self._part, origin)
         except OSError as error:
             raise self._refused(error) from error
 

@@ -11,6 +11,7 @@ from typing import Final, Protocol
 
 from fte_sniff.formats.tables.writers import FORM_BY_END, OutputFormat, row_writer
 from fte_sniff.protocol import Row
+from fte_sniff.session.saving.origin import Origin
 
 
 class Sink(Protocol):
@@ -32,9 +33,9 @@ class Sink(Protocol):
 class TextSink:
     """Rows as the lines of one of the text formats."""
 
-    def __init__(self, form: OutputFormat, path: Path, ports: Sequence[str]) -> None:
+    def __init__(self, form: OutputFormat, path: Path, origin: Origin) -> None:
         self._stream = path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
-        self._writer = row_writer(form, self._stream, ports=len(ports) > 1)
+        self._writer = row_writer(form, self._stream, ports=len(origin.ports) > 1)
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows' lines."""
@@ -53,7 +54,7 @@ class TextSink:
 class RawSink:
     """The bytes as they came."""
 
-    def __init__(self, path: Path, ports: Sequence[str]) -> None:
+    def __init__(self, path: Path, _origin: Origin) -> None:
         self._stream = path.open("wb")
 
     def write(self, rows: Sequence[Row]) -> None:
@@ -67,25 +68,25 @@ class RawSink:
     abandon = end
 
 
-def _parquet(path: Path, ports: Sequence[str]) -> Sink:
+def _parquet(path: Path, origin: Origin) -> Sink:
     # polars takes long to load, and a screen names the forms before anything is saved.
     from fte_sniff.session.saving.parquet_sink import ParquetSink
 
-    return ParquetSink(path, ports)
+    return ParquetSink(path, origin)
 
 
-def _recording(path: Path, ports: Sequence[str]) -> Sink:
+def _recording(path: Path, origin: Origin) -> Sink:
     # The same holds for what writes recordings.
     from fte_sniff.session.saving.recording_sink import RecordingSink
 
-    return RecordingSink(path, ports)
+    return RecordingSink(path, origin)
 
 
-def _text(form: OutputFormat) -> Callable[[Path, Sequence[str]], Sink]:
-    return lambda path, ports: TextSink(form, path, ports)
+def _text(form: OutputFormat) -> Callable[[Path, Origin], Sink]:
+    return lambda path, origin: TextSink(form, path, origin)
 
 
-def _sink_of(form: OutputFormat) -> Callable[[Path, Sequence[str]], Sink]:
+def _sink_of(form: OutputFormat) -> Callable[[Path, Origin], Sink]:
     match form:
         case OutputFormat.PARQUET:
             return _parquet
@@ -97,7 +98,7 @@ def _sink_of(form: OutputFormat) -> Callable[[Path, Sequence[str]], Sink]:
             return _text(form)
 
 
-SINKS: Final[Mapping[str, Callable[[Path, Sequence[str]], Sink]]] = {
+SINKS: Final[Mapping[str, Callable[[Path, Origin], Sink]]] = {
     end: _sink_of(form) for end, form in FORM_BY_END.items()
 }
 """By the end of a file's name, what takes rows for it."""

@@ -13,6 +13,7 @@ from textual.worker import WorkType
 from fte_sniff.session.saving.save import Saving
 from fte_sniff.tui.abstract import AbstractMeta
 from fte_sniff.tui.notices import NoticeLine
+from fte_sniff.tui.opening import Opening
 from fte_sniff.tui.panes import Panes
 from fte_sniff.tui.prompt.filter import FilterField
 from fte_sniff.tui.prompt.goto import GotoField
@@ -25,6 +26,7 @@ from fte_sniff.tui.watched import Watched
 class Parts(App[None], metaclass=AbstractMeta):
     """A screen whose parts have been made."""
 
+    _opening: Opening
     _watched: Watched
     _table: RowTable
     _panes: Panes

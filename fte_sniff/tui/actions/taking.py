@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+from dataclasses import replace
 from functools import partial
 from io import StringIO
 from typing import TYPE_CHECKING
@@ -17,6 +18,8 @@ from fte_sniff.analysis.store.finding import select_rows
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.formats.tables.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
+from fte_sniff.recording.encoding.selection import Selection
+from fte_sniff.session.saving.origin import Origin
 from fte_sniff.session.saving.save import Saving, Target
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.clips import keep_copy, short_path
@@ -114,13 +117,25 @@ class Taking(Parts):
         store, selected = self._watched.store, self._table.selected
         wanted = selected or range(store.first, store.next)
         try:
-            self._saving = Saving(self._target(line), self._watched.ports)
+            self._saving = Saving(self._target(line), self._origin(selected))
         except FteSniffError as error:
             self._notice.warn(worded(error))
             return
         saving, row_filter = self._saving, store.shown.filter
         self._tell_share(saving, 0)
         self._work(GROUP, partial(self._write, saving, wanted, row_filter))
+
+    def _origin(self, selected: range) -> Origin:
+        """What is known of the rows that are saved: those shown, or those of them selected."""
+        store = self._watched.store
+        origin = replace(self._opening.origin, ports=self._watched.ports)
+        if selected:
+            first, last = store.row(selected.start), store.row(selected.stop - 1)
+            origin = origin.within(first.t_ns, last.t_ns)
+        if store.filter is not None:
+            own = Selection(store.filter.text, len(selected or range(store.first, store.next)))
+            origin = replace(origin, selections=[*origin.selections, own])
+        return origin
 
     async def _write(self, saving: Saving, wanted: range, row_filter: RowFilter | None) -> None:
         """Save the rows of these indices that the filter wants, while the screen goes on."""

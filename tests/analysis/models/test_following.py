@@ -15,6 +15,7 @@ from fte_sniff.analysis.models.bench import Bench
 from fte_sniff.analysis.models.following import Following
 from fte_sniff.analysis.models.motors import Motors
 from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.store.seams import Missing, Pace
 from fte_sniff.protocol import KIND_BY_NAME, Direction, Frame, Row, encode
 
 MILLISECOND = 1_000_000
@@ -107,3 +108,64 @@ def test_traces_of_the_past_reach_back_as_far_as_is_asked(window_ms: int) -> Non
     assert np.nanmax(spans.high) == max(inside)
     assert np.nanmin(spans.low) <= min(inside)
     assert np.isnan(traces.spans(2, Direction.FEEDBACK, "pulses", window, 40).low).all()
+
+
+@settings(deadline=None)
+@given(
+    st.integers(1, 40),
+    st.integers(1, 20),
+    st.integers(1, 20),
+    st.lists(st.integers(0, 40), max_size=4).map(sorted),
+    st.integers(0, 39),
+)
+def test_nothing_is_measured_across_a_seam(
+    count: int, budget: int, every: int, places: list[int], look: int
+) -> None:
+    rows = _rows(count)
+    store = RowStore(1000, 7)
+    following = Following(store, Bench(), every)
+    for start in range(0, count, 9):
+        following.meet([Missing(place) for place in places if start <= place < start + 9])
+        store.append(rows[start : start + 9])
+        following.step(budget)
+    while not following.step(budget):
+        pass
+    inside = {place for place in places if 0 < place < count}
+    (port,) = following.statistics.ports()
+    assert port.silences.count == count - 1 - len(inside)
+    if look < count:
+        expected, codebook = Motors(), Codebook()
+        for row in range(look + 1):
+            if row in places:
+                expected.interrupt()
+            expected.add(Decoded(pack(rows[row : row + 1], codebook)[0]))
+        motors = following.motors_at(look)
+        assert motors is not None
+        assert motors.states(rows[look].t_ns) == expected.states(rows[look].t_ns)
+
+
+def test_rows_that_left_before_they_were_looked_at_are_no_silence() -> None:
+    store = RowStore(10, 5)
+    following = Following(store, Bench())
+    rows = _rows(100)
+    store.append(rows[:5])
+    while not following.step(100):
+        pass
+    store.append(rows[5:])
+    while not following.step(100):
+        pass
+    assert following.missed == 85
+    (port,) = following.statistics.ports()
+    assert port.silences.count == 4 + 9
+
+
+def test_the_use_of_a_line_is_reckoned_by_what_the_recording_says() -> None:
+    store = RowStore(100)
+    following = Following(store, Bench())
+    following.meet([Pace(0, "p", 9600), Pace(3, "p", 57_600)])
+    store.append(_rows(3))
+    following.step(100)
+    assert following.statistics.ports()[0].baud == 9600
+    store.append(_rows(3))
+    following.step(100)
+    assert following.statistics.ports()[0].baud == 57_600

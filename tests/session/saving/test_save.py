@@ -28,10 +28,12 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.session.saving import parquet_sink
+from fte_sniff.session.saving.origin import Origin
 from fte_sniff.session.saving.save import FORMS, Saving, Target
 
 NOON_NS = 1_769_860_800_000_000_000
 PORTS = ("/dev/ttyUSB0", "b")
+ORIGIN = Origin(PORTS)
 
 
 def rows(count: int = 40) -> list[Row]:
@@ -43,7 +45,7 @@ def rows(count: int = 40) -> list[Row]:
 
 
 def saved(path: Path, taken: list[Row]) -> Path:
-    saving = Saving(Target.parse(str(path)), PORTS)
+    saving = Saving(Target.parse(str(path)), ORIGIN)
     for at in range(0, len(taken), 7):
         saving.write(taken[at : at + 7])
     saving.finish()
@@ -101,7 +103,7 @@ def test_a_file_in_the_way_is_named_and_replaced_only_where_that_is_said(tmp_pat
     path.write_text("mine")
     with pytest.raises(FileError, match=r"rows.csv exists already; name another, or .* rows.csv!"):
         Target.parse(str(path))
-    saving = Saving(Target.parse(f"{path}!"), PORTS)
+    saving = Saving(Target.parse(f"{path}!"), ORIGIN)
     assert path.read_text() == "mine"
     saving.finish()
     assert path.read_text().startswith("time,port")
@@ -123,7 +125,7 @@ def test_a_file_that_rows_come_from_is_never_replaced(
 
 def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
-    saving = Saving(Target.parse(str(path)), PORTS)
+    saving = Saving(Target.parse(str(path)), ORIGIN)
     path.write_text("mine")
     with pytest.raises(FileError, match="exists already"):
         saving.finish()
@@ -159,14 +161,14 @@ def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", FORMS)
 def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
-    saving = Saving(Target.parse(str(tmp_path / f"rows{suffix}")), PORTS)
+    saving = Saving(Target.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
     saving.write(rows())
     saving.abandon()
     assert not list(tmp_path.iterdir())
 
 
 def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
-    saving = Saving(Target.parse(str(tmp_path / "rows.mcap")), PORTS)
+    saving = Saving(Target.parse(str(tmp_path / "rows.mcap")), ORIGIN)
     with pytest.raises(FileError, match=r"it has no time since 1970.*write another format"):
         saving.write([Damage("b", 0, b"\x01", None, (Fault.NOISE,))])
     assert not list(tmp_path.iterdir())
@@ -176,7 +178,7 @@ def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
 def test_a_file_that_cannot_grow_is_one_line_and_leaves_nothing(
     tmp_path: Path, suffix: str
 ) -> None:
-    saving = Saving(Target.parse(str(tmp_path / f"rows{suffix}")), PORTS)
+    saving = Saving(Target.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
     taken = rows(20_000)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
