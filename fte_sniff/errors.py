@@ -91,15 +91,28 @@ class RecordingWarning(UserWarning):
     """
 
 
-_FULL = {
+_REASONS = {
     errno.ENOSPC: Said("the disk is full"),
     errno.EDQUOT: Said("the disk quota is used up"),
+    errno.EPERM: Said("Operation not permitted"),
+    errno.ENOENT: Said("No such file or directory"),
+    errno.EIO: Said("Input/output error"),
+    errno.ENXIO: Said("No such device or address"),
+    errno.EACCES: Said("Permission denied"),
+    errno.EBUSY: Said("Device or resource busy"),
+    errno.ENODEV: Said("No such device"),
+    errno.EINVAL: Said("Invalid argument"),
+    errno.EMFILE: Said("Too many open files"),
+    errno.EFBIG: Said("File too large"),
+    errno.EROFS: Said("Read-only file system"),
+    errno.ENAMETOOLONG: Said("File name too long"),
 }
+"""The commonest reasons, in the system's own English words but for the first two."""
 
 
 def reason_of(error: OSError) -> str:
     """Why the system refused, in words."""
-    return _FULL.get(error.errno or 0, error.strerror or str(error))
+    return _REASONS.get(error.errno or 0, error.strerror or str(error))
 
 
 def unreadable(path: object, error: OSError) -> FileError:

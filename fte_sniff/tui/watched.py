@@ -19,6 +19,7 @@ from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.analysis.store.seams import Seam, shifted
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.language import _
+from fte_sniff.tui.notices import event_words
 from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToOffset, ToRow, ToShare, ToTime
 from fte_sniff.tui.status import Numbers
 from fte_sniff.tui.table.viewport import Viewport
@@ -128,7 +129,7 @@ class Watched:
         if self.state.live or self._events.keys() <= ORDINARY:
             return ""
         told = ", ".join(
-            f"{kind.replace('_', ' ')} {count:,}"
+            f"{_(event_words(kind))} {count:,}"
             for kind, count in self._events.items()
             if kind not in ORDINARY
         )

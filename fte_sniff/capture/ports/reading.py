@@ -16,6 +16,7 @@ import serial
 from serial.urlhandler import protocol_socket
 
 from fte_sniff.capture.ports.opening import READ_TIMEOUT_S
+from fte_sniff.said import Said
 
 Read: TypeAlias = Callable[[], bytes]
 
@@ -55,7 +56,7 @@ class _DescriptorReader:
             return b""
         # A terminal is also readable without bytes where another program was quicker.
         if not data and ready[0][1] & self._empty_is_end:
-            raise OSError("the other end has hung up")
+            raise OSError(Said("the other end has hung up"))
         return data
 
 

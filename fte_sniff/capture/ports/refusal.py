@@ -20,7 +20,7 @@ import serial
 
 from fte_sniff.capture.ports.holders import have_open, holders_of
 from fte_sniff.capture.ports.permission import way_in
-from fte_sniff.errors import PortError, shown
+from fte_sniff.errors import PortError, reason_of, shown
 from fte_sniff.said import Said
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
@@ -131,6 +131,12 @@ def refusal(name: str, device: str | None, error: BaseException) -> PortError:
 
 def one_line(error: BaseException) -> str:
     """The error's own text on one line, with nothing that a terminal could obey."""
+    if error.args and isinstance(error.args[0], Said):
+        return error.args[0]
+    if isinstance(error, OSError) and isinstance(reason := reason_of(error), Said):
+        told = Said("[Errno {number}] {reason}", number=error.errno, reason=reason)
+        if told == str(error):
+            return told
     return shown(" ".join(str(error).split()))
 
 

@@ -26,6 +26,7 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from fte_sniff.recording.container.checksum import crc32
+from fte_sniff.said import Said
 
 MAGIC = MCAP0_MAGIC
 """The eight bytes that begin and end every MCAP file."""
@@ -45,9 +46,18 @@ _CRC_LENGTH = 4
 _BLOCK = 1024 * 1024
 _UNKNOWN_SIZE = 2**64 - 1
 
+_WRONG_DATA = Said("the checksum over the data outside the chunks does not match")
+_WRONG_SUMMARY = Said("the checksum over the summary outside the chunks does not match")
+
 
 class RecordError(ValueError):
     """A record that cannot be what it claims to be; the text says why, in few words."""
+
+    @property
+    def said(self) -> Said:
+        """The text."""
+        text = self.args[0]
+        return text if isinstance(text, Said) else Said("{text}", text=text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +69,9 @@ class RawRecord:
     opcode: int
     body: bytes
 
+
+Place = tuple[int, int]
+"""Where a record begins in a file, and its length, head included."""
 
 _Record = TypeVar("_Record", covariant=True)
 
@@ -77,7 +90,7 @@ def parse(record: _Readable[_Record], body: bytes) -> _Record:
     try:
         return record.read(ReadDataStream(BytesIO(body)))
     except (McapError, struct.error, ValueError) as error:
-        raise RecordError("a record that contradicts itself") from error
+        raise RecordError(Said("a record that contradicts itself")) from error
 
 
 class RecordStream:
@@ -88,6 +101,8 @@ class RecordStream:
         stream: BinaryIO,
         starts: Sequence[int] = (),
         wanted: Callable[[int, int], bool] | None = None,
+        search: Callable[[int], Place | None] | None = None,
+        begin: Place | None = None,
     ) -> None:
         """Take the file.
 
@@ -97,35 +112,55 @@ class RecordStream:
                 behind a record that cannot be read.
             wanted: tells from the first and last log time of a chunk whether it is to be read;
                 the others are passed over. By default all are.
+            search: finds the next whole chunk from a position on, for files of which no starts are
+                known.
+            begin: the chunk to begin with, where what is before it cannot be read.
         """
         self._stream = stream
         self._starts = starts
         self._wanted = wanted
+        self._search = search
+        self._begin = self._found = begin
         self._position = 0
         self._crc: int | None = 0
-        self.ending = ""
+        self.ending: str = ""
         """How the file ends, where it does not end as it should; valid after the last record."""
         self.losses: list[str] = []
         """What was skipped on the way."""
 
+    @property
+    def cut(self) -> bool:
+        """Whether something may be missing at its beginning or end."""
+        return bool(self.ending or self._begin)
+
     def __iter__(self) -> Iterator[RawRecord]:
-        self._read(len(MAGIC))
+        if self._begin:
+            self._go_to(self._begin[0])
+        else:
+            self._read(len(MAGIC))
         while True:
             position, before = self._position, self._crc
             try:
                 record = self._record()
             except RecordError as error:
-                if self._skip_to_next_start(position, str(error)):
+                if self._skip_to_next_start(position, error.said):
                     continue
-                self.ending = f"{error} at byte {position}; it ends at byte {self._position}"
+                self.ending = Said(
+                    "{error} at byte {position}; it ends at byte {end}",
+                    error=error.said,
+                    position=position,
+                    end=self._position,
+                )
                 return
             if record is None:
-                self.ending = f"it was never closed, its last byte is {position}"
+                self.ending = Said(
+                    "it was never closed, its last byte is {position}", position=position
+                )
                 return
             if record.opcode == _PASSED_OVER:
                 continue
             if record.opcode == Opcode.DATA_END:
-                self._check_crc(record.body, before, "the data")
+                self._check_crc(record.body, before, _WRONG_DATA)
                 self._crc = 0
             yield record
             if record.opcode == Opcode.FOOTER:
@@ -138,15 +173,18 @@ class RecordStream:
         if not head:
             return None
         if len(head) < HEAD.size:
-            raise RecordError("it is cut in the record")
+            raise RecordError(Said("it is cut in the record"))
         opcode, length = HEAD.unpack(head)
+        if self._found is not None and self._found[0] == position:
+            # Its head need not be whole.
+            opcode, length = int(Opcode.CHUNK), self._found[1] - HEAD.size
         if opcode == 0:
-            raise RecordError("there is no MCAP record")
+            raise RecordError(Said("there is no MCAP record"))
         if length > LARGEST:
-            raise RecordError(f"there is a record that claims {length} bytes")
+            raise RecordError(Said("there is a record that claims {length} bytes", length=length))
         start = self._next_start(position)
         if start is not None and start < self._position + length:
-            raise RecordError("there is a record that reaches into the next")
+            raise RecordError(Said("there is a record that reaches into the next"))
         first = b""
         if opcode == Opcode.CHUNK and self._wanted is not None and length >= _CHUNK_TIMES.size:
             first = self._read(_CHUNK_TIMES.size)
@@ -154,7 +192,10 @@ class RecordStream:
                 return self._pass_over(position, length - len(first))
         body = first + self._read(length - len(first))
         if len(body) < length:
-            raise RecordError("it is cut in the record")
+            raise RecordError(Said("it is cut in the record"))
+        if opcode == Opcode.CHUNK and self._search is not None:
+            # One that claims too much would swallow those behind it.
+            _packed(body)
         return RawRecord(position, opcode, body)
 
     def _pass_over(self, position: int, length: int) -> RawRecord:
@@ -183,30 +224,48 @@ class RecordStream:
         place = bisect_right(self._starts, position)
         return self._starts[place] if place < len(self._starts) else None
 
-    def _skip_to_next_start(self, position: int, reason: str) -> bool:
+    def _skip_to_next_start(self, position: int, reason: Said) -> bool:
         start = self._next_start(position)
+        if start is None and self._search is not None:
+            self._found = self._search(position)
+            start = None if self._found is None else self._found[0]
         if start is None:
             return False
-        self._stream.seek(start)
-        self._position, self._crc = start, None
-        self.losses.append(f"bytes {position} to {start} were skipped: {reason}")
+        self._go_to(start)
+        told = Said("the head of the chunk at byte {position} is damaged", position=position)
+        if start > position:
+            told = Said(
+                "bytes {position} to {start} were skipped: {reason}",
+                position=position,
+                start=start,
+                reason=reason,
+            )
+        self.losses.append(told)
         return True
 
-    def _check_crc(self, body: bytes, found: int | None, what: str) -> None:
+    def _go_to(self, start: int) -> None:
+        """Go on there; of what is left out, no checksum can tell anything."""
+        self._stream.seek(start)
+        self._position, self._crc = start, None
+
+    def _check_crc(self, body: bytes, found: int | None, what: Said) -> None:
         expected = int.from_bytes(body[-_CRC_LENGTH:], "little")
         if expected and found is not None and expected != found:
-            self.ending = f"the checksum over {what} outside the chunks does not match"
+            self.ending = what
 
     def _check_end(self, footer: bytes, before: int | None) -> None:
         if before is not None:
             length = len(footer)
             guarded = HEAD.pack(Opcode.FOOTER, length) + footer[:-_CRC_LENGTH]
-            self._check_crc(footer, crc32(guarded, before), "the summary")
+            self._check_crc(footer, crc32(guarded, before), _WRONG_SUMMARY)
         self._crc = None
         if self._read(len(MAGIC)) != MAGIC:
-            self.ending = f"its last {len(MAGIC)} bytes are damaged or missing"
+            self.ending = Said("its last {count} bytes are damaged or missing", count=len(MAGIC))
         elif self._stream.read(1):
-            self.ending = f"bytes that do not belong to it follow its end at byte {self._position}"
+            self.ending = Said(
+                "bytes that do not belong to it follow its end at byte {position}",
+                position=self._position,
+            )
 
 
 def unpacked_size(body: bytes) -> int:
@@ -223,23 +282,30 @@ def unpack(body: bytes) -> bytes:
     Raises:
         RecordError: the chunk is damaged, or packed in a way that is not MCAP's.
     """
+    packed, compression = _packed(body)
+    _, _, size, crc, _ = _CHUNK_HEAD.unpack_from(body)
+    if size > LARGEST:
+        raise RecordError(Said("a chunk that claims to unpack to {size} bytes", size=size))
+    records = _unpacked(compression, packed, size)
+    if len(records) != size:
+        raise RecordError(Said("a chunk that does not unpack to what it claims"))
+    if crc and crc32(records) != crc:
+        raise RecordError(Said("a chunk whose checksum does not match"))
+    return records
+
+
+def _packed(body: bytes) -> tuple[memoryview, bytes]:
+    """What is packed in a chunk, and how."""
     try:
-        _, _, size, crc, name_length = _CHUNK_HEAD.unpack_from(body)
+        *_, name_length = _CHUNK_HEAD.unpack_from(body)
         place = _CHUNK_HEAD.size + name_length
         (length,) = _LENGTH.unpack_from(body, place)
     except struct.error as error:
-        raise RecordError("a chunk without its head") from error
+        raise RecordError(Said("a chunk without its head")) from error
     packed = memoryview(body)[place + _LENGTH.size :]
     if len(packed) != length:
-        raise RecordError("a chunk whose lengths contradict each other")
-    if size > LARGEST:
-        raise RecordError(f"a chunk that claims to unpack to {size} bytes")
-    records = _unpacked(body[_CHUNK_HEAD.size : place], packed, size)
-    if len(records) != size:
-        raise RecordError("a chunk that does not unpack to what it claims")
-    if crc and crc32(records) != crc:
-        raise RecordError("a chunk whose checksum does not match")
-    return records
+        raise RecordError(Said("a chunk whose lengths contradict each other"))
+    return packed, body[_CHUNK_HEAD.size : place]
 
 
 def _unpacked(compression: bytes, packed: memoryview, size: int) -> bytes:
@@ -250,16 +316,16 @@ def _unpacked(compression: bytes, packed: memoryview, size: int) -> bytes:
             return _unpacked_zstd(packed, size)
         case b"lz4":
             return _unpacked_lz4(packed, size)
-    raise RecordError("a chunk that is packed neither with zstd nor with lz4")
+    raise RecordError(Said("a chunk that is packed neither with zstd nor with lz4"))
 
 
 def _unpacked_zstd(packed: memoryview, size: int) -> bytes:
     try:
         if zstandard.get_frame_parameters(packed).content_size not in (size, _UNKNOWN_SIZE):
-            raise RecordError("a chunk that does not unpack to what it claims")
+            raise RecordError(Said("a chunk that does not unpack to what it claims"))
         return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
     except zstandard.ZstdError as error:
-        raise RecordError("a chunk that does not unpack") from error
+        raise RecordError(Said("a chunk that does not unpack")) from error
 
 
 def _unpacked_lz4(packed: memoryview, size: int) -> bytes:
@@ -267,7 +333,7 @@ def _unpacked_lz4(packed: memoryview, size: int) -> bytes:
         with lz4.frame.LZ4FrameDecompressor() as unpacker:
             return bytes(unpacker.decompress(packed, max_length=size + 1))
     except RuntimeError as error:
-        raise RecordError("a chunk that does not unpack") from error
+        raise RecordError(Said("a chunk that does not unpack")) from error
 
 
 def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
@@ -279,10 +345,10 @@ def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
     place, end = 0, len(records)
     while place < end:
         if end - place < HEAD.size:
-            raise RecordError("records that go beyond their chunk")
+            raise RecordError(Said("records that go beyond their chunk"))
         opcode, length = HEAD.unpack_from(records, place)
         place += HEAD.size
         if length > end - place:
-            raise RecordError("records that go beyond their chunk")
+            raise RecordError(Said("records that go beyond their chunk"))
         yield opcode, records[place : place + length]
         place += length

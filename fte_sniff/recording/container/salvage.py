@@ -97,9 +97,9 @@ class Salvage:
         self.size = stream.seek(0, os.SEEK_END)
         """Bytes in the file."""
 
-    def chunks(self) -> Iterator[FoundChunk]:
-        """Every whole and correct chunk, in order; none overlaps another."""
-        position = 0
+    def chunks(self, start: int = 0) -> Iterator[FoundChunk]:
+        """Every whole and correct chunk from a place on, in order; none overlaps another."""
+        position = start
         while (mark := self._next_mark(position)) is not None:
             found = self._chunk_at(mark)
             if found is None or found.position < position:
@@ -210,6 +210,6 @@ class Salvage:
         return self._stream.read(max(0, min(length, self.size - position)))
 
 
-def holds_a_chunk(stream: BinaryIO) -> bool:
-    """Whether anything in a seekable file is a whole chunk of an MCAP."""
-    return next(iter(Salvage(stream).chunks()), None) is not None
+def next_chunk(stream: BinaryIO, position: int = 0) -> FoundChunk | None:
+    """The first whole chunk that begins at `position` or behind it in a seekable file."""
+    return next(Salvage(stream).chunks(position), None)

@@ -37,6 +37,8 @@ class Summary:
     statistics: Statistics | None = None
     starts: list[int] = field(default_factory=list)
     """Where chunks and the data's end begin, rising."""
+    guarded: bool = False
+    """Whether a checksum is over it."""
 
 
 def read_summary(stream: BinaryIO) -> Summary | None:
@@ -58,9 +60,11 @@ def read_summary(stream: BinaryIO) -> Summary | None:
     if footer.summary_crc not in (0, crc32(end[: HEAD.size + 16], crc32(records))):
         return None
     try:
-        return _summary_of(records, footer.summary_start)
+        summary = _summary_of(records, footer.summary_start)
     except RecordError:
         return None
+    summary.guarded = bool(footer.summary_crc)
+    return summary
 
 
 def _summary_of(records: bytes, start: int) -> Summary:

@@ -43,6 +43,7 @@ from fte_sniff.recording.encoding.schema import (
     value_fields,
 )
 from fte_sniff.recording.encoding.topics import EVENTS, MALFORMED, TOPIC_BY_NAME, Topic
+from fte_sniff.said import Said
 
 _GREATEST = 2**63 - 1
 """The largest offset and time that the columns of any tool can hold."""
@@ -190,7 +191,13 @@ class MessageReader:
         try:
             self._message = message_class(schema, data)
         except ValueError as error:
-            raise FileError(f"{topic}: {error}; the file is damaged or not fte-sniff's") from error
+            raise FileError(
+                Said(
+                    "{topic}: {why}; the file is damaged or not fte-sniff's",
+                    topic=topic,
+                    why=reason_in(error),
+                )
+            ) from error
         fields = self._message.DESCRIPTOR.fields_by_name
         self._tells_framed = "framed" in fields
         self._tells_time = "time_ns" in fields
@@ -206,8 +213,13 @@ class MessageReader:
         )
         if lacking:
             raise FileError(
-                f"{topic}: its messages ({schema}) have no {', '.join(lacking)}; "
-                "fte-sniff reads what fte-sniff records"
+                Said(
+                    "{topic}: its messages ({schema}) have no {lacking}; "
+                    "fte-sniff reads what fte-sniff records",
+                    topic=topic,
+                    schema=schema,
+                    lacking=", ".join(lacking),
+                )
             )
         is_event = topic == EVENTS.name
         self.layouts = None if is_event else _layouts_of(schema, data)
@@ -228,9 +240,12 @@ class MessageReader:
         made: type[Row] = Damage if self._tells_framed and not message.framed else Frame
         raw = message.raw
         if not (_is_framed(raw) if made is Frame else raw):
-            raise ValueError(f"no {made.__name__.lower()} in its {len(raw)} bytes")
+            what = Said("no frame") if made is Frame else Said("no damage")
+            raise ValueError(Said("{what} in its {size} bytes", what=what, size=len(raw)))
         if message.offset > _GREATEST:
-            raise ValueError(f"offset {message.offset} is past the end of any stream")
+            raise ValueError(
+                Said("offset {offset} is past the end of any stream", offset=message.offset)
+            )
         return made(
             self.port,
             message.offset,
@@ -264,20 +279,28 @@ class MessageReader:
         try:
             return self._message.FromString(data)
         except DecodeError as error:
-            raise ValueError("a message that does not fit its schema") from error
+            raise ValueError(Said("a message that does not fit its schema")) from error
 
     def _time(self, message: Any, log_time: int) -> int:
         own = self._tells_time and message.HasField("time_ns")
         time = int(message.time_ns) if own else log_time
         if time > _GREATEST:
-            raise ValueError(f"time {time} ns is past the year 2262")
+            raise ValueError(Said("time {time} ns is past the year 2262", time=time))
         return time
 
     def _word(self, number: int) -> str:
         word = self._words.get(number)
         if word is None:
-            raise ValueError(f"a word that this version does not know (number {number})")
+            raise ValueError(
+                Said("a word that this version does not know (number {number})", number=number)
+            )
         return word
+
+
+def reason_in(error: ValueError) -> str:
+    """Why a message or a schema cannot be read, to be said in any language where it can be."""
+    text = error.args[0] if error.args else ""
+    return text if isinstance(text, Said) else str(error)
 
 
 @lru_cache(maxsize=64)

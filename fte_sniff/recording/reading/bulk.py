@@ -153,7 +153,7 @@ class BulkReading:
             finally:
                 for job in self._jobs:
                     job.outcome.cancel()
-        self._reading.check_topics(cut=bool(records.ending))
+        self._reading.check_topics(cut=records.cut)
 
     def again(self, records: Iterable[RawRecord]) -> Iterator[RowColumns]:
         """The rows and events of a few records, in their order and without threads."""

@@ -31,13 +31,14 @@ from fte_sniff.recording.container.records import (
     unpack,
 )
 from fte_sniff.recording.encoding.facts import PROGRAM, PortFacts
-from fte_sniff.recording.encoding.messages import MessageReader
+from fte_sniff.recording.encoding.messages import MessageReader, reason_in
 from fte_sniff.recording.encoding.topics import TOPIC_BY_NAME
 from fte_sniff.recording.reading.passage import Definitions
+from fte_sniff.said import Said
 
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MOST_LOSSES = 20
-_OTHER_LOSSES = "more could not be read"
+_OTHER_LOSSES = Said("more could not be read")
 _MOST_TOPICS = 10
 _Definition = TypeVar("_Definition", Schema, Channel)
 
@@ -77,7 +78,8 @@ class Reading:
     def losses(self) -> tuple[str, ...]:
         """What could not be read, one line each."""
         return tuple(
-            text if count == 1 else f"{text} ({count} times)" for text, count in self._lost.items()
+            text if count == 1 else Said("{loss} ({count} times)", loss=text, count=count)
+            for text, count in self._lost.items()
         )
 
     @property
@@ -104,7 +106,7 @@ class Reading:
                 yield from self.chunk_entries(record)
             else:
                 yield from self.entries_of(record.opcode, record.body)
-        self.check_topics(cut=bool(records.ending))
+        self.check_topics(cut=records.cut)
 
     def chunk_entries(self, record: RawRecord) -> Iterator[Row | PortEvent]:
         """The rows and events of one chunk, in their order; what it defines is taken on the way."""
@@ -112,7 +114,13 @@ class Reading:
             for opcode, body in records_in(unpack(record.body)):
                 yield from self.entries_of(opcode, body)
         except RecordError as error:
-            self.lose(f"{error} at byte {record.position} ({len(record.body)} bytes)")
+            told = Said(
+                "{error} at byte {position} ({size} bytes)",
+                error=error.said,
+                position=record.position,
+                size=len(record.body),
+            )
+            self.lose(told)
 
     def entries_of(self, opcode: int, body: bytes) -> Iterator[Row | PortEvent]:
         """What one record outside the chunks, or inside one, brings; definitions are taken."""
@@ -156,7 +164,7 @@ class Reading:
     def _message_entries(self, body: bytes) -> Iterator[Row | PortEvent]:
         """The row or event of one message, if it is one of ours."""
         if len(body) < _MESSAGE_HEAD.size:
-            self.lose("a message without its head")
+            self.lose(Said("a message without its head"))
             return
         channel_id, _, log_time, _ = _MESSAGE_HEAD.unpack_from(body)
         self.count(1, None)
@@ -168,7 +176,8 @@ class Reading:
         try:
             entry = reader.entry(body[_MESSAGE_HEAD.size :], log_time)
         except ValueError as error:
-            self.lose(f"{self._channels[channel_id].topic}: {error}")
+            topic = self._channels[channel_id].topic
+            self.lose(Said("{topic}: {why}", topic=topic, why=reason_in(error)))
             return
         self.count(0, (log_time, log_time))
         yield entry
@@ -188,7 +197,7 @@ class Reading:
             elif opcode == Opcode.HEADER:
                 self._ours = parse(Header, body).library.startswith(PROGRAM)
         except RecordError as error:
-            self.lose(str(error))
+            self.lose(error.said)
 
     def _take(self, record: _Definition, known: dict[int, _Definition]) -> None:
         if known.get(record.id) == record:
@@ -201,15 +210,18 @@ class Reading:
         """What reads a channel's messages; None where nothing can or needs to."""
         channel = self._channels.get(channel_id)
         if channel is None:
-            self.lose(f"messages of channel {channel_id}, which nothing describes")
+            self.lose(
+                Said("messages of channel {channel}, which nothing describes", channel=channel_id)
+            )
             return None
         if channel.topic not in TOPIC_BY_NAME:
             return None
         try:
             return self._our_reader(channel)
         except FileError as error:
-            self._refused = self._refused or FileError(f"{self._path}: {error}")
-            self.lose(str(error))
+            refused = FileError(Said("{path}: {why}", path=self._path, why=error.said))
+            self._refused = self._refused or refused
+            self.lose(error.said)
             return None
 
     def _our_reader(self, channel: Channel) -> MessageReader:
@@ -217,7 +229,11 @@ class Reading:
         if channel.message_encoding != MessageEncoding.Protobuf or schema is None:
             encoding = channel.message_encoding if schema else "without schema"
             raise FileError(
-                f"{channel.topic} is {encoding!r}; fte-sniff reads protobuf with schema"
+                Said(
+                    "{topic} is {encoding}; fte-sniff reads protobuf with schema",
+                    topic=channel.topic,
+                    encoding=repr(encoding),
+                )
             )
         port = self._port_of(channel).name
         return MessageReader(channel.topic, port, schema.name, schema.data)
@@ -241,9 +257,16 @@ class Reading:
 def without_our_topics(path: Path, topics: Iterable[str]) -> FileError:
     """What to tell the user about an MCAP that is not ours; names the topics that it has."""
     names = sorted(set(topics))
-    listed = ", ".join(map(repr, names[:_MOST_TOPICS])) or "no topics at all"
-    more = f" and {len(names) - _MOST_TOPICS} more" if len(names) > _MOST_TOPICS else ""
+    has = Said("no topics at all")
+    if names:
+        has = Said("{listed}", listed=", ".join(map(repr, names[:_MOST_TOPICS])))
+    if len(names) > _MOST_TOPICS:
+        has = Said("{listed} and {count} more", listed=has, count=len(names) - _MOST_TOPICS)
     return FileError(
-        f"{path} is an MCAP, but holds nothing of fte-sniff's (topics /fte/...): "
-        f"it has {listed}{more}; if one of them holds serial bytes, name it with --topic"
+        Said(
+            "{path} is an MCAP, but holds nothing of fte-sniff's (topics /fte/...): "
+            "it has {topics}; if one of them holds serial bytes, name it with --topic",
+            path=path,
+            topics=has,
+        )
     )

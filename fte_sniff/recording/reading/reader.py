@@ -9,7 +9,7 @@ told by `ending` and `losses`, and never made up: a chunk counts only if its che
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shlex import quote
@@ -26,13 +26,14 @@ from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.container.records import (
     HEAD,
     MAGIC,
+    Place,
     RawRecord,
     RecordError,
     RecordStream,
     parse,
     records_in,
 )
-from fte_sniff.recording.container.salvage import holds_a_chunk
+from fte_sniff.recording.container.salvage import next_chunk
 from fte_sniff.recording.container.summary import Summary, read_summary
 from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.encoding.facts import PortFacts
@@ -43,6 +44,7 @@ from fte_sniff.recording.reading.bulk import BulkReading
 from fte_sniff.recording.reading.one_by_one import Reading, without_our_topics
 from fte_sniff.recording.reading.passage import Definitions, Passage
 from fte_sniff.recording.reading.span import EVERYTHING, Span
+from fte_sniff.said import Said
 
 _MOST_BAUD_DIGITS = 9
 _BUFFER = 128 * 1024
@@ -71,6 +73,9 @@ class RecordingReader:
         self._ending = ""
         self._losses: tuple[str, ...] = ()
         self._times: tuple[int, int] | None = None
+        self._begin: Place | None = None
+        self._found: dict[int, int] = {}
+        """Lengths of the chunks that were looked for, by position: their heads may be damaged."""
         self._copy: IO[bytes] | None = None
         self._copy = self._copy_of_pipe()
         with self._open() as stream:
@@ -138,7 +143,7 @@ class RecordingReader:
         if self._noted is None:
             self._noted = []
             with self._open() as stream:
-                for record in RecordStream(stream, self._starts(), lambda _first, _last: False):
+                for record in self._record_stream(stream, lambda _first, _last: False):
                     if record.opcode == Opcode.METADATA:
                         with suppress(RecordError):
                             self._noted.append(parse(Metadata, record.body))
@@ -158,9 +163,9 @@ class RecordingReader:
 
     def entries(self) -> Iterator[Row | PortEvent]:
         """Rows and port events together, in file order; raises as iteration over rows does."""
-        reading = Reading(self._path, self._port_of)
+        reading = Reading(self._path, self._port_of, self._known(EVERYTHING))
         with self._open() as stream:
-            records = RecordStream(stream, self._starts())
+            records = self._record_stream(stream)
             yield from reading.entries(records)
         self._finish(reading, records, whole=True)
 
@@ -184,11 +189,11 @@ class RecordingReader:
         self, words: Words | None = None, span: Span = EVERYTHING
     ) -> Iterator[tuple[Passage, RowColumns]]:
         """The same as `batches`, each with the place at which `again` finds its rows."""
-        known = None if span.everything else self._definitions()
+        known = self._known(span)
         reading = Reading(self._path, self._port_of, known)
         with self._open() as stream:
-            wanted = None if known is None else span.touches
-            records = RecordStream(stream, self._starts(), wanted)
+            passes = known is not None and not span.everything
+            records = self._record_stream(stream, span.touches if passes else None)
             yield from BulkReading(reading, words or Words(), span).passages(records)
         self._finish(reading, records, whole=span.everything)
 
@@ -215,12 +220,19 @@ class RecordingReader:
                 raise self._changed()
             for start, end in passage.ranges:
                 stream.seek(start)
-                for opcode, body in records_in(stream.read(end - start)):
+                data = bytearray(stream.read(end - start))
+                for place, length in self._found.items():
+                    if start <= place < end:
+                        head = HEAD.pack(Opcode.CHUNK, length - HEAD.size)
+                        data[place - start : place - start + HEAD.size] = head
+                for opcode, body in records_in(bytes(data)):
                     yield RawRecord(start, opcode, body)
                     start += HEAD.size + len(body)
 
     def _changed(self) -> FileError:
-        return FileError(f"{self._path}: has changed since it was read; open it again")
+        return FileError(
+            Said("{path}: has changed since it was read; open it again", path=self._path)
+        )
 
     def _definitions(self) -> Definitions | None:
         """What the summary tells of the channels: a chunk passed over may have defined one.
@@ -235,20 +247,54 @@ class RecordingReader:
             {channel.id: channel for channel in summary.channels},
         )
 
-    def _starts(self) -> Sequence[int]:
-        return self._summary.starts if self._summary else ()
+    def _known(self, span: Span) -> Definitions | None:
+        """What must be known before the first record that is read, where not all are read."""
+        return None if span.everything and not self._begin else self._definitions()
+
+    def _record_stream(
+        self, stream: BinaryIO, wanted: Callable[[int, int], bool] | None = None
+    ) -> RecordStream:
+        """The file's records; where its beginning is damaged, from the first whole chunk on.
+
+        What describes rows before that chunk, no checksum guards, and it is not believed.
+        """
+        if self._summary is not None:
+            return RecordStream(stream, self._summary.starts, wanted, begin=self._begin)
+
+        def search(position: int) -> Place | None:
+            found = next_chunk(stream, position)
+            if found is None:
+                return None
+            self._found[found.position] = found.length
+            return found.position, found.length
+
+        return RecordStream(stream, (), wanted, search, self._begin)
 
     def _finish(self, reading: Reading, records: RecordStream, *, whole: bool) -> None:
         """Keep what a pass has found out about the file."""
         self._ending = records.ending
-        self._losses = (*records.losses, *reading.losses)
+        beginning = [self._beginning_lost(self._begin[0])] if self._begin else []
+        self._losses = (*beginning, *records.losses, *reading.losses)
         if whole:
             self._times = reading.times or self._times
         expected = self._summary and self._summary.statistics
         if whole and expected and expected.message_count > reading.messages:
             missing = expected.message_count - reading.messages
-            self._losses += (f"{missing} of {expected.message_count} messages are missing",)
+            told = Said(
+                "{missing} of {count} messages are missing",
+                missing=missing,
+                count=expected.message_count,
+            )
+            self._losses += (told,)
         self._finished = True
+
+    def _beginning_lost(self, count: int) -> Said:
+        return Said(
+            "the beginning of this recording is damaged, its first {count} bytes; "
+            "of what is whole behind them `fte-sniff repair {path}` makes a whole file",
+            count=count,
+            path=quote(str(self._path)),
+        )
 
     @contextmanager
     def _open(self) -> Iterator[BinaryIO]:
@@ -273,8 +319,10 @@ class RecordingReader:
     def _look(self, stream: BinaryIO) -> None:
         self._check_magic(stream)
         self._summary = read_summary(stream)
+        if self._begin and self._summary is not None and not self._summary.guarded:
+            self._summary = None
         stream.seek(0)
-        for record in RecordStream(stream):
+        for record in () if self._begin else RecordStream(stream):
             if record.opcode in _HEAD_ENDS:
                 break
             self._take_from_head(record)
@@ -298,11 +346,13 @@ class RecordingReader:
             return
         if MAGIC.startswith(magic):
             raise FileError(f"{self._path} is cut after {len(magic)} bytes: nothing is left in it")
-        if holds_a_chunk(stream):
-            raise FileError(
-                f"{self._path}: the beginning of this recording is damaged; what is whole in it,"
-                f" `fte-sniff repair {quote(str(self._path))}` puts into a new file"
-            )
+        first = next_chunk(stream)
+        if first is not None:
+            self._begin = first.position, first.length
+            self._found[first.position] = first.length
+            for opcode, body in records_in(first.records):
+                self._take_from_head(RawRecord(first.position, opcode, body))
+            return
         raise FileError(
             f"{self._path} is not an MCAP recording; "
             "if it holds raw bytes or hex text, say --input raw or --input hex"

@@ -290,3 +290,59 @@ def test_many_different_losses_are_summed_up(
     assert found == []
     assert len(reader.losses) == 22
     assert "more could not be read (80 times)" in reader.losses
+
+
+@pytest.mark.parametrize("summary", ["whole", "unguarded", "cut off"])
+def test_behind_a_damaged_beginning_only_what_a_checksum_guards_is_believed(
+    recorded: Recorded, tmp_path: Path, summary: str
+) -> None:
+    """Of rows that only the head describes, or a summary that nothing guards, none is read."""
+    content, rows = bytearray(recorded[0].read_bytes()), recorded[1]
+    chunks = [(start, end) for opcode, start, end in _records(bytes(content)) if opcode == CHUNK]
+    if summary == "unguarded":
+        content[-12:-8] = bytes(4)
+    elif summary == "cut off":
+        del content[chunks[-1][1] :]
+    path = tmp_path / "x.mcap"
+    sizes = [1, 8, 50, *(place + step for chunk in chunks for place in chunk for step in (-1, 1))]
+    for size in sizes:
+        path.write_bytes(bytes(size) + content[size:])
+        # A chunk's own head is not needed; the last one holds an event alone.
+        whole = sum(start + 9 >= size for start, _ in chunks[:3])
+        if size > chunks[-1][0] + 9:
+            with pytest.raises(FileError, match="is not an MCAP recording"):
+                RecordingReader(path)
+            continue
+        found = _assert_true(path, rows, size)
+        if whole == 3 or summary == "whole":
+            assert found == rows[len(rows) - 20 * whole :], size
+        else:
+            assert len(found) < max(1, 20 * whole), size
+        if not found:
+            continue
+        reader = RecordingReader(path)
+        assert [port.baud for port in reader.ports] == ([115_200] if reader.ports else [])
+        list(reader)
+        assert str(reader.losses[0]).startswith("the beginning of this recording is damaged")
+
+
+def test_what_is_whole_behind_a_hole_is_found_without_a_summary(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """Also where the damaged chunk claims those behind it for its own."""
+    content, rows = recorded[0].read_bytes(), recorded[1]
+    chunks = [(start, end) for opcode, start, end in _records(content) if opcode == CHUNK]
+    content = content[: chunks[-1][1]]
+    path = tmp_path / "x.mcap"
+    (start, end), (_, last) = chunks[1], chunks[2]
+    for length in (0, 7, end - start, last - start - 9, last - start - 8, 2**40, 2**63):
+        altered = bytearray(content)
+        struct.pack_into("<Q", altered, start + 1, length)
+        path.write_bytes(altered)
+        assert _assert_true(path, rows, length) == rows, length
+        reader = RecordingReader(path)
+        for passage, columns in list(reader.passages()):
+            assert list(reader.again(passage).rows()) == list(columns.rows())
+        altered[end - 30] ^= 0x41
+        path.write_bytes(altered)
+        assert _assert_true(path, rows, length) == rows[:20] + rows[40:], length
