@@ -106,6 +106,9 @@ _REASONS = {
     errno.EFBIG: Said("File too large"),
     errno.EROFS: Said("Read-only file system"),
     errno.ENAMETOOLONG: Said("File name too long"),
+    errno.ECONNREFUSED: Said("Connection refused"),
+    errno.ECONNRESET: Said("Connection reset by peer"),
+    errno.ETIMEDOUT: Said("Connection timed out"),
 }
 """The commonest reasons, in the system's own English words but for the first two."""
 

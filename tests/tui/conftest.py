@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
+from fte_sniff.analysis.store.seams import Seam
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Damage,
@@ -34,6 +35,7 @@ class ListFeed:
         self.stops = 0
         self._rows: list[Row] = []
         self._events: list[PortEvent] = []
+        self.seams: list[Seam] = []
 
     def give(self, rows: Sequence[Row]) -> None:
         self._rows += rows
@@ -46,8 +48,8 @@ class ListFeed:
         self.state = replace(self.state, running=False, ended=why)
 
     def poll(self) -> FeedUpdate:
-        update = FeedUpdate(self.state, self._rows, self._events)
-        self._rows, self._events = [], []
+        update = FeedUpdate(self.state, self._rows, self._events, self.seams)
+        self._rows, self._events, self.seams = [], [], []
         return update
 
     def stop(self) -> None:
@@ -87,6 +89,11 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
     return folder
+
+
+@pytest.fixture
+def samples() -> Path:
+    return Path(__file__).parents[2] / "samples"
 
 
 @pytest.fixture

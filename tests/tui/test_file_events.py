@@ -8,9 +8,11 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
+from fte_sniff.analysis.store.seams import Missing, Pace
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui import rhythm
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.opening import Opening
 from tests.tui.conftest import NOON_NS
 from tests.tui.playing import Rows, page, play, press, settle, type_line
 
@@ -87,3 +89,38 @@ def test_keys_do_not_keep_a_wire_waiting(feed: Any, speed_rows: Rows) -> None:
         assert len(app._watched.store) == 10
 
     play(feed, scenario)
+
+
+def test_what_a_file_tells_of_its_ports_is_told_in_chinese(feed: Any, speed_rows: Rows) -> None:
+    feed.state = replace(feed.state, live=False)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        feed.tell(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LOST, "gone"))
+        feed.end("")
+        await settle(app, pilot)
+        assert "lost" not in page(app)
+
+    play(feed, scenario, size=(120, 40), opening=Opening(language="zh"))
+
+
+def test_a_hole_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
+    """What stands between rows gets to the numbers, whatever came before."""
+    feed.state = replace(feed.state, live=False)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        feed.give([*speed_rows(10, start=10), *speed_rows(10, start=5000)])
+        feed.seams = [Missing(10), Pace(10, "/dev/ttyUSB0", 57_600)]
+        feed.end("")
+        await settle(app, pilot)
+        await press(app, pilot, "S")
+        for _round in range(200):
+            await settle(app, pilot)
+            if "57,600 baud" in (words := page(app)):
+                break
+        assert "57,600 baud" in words
+        assert "longest silence 132 µs" in words
+
+    play(feed, scenario, size=(120, 40))

@@ -11,14 +11,20 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.protocol import Damage, Fault, Row
+from fte_sniff.recording.encoding.stretches import Stretch
+from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.session.saving.origin import Origin
 from fte_sniff.session.saving.save import Saving
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.choosing import ColumnChooser
 from fte_sniff.tui.detail import DetailPane
+from fte_sniff.tui.opening import Opening
 from fte_sniff.tui.picking import Picker
 from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.theme_names import THEMES
+from tests.tui.conftest import NOON_NS, STEP_NS
 from tests.tui.playing import (
     Rows,
     lines,
@@ -224,6 +230,33 @@ async def save_to(app: SniffApp, pilot: Pilot[None], path: Path | str) -> None:
     await press(app, pilot, "w")
     app.query_one("SaveField Line").value = str(path)  # type: ignore[attr-defined]
     await press(app, pilot, "enter")
+
+
+@pytest.mark.parametrize("selecting", [False, True])
+def test_a_saved_recording_tells_what_is_not_in_it(
+    feed: Any, speed_rows: Rows, tmp_path: Path, selecting: bool
+) -> None:
+    """What was left out among the rows that are saved, and which of them the filter chose."""
+    first, last = (Stretch(5, NOON_NS + at, NOON_NS + at, "why") for at in (1, 50 * STEP_NS + 1))
+    origin = Origin((), {"/dev/ttyUSB0": 9600}, [first, last])
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        if selecting:
+            await press(app, pilot, "g", "v", *["down"] * 8)
+        path = tmp_path / "rows.mcap"
+        await save_to(app, pilot, path)
+        await until(app, pilot, path.exists)
+
+    opening = Opening(row_filter=RowFilter.parse("motor = 1"), origin=origin)
+    play(feed, scenario, opening=opening)
+    reader = RecordingReader(tmp_path / "rows.mcap")
+    assert [port.baud for port in reader.ports] == [9600]
+    (selection,) = reader.selections()
+    assert selection.filter_text == "motor = 1"
+    assert reader.left_out() == ([first] if selecting else [first, last])
+    assert selection.rows == (33 if selecting else 100)
 
 
 def test_the_filtered_rows_are_saved(feed: Any, speed_rows: Rows, tmp_path: Path) -> None:

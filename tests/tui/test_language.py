@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import os
 import pickle
+import random
 import re
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from textwrap import wrap as wrapped_ascii
 from typing import Any
 
@@ -18,10 +21,18 @@ from textual.widgets import Static
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.store.feed import FeedState
-from fte_sniff.capture.ports.refusal import refusal
-from fte_sniff.errors import FilterError, FteSniffError, UsageError, unreadable, unwritable
+from fte_sniff.capture.ports.refusal import one_line, refusal
+from fte_sniff.errors import (
+    FilterError,
+    FteSniffError,
+    UsageError,
+    reason_of,
+    unreadable,
+    unwritable,
+)
 from fte_sniff.protocol import LineErrorCounts, PortEvent, PortEventKind
 from fte_sniff.protocol.dissection.dissect import dissect, explain
+from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.recording.writing.refusals import bound_reached, stopped, taken_away
 from fte_sniff.said import Said
 from fte_sniff.tui.app import SniffApp
@@ -212,6 +223,53 @@ def test_errors_of_ports_and_files_are_chinese_and_travel_whole(error: FteSniffE
     told = worded(again)
     assert CHARACTER.search(told)
     assert not re.search(r"\b(the|is|no|cannot|be|make)\b", told)
+
+
+@pytest.mark.parametrize(
+    "number",
+    [
+        *(errno.EPERM, errno.ENOENT, errno.EIO, errno.ENXIO, errno.EACCES, errno.EBUSY),
+        *(errno.ENODEV, errno.EINVAL, errno.EMFILE, errno.EFBIG, errno.EROFS),
+        *(errno.ENAMETOOLONG, errno.ECONNREFUSED, errno.ECONNRESET, errno.ETIMEDOUT),
+    ],
+)
+def test_the_system_s_reasons_are_its_own_in_english_and_told_in_chinese(number: int) -> None:
+    error = OSError(number, os.strerror(number))
+    assert reason_of(error) == error.strerror
+    assert one_line(error) == str(error)
+    speak("zh")
+    for told in (_(reason_of(error)), _(one_line(error))):
+        assert CHARACTER.search(told)
+        assert not re.search("[A-Za-z]", told.replace("[Errno", ""))
+
+
+def test_what_a_damaged_recording_lacks_is_told_in_chinese(tmp_path: Path, samples: Path) -> None:
+    """Whatever bytes are altered: but for names, no English word is left."""
+    content = (samples / "clean.mcap").read_bytes()
+    path, chance = tmp_path / "x.mcap", random.Random(1)
+    altered = [content[:-100], content[:5000], bytes(60) + content[60:], content + b"more"]
+    for _at in range(60):
+        junk = bytearray(content)
+        place = chance.randrange(8, len(junk) - 60)
+        junk[place : place + chance.choice([1, 40])] = chance.randbytes(chance.choice([1, 40]))
+        altered.append(bytes(junk))
+    speak("zh")
+    told = set[str]()
+    for damaged in altered:
+        path.write_bytes(damaged)
+        try:
+            reader = RecordingReader(path)
+            for _columns in reader.batches():
+                pass
+        except FteSniffError as error:
+            told.add(worded(error))
+        else:
+            told.update(_(loss) for loss in (*reader.losses, reader.ending) if loss)
+    assert len(told) > 10
+    for loss in told:
+        assert CHARACTER.search(loss), loss
+        plain = loss.replace(str(path), "").replace("fte-sniff repair", "")
+        assert not re.search(r"\b(a|the|is|of|at|bytes?|chunk|record|not|it)\b", plain), loss
 
 
 @pytest.mark.parametrize("size", [(80, 24), (40, 10), (200, 60)])

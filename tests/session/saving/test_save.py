@@ -26,6 +26,8 @@ from fte_sniff.protocol import (
     iso_time,
     spaced_hex,
 )
+from fte_sniff.recording.encoding.selection import Selection
+from fte_sniff.recording.encoding.stretches import Stretch
 from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.session.saving import parquet_sink
 from fte_sniff.session.saving.origin import Origin
@@ -193,3 +195,22 @@ def test_a_file_that_cannot_grow_is_one_line_and_leaves_nothing(
 def _write_all(saving: Saving, taken: list[Row]) -> None:
     saving.write(taken)
     saving.finish()
+
+
+def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None:
+    left_out = [Stretch(7, NOON_NS + 1, NOON_NS + 2, "why"), Stretch(None, NOON_NS, NOON_NS, "")]
+    origin = Origin(PORTS, {"b": 9600}, left_out, [Selection("motor = 1", 99)])
+    saving = Saving(Target.parse(str(tmp_path / "rows.mcap")), origin)
+    saving.write(rows())
+    saving.finish()
+    reader = RecordingReader(tmp_path / "rows.mcap")
+    assert (reader.left_out(), reader.selections()) == (left_out, [Selection("motor = 1", 99)])
+    assert {port.name: port.baud for port in reader.ports} == {PORTS[0]: None, "b": 9600}
+
+
+def test_a_part_of_a_stretch_has_as_many_rows_as_nobody_knows() -> None:
+    stretch = Stretch(7, 10, 20, "why")
+    assert stretch.within(None, 20) is stretch
+    assert stretch.within(11, None) == Stretch(None, 11, 20, "why")
+    assert stretch.within(5, 10) == Stretch(None, 10, 10, "why")
+    assert stretch.within(21, None) is None
