@@ -9,6 +9,7 @@ It must not know what rows are used for, nor how a recording is written.
     usual        the messages of sound frames to columns at once
     gather       any messages to columns, as many at once as can be
     span         a part of time
+    route        the way through a file, and behind a damage
     passage      some rows by where they stand in the file, to be read again
     bulk         one pass over the records by columns, on all cores
     reader       RecordingReader: the rows and events of a file

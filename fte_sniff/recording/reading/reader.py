@@ -24,9 +24,7 @@ from mcap.records import Channel, Metadata
 from fte_sniff.errors import FileError, unreadable
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.container.records import (
-    HEAD,
     MAGIC,
-    Place,
     RawRecord,
     RecordError,
     RecordStream,
@@ -43,6 +41,7 @@ from fte_sniff.recording.encoding.topics import TOPIC_BY_NAME
 from fte_sniff.recording.reading.bulk import BulkReading
 from fte_sniff.recording.reading.one_by_one import Reading, without_our_topics
 from fte_sniff.recording.reading.passage import Definitions, Passage
+from fte_sniff.recording.reading.route import Route
 from fte_sniff.recording.reading.span import EVERYTHING, Span
 from fte_sniff.said import Said
 
@@ -73,9 +72,7 @@ class RecordingReader:
         self._ending = ""
         self._losses: tuple[str, ...] = ()
         self._times: tuple[int, int] | None = None
-        self._begin: Place | None = None
-        self._found: dict[int, int] = {}
-        """Lengths of the chunks that were looked for, by position: their heads may be damaged."""
+        self._route = Route()
         self._copy: IO[bytes] | None = None
         self._copy = self._copy_of_pipe()
         with self._open() as stream:
@@ -218,16 +215,8 @@ class RecordingReader:
         with self._open() as stream:
             if _identity(stream) != self._identity:
                 raise self._changed()
-            for start, end in passage.ranges:
-                stream.seek(start)
-                data = bytearray(stream.read(end - start))
-                for place, length in self._found.items():
-                    if start <= place < end:
-                        head = HEAD.pack(Opcode.CHUNK, length - HEAD.size)
-                        data[place - start : place - start + HEAD.size] = head
-                for opcode, body in records_in(bytes(data)):
-                    yield RawRecord(start, opcode, body)
-                    start += HEAD.size + len(body)
+            for place in passage.ranges:
+                yield from self._route.again(stream, place)
 
     def _changed(self) -> FileError:
         return FileError(
@@ -249,7 +238,7 @@ class RecordingReader:
 
     def _known(self, span: Span) -> Definitions | None:
         """What must be known before the first record that is read, where not all are read."""
-        return None if span.everything and not self._begin else self._definitions()
+        return None if span.everything and not self._route.begin else self._definitions()
 
     def _record_stream(
         self, stream: BinaryIO, wanted: Callable[[int, int], bool] | None = None
@@ -258,22 +247,12 @@ class RecordingReader:
 
         What describes rows before that chunk, no checksum guards, and it is not believed.
         """
-        if self._summary is not None:
-            return RecordStream(stream, self._summary.starts, wanted, begin=self._begin)
-
-        def search(position: int) -> Place | None:
-            found = next_chunk(stream, position)
-            if found is None:
-                return None
-            self._found[found.position] = found.length
-            return found.position, found.length
-
-        return RecordStream(stream, (), wanted, search, self._begin)
+        return self._route.records(stream, self._summary, wanted)
 
     def _finish(self, reading: Reading, records: RecordStream, *, whole: bool) -> None:
         """Keep what a pass has found out about the file."""
         self._ending = records.ending
-        beginning = [self._beginning_lost(self._begin[0])] if self._begin else []
+        beginning = [self._beginning_lost(self._route.begin[0])] if self._route.begin else []
         self._losses = (*beginning, *records.losses, *reading.losses)
         if whole:
             self._times = reading.times or self._times
@@ -319,10 +298,10 @@ class RecordingReader:
     def _look(self, stream: BinaryIO) -> None:
         self._check_magic(stream)
         self._summary = read_summary(stream)
-        if self._begin and self._summary is not None and not self._summary.guarded:
+        if self._route.begin and self._summary is not None and not self._summary.guarded:
             self._summary = None
         stream.seek(0)
-        for record in () if self._begin else RecordStream(stream):
+        for record in () if self._route.begin else RecordStream(stream):
             if record.opcode in _HEAD_ENDS:
                 break
             self._take_from_head(record)
@@ -348,8 +327,7 @@ class RecordingReader:
             raise FileError(f"{self._path} is cut after {len(magic)} bytes: nothing is left in it")
         first = next_chunk(stream)
         if first is not None:
-            self._begin = first.position, first.length
-            self._found[first.position] = first.length
+            self._route.begin_with(first)
             for opcode, body in records_in(first.records):
                 self._take_from_head(RawRecord(first.position, opcode, body))
             return
