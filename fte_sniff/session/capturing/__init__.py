@@ -10,5 +10,6 @@ It must not know what shows the rows.
     wiring     wires that carry what the other one should
     outbox     the bounded way out of the capture process, so that no view can hold it up
     told       what a view knows of a capture by now
+    seams      what stands between the rows that a view gets: missing ones, another speed
     live       the view's end of a capture process
 """

@@ -17,12 +17,14 @@ from types import TracebackType
 from typing import Self
 
 from fte_sniff.analysis.store.feed import FeedUpdate
+from fte_sniff.analysis.store.seams import Seam, shifted
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.said import Said
 from fte_sniff.session.capturing.messages import DROP, STOP, Batch, Ended, Message, Started
 from fte_sniff.session.capturing.plan import CapturePlan
 from fte_sniff.session.capturing.process import capture
+from fte_sniff.session.capturing.seams import BatchSeams
 from fte_sniff.session.capturing.told import Told
 
 MOST_ROWS_A_POLL = 16_384
@@ -51,6 +53,7 @@ class LiveSession:
         _check_folder()
         self.told = Told(plan.wiring.names)
         """What the capture has told by now."""
+        self._seams = BatchSeams(plan.wiring.names, plan.wiring.settings.baud)
         self._stopped_at_s: float | None = None
         self._heard_at_s = 0.0
         self._receiving = False
@@ -105,6 +108,7 @@ class LiveSession:
         """What comes next, or nothing if nothing comes within `timeout_s` seconds."""
         rows: list[Row] = []
         events: list[PortEvent] = []
+        seams: list[Seam] = []
         while self.told.ended is None and len(rows) < MOST_ROWS_A_POLL:
             if not self._capture.poll(timeout_s):
                 self._give_up_when_overdue()
@@ -113,9 +117,10 @@ class LiveSession:
             message = self._receive()
             self.told = self.told.after(message)
             if isinstance(message, Batch):
+                seams += shifted(self._seams.of(message), len(rows))
                 rows += message.rows
                 events += message.events
-        return FeedUpdate(self.told.state, rows, events)
+        return FeedUpdate(self.told.state, rows, events, seams)
 
     def stop(self) -> None:
         """Ask the capture to end; returns at once, and may be called again."""
