@@ -202,6 +202,14 @@ def test_a_damaged_recording_is_read_with_a_warning_that_says_what_is_lost(tmp_p
     assert [warning.filename for warning in caught] == [__file__, __file__]
 
 
+def test_what_is_whole_behind_a_damaged_beginning_is_read(tmp_path: Path) -> None:
+    content, path = (SAMPLES / "clean.mcap").read_bytes(), tmp_path / "x.mcap"
+    path.write_bytes(bytes(60) + content[60:])
+    with pytest.warns(fte_sniff.RecordingWarning, match="the beginning of this recording"):
+        found = fte_sniff.read(path)
+    assert _records(found) == [record(row) for row in _rows(SAMPLES / "clean.mcap")]
+
+
 def test_importing_the_package_loads_neither_numpy_nor_polars() -> None:
     program = (
         "import sys, fte_sniff; assert 'scan' in fte_sniff.__all__; "
