@@ -132,8 +132,10 @@ class Taking(Parts):
         if selected:
             first, last = store.row(selected.start), store.row(selected.stop - 1)
             origin = origin.within(first.t_ns, last.t_ns)
-        if store.filter is not None:
-            own = Selection(store.filter.text, len(selected or range(store.first, store.next)))
+        if store.shown.filter is not None:
+            own = Selection(
+                store.shown.filter.text, len(selected or range(store.first, store.next))
+            )
             origin = replace(origin, selections=[*origin.selections, own])
         return origin
 
