@@ -63,7 +63,8 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
         "--date",
         "day",
         metavar="DATE",
-        help="Of hex logs that tell the time of day only: the day of the first, as 2026-01-31.",
+        help="Of hex logs that tell the time of day only, or dates as 2/8/2026: the day of the"
+        " first, as 2026-01-31.",
     )
     zone = click.option(
         "--zone",

@@ -5,6 +5,7 @@ line, and a framer whether the log's directions fit. A line at a time, from the 
 
     hex_log       HexLog: a log as chunks, with the times and directions that it tells
     log_clock     which moment a line's time is
+        day_order     does 2/8/2024 begin with its day or its month?
     text_lines    text of whatever encoding, to lines
     pastes        which form a line has, and so where its bytes stand:
         code          words of source code around the bytes
@@ -12,7 +13,8 @@ line, and a framer whether the log's directions fit. A line at a time, from the 
         line_numbers  numbered lines
         fronts        what stands before the bytes and may be none
         decimals      hex or decimal?
-    line_head     a time and a direction in front of the bytes
+    line_head     a time and a direction in front of the bytes, headings those above them
+    line_time     how times are written
     pasted_line   a line on its way to its bytes
     hex_text      the digits of one line
 """

@@ -135,7 +135,8 @@ class HexLog:
         """
         stop = 0
         try:
-            for logged in logged_bytes(self._pieces, self._doubts.append):
+            lines = logged_bytes(self._pieces, self._doubts.append)
+            for logged in self._clock.order.settled(lines):
                 stop += len(logged.data)
                 self._marked.append(_Marked(stop, logged.mark, logged.line))
                 t_ns = None
@@ -200,6 +201,8 @@ class HexLog:
     def about_times(self) -> list[str]:
         """What became of its times, one line each, where that is not plain."""
         told = [*self._clock.wrong, *self._setbacks.told]
+        if self._clock.order.doubt is not None:
+            told.append(self._clock.order.doubt)
         if self._clock.undated:
             told.append("its times have no date, and are left out; --date 2026-01-31 says the day")
         if self._clock.zoneless:

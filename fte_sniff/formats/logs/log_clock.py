@@ -1,6 +1,6 @@
 """Owns which moment a time in a log is: its day, where only a time of day is written, and its zone.
 
-It must not know how a line is laid out.
+It must not know how a line is laid out, nor how the order of day and month shows.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from contextlib import suppress
 from datetime import UTC, date, datetime, timedelta, timezone, tzinfo
 
 from fte_sniff.errors import InputTextError, quoted
-from fte_sniff.formats.logs.line_head import Stamp
+from fte_sniff.formats.logs.day_order import DayOrder
+from fte_sniff.formats.logs.line_time import Stamp
 
 _DAY_S = 24 * 3600
 _DAY_NS = _DAY_S * 10**9
@@ -34,6 +35,8 @@ class LogClock:
         self._day = self._first_day = day
         self._zone = zone
         self._last_ns: int | None = None
+        self.order = DayOrder(day)
+        """Of day and month."""
         self.undated = False
         """Whether a time was left out because nothing says its day."""
         self.zoneless = False
@@ -66,11 +69,14 @@ class LogClock:
         if stamp.clock_ns > _DAY_NS:
             self._refuse(f"{_clock_text(stamp.clock_ns)} is no time of day", line)
             return None
-        if stamp.date is not None and not _is_day(stamp.date):
-            year, month, day_of_month = stamp.date
+        written = stamp.date
+        if stamp.day_or_month is not None:
+            written = self.order.date_of(stamp.day_or_month)
+        if written is not None and not _is_day(written):
+            year, month, day_of_month = written
             self._refuse(f"{year:04}-{month:02}-{day_of_month:02} is no day", line)
             return None
-        day = self._day_of(stamp)
+        day = self._day_at(stamp.clock_ns) if written is None else date(*written)
         if day is None:
             self.undated = True
             return None
@@ -95,10 +101,8 @@ class LogClock:
             self._first_wrong, self._wrong_line = why, line
         self._wrong_lines += 1
 
-    def _day_of(self, stamp: Stamp) -> date | None:
-        if stamp.date is not None:
-            return date(*stamp.date)
-        clock_ns = stamp.clock_ns or 0
+    def _day_at(self, clock_ns: int) -> date | None:
+        """The day of a time of day that stands without one."""
         if self._day is not None and self._last_ns is not None:
             # A clock that falls by more than half a day has passed midnight.
             with suppress(OverflowError):

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.dump_line import text_beside
-from fte_sniff.formats.logs.line_head import Mark, Stamp
+from fte_sniff.formats.logs.line_head import Mark
+from fte_sniff.formats.logs.line_time import Stamp
 from fte_sniff.formats.logs.text_lines import Piece
 
 

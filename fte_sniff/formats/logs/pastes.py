@@ -25,8 +25,10 @@ from fte_sniff.formats.logs.code import ESCAPES, without_code
 from fte_sniff.formats.logs.decimals import Numbers
 from fte_sniff.formats.logs.dumps import Dumps
 from fte_sniff.formats.logs.fronts import without_doubtful_fronts
+from fte_sniff.formats.logs.headings import heading
 from fte_sniff.formats.logs.hex_text import opened_literal, without_comments
-from fte_sniff.formats.logs.line_head import Mark, Stamp, head_of
+from fte_sniff.formats.logs.line_head import Mark, head_of
+from fte_sniff.formats.logs.line_time import Stamp
 from fte_sniff.formats.logs.pasted_line import Line
 from fte_sniff.formats.logs.text_lines import Piece
 
@@ -134,13 +136,14 @@ def _headed(pieces: Iterable[Piece]) -> Iterator[Line]:
             text = ESCAPES.sub("", text)
             piece = replace(piece, text=text)
         text = without_code(text)
-        head = head_of(text, timed=stamp is not None)
+        head = heading(text) or head_of(text, timed=stamp is not None)
         if head.wrong_count:
             raise InputTextError(
                 f"line {piece.line}: {head.wrong_count} may be a byte, or a count that the bytes"
-                " behind it do not come to; delete it, or set it as far apart as they are"
+                " beside it do not come to; delete it, or set it as far apart as they are"
             )
         stamp = head.stamp or stamp
+        text = text[: head.stop]
         if text[head.end :].strip():
             pairs = _PAIRS.fullmatch(text, head.end) is not None
             yield Line(piece, text, head.end, stamp, head.mark or mark, pairs)
