@@ -8,13 +8,16 @@ line, and a framer whether the log's directions fit. A line at a time, from the 
         day_order     does 2/8/2024 begin with its day or its month?
     text_lines    text of whatever encoding, to lines
     pastes        which form a line has, and so where its bytes stand:
-        code          words of source code around the bytes
+        headed_lines  what stands in front of the bytes, and above them:
+            code          words of source code around the bytes
+            headings      lines that say when those below came
+            line_head     a time and a direction
+            line_time     how times are written
+            lone_times    lines with nothing but a time, or the beginning of one
         dumps         lines of a hex dump, each a dump_line; address_run: which follows which
         line_numbers  numbered lines
         fronts        what stands before the bytes and may be none
         decimals      hex or decimal?
-    line_head     a time and a direction in front of the bytes, headings those above them
-    line_time     how times are written
     pasted_line   a line on its way to its bytes
     hex_text      the digits of one line
 """

@@ -20,6 +20,8 @@ _MOST_MISSED = 1 << 20
 """Bytes; a larger step is no dump that goes on."""
 _BEGUN_ADDRESS = re.compile(r"\s*(?P<digits>[0-9A-Fa-f]{1,15})\s*")
 
+_FIRST_ADDRESS = re.compile(r"\s*(?P<zeros>0{4,16}):?\s*[0-9A-Fa-f]?\s*")
+
 
 @dataclass(frozen=True, slots=True)
 class AddressRun:
@@ -64,6 +66,11 @@ class AddressRun:
             return None
         base = likely[0]
         return (after.starts[base] - self.starts[base]) // len(self.last.data) - 1
+
+    def begins_again(self, text: str, at: int) -> bool:
+        """Whether the text is the first address of such a dump, and no byte behind it."""
+        zeros = _FIRST_ADDRESS.fullmatch(text, at)
+        return zeros is not None and len(zeros["zeros"]) == len(self.last.address)
 
     def misses_lines(self, line: DumpLine) -> bool:
         """Whether a line with an address only ends a dump that has more lines than there are."""

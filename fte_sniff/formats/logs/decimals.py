@@ -27,6 +27,9 @@ _TOKEN = re.compile(
 _NUMBER = re.compile(r"(?:(?<![0-9A-Za-z])-)?[0-9]{1,3}(?![0-9A-Za-z])")
 _SIGNED = re.compile(r"(?:^|[\s\[({,])-[0-9]{1,3}(?=[\s,\])}]|$)")
 _PREFIXED = re.compile(r"0x[0-9a-f]+", re.IGNORECASE)
+_PADDED = re.compile(r"(?<![0-9A-Za-z])0[0-9A-Fa-f](?![0-9A-Za-z])")
+_PADDED_WORD = re.compile(r"(?:0[xX]|\\x)0[0-9A-Fa-f](?![0-9A-Za-z])|\b0[0-9A-Fa-f][hH]\b")
+_ENDING_LONE = re.compile(r"(?:(?<![0-9A-Za-z])|0[xX]|\\x)(?P<digit>[0-9A-Fa-f])\s*\Z")
 _HIGHEST = 255
 _LOWEST = -128
 
@@ -45,6 +48,10 @@ class Numbers:
     _held: list[Line] = field(default_factory=list)
     _count: int = 0
     """Numbers on the lines that are held."""
+    _padded: bool = False
+    """Whether a byte below 10 was written with two hex digits."""
+    _padded_words: bool = False
+    """Whether one with 0x or the like was."""
     _three_digits: bool = False
     """Whether one of them is decimal, if it is a number among others."""
 
@@ -103,11 +110,31 @@ class Numbers:
         if self._reading is _Reading.DECIMAL:
             return _bytes_of_decimals(line)
         if line.pairs:
+            self._padded = self._padded or _PADDED.search(line.text, line.at) is not None
             return bytes.fromhex(line.text[line.at :])
         _refuse_mixture(line)
         found = bytes_of_line(line.text, line.at, line.piece)
-        _refuse_lone_digits(line)
+        self._refuse_lone_digits(line)
         return found
+
+    def _refuse_lone_digits(self, line: Line) -> None:
+        """Digits that stand alone where others are padded, or on a line where each stands alone."""
+        text = line.text[: line.at] + without_literals(line.text[line.at :])
+        digits = list(_TOKEN.finditer(text, line.at))
+        padded = (len(found.group()) == 2 and found.group()[0] == "0" for found in digits)
+        self._padded = self._padded or any(padded)
+        self._padded_words = self._padded_words or _PADDED_WORD.search(text, line.at) is not None
+        ending = _ENDING_LONE.search(text, line.at)
+        if ending and (self._padded or self._padded_words):
+            raise not_hex(line.piece, ending.start("digit"), "has no second digit, as others have")
+        lone = [found for found in digits if len(found.group()) == 1]
+        if not lone:
+            return
+        if self._padded:
+            raise not_hex(line.piece, lone[0].start(), "has no second digit, as others have")
+        each = len(lone) == len(digits) >= _FEWEST_HALVES
+        if each and any(not found.group().isdecimal() for found in lone):
+            raise not_hex(line.piece, lone[0].start(), "may be a byte or half of one")
 
 
 def _is_decimal(token: str) -> bool:
@@ -134,19 +161,6 @@ def _bytes_of_decimals(line: Line) -> bytes:
             )
         found.append(value & 0xFF)
     return bytes(found)
-
-
-def _refuse_lone_digits(line: Line) -> None:
-    """Digits that stand alone on a line where others are padded, or where each stands alone."""
-    text = line.text[: line.at] + without_literals(line.text[line.at :])
-    digits = list(_TOKEN.finditer(text, line.at))
-    lone = [found for found in digits if len(found.group()) == 1]
-    if not lone:
-        return
-    if any(len(found.group()) == 2 and found.group()[0] == "0" for found in digits):
-        raise not_hex(line.piece, lone[0].start(), "has no second digit, as others have")
-    if len(lone) == len(digits) >= _FEWEST_HALVES and any(not d.group().isdecimal() for d in lone):
-        raise not_hex(line.piece, lone[0].start(), "may be a byte or half of one")
 
 
 def _refuse_mixture(line: Line) -> None:

@@ -87,6 +87,11 @@ class Dumps:
             yield from self._release()
             self._refuse_cut(line)
             self._refuse_garbled(line)
+            if number is None and self._numbers.begins_next(line):
+                raise line.refused(
+                    f"{line.text[line.at :].strip()} may be the next line's number cut short, or"
+                    " bytes; delete it"
+                )
             if number is not None and not number.like_others:
                 self._numbers.hold(line, number)
             else:
@@ -159,7 +164,10 @@ class Dumps:
     def _refuse_garbled(self, line: Line) -> None:
         """Refuse a line of a dump that is none."""
         found = address_of(line.text, line.at)
-        if found is not None and any(dump.with_line(found) for dump in self._dumps):
+        if found is None:
+            return
+        follows = any(dump.with_line(found) for dump in self._dumps)
+        if follows or any(dump.begins_again(found.address, 0) for dump in self._dumps):
             raise line.refused(
                 f"behind the address {found.address}, bytes and text do not agree; paste the"
                 " dump again",
@@ -169,7 +177,9 @@ class Dumps:
         """Refuse what may be the beginning of an address, right behind a dump."""
         if self._latest is None or self._dumped_at != self._latest.piece.line:
             return
-        if any(dump.begins_next(line.text, line.at) for dump in self._dumps):
+        begins = (dump.begins_next(line.text, line.at) for dump in self._dumps)
+        restarts = (dump.begins_again(line.text, line.at) for dump in self._dumps)
+        if any(begins) or any(restarts):
             raise line.refused(
                 f"{line.text[line.at :].strip()} may be the dump's next address cut short, or"
                 " bytes; delete it",

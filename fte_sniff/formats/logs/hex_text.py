@@ -20,7 +20,7 @@ BYTES_LITERAL = re.compile(
 )
 _OPENED_LITERAL = re.compile(r"""(?<![0-9a-z'"])b(?P<quote>['"])""", re.IGNORECASE)
 _COMMENT = re.compile(
-    rf"{BYTES_LITERAL.pattern}|{_OPENED_LITERAL.pattern}|(?P<comment>#.*|//.*|/\*(?:.*?\*/|(?P<open>.*)))",
+    rf"{BYTES_LITERAL.pattern}|{_OPENED_LITERAL.pattern}.*|(?P<comment>#.*|//.*|/\*(?:.*?\*/|(?P<open>.*)))",
     re.IGNORECASE | re.DOTALL,
 )
 _CLOSED = "*/"

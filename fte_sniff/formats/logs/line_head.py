@@ -56,7 +56,7 @@ _ARROW = r"(?:[→←↑↓◆◇►◄▶◀>=<]|-(?![0-9]))+"
 _DIRECTION = rf"(?:{_RECEIVED_WORD}|{_SENT_WORD}|{_ARROW})"
 _ABOUT = (
     r"(?:HEX(?:/\d{1,5})?|DATA|RAW|FRAME|PACKET|PAYLOAD|BUFFER|BYTES(?=\s*[:=>]))(?![A-Za-z0-9])"
-    r"|数据|十六进制"
+    r"|数据|十六进制|(?:(?<=READ )|(?<=WRITTEN ))DA(?=\s*\Z)"
 )
 
 _FRAME = rf"(?:0x)?(?:{'|'.join(f'{header:02X}' for header in HEADERS.values())})"
@@ -91,7 +91,7 @@ _PROGRAM = re.compile(
 _HASH = re.compile(rf"\s*#\s*(?={_DIRECTION})", re.IGNORECASE)
 _COUNTED = re.compile(
     r"(?P<bytes>[^()\[\]]*[^()\[\]\s])\s*[\[(]\s*(?:len\s*[=:]?\s*)?"
-    r"(?P<count>\d{1,5})\s*(?:bytes?|字节)?\s*[\])]\s*\Z",
+    r"(?P<count>\d{1,5})\s*(?:bytes?|字节)?\s*[\])]?\s*\Z",
     re.IGNORECASE,
 )
 _PAIR = re.compile(r"[0-9A-Fa-f]{2}")
@@ -139,3 +139,9 @@ def head_of(line: str, *, timed: bool = False) -> Head:
     if declared := _DECLARATION.match(line, at):
         at = declared.end()
     return Head(at, stamp, mark)
+
+
+def lone_stamp(text: str) -> Stamp | None:
+    """The time that the text is and nothing else; None where it is none."""
+    time = TIME.fullmatch(f"[{text.strip()}]")
+    return time and stamp_of(time)

@@ -72,6 +72,11 @@ class LineNumbers:
             return number.value == self._held[1].value + 1
         return self._last is not None and number.value == self._last + 1
 
+    def begins_next(self, line: Line) -> bool:
+        """Whether the line is like the next number, or the first digits of it, and nothing else."""
+        digits = line.text[line.at :].strip().lstrip("[").rstrip("].:)")
+        return self._last is not None and digits != "" and str(self._last + 1).startswith(digits)
+
     def unless_broken_by(self, number: Number) -> Iterator[Line]:
         """The line that waits, where this number does not go on from its own."""
         if self._held is not None and not self.expects(number):

@@ -3,10 +3,9 @@
 It must not know where the text came from. Line by line, and as they come:
 
     text_lines   text of whatever encoding, to lines
-    line_head    a time and a direction in front
-    code         words of source code around the bytes
+    headed_lines what stands in front of the bytes and above them
     dumps        addresses, and text beside bytes, which are no bytes
-    line_numbers nor are numbers of lines
+    line_numbers neither are numbers of lines
     fronts       what stands before the bytes of every line, and may be none
     decimals     decimal numbers, where they are no hex
     hex_text     the digits
@@ -20,27 +19,15 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.code import ESCAPES, without_code
 from fte_sniff.formats.logs.decimals import Numbers
 from fte_sniff.formats.logs.dumps import Dumps
 from fte_sniff.formats.logs.fronts import without_doubtful_fronts
-from fte_sniff.formats.logs.headings import heading
+from fte_sniff.formats.logs.headed_lines import HeadedLines
 from fte_sniff.formats.logs.hex_text import opened_literal, without_comments
-from fte_sniff.formats.logs.line_head import Mark, head_of
+from fte_sniff.formats.logs.line_head import Mark
 from fte_sniff.formats.logs.line_time import Stamp
 from fte_sniff.formats.logs.pasted_line import Line
 from fte_sniff.formats.logs.text_lines import Piece
-
-_FENCE = re.compile(r"\s*(?:(?:```|~~~)[\w-]*|[\u2500-\u257f]{3,})\s*")
-_PAIRS = re.compile(r"[ \t]*(?:[0-9A-Fa-f]{2}[ \t]+)*[0-9A-Fa-f]{2}[ \t]*")
-_WIDE: dict[int, int] = {
-    **{wide: wide - 0xFEE0 for wide in range(0xFF01, 0xFF5F)},
-    **dict(zip(map(ord, "【】「」『』、。"), map(ord, "[][][],."), strict=True)),
-    **dict.fromkeys((0x201C, 0x201D, 0x2018, 0x2019), ord('"')),
-    **dict.fromkeys((0x3000, 0xFEFF, 0x200B), ord(" ")),
-}
-"""What Chinese keyboards write, one for one, so that columns stay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +65,7 @@ def logged_bytes(
         InputTextError: something cannot be read; the message names the line.
     """
     tell = note or _unheard
-    bare = _uncommented(Dumps(tell).lines(_headed(_closed(pieces))))
+    bare = _uncommented(Dumps(tell).lines(HeadedLines(tell).of(_closed(pieces))))
     read = Numbers(tell).bytes_of(without_doubtful_fronts(bare, tell))
     for line, data in read:
         if data:
@@ -115,41 +102,6 @@ def _closed(pieces: Iterable[Piece]) -> Iterator[Piece]:
             yield piece
     if held is not None:
         yield held
-
-
-def _headed(pieces: Iterable[Piece]) -> Iterator[Line]:
-    """The lines behind their heads.
-
-    A time holds up to the next one; a direction only where it stands on a line of its own.
-    """
-    stamp: Stamp | None = None
-    mark: Mark | None = None
-    for piece in pieces:
-        text = piece.text if piece.text.isascii() else piece.text.translate(_WIDE)
-        pairs = _PAIRS.fullmatch(text) is not None
-        if piece.column or pairs:
-            yield Line(piece, text, 0, stamp, mark, pairs)
-            continue
-        if _FENCE.fullmatch(text):
-            continue
-        if "\x1b" in text:
-            text = ESCAPES.sub("", text)
-            piece = replace(piece, text=text)
-        text = without_code(text)
-        head = heading(text) or head_of(text, timed=stamp is not None)
-        if head.wrong_count:
-            raise InputTextError(
-                f"line {piece.line}: {head.wrong_count} may be a byte, or a count that the bytes"
-                " beside it do not come to; delete it, or set it as far apart as they are"
-            )
-        stamp = head.stamp or stamp
-        text = text[: head.stop]
-        if text[head.end :].strip():
-            pairs = _PAIRS.fullmatch(text, head.end) is not None
-            yield Line(piece, text, head.end, stamp, head.mark or mark, pairs)
-            mark = None if head.mark or head.stamp else mark
-        elif head.mark or head.stamp:
-            mark = head.mark
 
 
 def _uncommented(lines: Iterable[Line]) -> Iterator[Line]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from datetime import date
 
 import pytest
@@ -177,6 +178,26 @@ def test_the_log_of_each_program(name: str) -> None:
     assert not log.doubts
     logged = logged_bytes(text_pieces(io.BytesIO(text.encode()), "f"))
     assert tuple(one.mark for one in logged) == marks
+
+
+UNTOLD = (
+    *("minicom, HTerm, RealTerm", "picocom", "RealTerm, Unix time, no spaces", "jpnevulator"),
+    "Arduino, each byte as short as it can be",
+)
+"""Cut, they look like other bytes."""
+
+
+@pytest.mark.parametrize("name", [name for name in LOGS if name not in UNTOLD])
+def test_a_log_that_ends_anywhere_gives_its_first_bytes_or_is_refused(name: str) -> None:
+    text, _, _ = LOGS[name]
+    begins = re.search("EEh?", text, re.IGNORECASE)
+    assert begins is not None
+    for cut in range(begins.end(), len(text)):
+        try:
+            found = bytes_of_text(text[:cut])
+        except InputTextError:
+            continue
+        assert BYTES.startswith(found), text[:cut]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import io
 import time
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import InputTextError
@@ -61,6 +61,7 @@ def test_a_cut_splits_no_decimal_number(signed: bool, data: bytes, longest: int)
 
 
 @given(data=st.binary(max_size=300), longest=st.integers(32, 90))
+@example(data=bytes(6) + b"#" + bytes(2), longest=32)
 def test_a_cut_splits_no_bytes_literal(data: bytes, longest: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(text_lines, "LONGEST_PIECE", longest)

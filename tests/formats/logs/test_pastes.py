@@ -88,7 +88,10 @@ def test_lines_left_out_of_a_dump_are_put_back_or_it_is_refused(command: str, ze
         assert "how many lines * stands for; dump again with -v" in str(error)  # noqa: PT017
 
 
-CUT = ("xxd", "xxd_bytes", "hexdump", "od_text", "wireshark", "hexyl", "python_bytes")
+CUT = (
+    *("xxd", "xxd_bytes", "hexdump", "od_text", "wireshark", "wireshark_stream", "hexyl", "spy"),
+    *("python_bytes", "sscom", "labelled", "ros", "logging"),
+)
 
 
 @pytest.mark.parametrize("name", CUT)
