@@ -33,6 +33,8 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
         ".hex": InputKind.HEX,
         ".txt": InputKind.HEX,
         ".log": InputKind.HEX,
+        ".csv": InputKind.HEX,
+        ".jsonl": InputKind.HEX,
     }
 )
 """The kind that a file's name promises."""

@@ -8,6 +8,7 @@ columns stay:
     ser.write(b"\\xaa\\x02")               bytes.fromhex("AA 02")  array([170, 2], dtype=uint8)
     x := []byte{0xAA}                     let f: [u8; 2] = [0xAAu8, 0x02];       Go, Rust
     byte[] f = new byte[] {(byte) 0xAA}   0AAh, 02h                              Java, assembler
+    {"layout": {"dim": [], "data_offset": 0}, "data": [170, 2]}                  ROS
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ ESCAPES = re.compile(r"\x1b\[[0-9;:]*[mK]")
 """What colours text on a terminal."""
 
 _TYPE = r"(?:unsigned\s+char|u?int8_t|uint8|u8|byte|char)"
+_NESTED = r"\{0}[^\{0}\{1}]*(?:\{0}[^\{0}\{1}]*\{1}[^\{0}\{1}]*)*\{1}"
 _END = r"(?=\s*(?:[,;)}\]]|\Z))"
 _WORDS = re.compile(
     rf"(?P<literal>{BYTES_LITERAL.pattern})"
@@ -33,6 +35,9 @@ _WORDS = re.compile(
     rf"|(?<![0-9a-z])0(?=[a-f][0-9a-f]h{_END})"
     r"|\b(?:bytes|bytearray)\.fromhex(?=\()"
     r"|\b(?:np\.|numpy\.)?(?:as)?array(?=\(\[)|,\s*dtype\s*=\s*[\w.'\"]+"
+    r"|\barray\('B',\s*(?=\[)|\"type\"\s*:\s*\"Buffer\"\s*,"
+    rf"|\"layout\"\s*:\s*{_NESTED.format('{', '}')}\s*,?|\b(?:\w+\.){{0,4}}UInt8MultiArray(?=\()"
+    rf"|\blayout\s*=\s*(?:\w+\.){{0,4}}\w+{_NESTED.format(*'()')}\s*,\s*|\bdata=(?=(?:array)?[\[(])"
     r"|\b[a-z_]\w*(?:\.\w+){0,3}\.(?:write|send|sendall)(?=\()"
     rf"|\bnew\s+byte\s*\[\d*\](?=\s*\{{)|\[\d*\]{_TYPE}(?=\{{)|\bvec!(?=\[)"
     rf"|\b(?:let|var|const)\s+(?:mut\s+)?\w+\s*(?::\s*&?\[{_TYPE}(?:;\s*\d+)?\]\s*)?=(?=[^=])"

@@ -29,7 +29,8 @@ _SIGNED = re.compile(r"(?:^|[\s\[({,])-[0-9]{1,3}(?=[\s,\])}]|$)")
 _PREFIXED = re.compile(r"0x[0-9a-f]+", re.IGNORECASE)
 _PADDED = re.compile(r"(?<![0-9A-Za-z])0[0-9A-Fa-f](?![0-9A-Za-z])")
 _PADDED_WORD = re.compile(r"(?:0[xX]|\\x)0[0-9A-Fa-f](?![0-9A-Za-z])|\b0[0-9A-Fa-f][hH]\b")
-_ENDING_LONE = re.compile(r"(?:(?<![0-9A-Za-z])|0[xX]|\\x)(?P<digit>[0-9A-Fa-f])\s*\Z")
+_ENDING_LONE = re.compile(r"(?:.*[^0-9A-Za-z]|0[xX]|\\x)?[0-9A-Fa-f]")
+"""Of the last three characters of a line."""
 _HIGHEST = 255
 _LOWEST = -128
 
@@ -121,12 +122,11 @@ class Numbers:
         """Digits that stand alone where others are padded, or on a line where each stands alone."""
         text = line.text[: line.at] + without_literals(line.text[line.at :])
         digits = list(_TOKEN.finditer(text, line.at))
-        padded = (len(found.group()) == 2 and found.group()[0] == "0" for found in digits)
-        self._padded = self._padded or any(padded)
+        self._padded = self._padded or _PADDED.search(text, line.at) is not None
         self._padded_words = self._padded_words or _PADDED_WORD.search(text, line.at) is not None
-        ending = _ENDING_LONE.search(text, line.at)
-        if ending and (self._padded or self._padded_words):
-            raise not_hex(line.piece, ending.start("digit"), "has no second digit, as others have")
+        bare = text.rstrip()
+        if (self._padded or self._padded_words) and _ENDING_LONE.fullmatch(bare[line.at :][-3:]):
+            raise not_hex(line.piece, len(bare) - 1, "has no second digit, as others have")
         lone = [found for found in digits if len(found.group()) == 1]
         if not lone:
             return
@@ -150,7 +150,10 @@ def _bytes_of_decimals(line: Line) -> bytes:
     text = " " * line.at + line.text[line.at :]
     wrong = first_wrong(text, _NUMBER)
     if wrong is not None:
-        raise not_hex(line.piece, wrong, "is in no decimal number, as those before it are")
+        why = "is in no decimal number, as those before it are"
+        if text.startswith("..", wrong):
+            why = "stands where bytes seem to have been left out (ros2 topic echo --full-length)"
+        raise not_hex(line.piece, wrong, why)
     found = bytearray()
     for number in _NUMBER.finditer(text):
         value = int(number.group())

@@ -11,12 +11,17 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from fte_sniff.errors import InputTextError, quoted
+from fte_sniff.formats.logs.analyzers import Annotations
 from fte_sniff.formats.logs.code import ESCAPES, without_code
+from fte_sniff.formats.logs.comma_rows import CommaRows
 from fte_sniff.formats.logs.headings import heading
 from fte_sniff.formats.logs.line_head import Head, Mark, head_of, lone_stamp
 from fte_sniff.formats.logs.line_time import Stamp
 from fte_sniff.formats.logs.lone_times import Kind, LoneTimes, like
+from fte_sniff.formats.logs.own_lines import OwnLine, OwnLines
 from fte_sniff.formats.logs.pasted_line import Line
+from fte_sniff.formats.logs.ros import Layouts
+from fte_sniff.formats.logs.strace import Strace
 from fte_sniff.formats.logs.text_lines import Piece
 
 _FENCE = re.compile(r"\s*(?:(?:```|~~~)[\w-]*|[\u2500-\u257f]{3,})\s*")
@@ -38,6 +43,9 @@ class HeadedLines:
         self._note = note
         self._stamp: Stamp | None = None
         self._mark: Mark | None = None
+        self._programs: tuple[OwnLines, ...] = (
+            *(Strace(), Annotations(note), CommaRows(note), Layouts()),
+        )
         self._alone = LoneTimes()
         self._held: list[tuple[Line, Kind]] = []
         """Lines that are bytes, or nothing but times."""
@@ -53,8 +61,12 @@ class HeadedLines:
             pairs = _PAIRS.fullmatch(text) is not None
             if piece.column or pairs:
                 line = Line(piece, text, 0, self._stamp, self._mark, pairs)
-                yield from self._untimed(line, Kind.BYTES if piece.column else None)
-            elif not _FENCE.fullmatch(text):
+                if self._held or self._alone.each_timed:
+                    yield from self._untimed(line, Kind.BYTES if piece.column else None)
+                else:
+                    self._alone.see_bytes(text, timed=False)
+                    yield line
+            elif text and not text.isspace() and not _FENCE.fullmatch(text):
                 yield from self._line(piece, text)
         yield from self._ended()
 
@@ -62,8 +74,12 @@ class HeadedLines:
         if "\x1b" in text:
             text = ESCAPES.sub("", text)
             piece = replace(piece, text=text)
+        for program in self._programs:
+            if (own := program.own_line(text, piece.line)) is not None:
+                yield from self._own(piece, own)
+                return
         text = without_code(text)
-        head = heading(text) or head_of(text, timed=self._stamp is not None)
+        head = heading(text, piece.line) or head_of(text, timed=self._stamp is not None)
         if head.wrong_count:
             raise InputTextError(
                 f"line {piece.line}: {head.wrong_count} may be a byte, or a count that the bytes"
@@ -84,11 +100,19 @@ class HeadedLines:
         elif self._alone.begins_head(text):
             self._tell_cut(line)
         else:
-            yield from self._released()
+            if self._held:
+                yield from self._released()
             self._stamp = head.stamp
             self._alone.see_head(text[: head.end])
-            self._alone.see_bytes(text[head.end :], timed=True)
+            self._alone.see_bytes(text, head.end, timed=True)
             yield line
+
+    def _own(self, piece: Piece, own: OwnLine) -> Iterator[Line]:
+        """A line of a program that has a form of its own."""
+        yield from self._released()
+        self._stamp = own.stamp or self._stamp
+        if own.text:
+            yield Line(piece, own.text, 0, self._stamp, own.mark)
 
     def _heading(self, text: str, head: Head) -> Iterator[Line]:
         """What holds for the lines below."""

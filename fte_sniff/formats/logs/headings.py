@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import re
 
-from fte_sniff.formats.logs.line_head import TIME, Head, Mark
-from fte_sniff.formats.logs.line_time import stamp_of
+from fte_sniff.errors import InputTextError
+from fte_sniff.formats.logs.line_head import TIMES, Head, Mark
 
 _MARKS = {"Incoming": Mark.RECEIVED, "Outgoing": Mark.SENT}
 _HEADING = re.compile(
@@ -23,12 +23,22 @@ _HEADING = re.compile(
     re.VERBOSE,
 )
 _BEGINS = ("Inc", "Out", "> 2", "< 2", "20", "=~", "Event")
+_PACKET = re.compile(r"\d\d:\d\d:\d\d\.\d+ IP6? \S+ > \S+: ")
 
 
-def heading(line: str) -> Head | None:
-    """What the line says of those below it; None where it is no such line."""
+def heading(line: str, number: int) -> Head | None:
+    """What the line says of those below it; None where it is no such line.
+
+    Raises:
+        InputTextError: those below hold more than what went over a serial line.
+    """
+    if " IP" in line and _PACKET.match(line):
+        raise InputTextError(
+            f"line {number}: packets of tcpdump hold more than their serial bytes; try: tcpdump -w"
+            " x.pcap, then tshark -r x.pcap -T fields -e tcp.payload | fte-sniff hex"
+        )
     if not line.lstrip().startswith(_BEGINS) or not (found := _HEADING.fullmatch(line)):
         return None
     when = found["putty"] or found["socat"] or found["jpnevulator"]
-    time = TIME.match(when) if when else None
-    return Head(len(line), time and stamp_of(time), _MARKS.get(found["way"] or ""))
+    time = TIMES.at(when) if when else None
+    return Head(len(line), time and time[0], _MARKS.get(found["way"] or ""))

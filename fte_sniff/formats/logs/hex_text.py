@@ -31,6 +31,7 @@ _BETWEEN = re.compile(
     r"(?:[\s,;:|\-\[\](){}\"'`<>□\u00a0\ufeff]"
     r"|\.(?=\s|\Z|[\])}\"'])|(?<=[0-9a-fA-F]{2})\.(?=[0-9a-fA-F]{2}))+"
     r"|bytearray(?=\()|bytes(?=\()"
+    r"|\\(?=\s*\Z)"
 )
 _BITS = re.compile(r"(?<![0-9A-Za-z])0b(?P<bits>[01]{8})(?![0-9A-Za-z])")
 _LINE_OF_BITS = re.compile(r"[\s\[({]*(?:0b[01]{8}[\s,;]+)+0b[01]{8}[\s\])},;]*")

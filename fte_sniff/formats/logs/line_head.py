@@ -18,7 +18,7 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from fte_sniff.formats.logs.line_time import Stamp, stamp_of, times_before
+from fte_sniff.formats.logs.line_time import Stamp, Times
 from fte_sniff.protocol import HEADERS
 
 
@@ -62,8 +62,8 @@ _ABOUT = (
 _FRAME = rf"(?:0x)?(?:{'|'.join(f'{header:02X}' for header in HEADERS.values())})"
 _BYTE = "(?:0x)?[0-9A-F][0-9A-F]"
 _WORD = f"{_RECEIVED_WORD}|{_SENT_WORD}"
-TIME = times_before(_FRAME, _WORD, _DIRECTION)
-_TIME_AS_BEFORE = times_before(_BYTE, _WORD, _DIRECTION)
+TIMES = Times(_FRAME, _WORD, _DIRECTION)
+_TIMES_AS_BEFORE = Times(_BYTE, _WORD, _DIRECTION)
 """In a log that has had times, lines may begin within a frame."""
 
 _ITEM = re.compile(
@@ -115,10 +115,10 @@ def head_of(line: str, *, timed: bool = False) -> Head:
     """
     program = _PROGRAM.match(line)
     stamp, mark, at = None, None, program.end() if program else 0
-    time_of = _TIME_AS_BEFORE if timed else TIME
+    times = _TIMES_AS_BEFORE if timed else TIMES
     while True:
-        if stamp is None and (time := time_of.match(line, at)):
-            stamp, at = stamp_of(time), time.end()
+        if stamp is None and (time := times.at(line, at)):
+            stamp, at = time
             # Elsewhere it begins a comment.
             at = hashed.end() if (hashed := _HASH.match(line, at)) else at
         elif (source := _SOURCE.match(line, at)) and (stamp is not None or at):
@@ -132,7 +132,8 @@ def head_of(line: str, *, timed: bool = False) -> Head:
                 at = length.start("bytes")
         else:
             break
-    if at and (counted := _COUNTED.fullmatch(line, at)):
+    bracketed = at and (line.find("(", at) >= 0 or line.find("[", at) >= 0)
+    if bracketed and (counted := _COUNTED.fullmatch(line, at)):
         if int(counted["count"]) != len(_PAIR.findall(counted["bytes"])):
             return Head(at, stamp, mark, counted["count"])
         return Head(at, stamp, mark, stop=counted.end("bytes"))
@@ -143,5 +144,6 @@ def head_of(line: str, *, timed: bool = False) -> Head:
 
 def lone_stamp(text: str) -> Stamp | None:
     """The time that the text is and nothing else; None where it is none."""
-    time = TIME.fullmatch(f"[{text.strip()}]")
-    return time and stamp_of(time)
+    boxed = f"[{text.strip()}]"
+    time = TIMES.at(boxed)
+    return time[0] if time and time[1] == len(boxed) else None

@@ -24,13 +24,15 @@ _PARTS = {
     rf"{'|'.join(_MONTHS)})\s+(?P<d{{0}}>\d{{{{1,2}}}})",
     "FRACTION": r"(?P<f{0}>[0-9]{{1,9}})",
     "ZONE": r"(?:\s*(?P<z{0}>Z|UTC|[+-]\d{{2}}:?\d{{2}}))?",
+    "MILLIS": r"(?P<t{0}>\d{{3}})",
+    "LAST_YEAR": r"(?P<y{0}>\d{{4}})",
     "HALF": r"(?:\s*(?P<a{0}>[AP]M))?",
 }
 _NOT_BEHIND = r"(?!\w|:\S)"
 """Colons are between bytes too."""
 _BOXED = (
     r"[\[(<{]\s*(?:DATE|\d{1,2}[-/.]\d{1,2}\s+)?CLOCK(?:[.,:]FRACTION)?HALFZONE\s*[\])>}]",
-    r"[\[(]\s*NAMED\s+CLOCK(?:[.,]FRACTION)?\s+(?P<ylast>\d{4})\s*[\])]",
+    r"[\[(]\s*NAMED\s+CLOCK(?:[.,]FRACTION)?\s+LAST_YEAR\s*[\])]",
     r"[\[(]\s*\d{1,4}\s+\d{1,2}:\d{2}:\d{2}[.,]\d{1,9}\s*[\])]",
 )
 
@@ -51,33 +53,47 @@ class Stamp:
     """Day and month, in the order of the log, and year: instead of `date`, as in 2/8/2024."""
 
 
-def times_before(begin: str, word: str, direction: str) -> re.Pattern[str]:
-    """What is a time at the front of a line.
+class Times:
+    """Finds times at the front of lines."""
 
-    Args:
-        begin: what bytes begin with; a time without any mark must stand before that.
-        word: a word for a direction.
-        direction: that, or an arrow.
-    """
-    behind = rf"(?=[\s,;]+{begin}(?:[\s,](?!.*:)|\Z))"
-    forms = (
-        *_BOXED,
-        rf"DATECLOCK(?:[.,:]FRACTION)?HALFZONE{_NOT_BEHIND}",
-        rf"CLOCK[.,]FRACTION{_NOT_BEHIND}",
-        rf"CLOCK(?::(?P<t>\d{{3}}){_NOT_BEHIND})?HALF(?=\s*{direction})",
-        f"CLOCK{behind}",
-        rf"CLOCK:(?P<t2>\d{{3}}){behind}",
-        f"(?:DATE)?MINUTES{behind}",
-        f"DAY{behind}",
-    )
-    return re.compile(
-        rf"\s*(?:{'|'.join(_form(number, form) for number, form in enumerate(forms))}"
-        r"|[\[(]\s*(?P<count>\d{1,10}\.\d{3,9})\s*[\])]"
-        rf"|(?P<plain>\d{{1,10}}\.\d{{3,9}})(?=\s+(?:{word}))"
-        rf"|(?P<epoch>1\d{{9}}(?:\.\d{{1,9}})?){behind}"
-        rf"|(?P<realterm>1\d{{9}}(?:\.\d{{1,9}})?)(?=,\s*{begin}(?:[0-9A-F]{{2}})*\s*\Z))",
-        re.IGNORECASE,
-    )
+    def __init__(self, begin: str, word: str, direction: str) -> None:
+        """Times of a log.
+
+        Args:
+            begin: what bytes begin with; a time without any mark must stand before that.
+            word: a word for a direction.
+            direction: that, or an arrow.
+        """
+        behind = rf"(?=[\s,;]+{begin}(?:[\s,](?!.*:)|\Z))"
+        forms = (
+            *_BOXED,
+            rf"DATECLOCK(?:[.,:]FRACTION)?HALFZONE{_NOT_BEHIND}",
+            rf"CLOCK[.,]FRACTION{_NOT_BEHIND}",
+            rf"CLOCK(?::MILLIS{_NOT_BEHIND})?HALF(?=\s*{direction})",
+            f"CLOCK{behind}",
+            f"CLOCK:MILLIS{behind}",
+            f"(?:DATE)?MINUTES{behind}",
+            f"DAY{behind}",
+        )
+        pattern = re.compile(
+            rf"\s*(?:{'|'.join(_form(number, form) for number, form in enumerate(forms))}"
+            r"|[\[(]\s*(?P<count>\d{1,10}\.\d{3,9})\s*[\])]"
+            rf"|(?P<plain>\d{{1,10}}\.\d{{3,9}})(?=\s+(?:{word}))"
+            rf"|(?P<epoch>1\d{{9}}(?:\.\d{{1,9}})?){behind}"
+            rf"|(?P<realterm>1\d{{9}}(?:\.\d{{1,9}})?)(?=,\s*{begin}(?:[0-9A-F]{{2}})*\s*\Z))",
+            re.IGNORECASE,
+        )
+        self._match = pattern.match
+        self._parts = _parts(pattern)
+
+    def at(self, line: str, at: int = 0) -> tuple[Stamp, int] | None:
+        """The time that stands there and where it ends; None where none does."""
+        time = self._match(line, at)
+        if time is None:
+            return None
+        parts = self._parts[time.lastindex] if time.lastindex else ()
+        found = {name: text for name, group in parts if (text := time[group]) is not None}
+        return _stamp(found), time.end()
 
 
 def _form(number: int, pattern: str) -> str:
@@ -86,12 +102,20 @@ def _form(number: int, pattern: str) -> str:
     return pattern
 
 
-def stamp_of(time: re.Match[str]) -> Stamp:
-    """The time that was found."""
-    found = {name[0]: text for name, text in time.groupdict().items() if text is not None}
-    counted = time["count"] or time["plain"] or time["epoch"] or time["realterm"]
-    if counted is not None:
-        whole, _, fraction = counted.partition(".")
+def _parts(pattern: re.Pattern[str]) -> dict[int, tuple[tuple[str, int], ...]]:
+    """By any group of a form, its parts: the letter of each and its group."""
+    forms: dict[str, list[tuple[str, int]]] = {}
+    form_of: dict[int, str] = {}
+    for name, group in pattern.groupindex.items():
+        numbered = name[1:].isdecimal()
+        form_of[group] = name[1:] if numbered else name
+        forms.setdefault(form_of[group], []).append((name[0] if numbered else "", group))
+    return {group: tuple(forms[form]) for group, form in form_of.items()}
+
+
+def _stamp(found: dict[str, str]) -> Stamp:
+    if "" in found:
+        whole, _, fraction = found[""].partition(".")
         # What has fewer digits counts from when something was switched on.
         since_1970 = int(whole) * 10**9 + int(fraction.ljust(9, "0"))
         return Stamp(epoch_ns=since_1970 if len(whole) >= 9 else None)

@@ -47,18 +47,18 @@ class LoneTimes:
         """Nothing has been seen."""
         self._head = ""
         """What stood before the bytes of the latest line, or above them."""
-        self._latest = ""
-        """The latest line with bytes."""
+        self._latest, self._latest_at = "", 0
+        """The latest line with bytes, and where they begin."""
         self.each_timed = True
         """Whether each line with bytes has had a time on it."""
 
     def see_head(self, text: str) -> None:
         """Take note of what stands before bytes, or above them."""
-        self._head = text.strip()
+        self._head = text
 
-    def see_bytes(self, text: str, *, timed: bool) -> None:
-        """Take note of a line with bytes, which has a time of its own or has none."""
-        self._latest = text
+    def see_bytes(self, text: str, at: int = 0, *, timed: bool) -> None:
+        """Take note of a line with bytes from `at` on, which has a time of its own or has none."""
+        self._latest, self._latest_at = text, at
         self.each_timed = self.each_timed and timed
 
     def begins_head(self, text: str) -> bool:
@@ -77,14 +77,17 @@ class LoneTimes:
                 longest = _DIGITS.match(self._head)
                 few = longest is not None and len(bare) <= len(longest.group())
                 return Kind.CUT_IF_LAST if few and self.each_timed else Kind.BYTES
-            return Kind.CUT if self.each_timed or not like(bare, self._latest) else Kind.BYTES
+            return Kind.CUT if self.each_timed or not self._like_latest(bare) else Kind.BYTES
         if bare[:1] not in _FIRST or not (whole := _WHOLE.fullmatch(bare)):
             return Kind.BYTES
         if whole["cut"] or whole["begun"] is not None:
             return Kind.CUT
         if not self._latest and not self._head:
             return Kind.UNTOLD
-        return Kind.BYTES if like(bare, self._latest) else Kind.TIME
+        return Kind.BYTES if self._like_latest(bare) else Kind.TIME
+
+    def _like_latest(self, text: str) -> bool:
+        return like(text, self._latest[self._latest_at :])
 
 
 def like(text: str, other: str) -> bool:

@@ -141,7 +141,7 @@ REPEATED = "00000000  aa 01 01 03 e8 00 00 00  00 ee 55 01 01 03 e8 00  |.......
         ("qgEBA+gAAAAA7g==", "base64 has it"),
         ("battery: 55", "'t' is no hex digit"),
         ("  can0  123   [8]  AA 01 01 03", "'n' is no hex digit"),
-        ("layout:\n  dim: []", "'l' is no hex digit"),
+        ("data:\n- 170\n- 85\n- '...'", "stands where bytes seem to have been left out"),
         (r"b'\xaa' b'\x01\x01", "'b' starts a bytes literal that does not end on its line"),
         (
             "0000   55 01 01 03 e8 00 00 00 00 ee aa 0101 03 e8 00\n0010   00 00 00 ee",
