@@ -69,9 +69,10 @@ class Numbers:
                 self._held.append(line)
                 if len(self._held) > _MOST_HELD:
                     self._reading = _Reading.HEX
-            if self._reading is not None or line.data is not None:
-                yield from self._release()
-                yield line, self._read(line)
+                    yield from self._release()
+                continue
+            yield from self._release()
+            yield line, self._read(line)
         if self._reading is None and self._count and not self._three_digits:
             self.note("nothing tells whether the numbers are hex or decimal; they are read as hex")
         yield from self._release()

@@ -26,6 +26,7 @@ from fte_sniff.formats.logs.text_lines import Piece
 
 _FENCE = re.compile(r"\s*(?:(?:```|~~~)[\w-]*|[\u2500-\u257f]{3,})\s*")
 _PAIRS = re.compile(r"[ \t]*(?:[0-9A-Fa-f]{2}[ \t]+)*[0-9A-Fa-f]{2}[ \t]*")
+_MOST_HELD = 1000
 _WIDE: dict[int, int] = {
     **{wide: wide - 0xFEE0 for wide in range(0xFF01, 0xFF5F)},
     **dict(zip(map(ord, "【】「」『』、。"), map(ord, "[][][],."), strict=True)),
@@ -49,6 +50,7 @@ class HeadedLines:
         self._alone = LoneTimes()
         self._held: list[tuple[Line, Kind]] = []
         """Lines that are bytes, or nothing but times."""
+        self._told_cut = False
 
     def of(self, pieces: Iterable[Piece]) -> Iterator[Line]:
         """The lines that may hold bytes.
@@ -134,6 +136,8 @@ class HeadedLines:
             self._stamp = lone_stamp(line.text) or self._stamp
         elif kind is not Kind.BYTES:
             self._held.append((line, kind))
+            if len(self._held) > _MOST_HELD:
+                yield from self._ended()
         else:
             if self._held:
                 yield from self._released(line.text)
@@ -158,15 +162,22 @@ class HeadedLines:
 
     def _ended(self) -> Iterator[Line]:
         """What waits, now that nothing comes below."""
-        for line, kind in self._held:
-            if kind is Kind.CUT_IF_LAST:
-                self._tell_cut(line)
-            else:
-                told = f"{line.text.strip()} is read as bytes, not as a time or day"
-                self._note(f"line {line.piece.line}: {told}")
-                yield line
+        held, self._held = self._held, []
+        if held and held[0][1] is Kind.CUT_IF_LAST:
+            self._tell_cut(held[0][0])
+            return
+        if held:
+            first = held[0][0]
+            told = f"{first.text.strip()} is read as bytes, not as a time or day"
+            self._note(f"line {first.piece.line}: {told}")
+        for line, _ in held:
+            self._alone.see_bytes(line.text, timed=False)
+            yield line
 
     def _tell_cut(self, line: Line) -> None:
+        if self._told_cut:
+            return
+        self._told_cut = True
         self._note(
             f"line {line.piece.line}: {quoted(line.text.strip())} is taken for the beginning of a"
             " time, and is not read as bytes"

@@ -96,6 +96,19 @@ def test_what_can_be_told_by_nothing_is_bytes_and_that_is_told() -> None:
     assert told in doubts
 
 
+@pytest.mark.parametrize("count", [2, 1500])
+def test_bytes_that_all_look_like_times_are_told_once(count: int) -> None:
+    data, doubts = read("12:34:56\n" * count)
+    assert data == bytes.fromhex("123456") * count
+    assert [doubt for doubt in doubts if "not as a time" in doubt] == doubts[:1]
+
+
+def test_times_that_are_cut_are_told_once() -> None:
+    whole = f"[12:00:01.652] {A}\n[12:00:0\n"
+    data, doubts = read(whole * 3)
+    assert (data, len(doubts)) == (BYTES * 3, 1)
+
+
 @pytest.mark.parametrize("text", [f"RX: {A}\nRX: {A[:-1]}", f"{A}\n{A}\n0", f"{A}\nTX: AA 0"])
 def test_half_a_byte_at_the_end_is_none(text: str) -> None:
     with pytest.raises(InputTextError, match=r"has no second digit, as others have, line [23],"):

@@ -88,6 +88,12 @@ def test_lines_left_out_of_a_dump_are_put_back_or_it_is_refused(command: str, ze
         assert "how many lines * stands for; dump again with -v" in str(error)  # noqa: PT017
 
 
+@pytest.mark.parametrize("count", [1000, 1001, 1002, 1500])
+def test_lines_that_wait_long_for_one_that_decides_come_once(count: int) -> None:
+    assert bytes_of_text("12 34 56\n" * count) == bytes.fromhex("123456") * count
+    assert bytes_of_text("12 34 56\n" * count + "AA") == bytes.fromhex("123456") * count + b"\xaa"
+
+
 CUT = (
     *("xxd", "xxd_bytes", "hexdump", "od_text", "wireshark", "wireshark_stream", "hexyl", "spy"),
     *("python_bytes", "sscom", "labelled", "ros", "logging"),
