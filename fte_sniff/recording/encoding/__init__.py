@@ -4,6 +4,7 @@ It must not know files. What the bytes are is derived from the frame table:
 
     facts           what a recording says about itself: ports, host, clocks
     stretches       what a recording says of rows that are not in it
+    selection       what a copy says of the filter that chose its rows
     topics          which row goes to which topic
     schema          the protobuf schema of each topic
     wire            how the fields of a message lie one behind the other

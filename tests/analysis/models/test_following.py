@@ -110,7 +110,6 @@ def test_traces_of_the_past_reach_back_as_far_as_is_asked(window_ms: int) -> Non
     assert np.isnan(traces.spans(2, Direction.FEEDBACK, "pulses", window, 40).low).all()
 
 
-@settings(deadline=None)
 @given(
     st.integers(1, 40),
     st.integers(1, 20),
