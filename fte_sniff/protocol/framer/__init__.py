@@ -8,12 +8,14 @@ says:
     patterns     the regular expressions that find frames
     timeline     the times of bytes, and silence
     undisputed   damage that has one reading only
+    enclosed     what stands before a frame beyond doubt
     due          when a disputed stretch is weighed, and how much of it is decided then
     likelihood   the cost model: how likely frames, damage and noise are
     ends         what the front and the back of a damaged frame weigh
     pieces       what can begin at a place of a disputed stretch
     weighing     how probable frames are in it
     choice       which reading of it is chosen, and what doubt remains
+    gap          how what lies between its frames is divided
     reading      a decided stretch, in parts
     tiling       decided bytes to rows
 """

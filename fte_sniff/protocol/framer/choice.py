@@ -12,36 +12,16 @@ It must not know of chunks, times or rows, nor reckon weights: `weighing` does.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-from fte_sniff.protocol.codec import frame_faults
-from fte_sniff.protocol.framer.likelihood import (
-    CERTAIN,
-    JUNK,
-    LIKELY,
-    LONGEST_JUNK,
-    NOISE_BEGINS,
-    NOISE_ENDS,
-    NOISE_STAYS,
-    SHOWN,
-)
+from fte_sniff.protocol.framer.gap import Gap
+from fte_sniff.protocol.framer.likelihood import CERTAIN, LIKELY, SHOWN
 from fte_sniff.protocol.framer.patterns import PLAIN_FRAME, STRICT, UNDIVIDED_FRAME
-from fte_sniff.protocol.framer.pieces import Piece
 from fte_sniff.protocol.framer.reading import Stretch
 from fte_sniff.protocol.framer.weighing import Weighing
 from fte_sniff.protocol.rows import Fault
-from fte_sniff.protocol.structure import HEADER_BYTES
-from fte_sniff.protocol.table import FRAME_LENGTH, TAIL
+from fte_sniff.protocol.table import FRAME_LENGTH
 
 DOUBT = (Fault.AMBIGUOUS,)
 """The faults of a frame that is whole, but for another reading."""
-
-_Best: TypeAlias = dict[int, tuple[float, int, Piece | None]]
-"""By place: the weight of the best reading up to it, where its last part begins, and the piece
-that this is; None for noise."""
-
-_NOTHING = (0.0, 0, None)
-"""A place that no reading has reached."""
 
 
 def chosen(weighing: Weighing) -> list[Stretch]:
@@ -51,12 +31,24 @@ def chosen(weighing: Weighing) -> list[Stretch]:
     at = 0
     for place in _shown_frames(probable if behind_rows is None else behind_rows):
         if at < place:
-            reading += _Gap(weighing, at, place, open_end=False).parts()
+            reading += _between(weighing, Gap(weighing.window, at, place))
         reading.append(_frame(place, probable[place]))
         at = place + FRAME_LENGTH
     if at < weighing.size:
-        reading += _Gap(weighing, at, weighing.size, open_end=True).parts()
+        gap = Gap(weighing.window, at, weighing.size)
+        gap.end_with_cut_off(weighing.cut_off)
+        reading += _between(weighing, gap)
     return _believing_neighbours(weighing.window.data, reading)
+
+
+def _between(weighing: Weighing, gap: Gap) -> list[Stretch]:
+    """The parts of a gap; ten framed bytes among them are `ambiguous` where that is unlikely."""
+    return [
+        part._replace(faults=part.faults + DOUBT)
+        if part.framed and weighing.probability(part.start, part.stop, weight) < LIKELY
+        else part
+        for part, weight in gap.parts()
+    ]
 
 
 def _shown_frames(probable: dict[int, float]) -> list[int]:
@@ -141,87 +133,3 @@ def _believed(weighing: Weighing, frame: Stretch) -> Stretch:
         return frame
     certain = min(map(weighing.boundary, (frame.start, frame.stop))) >= CERTAIN
     return frame._replace(faults=()) if certain else frame
-
-
-class _Gap:
-    """What lies between two shown frames, or behind the last: the pieces that weigh most."""
-
-    def __init__(self, weighing: Weighing, start: int, stop: int, *, open_end: bool) -> None:
-        """From `start` to `stop`; with an `open_end` a frame may go on behind it."""
-        self._weighing = weighing
-        self._start, self._stop = start, stop
-        window = weighing.window
-        self._headers = [header.place for header in window.starts if start < header.place < stop]
-        self._best: _Best = {start: (1.0, start, None)}
-        for place in range(start, stop):
-            if place in self._best:
-                self._extend(place)
-        if open_end:
-            self._extend_cut_off()
-
-    def parts(self) -> list[Stretch]:
-        """The parts from left to right."""
-        parts: list[Stretch] = []
-        place = self._stop
-        while place > self._start:
-            _, begin, piece = self._best[place]
-            parts.append(self._part(begin, place, piece))
-            place = begin
-        return parts[::-1]
-
-    def _extend(self, place: int) -> None:
-        best, end = self._best, self._stop
-        weight, begin, last = best[place]
-        window = self._weighing.window
-        meeting = weight if last is None and begin != place else weight * window.meeting(place)
-        for piece in window.pieces_at(place):
-            stop, own, whole = piece
-            if stop <= end and not whole and meeting * own > best.get(stop, _NOTHING)[0]:
-                best[stop] = meeting * own, place, piece
-        if last is None and begin != place:
-            return
-        for stop in (*self._headers, end):
-            if place < stop:
-                noise = weight * _NOISE_WEIGHT[stop - place]
-                if noise > best.get(stop, _NOTHING)[0]:
-                    best[stop] = noise, place, None
-
-    def _extend_cut_off(self) -> None:
-        """Let the reading end with a frame that goes on behind the end, where that is best."""
-        for start in self._weighing.window.starts:
-            place, own = start.place, self._weighing.cut_off(start)
-            if place in self._best:
-                weight = self._best[place][0] * own
-                if weight > self._best.get(self._stop, _NOTHING)[0]:
-                    self._best[self._stop] = weight, place, (self._stop, own, False)
-
-    def _part(self, start: int, stop: int, piece: Piece | None) -> Stretch:
-        raw = self._weighing.window.data[start:stop]
-        fault = _named(raw) if piece else Fault.NOISE
-        if piece is None or fault is not None:
-            return Stretch(start, stop, False, (fault or Fault.NOISE,), 0.0)
-        faults = frame_faults(raw)
-        if self._weighing.probability(start, *piece[:2]) < LIKELY:
-            faults += DOUBT
-        return Stretch(start, stop, True, faults, 0.0)
-
-
-def _named(raw: bytes) -> Fault | None:
-    """What is wrong with the bytes of a piece; None where they are framed."""
-    if len(raw) != FRAME_LENGTH:
-        if raw[0] not in HEADER_BYTES:
-            return Fault.NOISE
-        return Fault.TRUNCATED if len(raw) < FRAME_LENGTH else Fault.OVERLONG
-    if raw[0] not in HEADER_BYTES:
-        return Fault.BAD_HEADER
-    return None if raw[-1] == TAIL else Fault.BAD_TAIL
-
-
-def _noise_weight(length: int) -> float:
-    if length <= LONGEST_JUNK:
-        return JUNK
-    return NOISE_BEGINS * NOISE_ENDS * NOISE_STAYS ** (length - 1)
-
-
-_NOISE_WEIGHT = tuple(_noise_weight(length) for length in range(512))
-"""By length in bytes: the weight of one run of noise."""

@@ -14,9 +14,6 @@ from fte_sniff.protocol.table import FRAME_LENGTH
 WIDEST = 44
 """Bytes that are weighed at once, at most, while bytes keep coming."""
 
-LEAST_DUE = 2 * FRAME_LENGTH
-"""Fewer bytes are never weighed while bytes keep coming."""
-
 AHEAD = 2 * FRAME_LENGTH
 """Bytes behind ten framed ones with which it is decided at the latest what these are; and bytes
 that stay undecided when `WIDEST` is reached."""

@@ -15,7 +15,8 @@ cut into chunks. There are three states:
               and `CALM_STREAK` frames behind it. Even the last is taken, if it holds no second
               header or tail: on a calm line at once; else when the bytes behind it show that it is
               not the beginning of an overlong one.
-    disputed  Anything else. Bytes are gathered to the first of: two frames that fit, in step;
+    disputed  Anything else. Bytes are gathered to the first of: a frame that fits and leaves no
+              doubt by itself, before which all is decided then; two frames that fit, in step;
               three that fit, in step or not; three times ten framed bytes in step; `AHEAD` bytes
               behind ten framed ones; `WIDEST` bytes; silence. Then all readings of them are
               weighed. If the last two frames are certain, all but the last is settled and the
@@ -31,18 +32,18 @@ evidence for a boundary where readings compete.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
 from fte_sniff.protocol.framer.choice import DOUBT, calmly, chosen
 from fte_sniff.protocol.framer.due import (
-    LEAST_DUE,
     WIDEST,
     lead,
     next_due,
     next_promised,
     settled_part,
 )
+from fte_sniff.protocol.framer.enclosed import firm_frame, simply_divided
 from fte_sniff.protocol.framer.ends import CANONICAL, front_of
 from fte_sniff.protocol.framer.patterns import (
     ANCHOR_REACH,
@@ -67,6 +68,7 @@ from fte_sniff.protocol.framer.weighing import (
     trusted,
 )
 from fte_sniff.protocol.rows import Chunk, Fault, Row
+from fte_sniff.protocol.structure import LONGEST_OVERLONG
 from fte_sniff.protocol.table import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
 
 CALM_STREAK = 100
@@ -259,15 +261,24 @@ class Framer:
 
     def _weigh_if_due(self) -> bool:
         """Disputed: weigh the readings once enough bytes are there; False before that."""
-        if len(self._data) - self._at < LEAST_DUE:
+        data, at = self._data, self._at
+        if len(data) - at < LONGEST_OVERLONG:
             return False
-        if self._carry is _IN_STEP and not self._paused():
-            plain = undisputed(self._data, self._at)
+        paused = self._paused()
+        if self._carry is _IN_STEP and not paused:
+            plain = undisputed(data, at)
             if plain is not None:
                 self._decide([plain])
                 self._carry = None
                 return True
-        end = next_due(self._data, self._at, self._not_before, self._weighed_to)
+        firm = None if paused else firm_frame(data, at, at + WIDEST)
+        end = None
+        if firm is None or firm - at >= FRAME_LENGTH:
+            end = next_due(data, at, self._not_before, self._weighed_to)
+        if firm is not None and (end is None or end >= firm + LONGEST_OVERLONG):
+            if self._read_before(firm):
+                return True
+            end = next_due(data, at, self._not_before, self._weighed_to)
         if end is None:
             return False
         weighing = self._weigh(end, Ending.OPEN)
@@ -290,6 +301,19 @@ class Framer:
         self._not_before = 0
         if noisy:
             self._lost_from, self._passing = self._at, False
+        return True
+
+    def _read_before(self, firm: int) -> bool:
+        """Decide all before a frame beyond doubt; False where that is in doubt after all."""
+        parts = simply_divided(self._data, self._at, firm) if self._carry is _IN_STEP else None
+        if parts is None:
+            parts = self._read(self._weigh(firm + FRAME_LENGTH, Ending.FRAME))
+            if not parts[-1].certain:
+                return False
+            parts = parts[:-1]
+        self._decide(parts)
+        self._carry = None
+        self._not_before = 0
         return True
 
     def _paused(self) -> bool:
@@ -362,7 +386,7 @@ class Framer:
 
     # Decided bytes become rows
 
-    def _decide(self, reading: list[Stretch]) -> None:
+    def _decide(self, reading: Iterable[Stretch]) -> None:
         start = self._at
         # A stream may begin within a frame: that is no damage of the line.
         first = self._begin + FRAME_LENGTH - self._base

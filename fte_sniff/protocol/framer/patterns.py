@@ -6,6 +6,7 @@ They must not decide anything: the framer does. All of them look at whole frames
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 from fte_sniff.protocol.structure import (
     HEADER_BYTES,
@@ -23,17 +24,19 @@ _FRAMED = b"%b.{%d}%b" % (_HEADER, FRAME_LENGTH - 2, _TAIL)
 _TAIL_AHEAD = b"(?=.{%d}%b)" % (FRAME_LENGTH - 2, _TAIL)
 
 
-def _behind_header(header: int) -> bytes:
-    """The strict frames with that header, from their second byte on."""
+def _behind_header(header: int, frames: Iterable[bytes]) -> bytes:
+    """The frames with that header, given place by place, from their second byte on."""
     own = re.escape(bytes([header]))
-    kinds = (strict_regex(kind) for kind in KINDS if kind.header == header)
-    return b"(?<=%b)(?:%b)" % (own, b"|".join(kind.partition(b"]")[2] for kind in kinds))
+    return b"(?<=%b)(?:%b)" % (own, b"|".join(frame.partition(b"]")[2] for frame in frames))
 
 
 _STRICT = b"%b%b(?:%b)" % (
     _HEADER,
     _TAIL_AHEAD,
-    b"|".join(_behind_header(header) for header in HEADER_BYTES),
+    b"|".join(
+        _behind_header(header, (strict_regex(kind) for kind in KINDS if kind.header == header))
+        for header in HEADER_BYTES
+    ),
 )
 _DIVIDING = b"%b%b|%b[%b][%b]" % (
     _TAIL,
@@ -132,10 +135,36 @@ STRICT_PAIR = re.compile(_STRICT * 2, re.DOTALL)
 CALM = re.compile(b"%b%b%b" % (_HEADER, _CALM, _TAIL), re.DOTALL)
 """Ten bytes that hold no header but the first and no tail but the last."""
 
-FIRM = re.compile(
-    b"%b%b%b[^%b]{%d}" % (_HEADER, _CALM, _TAIL, _TAIL, LONGEST_OVERLONG - FRAME_LENGTH), re.DOTALL
-)
+_NO_TAIL_BEHIND = b"(?=[^%b]{%d})" % (_TAIL, LONGEST_OVERLONG - FRAME_LENGTH)
+
+FIRM = re.compile(b"%b%b%b%b" % (_HEADER, _CALM, _TAIL, _NO_TAIL_BEHIND), re.DOTALL)
 """The same, with no tail close behind it that could make it the beginning of an overlong frame."""
+
+
+def _firm_regex(kind: FrameKind) -> bytes:
+    """A frame that fits its kind, with NUM as usual, if it holds no header or tail inside."""
+    places = list(legal_bytes(kind))
+    if places[NUM_PLACE] is None:
+        places[NUM_PLACE] = b"\x00"
+    return places_regex(places) + no_flags_before(kind)
+
+
+FIRM_FRAME = b"%b(?=%b%b%b)(?:%b)" % (
+    _HEADER,
+    _CALM,
+    _TAIL,
+    _NO_TAIL_BEHIND,
+    b"|".join(
+        _behind_header(header, (_firm_regex(kind) for kind in KINDS if kind.header == header))
+        for header in HEADER_BYTES
+    ),
+)
+"""A frame as in `PLAIN_RUN` that holds no second header or tail, with no tail close behind it."""
+
+FIRM_FRAMES = re.compile(FIRM_FRAME, re.DOTALL)
+"""Such a frame, to be searched for."""
+
+HEADER = re.compile(_HEADER)
 
 FRAMED = re.compile(_FRAMED, re.DOTALL)
 """Ten bytes between a header and a tail, whatever they hold."""

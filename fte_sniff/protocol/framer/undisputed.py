@@ -1,10 +1,10 @@
 """Owns the short cut: damage that has one reading only, so that nothing needs weighing.
 
 It must not read bytes otherwise than weighing does; it is only quicker, by far, for the damage that
-is the most common: one piece before plain frames, with no header or tail in it but its own. (Very
-rarely weighing doubts one of those frames by a hair, where this does not.)
+is the most common: one piece before a frame, with no header or tail in it but its own. (Very rarely
+weighing doubts that frame by a hair, where this does not.)
 
-    damage frame frame      the first fits its kind, and holds no second header or tail
+    damage frame ....      the frame is beyond doubt, as in `enclosed`
 
 Pieces that together with the frame before or behind them could be one overlong frame are left to
 weighing.
@@ -19,7 +19,7 @@ from functools import lru_cache
 from fte_sniff.protocol.codec import frame_faults
 from fte_sniff.protocol.framer.ends import CANONICAL
 from fte_sniff.protocol.framer.likelihood import LONGEST_JUNK, WIDEST_CHANGE
-from fte_sniff.protocol.framer.patterns import PLAIN, no_flags_before
+from fte_sniff.protocol.framer.patterns import FIRM_FRAME
 from fte_sniff.protocol.framer.reading import Stretch
 from fte_sniff.protocol.rows import Fault
 from fte_sniff.protocol.structure import (
@@ -31,7 +31,7 @@ from fte_sniff.protocol.structure import (
     places_regex,
     rest_fit,
 )
-from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, NUM_PLACE, TAIL, FrameKind
+from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, TAIL, FrameKind
 
 _HEADER = b"[%b]" % re.escape(HEADER_BYTES)
 _TAIL = re.escape(bytes([TAIL]))
@@ -43,14 +43,6 @@ def _calm_places(kind: FrameKind) -> list[bytes]:
     return [_CALM if legal is None else b"[%b]" % re.escape(legal) for legal in legal_bytes(kind)]
 
 
-def _plain(kind: FrameKind) -> bytes:
-    """A frame that fits its kind, with NUM as usual and no header or tail inside."""
-    places = _calm_places(kind)
-    if legal_bytes(kind)[NUM_PLACE] is None:
-        places[NUM_PLACE] = rb"\x00"
-    return b"".join(places) + no_flags_before(kind)
-
-
 def _cut_off(kind: FrameKind) -> bytes:
     """The first bytes of a frame, at least `_ALONE` of them and not all."""
     places, more = _calm_places(kind)[:-1], b""
@@ -59,7 +51,6 @@ def _cut_off(kind: FrameKind) -> bytes:
     return b"".join(places[:_ALONE]) + more
 
 
-_PLAIN = b"(?:%b)" % b"|".join(_plain(kind) for kind in KINDS)
 _ALONE = LONGEST_OVERLONG - FRAME_LENGTH + 1
 """Bytes that are too many for one overlong frame together with a whole one."""
 _LEAST_LEFT = FRAME_LENGTH - WIDEST_CHANGE
@@ -91,7 +82,7 @@ def _shape(group: str, regex: bytes) -> bytes:
 
 
 _SHAPE = re.compile(
-    b"(?:%b)%b%b"
+    b"(?:%b)%b"
     % (
         b"|".join(
             (
@@ -103,8 +94,7 @@ _SHAPE = re.compile(
                 _shape("both", _BOTH),
             )
         ),
-        _PLAIN,
-        PLAIN,
+        FIRM_FRAME,
     ),
     re.DOTALL,
 )
@@ -113,14 +103,13 @@ _FAULTS: Mapping[str, tuple[Fault, ...]] = {
     for fault in (Fault.NOISE, Fault.TRUNCATED, Fault.BAD_TAIL, Fault.BAD_HEADER)
 }
 """By shape, where it tells what the damage is."""
-_LEAST = 1 + 2 * FRAME_LENGTH
+_LEAST = 1 + LONGEST_OVERLONG
 
 
 def undisputed(data: bytes, at: int) -> Stretch | None:
     """The damage at `at`, where a frame ended beyond doubt; None if it needs weighing.
 
-    Behind it the stream is in step: two plain frames follow. It is counted from `at`, as all
-    parts of a reading are.
+    Behind it another one begins. It is counted from `at`, as all parts of a reading are.
     """
     if len(data) - at < _LEAST:
         return None

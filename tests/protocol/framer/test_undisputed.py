@@ -54,7 +54,7 @@ def test_plain_damage_needs_no_weighing(damage: str, fault: Fault) -> None:
     part = undisputed(FRAME + raw + FRAME * 2, len(FRAME))
     assert part is not None
     assert (part.start, part.stop, part.faults) == (0, len(raw), (fault,))
-    assert undisputed(raw + FRAME + FRAME[:9], 0) is None
+    assert undisputed(raw + FRAME + FRAME[:3], 0) is None
 
 
 @pytest.mark.parametrize(

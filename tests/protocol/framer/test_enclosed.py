@@ -1,0 +1,88 @@
+"""What is read up to a frame beyond doubt is read as if it were weighed with all that follows."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import fte_sniff.protocol.framer.framer as framer_module
+from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
+from fte_sniff.protocol import Chunk, Framer, Row
+from fte_sniff.protocol.framer.choice import chosen
+from fte_sniff.protocol.framer.enclosed import firm_frame, simply_divided
+from fte_sniff.protocol.framer.pieces import Window
+from fte_sniff.protocol.framer.weighing import Ending, Weighing, trusted
+
+imitating = st.sampled_from([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03, 0x0F, 0x77])
+stretches = st.one_of(
+    st.binary(min_size=1, max_size=30),
+    st.lists(imitating, min_size=1, max_size=30).map(bytes),
+    st.builds(
+        lambda seed, cut: damaged_stream(seed, 4, 0.9, "hostile")[0][cut : cut + 30],
+        st.integers(0, 10_000),
+        st.integers(0, 8),
+    ).filter(bool),
+)
+
+
+def firm(seed: int) -> bytes:
+    """A frame beyond doubt, and what must be known behind it."""
+    random = Random(seed)
+    while True:
+        raw = draw_frame(random, PAYLOADS["ordinary"]) + bytes(4)
+        if firm_frame(raw, 0, len(raw)) == 0:
+            return raw
+
+
+@settings(max_examples=400, deadline=None)
+@given(stretches, st.integers(0, 10_000))
+def test_a_stretch_read_by_itself_is_read_as_with_the_frame_behind_it(
+    stretch: bytes, seed: int
+) -> None:
+    parts = simply_divided(stretch, 0, len(stretch))
+    if parts is None:
+        return
+    data = stretch + firm(seed)[:10]
+    weighing = Weighing(Window(data), trusted(), Ending.FRAME)
+    *reading, last = chosen(weighing)
+    assert tuple(reading) == parts
+    assert last.certain
+    assert not any(part.framed for part in parts)
+
+
+@settings(max_examples=400, deadline=None)
+@given(stretches, st.integers(0, 10_000), st.binary(max_size=10))
+def test_nothing_behind_a_frame_beyond_doubt_tells_more_of_what_is_before_it(
+    stretch: bytes, seed: int, behind: bytes
+) -> None:
+    data = stretch + firm(seed)
+    start = firm_frame(data, 0, len(data))
+    assert start is not None
+    upto = Weighing(Window(data[: start + 10]), trusted(), Ending.FRAME)
+    if upto.whole_frames()[start] < 0.9995:
+        return
+    whole = Weighing(Window(data + behind), trusted(), Ending.OPEN).whole_frames()
+    assert whole[start] > 0.999
+    for place, probability in upto.whole_frames().items():
+        assert whole[place] == pytest.approx(probability, abs=1e-3)
+
+
+def rows_of(stream: bytes) -> list[Row]:
+    framer = Framer("p")
+    return framer.feed(Chunk("p", None, stream)) + framer.flush()
+
+
+@pytest.mark.parametrize(
+    ("share", "payload"), [(0.05, "ordinary"), (0.2, "ordinary"), (0.2, "hostile")]
+)
+def test_without_such_frames_the_rows_are_the_same(
+    share: float, payload: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream, _ = damaged_stream(8, 1500, share, payload)
+    quick = rows_of(stream)
+    monkeypatch.setattr(framer_module, "firm_frame", lambda *_: None)
+    monkeypatch.setattr(framer_module, "undisputed", lambda *_: None)
+    assert quick == rows_of(stream)
