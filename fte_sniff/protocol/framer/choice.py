@@ -24,8 +24,11 @@ DOUBT = (Fault.AMBIGUOUS,)
 """The faults of a frame that is whole, but for another reading."""
 
 
-def chosen(weighing: Weighing) -> list[Stretch]:
-    """The chosen reading of a window, which begins where the rows so far end."""
+def chosen(weighing: Weighing, *following: Stretch) -> list[Stretch]:
+    """The chosen reading of a window, which begins where the rows so far end.
+
+    `following` is known to stand behind it.
+    """
     probable, behind_rows = weighing.whole_frames(), weighing.whole_frames_behind_rows()
     reading: list[Stretch] = []
     at = 0
@@ -38,7 +41,8 @@ def chosen(weighing: Weighing) -> list[Stretch]:
         gap = Gap(weighing.window, at, weighing.size)
         gap.end_with_cut_off(weighing.cut_off)
         reading += _between(weighing, gap)
-    return _believing_neighbours(weighing.window.data, reading)
+    believed = _believing_neighbours(weighing.window.data, [*reading, *following])
+    return believed[: len(reading)]
 
 
 def _between(weighing: Weighing, gap: Gap) -> list[Stretch]:

@@ -6,6 +6,7 @@ place that it names; never on how many more have come.
 
 from __future__ import annotations
 
+from fte_sniff.protocol.framer.enclosed import BEHIND
 from fte_sniff.protocol.framer.patterns import FRAMED, FRAMED_THREE, STRICT, STRICT_PAIR
 from fte_sniff.protocol.framer.reading import Stretch
 from fte_sniff.protocol.framer.tiling import NOISE
@@ -28,28 +29,32 @@ _ENOUGH = 3
 """Frames that fit, in step or not, that make it worth while to weigh."""
 
 
-def next_due(data: bytes, start: int, not_before: int, weighed_to: int) -> int | None:
+def next_due(data: bytes, start: int, not_before: int, weighed_to: int) -> tuple[int, int] | None:
     """The place up to which `data` is to be weighed next, from `start`; None if not there yet.
 
-    Nothing new is learnt before `not_before`, except that promises behind `weighed_to` fall due.
+    Before it stands the place up to which the bytes must be known for that. Nothing new is learnt
+    before `not_before`, except that promises behind `weighed_to` fall due.
     """
     limit = min(len(data), start + WIDEST)
-    ends = [limit] if limit == start + WIDEST else []
-    pair = STRICT_PAIR.search(data, max(start, not_before - 2 * FRAME_LENGTH), limit)
+    known = limit - BEHIND
+    ends = []
+    pair = STRICT_PAIR.search(data, max(start, not_before - 2 * FRAME_LENGTH), known)
     if pair:
         ends.append(pair.end())
-    three = FRAMED_THREE.match(data, start, limit)
+    three = FRAMED_THREE.match(data, start, known)
     if three:
         ends.append(three.end())
-    found, count = STRICT.search(data, start, limit), 1
+    found, count = STRICT.search(data, start, known), 1
     while found and count < _ENOUGH:
-        found, count = STRICT.search(data, found.end(), limit), count + 1
+        found, count = STRICT.search(data, found.end(), known), count + 1
     if found:
         ends.append(found.end())
-    due = [end for end in ends if end >= not_before]
+    due = [(end + BEHIND, end) for end in ends if end >= not_before]
+    if limit == start + WIDEST:
+        due.append((limit, limit))
     promised = next_promised(data, start, weighed_to, limit)
     if promised is not None:
-        due.append(promised)
+        due.append((promised, promised))
     return min(due, default=None)
 
 

@@ -32,7 +32,7 @@ evidence for a boundary where readings compete.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeAlias
 
 from fte_sniff.protocol.framer.choice import DOUBT, calmly, chosen
@@ -43,7 +43,7 @@ from fte_sniff.protocol.framer.due import (
     next_promised,
     settled_part,
 )
-from fte_sniff.protocol.framer.enclosed import firm_frame, simply_divided
+from fte_sniff.protocol.framer.enclosed import firm_frame, read_by_itself
 from fte_sniff.protocol.framer.ends import CANONICAL, front_of
 from fte_sniff.protocol.framer.patterns import (
     ANCHOR_REACH,
@@ -124,6 +124,8 @@ class Framer:
         """Place in `_data` before which weighing again would tell nothing new."""
         self._weighed_to = 0
         """Place in `_data` up to which readings have been weighed."""
+        self._firm_from = 0
+        """Place in `_data` before which frames that fit are in doubt after all."""
         self._stubs = 0
         """Stubs since the last better row."""
         self._streak = CALM_STREAK
@@ -260,57 +262,64 @@ class Framer:
         self._stubs = 0
 
     def _weigh_if_due(self) -> bool:
-        """Disputed: weigh the readings once enough bytes are there; False before that."""
+        """Disputed: decide what is beyond doubt before a frame, or weigh the readings once enough
+        bytes are there; False before that."""
         data, at = self._data, self._at
         if len(data) - at < LONGEST_OVERLONG:
             return False
-        paused = self._paused()
-        if self._carry is _IN_STEP and not paused:
-            plain = undisputed(data, at)
+        firm = None
+        if not self._paused():
+            plain = undisputed(data, at) if self._carry is _IN_STEP else None
             if plain is not None:
                 self._decide([plain])
                 self._carry = None
                 return True
-        firm = None if paused else firm_frame(data, at, at + WIDEST)
-        end = None
+            firm = firm_frame(data, max(at, self._firm_from), at + WIDEST)
+        due = None
         if firm is None or firm - at >= FRAME_LENGTH:
-            end = next_due(data, at, self._not_before, self._weighed_to)
-        if firm is not None and (end is None or end >= firm + LONGEST_OVERLONG):
-            if self._read_before(firm):
-                return True
-            end = next_due(data, at, self._not_before, self._weighed_to)
-        if end is None:
+            due = next_due(data, at, self._not_before, self._weighed_to)
+        if firm is not None and (due is None or firm + LONGEST_OVERLONG <= due[0]):
+            if not self._read_before(firm):
+                self._firm_from = firm + FRAME_LENGTH
+            return True
+        if due is None:
             return False
+        self._weigh_to(due[1])
+        return True
+
+    def _weigh_to(self, end: int) -> None:
+        """Weigh the readings of all bytes up to there, and decide what leaves no doubt."""
         weighing = self._weigh(end, Ending.OPEN)
         reading = self._read(weighing)
         self._weighed_to = end
         if len(reading) > 1 and reading[-1].certain and reading[-2].certain:
             self._decide(reading[:-1])
             self._carry = None
-            return True
+            return
         settled = settled_part(reading, self._data, self._at, end)
         if not settled:
             self._not_before = min(end + FRAME_LENGTH, self._at + WIDEST)
-            return True
+            return
         last = settled[-1]
         noise = last.faults == NOISE
         noisy = noise and end - self._at >= WIDEST
-        sure = last.certain
-        self._carry = _IN_STEP if sure else weighing.carry(last.stop, ends_frame=not noise)
+        self._carry = _IN_STEP if last.certain else weighing.carry(last.stop, ends_frame=not noise)
         self._decide(settled)
         self._not_before = 0
         if noisy:
             self._lost_from, self._passing = self._at, False
-        return True
 
     def _read_before(self, firm: int) -> bool:
         """Decide all before a frame beyond doubt; False where that is in doubt after all."""
-        parts = simply_divided(self._data, self._at, firm) if self._carry is _IN_STEP else None
+        parts: Sequence[Stretch] | None = None
+        if self._carry is _IN_STEP:
+            calm = self._streak >= CALM_STREAK
+            parts = read_by_itself(self._data, self._at, firm, calm=calm)
         if parts is None:
-            parts = self._read(self._weigh(firm + FRAME_LENGTH, Ending.FRAME))
-            if not parts[-1].certain:
+            reading = self._read(self._weigh(firm + FRAME_LENGTH, Ending.BOUNDARY))
+            if not reading[-1].certain:
                 return False
-            parts = parts[:-1]
+            parts = reading[:-1]
         self._decide(parts)
         self._carry = None
         self._not_before = 0
@@ -388,6 +397,7 @@ class Framer:
 
     def _decide(self, reading: Iterable[Stretch]) -> None:
         start = self._at
+        self._firm_from = 0
         # A stream may begin within a frame: that is no damage of the line.
         first = self._begin + FRAME_LENGTH - self._base
         for part in reading:
@@ -426,6 +436,7 @@ class Framer:
         self._at = 0
         self._not_before = max(0, self._not_before - done)
         self._weighed_to = max(0, self._weighed_to - done)
+        self._firm_from = max(0, self._firm_from - done)
         if self._lost_from is not None:
             self._lost_from -= done
         while self._pauses and self._pauses[0] <= self._base:

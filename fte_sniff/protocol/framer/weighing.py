@@ -46,7 +46,7 @@ class Ending(Enum):
 
     OPEN = "bytes may follow at once"
     CLOSED = "silence, or the end of the stream"
-    FRAME = "a frame begins there beyond doubt"
+    BOUNDARY = "no frame goes on behind it"
 
 
 @dataclass(slots=True)
@@ -166,7 +166,7 @@ class Weighing:
     def cut_off(self, start: Start) -> float:
         """The weight of a frame that begins there and goes on behind the window's end."""
         length = self.size - start.place
-        if length >= FRAME_LENGTH or start.front.length < length or self.ending is Ending.FRAME:
+        if length >= FRAME_LENGTH or start.front.length < length or self.ending is Ending.BOUNDARY:
             return 0.0
         left = start.front.head[length] * WHOLE
         return left if self.ending is Ending.OPEN else left / FRAME_LENGTH
@@ -231,7 +231,7 @@ def _to_end(ending: Ending) -> tuple[float, ...]:
     return (*(weight(length) for length in range(_LONGEST, 0, -1)), 1.0)
 
 
-_NOISE_GOES_ON = {Ending.OPEN: 1.0, Ending.CLOSED: NOISE_ENDS, Ending.FRAME: NOISE_ENDS}
+_NOISE_GOES_ON = {Ending.OPEN: 1.0, Ending.CLOSED: NOISE_ENDS, Ending.BOUNDARY: NOISE_ENDS}
 """The weight of long noise at the end of a stretch."""
 
 _TO_END = {ending: _to_end(ending) for ending in Ending}
