@@ -37,6 +37,8 @@ def next_due(data: bytes, start: int, not_before: int, weighed_to: int) -> tuple
     """
     limit = min(len(data), start + WIDEST)
     known = limit - BEHIND
+    if known < start + 2 * FRAME_LENGTH:
+        return None
     ends = []
     pair = STRICT_PAIR.search(data, max(start, not_before - 2 * FRAME_LENGTH), known)
     if pair:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import accumulate
-from operator import add, mul
+from operator import add, getitem, mul
 from types import MappingProxyType
 from typing import Final, NamedTuple, TypeAlias
 
@@ -51,20 +51,17 @@ _WITH_HEADER: Mapping[int, tuple[int, ...]] = MappingProxyType(
 _LEAST_LEFT = FRAME_LENGTH - WIDEST_CHANGE
 _TAIL_ALONE: Weights = (1.0, _PLACES[0][-1][TAIL])
 """How far bytes fit of which the tail does, and nothing before it."""
-_CUT_FRONT = tuple(tuple(share * (BROKEN + weight) for weight in LOST) for share in _SHARES)
-"""By kind and length left: the weight of a frame whose first bytes are gone."""
-_CHANGED_FRONT = tuple(
-    tuple(share * CHANGED[FRAME_LENGTH - left] for left in range(_LEAST_LEFT, FRAME_LENGTH))
-    for share in _SHARES
-)
-"""By kind and length left, from `_LEAST_LEFT` on: that of one whose first bytes are wrong."""
+_CUT_FRONT = (0.0, *(BROKEN + weight for weight in LOST[1:]))
+"""By length left: the weight of a frame having lost its first bytes."""
+_CHANGED_FRONT = CHANGED[:0:-1]
+"""By length left, from `_LEAST_LEFT` on: that of its first bytes being wrong, or its last."""
+_NONE_CUT = (0.0,) * (LONGEST_OVERLONG - FRAME_LENGTH)
 _CHANGED_CMD = tuple(
     CHANGED[FRAME_LENGTH - 1 - left] for left in range(_LEAST_LEFT - 1, FRAME_LENGTH - 1)
 )
 """By length left, from `_LEAST_LEFT - 1` on: the weight of all between it and the header wrong."""
 _NO_CMD = tuple(share * 256 for share in _SHARES)
 """By kind: the weight of its header alone."""
-_BROKEN = tuple(share * BROKEN for share in _SHARES)
 _REMEMBERED: Final = 1 << 14
 """Ends of each sort that are remembered; a few megabytes at most."""
 
@@ -138,16 +135,13 @@ def front_of(own: bytes) -> Front:
     head: Weights = (1.0, HEADER_WEIGHT)
     if kind is not None:
         share = _SHARES[kind]
-        given = _fitting(_PLACES[kind], own)
-        head = (*head, *(share * weight for weight in given[2:]))
+        head = (*head, *_fitting(_PLACES[kind], own, share)[2:])
     fit = len(head) - 1
     truncated = tuple(map(mul, LOST[1:], head[1:FRAME_LENGTH]))
     whole = WHOLE * head[FRAME_LENGTH] if fit == FRAME_LENGTH else 0.0
     bad_tail = 0.0
     if not whole and len(own) == FRAME_LENGTH:
-        bad_tail = sum(
-            CHANGED[FRAME_LENGTH - left] * head[left] for left in range(_LEAST_LEFT, fit + 1)
-        )
+        bad_tail = sum(map(mul, _CHANGED_FRONT, head[_LEAST_LEFT:]))
     return Front(header, kind, head, truncated, whole, bad_tail)
 
 
@@ -168,30 +162,25 @@ def between(front: Front, back: Back, length: int) -> float:
     return weight
 
 
-def _fitting(places: Iterable[Weights], raw: bytes) -> Weights:
-    weight, weights = 1.0, [1.0]
-    for place, byte in zip(places, raw, strict=False):
-        weight *= place[byte]
-        if not weight:
-            break
-        weights.append(weight)
-    return weights
+def _fitting(places: Iterable[Weights], raw: bytes, before: float = 1.0) -> Weights:
+    """How far the bytes fit the places, on top of a weight that was there before."""
+    weights = list(accumulate(map(getitem, places, raw), mul, initial=before))
+    return weights if weights[-1] else weights[: weights.index(0.0)]
 
 
 def _headless(rests: tuple[Weights, ...]) -> list[float]:
     """By length: the weight of a frame whose first bytes are gone or wrong."""
-    weights = [0.0] * (LONGEST_OVERLONG + 1)
+    left = [0.0] * FRAME_LENGTH
     longer = [0.0] * (LONGEST_OVERLONG + 1)
-    for rest, cut, changed, broken in zip(rests, _CUT_FRONT, _CHANGED_FRONT, _BROKEN, strict=True):
+    for rest, share in zip(rests, _SHARES, strict=True):
         fit = len(rest) - 1 if len(rest) < FRAME_LENGTH else FRAME_LENGTH - 1
-        weights[1] += cut[1] * rest[1]
+        longer[fit + 1] += share * rest[fit] * BROKEN
         if fit > 1:
-            for length in range(2, fit + 1):
-                weights[length] += cut[length] * rest[length]
-            if fit >= _LEAST_LEFT:
-                weights[FRAME_LENGTH] += sum(map(mul, changed, rest[_LEAST_LEFT : fit + 1]))
-        longer[fit + 1] += broken * rest[fit]
-    return list(map(add, weights, accumulate(longer)))
+            left[: fit + 1] = map(add, left, map(share.__mul__, rest))
+        else:
+            left[1] += share * rest[1]
+    changed = sum(map(mul, _CHANGED_FRONT, left[_LEAST_LEFT:]))
+    return list(map(add, (*map(mul, _CUT_FRONT, left), changed, *_NONE_CUT), accumulate(longer)))
 
 
 def _only_header(length: int, header: int, rests: tuple[Weights, ...]) -> float:
@@ -231,8 +220,9 @@ def _changed(head: Weights, rest: Weights) -> float:
     """Adjacent bytes changed behind header and CMD."""
     total = 0.0
     for x in range(2, min(len(head), FRAME_LENGTH - 1)):
-        for y in range(max(1, _LEAST_LEFT - x), min(len(rest), FRAME_LENGTH - x)):
-            total += CHANGED[FRAME_LENGTH - x - y] * head[x] * rest[y]
+        y = max(1, _LEAST_LEFT - x)
+        widths = _CHANGED_FRONT[x + y - _LEAST_LEFT :]
+        total += head[x] * sum(map(mul, widths, rest[y : FRAME_LENGTH - x]))
     return total
 
 

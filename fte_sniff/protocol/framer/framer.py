@@ -327,7 +327,8 @@ class Framer:
 
     def _paused(self) -> bool:
         """Whether the line paused within the bytes that are pending."""
-        return any(place > self._base + self._at for place in self._pauses)
+        pauses = self._pauses
+        return bool(pauses) and pauses[-1] > self._base + self._at
 
     def _weigh(self, end: int, ending: Ending) -> Weighing:
         offset = self._base + self._at
@@ -434,9 +435,12 @@ class Framer:
         self._data = self._data[done:]
         self._base += done
         self._at = 0
-        self._not_before = max(0, self._not_before - done)
-        self._weighed_to = max(0, self._weighed_to - done)
-        self._firm_from = max(0, self._firm_from - done)
+        if self._not_before:
+            self._not_before = max(0, self._not_before - done)
+        if self._weighed_to:
+            self._weighed_to = max(0, self._weighed_to - done)
+        if self._firm_from:
+            self._firm_from = max(0, self._firm_from - done)
         if self._lost_from is not None:
             self._lost_from -= done
         while self._pauses and self._pauses[0] <= self._base:

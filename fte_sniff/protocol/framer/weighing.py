@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from operator import mul
+from operator import add, mul
 
 from fte_sniff.protocol.framer.likelihood import (
     JUNK,
@@ -115,10 +115,9 @@ class Weighing:
             after_noise[place] += sum(after_piece[before:place]) * JUNK + noise * NOISE_ENDS
             weight = after_piece[place] * self.window.meeting(place) + after_noise[place]
             if weight:
-                at = place
-                for own in truncated:
-                    at += 1
-                    after_piece[at] += weight * own
+                first, last = place + 1, place + 1 + len(truncated)
+                more = map(weight.__mul__, truncated)
+                after_piece[first:last] = map(add, after_piece[first:last], more)
                 for at, own, _ in ends:
                     after_piece[at] += weight * own
         return after_piece, after_noise, _gone_on(noise, after_piece[noisy_to:end])
@@ -143,10 +142,7 @@ class Weighing:
                 to_end[place] += weight * self.window.meeting(place)
                 at_header.append((place, weight))
                 first, others = 0, _TO_HEADER[_LONGEST - place :]
-            to_end[first:place] = [
-                more + weight * other
-                for more, other in zip(to_end[first:place], others, strict=True)
-            ]
+            to_end[first:place] = map(add, to_end[first:place], map(weight.__mul__, others))
         return to_end, at_header
 
     def _in_all(self, carry: Carry) -> float:
