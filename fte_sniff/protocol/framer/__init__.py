@@ -17,6 +17,7 @@ says:
     choice       which reading of it is chosen, and what doubt remains
     gap          how what lies between its frames is divided
     reading      a decided stretch, in parts
+    decided      what becomes of decided parts, and what they tell of the line
     tiling       decided bytes to rows
 """
 

@@ -2,7 +2,7 @@
 
 It must not do I/O or read a clock; the times come with the chunks. How likely things are stands in
 `likelihood`, how readings are weighed in `weighing`, when in `due`, how bytes get their times in
-`timeline`.
+`timeline`, what becomes of decided ones in `decided`.
 
 The stream is decided from left to right, each decision final. Every decision depends on the bytes
 up to a place that those bytes themselves determine, and on silence; never on how the stream was
@@ -17,7 +17,8 @@ cut into chunks. There are three states:
               not the beginning of an overlong one.
     disputed  Anything else. Bytes are gathered to the first of: a frame that fits and leaves no
               doubt by itself, before which all is decided then; two frames that fit, in step;
-              three that fit, in step or not; three times ten framed bytes in step; `AHEAD` bytes
+              three that fit, in step or not; three times ten framed bytes in step (each of these
+              with the four bytes behind, which an overlong frame could end with); `AHEAD` bytes
               behind ten framed ones; `WIDEST` bytes; silence. Then all readings of them are
               weighed. If the last two frames are certain, all but the last is settled and the
               stream is in step; else only what has `AHEAD` bytes behind it. No frame waits for
@@ -32,10 +33,11 @@ evidence for a boundary where readings compete.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from fte_sniff.protocol.framer.choice import DOUBT, calmly, chosen
+from fte_sniff.protocol.framer.choice import calmly, chosen
+from fte_sniff.protocol.framer.decided import Decided
 from fte_sniff.protocol.framer.due import (
     WIDEST,
     lead,
@@ -57,7 +59,7 @@ from fte_sniff.protocol.framer.patterns import (
 from fte_sniff.protocol.framer.pieces import Window
 from fte_sniff.protocol.framer.reading import Stretch
 from fte_sniff.protocol.framer.tiling import NOISE, Tiler, Tiles
-from fte_sniff.protocol.framer.timeline import Timeline
+from fte_sniff.protocol.framer.timeline import SETTLING_NS, Pauses, Timeline
 from fte_sniff.protocol.framer.undisputed import undisputed
 from fte_sniff.protocol.framer.weighing import (
     Carry,
@@ -71,26 +73,10 @@ from fte_sniff.protocol.rows import Chunk, Fault, Row
 from fte_sniff.protocol.structure import LONGEST_OVERLONG
 from fte_sniff.protocol.table import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
 
-CALM_STREAK = 100
-"""Frames without damage after which a calm frame needs no further one to be believed."""
-
-PAUSE_BYTES = 3.5
-"""Byte times of silence that count as a pause."""
-
-SETTLING_NS = 20_000_000
-"""Silence that settles what is pending."""
-
 GIVING_UP_NS = 500_000_000
 """Silence after which the beginning of a frame is held no longer."""
 
-STUB = FRAME_LENGTH // 2
-"""A truncated frame of fewer bytes tells little."""
-
-MOST_STUBS = 4
-"""So many of them in a row are told one by one; more, with nothing better between, are noise."""
-
 _IN_STEP = trusted()
-_TRUNCATED = (Fault.TRUNCATED,)
 
 Skip: TypeAlias = Callable[[int], int]
 """Counts frames in step, from a place in the first chunk on, that are as `PLAIN_RUN` has them; it
@@ -105,13 +91,11 @@ class Framer:
         self._timeline = Timeline(byte_time_ns(baud))
         self._tiler = Tiler(port, self._timeline)
         self._tiles: Tiles = self._tiler
+        self._decided = Decided(self._tiler)
         self._skip: Skip | None = None
-        self._pause_ns = _pause_ns(baud)
         self._data = b""
         self._base = 0
         """Offset in the stream of the first byte of `_data`."""
-        self._begin = 0
-        """Offset of the first byte that joins what follows: the stream's, or that behind a cut."""
         self._at = 0
         """Place in `_data` up to which all is decided."""
         self._carry: Carry | None = joined()
@@ -126,12 +110,7 @@ class Framer:
         """Place in `_data` up to which readings have been weighed."""
         self._firm_from = 0
         """Place in `_data` before which frames that fit are in doubt after all."""
-        self._stubs = 0
-        """Stubs since the last better row."""
-        self._streak = CALM_STREAK
-        """Frames since the last damage; a line that has shown none yet is calm."""
-        self._pauses: list[int] = []
-        """Offsets of bytes before which the line paused."""
+        self._pauses = Pauses(baud)
         self._settled = False
 
     @classmethod
@@ -142,13 +121,13 @@ class Framer:
         to count frames in step.
         """
         framer = cls("")
-        framer._tiles, framer._skip = tiles, skip
+        framer._tiles, framer._decided, framer._skip = tiles, Decided(tiles), skip
         return framer
 
     def pace(self, baud: int) -> None:
         """The line has `baud` bits per second from the next chunk on."""
         self._timeline.pace(byte_time_ns(baud))
-        self._pause_ns = _pause_ns(baud)
+        self._pauses.pace(baud)
 
     def feed(self, chunk: Chunk) -> list[Row]:
         """The rows that this chunk completes; never raises on wire data."""
@@ -166,8 +145,8 @@ class Framer:
         Offsets go on rising, and times do not fall.
         """
         rows = self.flush()
-        self._carry, self._streak, self._stubs = joined(), CALM_STREAK, 0
-        self._begin = self._base
+        self._carry = joined()
+        self._decided.join(self._base)
         return rows
 
     def set_back(self) -> None:
@@ -193,9 +172,9 @@ class Framer:
             self._be_silent(self._timeline.silence_at(chunk.t_ns))
             return
         silence = self._timeline.add(chunk)
-        if silence >= self._pause_ns:
+        if silence >= self._pauses.least_ns:
             self._be_silent(silence)
-            self._pauses.append(self._base + len(self._data))
+            self._pauses.add(self._base + len(self._data))
         self._data += chunk.data
         self._settled = False
         self._advance()
@@ -228,7 +207,7 @@ class Framer:
         count = self._frames_in_step()
         sure = count - 1
         last = self._at + sure * FRAME_LENGTH
-        calm = FIRM if self._streak + sure < CALM_STREAK else CALM
+        calm = CALM if self._decided.calm(sure) else FIRM
         if count and calm.match(self._data, last):
             sure = count
         if sure > 0:
@@ -243,7 +222,7 @@ class Framer:
     def _frames_in_step(self) -> int:
         """How many frames that fit follow each other from here."""
         end = self._at
-        in_step = PLAIN_RUN if self._streak < CALM_STREAK else UNDIVIDED_RUN
+        in_step = UNDIVIDED_RUN if self._decided.calm() else PLAIN_RUN
         while True:
             if self._skip is not None:
                 end += self._skip(end) * FRAME_LENGTH
@@ -255,11 +234,8 @@ class Framer:
 
     def _take_run(self, count: int) -> None:
         stop = self._at + count * FRAME_LENGTH
-        self._tiles.end_noise()
-        self._tiles.run(self._base + self._at, self._data, self._at, stop)
+        self._decided.run(self._base + self._at, self._data, self._at, stop)
         self._at = stop
-        self._streak += count
-        self._stubs = 0
 
     def _weigh_if_due(self) -> bool:
         """Disputed: decide what is beyond doubt before a frame, or weigh the readings once enough
@@ -268,7 +244,7 @@ class Framer:
         if len(data) - at < LONGEST_OVERLONG:
             return False
         firm = None
-        if not self._paused():
+        if not self._pauses.behind(self._base + at):
             plain = undisputed(data, at) if self._carry is _IN_STEP else None
             if plain is not None:
                 self._decide([plain])
@@ -313,7 +289,7 @@ class Framer:
         """Decide all before a frame beyond doubt; False where that is in doubt after all."""
         parts: Sequence[Stretch] | None = None
         if self._carry is _IN_STEP:
-            calm = self._streak >= CALM_STREAK
+            calm = self._decided.calm()
             parts = read_by_itself(self._data, self._at, firm, calm=calm)
         if parts is None:
             reading = self._read(self._weigh(firm + FRAME_LENGTH, Ending.BOUNDARY))
@@ -325,22 +301,14 @@ class Framer:
         self._not_before = 0
         return True
 
-    def _paused(self) -> bool:
-        """Whether the line paused within the bytes that are pending."""
-        pauses = self._pauses
-        return bool(pauses) and pauses[-1] > self._base + self._at
-
     def _weigh(self, end: int, ending: Ending) -> Weighing:
-        offset = self._base + self._at
-        while self._pauses and self._pauses[0] <= offset:
-            del self._pauses[0]
-        pauses = [place - offset for place in self._pauses if place - offset < end - self._at]
+        pauses = self._pauses.within(self._base + self._at, self._base + end)
         window = Window(self._data[self._at : end], pauses)
         return Weighing(window, self._carry or _IN_STEP, ending)
 
     def _read(self, weighing: Weighing) -> list[Stretch]:
         reading = chosen(weighing)
-        return reading if self._streak < CALM_STREAK else calmly(weighing, reading)
+        return calmly(weighing, reading) if self._decided.calm() else reading
 
     def _pass_noise(self) -> bool:
         """Lost: pass over the noise to the next anchor; False where none has come yet."""
@@ -396,32 +364,12 @@ class Framer:
 
     # Decided bytes become rows
 
-    def _decide(self, reading: Iterable[Stretch]) -> None:
-        start = self._at
+    def _decide(self, reading: Sequence[Stretch]) -> None:
+        if reading:
+            stop = self._at + reading[-1].stop
+            self._decided.parts(self._base + self._at, self._data[self._at : stop], reading)
+            self._at = stop
         self._firm_from = 0
-        # A stream may begin within a frame: that is no damage of the line.
-        first = self._begin + FRAME_LENGTH - self._base
-        for part in reading:
-            stop = start + part.stop
-            if part.faults == NOISE or self._one_stub_too_many(part):
-                self._take_noise(stop)
-            else:
-                raw, offset = self._data[self._at : stop], self._base + self._at
-                self._tiles.end_noise()
-                self._tiles.row(offset, raw, part.faults, framed=part.framed)
-                self._at = stop
-            if part.certain or stop <= first:
-                self._streak += 1
-            elif part.faults != DOUBT:
-                self._streak = 0
-
-    def _one_stub_too_many(self, part: Stretch) -> bool:
-        """Whether this is one more of the short truncated frames that really are noise."""
-        if part.faults != _TRUNCATED or part.stop - part.start >= STUB:
-            self._stubs = 0
-            return False
-        self._stubs += 1
-        return self._stubs > MOST_STUBS
 
     def _take_noise(self, stop: int) -> None:
         """Take the bytes up to `stop` as noise, which may go on."""
@@ -443,10 +391,4 @@ class Framer:
             self._firm_from = max(0, self._firm_from - done)
         if self._lost_from is not None:
             self._lost_from -= done
-        while self._pauses and self._pauses[0] <= self._base:
-            del self._pauses[0]
-
-
-def _pause_ns(baud: int) -> int:
-    """Silence that counts as a pause, nanoseconds."""
-    return min(SETTLING_NS, round(PAUSE_BYTES * byte_time_ns(baud)))
+        self._pauses.forget(self._base)

@@ -1,6 +1,6 @@
 """Owns the way from the times of chunks to the times of bytes, and to silence on the line.
 
-It must not know of frames.
+It must not know of frames. Silence of `PAUSE_BYTES` is a pause.
 
 A chunk of n bytes was read at t. Its byte i is taken to have begun n - i byte times before t, but
 not before the read before it: `max(P, t - (n - i) * byte time)`, where P is the latest time at
@@ -18,6 +18,13 @@ from collections import deque
 from typing import NamedTuple
 
 from fte_sniff.protocol.rows import Chunk
+from fte_sniff.protocol.table import byte_time_ns
+
+PAUSE_BYTES = 3.5
+"""Byte times of silence that count as a pause."""
+
+SETTLING_NS = 20_000_000
+"""Silence that settles what is pending."""
 
 
 class Mark(NamedTuple):
@@ -86,3 +93,33 @@ class Timeline:
         while self._marks[0].stop <= offset:
             self._marks.popleft()
         return self._marks[0]
+
+
+class Pauses:
+    """Where the line paused, by the offset of the byte behind."""
+
+    def __init__(self, baud: int) -> None:
+        self._offsets: list[int] = []
+        self.pace(baud)
+
+    def pace(self, baud: int) -> None:
+        """The line has `baud` bits per second from now on."""
+        self.least_ns = min(SETTLING_NS, round(PAUSE_BYTES * byte_time_ns(baud)))
+        """Silence that counts as a pause, nanoseconds."""
+
+    def add(self, offset: int) -> None:
+        """The line paused before that byte."""
+        self._offsets.append(offset)
+
+    def behind(self, offset: int) -> bool:
+        """Whether there is a pause behind that byte."""
+        return bool(self._offsets) and self._offsets[-1] > offset
+
+    def within(self, start: int, stop: int) -> list[int]:
+        """The pauses between those offsets, counted from `start`."""
+        return [offset - start for offset in self._offsets if start < offset < stop]
+
+    def forget(self, offset: int) -> None:
+        """Pauses up to that byte are asked for no more."""
+        while self._offsets and self._offsets[0] <= offset:
+            del self._offsets[0]
