@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 import fte_sniff.protocol.framer.framer as framer_module
 from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
 from fte_sniff.protocol import Chunk, Framer, Row
+from fte_sniff.protocol.framer import enclosed
 from fte_sniff.protocol.framer.choice import calmly, chosen
 from fte_sniff.protocol.framer.enclosed import firm_frame, read_by_itself
 from fte_sniff.protocol.framer.pieces import Window
 from fte_sniff.protocol.framer.reading import Stretch
+from fte_sniff.protocol.framer.undisputed import undisputed
 from fte_sniff.protocol.framer.weighing import Ending, Weighing, trusted
 
 imitating = st.sampled_from([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03, 0x0F, 0x77])
@@ -72,6 +74,22 @@ def test_nothing_behind_a_frame_beyond_doubt_tells_more_of_what_is_before_it(
         assert whole[place] == pytest.approx(probability, abs=1e-3)
 
 
+@settings(max_examples=400, deadline=None)
+@given(st.integers(0, 100_000), st.sampled_from(sorted(PAYLOADS)), st.integers(0, 10_000))
+def test_damage_with_one_reading_is_read_as_weighing_reads_it(
+    seed: int, payload: str, behind: int
+) -> None:
+    data = damaged_stream(seed, 1, 1.0, payload)[0] + firm(behind)
+    part = undisputed(data, 0)
+    if part is None:
+        return
+    weighing = Weighing(Window(data[: part.stop + 10]), trusted(), Ending.BOUNDARY)
+    first, *others = chosen(weighing)
+    assert len(others) == 1
+    assert others[0].certain
+    assert first[:4] == part[:4]
+
+
 def rows_of(stream: bytes) -> list[Row]:
     framer = Framer("p")
     return framer.feed(Chunk("p", None, stream)) + framer.flush()
@@ -88,3 +106,10 @@ def test_without_such_frames_the_rows_are_the_same(
     monkeypatch.setattr(framer_module, "firm_frame", lambda *_: None)
     monkeypatch.setattr(framer_module, "undisputed", lambda *_: None)
     assert quick == rows_of(stream)
+
+
+def test_what_is_remembered_is_bounded() -> None:
+    for remembered in (enclosed._read, enclosed._read_calmly):
+        limit = remembered.cache_info().maxsize
+        assert limit is not None
+        assert limit <= 1 << 14
