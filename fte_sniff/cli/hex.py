@@ -14,10 +14,10 @@ import click
 from fte_sniff.cli.outputs.destination import format_option
 from fte_sniff.cli.streams.telling import tell
 from fte_sniff.errors import FileError, InputTextError, UsageError
-from fte_sniff.formats.logs.hex_log import HexLog, framed
+from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
 from fte_sniff.formats.logs.text_lines import Piece
 from fte_sniff.formats.tables.writers import OutputFormat, RowWriter, row_writer
-from fte_sniff.protocol import Framer, Row
+from fte_sniff.protocol import Frame, Framer, Row
 
 PORT_NAME = "hex"
 """The port of rows that came from the command line."""
@@ -41,7 +41,7 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
     log = _log_of(text)
     try:
         for rows in _rows_of(log):
-            log.compare(rows)
+            log.compare((row.offset, row.raw[0]) for row in rows if isinstance(row, Frame))
             writer.write(rows)
     except InputTextError as error:
         raise _about_a_file(text) or error from error
@@ -65,9 +65,9 @@ def _rows_of(log: HexLog) -> Iterator[list[Row]]:
     framer = Framer(PORT_NAME)
     some = False
     try:
-        for rows in framed(log, framer):
+        for chunk in at_own_times(log, framer):
             some = True
-            yield rows
+            yield framer.feed(chunk)
     except FileError as error:
         raise FileError(
             f"{log.name}: holds no text; if it holds raw bytes, try: fte-sniff decode - --input raw"

@@ -12,7 +12,8 @@ from typing import IO, BinaryIO
 from fte_sniff.errors import unreadable
 from fte_sniff.protocol import Chunk
 
-_BLOCK = 1 << 16
+_PIECE = 1 << 19
+"""Bytes that are read at once, at most; of a pipe or a terminal come those that are there."""
 
 
 def raw_chunks(path: Path) -> Iterator[Chunk]:
@@ -31,5 +32,5 @@ def raw_chunks(path: Path) -> Iterator[Chunk]:
 def raw_stream_chunks(stream: BinaryIO | IO[bytes], name: str) -> Iterator[Chunk]:
     """The chunks of an open stream of raw bytes, for example standard input."""
     read = getattr(stream, "read1", stream.read)
-    while block := read(_BLOCK):
+    while block := read(_PIECE):
         yield Chunk(name, None, block)

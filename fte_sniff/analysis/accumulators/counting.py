@@ -44,7 +44,9 @@ def count_columns(tally: Tally, rows: SideBySide) -> None:
     ):
         if count:
             tally.by_kind[kind.name] += int(count)
-    if len(rows.t_ns):
-        first, last = int(rows.t_ns.min()), int(rows.t_ns.max())
+    timed = rows.timed
+    times = rows.t_ns if timed.all() else rows.t_ns[timed]
+    if len(times):
+        first, last = int(times.min()), int(times.max())
         tally.first_ns = first if tally.first_ns is None else min(first, tally.first_ns)
         tally.last_ns = last if tally.last_ns is None else max(last, tally.last_ns)

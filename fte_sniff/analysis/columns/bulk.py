@@ -17,8 +17,9 @@ import numpy as np
 
 from fte_sniff.analysis.columns.fields import KIND_OF, NO_KIND, Array
 from fte_sniff.analysis.columns.plain import SLAB, PlainRuns
+from fte_sniff.analysis.columns.tiles import tile_columns
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Chunk, Fault, Framer
-from fte_sniff.protocol.framer.tiling import Tiles
+from fte_sniff.protocol.framer.framer import Scout
 
 _BLOCK: Final = 1 << 14
 """Rows whose bytes and columns stay in the cache."""
@@ -32,7 +33,7 @@ class BulkColumns:
     offset: Array
     """Of the row's first byte, int64."""
     length: Array
-    """Bytes, uint16."""
+    """Bytes, uint32."""
     framed: Array
     """Whether the row is a frame, bool."""
     kind: Array
@@ -52,78 +53,21 @@ class BulkColumns:
 
 def bulk_columns(port: str, data: bytes) -> BulkColumns:
     """Frame the bytes of one port, which have no times, into columns."""
-    rows = _Rows()
     with ThreadPoolExecutor(os.cpu_count(), "bulk") as threads:
-        framer = Framer.of_bytes(rows, PlainRuns(data, threads))
+        framer, kept = Framer.keeping(port, scout(threads))
         framer.pour(Chunk(port, None, data))
         framer.end()
-        return rows.columns(port, threads)
+        rows = tile_columns(kept.take())
+        kind, values = _decoded(rows.raw, threads)
+    kind[~rows.framed] = NO_KIND
+    return BulkColumns(
+        port, rows.offset, rows.length, rows.framed, kind, values, rows.faults, rows.fault_sets
+    )
 
 
-_BLANK: Final = bytes(FRAME_LENGTH)
-
-
-class _Rows(Tiles):
-    """What the framer decides: runs as they come, and whatever else there is, row by row."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._parts: list[bytes | memoryview] = []
-        """The bytes of the frames, and blank ones for damage: ten bytes a row."""
-        self._count = 0
-        self._odd: list[int] = []
-        """Which rows are not part of a run, and for each of them:"""
-        self._lengths: list[int] = []
-        self._framed: list[bool] = []
-        self._faults: list[tuple[Fault, ...]] = []
-
-    def row(self, offset: int, raw: bytes, faults: tuple[Fault, ...], *, framed: bool) -> None:
-        """One row that is not part of a run."""
-        self._parts.append(raw if framed else _BLANK)
-        self._odd.append(self._count)
-        self._lengths.append(len(raw))
-        self._framed.append(framed)
-        self._faults.append(faults)
-        self._count += 1
-
-    def run(self, offset: int, data: bytes, start: int, stop: int) -> None:
-        """Frames in step."""
-        self._parts.append(memoryview(data)[start:stop])
-        self._count += (stop - start) // FRAME_LENGTH
-
-    def columns(self, port: str, threads: Executor) -> BulkColumns:
-        """All rows as columns."""
-        rows = self._count
-        parts = self._parts
-        raw = np.frombuffer(parts[0] if len(parts) == 1 else b"".join(parts), np.uint8)
-        places = np.array(self._odd, np.int64)
-        length = np.full(rows, FRAME_LENGTH, np.uint16)
-        length[places] = self._lengths
-        framed = np.ones(rows, np.bool_)
-        framed[places] = self._framed
-        faults = np.zeros(rows, np.uint16)
-        faults[places], sets = _fault_codes(self._faults)
-        offset = np.arange(0, rows * FRAME_LENGTH, FRAME_LENGTH)
-        if len(places):
-            excess = np.zeros(rows, np.int64)
-            excess[places] = np.array(self._lengths) - FRAME_LENGTH
-            offset += np.cumsum(excess) - excess
-        kind, values = _decoded(raw.reshape(-1, FRAME_LENGTH), threads)
-        return BulkColumns(port, offset, length, framed, kind, values, faults, sets)
-
-
-def _fault_codes(
-    rows: list[tuple[Fault, ...]],
-) -> tuple[list[int], tuple[tuple[Fault, ...], ...]]:
-    """A number for each row's faults, and what the numbers stand for."""
-    numbers: dict[tuple[Fault, ...], int] = {(): 0}
-    codes: list[int] = []
-    last: tuple[Fault, ...] | None = None
-    for faults in rows:
-        if faults is not last:
-            number, last = numbers.setdefault(faults, len(numbers)), faults
-        codes.append(number)
-    return codes, tuple(numbers)
+def scout(threads: Executor) -> Scout:
+    """For the framer, a look through the bytes of each chunk at once."""
+    return lambda data: PlainRuns(data, threads)
 
 
 _Places: TypeAlias = list[tuple[int, Array]]

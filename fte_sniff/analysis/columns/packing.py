@@ -139,7 +139,7 @@ def _counts_up(codes: npt.NDArray[np.integer]) -> bool:
 
 
 class PackedRows(Sequence[Row]):
-    """Rows that are packed already, in place of a list of them: all of them have times.
+    """Rows that are packed already, in place of a list of them.
 
     Whoever asks for rows gets them made anew; whoever knows better takes the arrays.
     """
@@ -171,8 +171,18 @@ class PackedRows(Sequence[Row]):
 
     @property
     def t_ns(self) -> Packed:
-        """Nanoseconds since 1970 UTC."""
+        """Nanoseconds since 1970 UTC; 0 where there is no time."""
         return self._packed["t_ns"]
+
+    @property
+    def timed(self) -> Packed:
+        """Whether the row has a time."""
+        return self._has(TIMED)
+
+    @property
+    def delay_ns(self) -> Packed:
+        """Read delay, nanoseconds; 0 where there is none."""
+        return self._packed["delay_ns"]
 
     @property
     def offset(self) -> Packed:
@@ -197,7 +207,20 @@ class PackedRows(Sequence[Row]):
     @property
     def framed(self) -> Packed:
         """Whether the row is a Frame."""
-        return (self._packed["form"] & FRAMED).astype(np.bool_)
+        return self._has(FRAMED)
+
+    @property
+    def delayed(self) -> Packed:
+        """Whether the row has a read delay."""
+        return self._has(DELAYED)
+
+    @property
+    def unordered(self) -> Packed:
+        """Whether the row's place among other ports' rows is not certain."""
+        return self._has(UNORDERED)
+
+    def _has(self, bit: int) -> Packed:
+        return (self._packed["form"] & bit).astype(np.bool_)
 
     @property
     def raw(self) -> Packed:
@@ -216,6 +239,14 @@ class PackedRows(Sequence[Row]):
         packed["port"] = ports[packed["port"]]
         packed["faults"] = faults[packed["faults"]]
         return packed, dict(self.long)
+
+    def parted(self, rows: slice | npt.NDArray[np.bool_]) -> PackedRows:
+        """Only these rows: a slice, or a mask."""
+        long: dict[int, bytes] = {}
+        if self.long:
+            kept = np.arange(len(self))[rows].tolist()
+            long = {at: self.long[old] for at, old in enumerate(kept) if old in self.long}
+        return PackedRows(self._packed[rows], long, self.words)
 
     @classmethod
     def joined(cls, parts: Sequence[PackedRows]) -> PackedRows:

@@ -36,7 +36,12 @@ class SideBySide(Protocol):
 
     @property
     def t_ns(self) -> Array:
-        """Nanoseconds since 1970 UTC, int64."""
+        """Nanoseconds since 1970 UTC, int64; it means something where `timed`."""
+        ...
+
+    @property
+    def timed(self) -> Array:
+        """Whether the row has a time, bool."""
         ...
 
     @property

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.columns.fields import Array, Bools, Codes, field_values, kind_codes, timed
+from fte_sniff.analysis.columns.fields import Array, Bools, Codes, field_values, kind_codes
 from fte_sniff.analysis.columns.packing import Codebook, Packed, PackedRows, pack
 from fte_sniff.analysis.columns.side_by_side import SideBySide
 from fte_sniff.protocol import (
@@ -79,7 +79,7 @@ def table_frame(rows: SideBySide, names: Collection[str] | None = None) -> pl.Da
     """The rows as a frame of `TABLE_SCHEMA`.
 
     Args:
-        rows: the rows, all of which have a time.
+        rows: the rows.
         names: only these columns, where not all are needed.
     """
     maker = _Maker(rows)
@@ -93,13 +93,8 @@ def packed_table(
     codebook: Codebook,
     names: Collection[str] | None = None,
 ) -> pl.DataFrame:
-    """The same from packed rows, with or without times; `long` holds the bytes of long rows by
-    place in `packed`.
-    """
-    frame = table_frame(PackedRows(packed, long, codebook), names)
-    if "time" not in frame.columns:
-        return frame
-    return frame.with_columns(_known(frame["time"], timed(packed)))
+    """The same from packed rows; `long` holds the bytes of long rows by place in `packed`."""
+    return table_frame(PackedRows(packed, long, codebook), names)
 
 
 def rows_table(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
@@ -147,7 +142,7 @@ class _Maker:
         return _known(pl.Series(values), known)
 
     def _time(self) -> pl.Series:
-        return pl.Series(self._rows.t_ns).cast(TABLE_SCHEMA["time"])
+        return _known(pl.Series(self._rows.t_ns).cast(TABLE_SCHEMA["time"]), self._rows.timed)
 
     def _port(self) -> pl.Series:
         # A device path may hold bytes that are no text; polars takes valid Unicode alone.

@@ -4,6 +4,7 @@ It must not know what a command does with the rows.
 
     opening     how files are named, and opened
     one_input   one of them, whatever it is
+    framing     bytes of a log, framed in portions
     batches     rows on their way through a command, many at once
     holes       where rows are missing between those that come
     viewing     inputs on their way to a view

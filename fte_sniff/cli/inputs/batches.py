@@ -1,14 +1,14 @@
 """Owns rows on their way through a command, many at once: counted, picked, cut, and written.
 
-It must not know where they come from, nor any format. Rows come as objects from logs that are
-framed here, and side by side from recordings; a command need not know which.
+It must not know where they come from, nor any format. Rows come as objects where they are few,
+packed from logs that are framed here, and in columns from recordings; no command knows which.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Final, Protocol, Self
 
 from fte_sniff.formats.tables.writers import FrameWriter, RowWriter
 from fte_sniff.protocol import PortEvent, Row
@@ -17,8 +17,12 @@ if TYPE_CHECKING:
     import polars as pl
 
     from fte_sniff.analysis.accumulators.tally import Tally
+    from fte_sniff.analysis.columns.packing import PackedRows
+    from fte_sniff.analysis.columns.side_by_side import SideBySide
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.protocol.framer.keeping import Decided
     from fte_sniff.recording.encoding.columns import RowColumns, Words
+    from fte_sniff.recording.reading.span import Span
 
 
 class Batch(Protocol):
@@ -74,6 +78,32 @@ class Batch(Protocol):
         ...
 
 
+class LogBatch(Batch, Protocol):
+    """Some rows of a log, which may have no times."""
+
+    @property
+    def timed(self) -> bool:
+        """Whether each has a time."""
+        ...
+
+    def within(self, span: Span) -> Self:
+        """Only those that lie in the span."""
+        ...
+
+
+FEW: Final = 1000
+"""Fewer rows are quicker one by one, if what takes many at once would have to be loaded."""
+
+
+def log_batch(decided: Decided) -> LogBatch:
+    """The rows that were decided, in the form that is quickest."""
+    if len(decided) < FEW:
+        return RowBatch(decided.rows())
+    from fte_sniff.analysis.columns.tiles import packed_tiles
+
+    return PackedBatch(packed_tiles(decided))
+
+
 @dataclass(frozen=True, slots=True)
 class RowBatch:
     """Rows as objects."""
@@ -98,6 +128,15 @@ class RowBatch:
     def rows(self) -> list[Row]:
         """As objects."""
         return list(self.held)
+
+    @property
+    def timed(self) -> bool:
+        """Whether each has a time."""
+        return all(row.t_ns is not None for row in self.held)
+
+    def within(self, span: Span) -> RowBatch:
+        """Only those that lie in the span."""
+        return RowBatch([row for row in self.held if span.holds(row)])
 
     def sequence(self) -> Sequence[Row]:
         """The objects."""
@@ -137,8 +176,77 @@ class RowBatch:
 
 
 @dataclass(frozen=True, slots=True)
+class PackedBatch:
+    """Rows packed, with or without times."""
+
+    held: PackedRows
+
+    def __len__(self) -> int:
+        return len(self.held)
+
+    def count(self, tally: Tally) -> None:
+        """Add them to a tally."""
+        _count(self.held, tally)
+
+    def wanted(self, row_filter: RowFilter) -> PackedBatch:
+        """Only those that the filter wants."""
+        return PackedBatch(self.held.parted(row_filter.among(self.held).to_numpy()))
+
+    def first(self, count: int) -> PackedBatch:
+        """Only so many of them."""
+        return self if count >= len(self) else PackedBatch(self.held.parted(slice(count)))
+
+    def rows(self) -> list[Row]:
+        """As objects."""
+        return list(self.held)
+
+    @property
+    def timed(self) -> bool:
+        """Whether each has a time."""
+        return bool(self.held.timed.all())
+
+    def within(self, span: Span) -> PackedBatch:
+        """Only those that lie in the span."""
+        return PackedBatch(self.held.parted(span.among(self.held.t_ns) & self.held.timed))
+
+    def sequence(self) -> Sequence[Row]:
+        """As they are."""
+        return self.held
+
+    @property
+    def events(self) -> Sequence[PortEvent]:
+        """None: a log tells of no port."""
+        return ()
+
+    @property
+    def after_loss(self) -> bool:
+        """A log is read from its first row on."""
+        return False
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """Time of the first, and the latest."""
+        t_ns = self.held.t_ns
+        return (int(t_ns[0]), int(t_ns.max())) if len(t_ns) and self.timed else None
+
+    def write_to(self, writer: RowWriter) -> None:
+        """Write them at once where the format can."""
+        _write(self, writer)
+
+    def frame(self) -> pl.DataFrame:
+        """As a frame of `analysis.table.TABLE_SCHEMA`."""
+        return _frame(self.held)
+
+    def columns(self, words: Words) -> RowColumns:
+        """In the columns of a recording; only rows that have a time can be."""
+        from fte_sniff.session.files.packed import row_columns
+
+        return row_columns(words, self.held)
+
+
+@dataclass(frozen=True, slots=True)
 class ColumnBatch:
-    """Rows side by side."""
+    """Rows in the columns of a recording."""
 
     held: RowColumns
     again: Callable[[], RowColumns] | None = None
@@ -151,9 +259,7 @@ class ColumnBatch:
 
     def count(self, tally: Tally) -> None:
         """Add them to a tally."""
-        from fte_sniff.analysis.accumulators.counting import count_columns
-
-        count_columns(tally, self.held)
+        _count(self.held, tally)
 
     def wanted(self, row_filter: RowFilter) -> ColumnBatch:
         """Only those that the filter wants."""
@@ -190,17 +296,31 @@ class ColumnBatch:
 
     def write_to(self, writer: RowWriter) -> None:
         """Write them at once where the format can."""
-        if isinstance(writer, FrameWriter):
-            writer.write_frame(self.frame())
-        else:
-            writer.write(self.rows())
+        _write(self, writer)
 
     def frame(self) -> pl.DataFrame:
         """As a frame of `analysis.table.TABLE_SCHEMA`."""
-        from fte_sniff.analysis.columns.table import table_frame
-
-        return table_frame(self.held)
+        return _frame(self.held)
 
     def columns(self, words: Words) -> RowColumns:
         """As they are: their words are their own."""
         return self.held
+
+
+def _count(rows: SideBySide, tally: Tally) -> None:
+    from fte_sniff.analysis.accumulators.counting import count_columns
+
+    count_columns(tally, rows)
+
+
+def _write(batch: PackedBatch | ColumnBatch, writer: RowWriter) -> None:
+    if isinstance(writer, FrameWriter):
+        writer.write_frame(batch.frame())
+    else:
+        writer.write(batch.rows())
+
+
+def _frame(rows: SideBySide) -> pl.DataFrame:
+    from fte_sniff.analysis.columns.table import table_frame
+
+    return table_frame(rows)

@@ -1,30 +1,23 @@
 """Owns one input, a recording or a log, on its way to batches of rows, and what is told at its end.
 
 It must not know what the user calls it, nor what a command does with the rows. A recording is read
-by `recording`; bytes of anything else are framed here.
+by `recording`; bytes of anything else are framed by `framing`.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import IO, TYPE_CHECKING, Protocol
 
-from fte_sniff.cli.inputs.batches import Batch, ColumnBatch, RowBatch
-from fte_sniff.errors import FileError, FteSniffError, UsageError
-from fte_sniff.formats.logs.hex_log import HexLog, framed
-from fte_sniff.protocol import (
-    FRAME_LENGTH,
-    Chunk,
-    Damage,
-    Fault,
-    Framer,
-    PortEventKind,
-    Row,
-    iso_time,
-)
+from fte_sniff.cli.inputs.batches import Batch, ColumnBatch, LogBatch, log_batch
+from fte_sniff.cli.inputs.framing import decided
+from fte_sniff.errors import UsageError
+from fte_sniff.formats.logs.hex_log import HexLog
+from fte_sniff.protocol import Chunk, PortEventKind, iso_time
+from fte_sniff.protocol.framer.keeping import Decided
 
 if TYPE_CHECKING:
     from fte_sniff.recording.encoding.facts import PortFacts
@@ -35,9 +28,6 @@ if TYPE_CHECKING:
 
 STDIN_NAME = "stdin"
 """The port of rows that came through standard input."""
-
-BATCH = 4096
-"""Rows handed on at once, at most, where they come one by one."""
 
 TROUBLES = (
     PortEventKind.OVERRUN,
@@ -200,6 +190,8 @@ class LogInput:
 
     chunks: Iterable[Chunk]
     name: str
+    drained: Callable[[], bool] = field(default=lambda: False)
+    """Whether the next chunk has to be waited for, so that rows are not held back."""
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -242,33 +234,34 @@ class LogInput:
 
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, some thousands at once; see `Input`."""
-        batches = _framed_batches(self.chunks, self.name, note)
+        portions = decided(self.chunks, self.name, note, self.drained)
         if isinstance(self.chunks, HexLog):
-            batches = _compared(batches, self.chunks, note)
-        for rows in batches if span is None else self._spanned(batches, span, note):
-            yield RowBatch(rows)
+            portions = _compared(portions, self.chunks, note)
+        batches = map(log_batch, portions)
+        yield from batches if span is None else self._spanned(batches, span, note)
 
-    def _spanned(self, batches: Iterable[list[Row]], span: Span, note: Note) -> Iterator[list[Row]]:
+    def _spanned(self, batches: Iterable[LogBatch], span: Span, note: Note) -> Iterator[LogBatch]:
         """Only rows of the span; where there is none, which there are is told."""
-        count, some, times = 0, False, list[int]()
-        for rows in batches:
-            read = [row.t_ns for row in rows if row.t_ns is not None]
-            if len(read) < len(rows):
+        from fte_sniff.analysis.accumulators.tally import Tally
+
+        tally, some = Tally(), False
+        for batch in batches:
+            if not batch.timed:
                 raise UsageError(f"{self.name} has no times; --from and --to need a recording")
-            count += len(rows)
-            times = [min([*times[:1], *read]), max([*times[1:], *read])]
-            found = [row for row in rows if span.holds(row)]
-            some = some or bool(found)
+            batch.count(tally)
+            found = batch.within(span)
+            some = some or bool(len(found))
             yield found
-        if times and not some:
-            note(f"{self.name}: {_none_in_span(f'{count:,} rows', *times)}")
+        if not some and tally.first_ns is not None and tally.last_ns is not None:
+            held = f"{tally.rows:,} rows"
+            note(f"{self.name}: {_none_in_span(held, tally.first_ns, tally.last_ns)}")
 
 
-def _compared(batches: Iterable[list[Row]], log: HexLog, note: Note) -> Iterator[list[Row]]:
+def _compared(portions: Iterable[Decided], log: HexLog, note: Note) -> Iterator[Decided]:
     """The same rows; what the log says of them, and they of the log, is told in the end."""
-    for rows in batches:
-        log.compare(rows)
-        yield rows
+    for portion in portions:
+        log.compare(portion.headers())
+        yield portion
     for doubt in (*log.doubts, *log.about_times):
         note(f"{log.name}: {doubt}")
 
@@ -278,31 +271,3 @@ def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
         f"none of its {held} lies between --from and --to;"
         f" they go from {iso_time(first_ns)} to {iso_time(last_ns)}"
     )
-
-
-def _framed_batches(chunks: Iterable[Chunk], name: str, note: Note) -> Iterator[list[Row]]:
-    framer = Framer(name)
-    rows: list[Row] = []
-    some = False
-    try:
-        for completed in framed(chunks, framer):
-            some = True
-            rows += completed
-            if len(rows) >= BATCH:
-                yield rows
-                rows = []
-    except FteSniffError:
-        # What stood before the fault is not lost with it.
-        yield rows + framer.flush()
-        raise
-    if not some:
-        raise FileError(f"{name}: is empty; there is nothing to decode")
-    rows += framer.flush()
-    if rows:
-        yield rows
-        _note_cut_frame(rows[-1], name, note)
-
-
-def _note_cut_frame(last: Row, name: str, note: Note) -> None:
-    if isinstance(last, Damage) and Fault.TRUNCATED in last.faults:
-        note(f"{name}: ends in the middle of a frame ({len(last.raw)} of {FRAME_LENGTH} bytes)")

@@ -197,5 +197,6 @@ def _stdin(how: HowToRead) -> Input:
         file.flush()
         return RecordingInput(RecordingReader(Path(file.name)), file)
     if chosen is InputKind.RAW:
-        return LogInput(raw_stream_chunks(stream, STDIN_NAME), STDIN_NAME)
-    return LogInput(HexLog.of_stream(stream, STDIN_NAME, how.clock()), STDIN_NAME)
+        return LogInput(raw_stream_chunks(stream, STDIN_NAME), STDIN_NAME, lambda: True)
+    log = HexLog.of_stream(stream, STDIN_NAME, how.clock())
+    return LogInput(log, STDIN_NAME, log.drained)

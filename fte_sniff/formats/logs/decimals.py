@@ -47,6 +47,7 @@ class Numbers:
     note: Callable[[str], None]
     _reading: _Reading | None = None
     _held: list[Line] = field(default_factory=list)
+    _held_lines: int = 0
     _count: int = 0
     """Numbers on the lines that are held."""
     _padded: bool = False
@@ -62,12 +63,13 @@ class Numbers:
         Raises:
             InputTextError: something is neither, or both.
         """
-        for line in lines:
+        for line in self._apart(lines):
             if line.data is None and self._reading is None:
                 self._weigh(line)
             if self._reading is None and line.data is None:
                 self._held.append(line)
-                if len(self._held) > _MOST_HELD:
+                self._held_lines += line.piece.lines
+                if self._held_lines > _MOST_HELD:
                     self._reading = _Reading.HEX
                     yield from self._release()
                 continue
@@ -76,6 +78,14 @@ class Numbers:
         if self._reading is None and self._count and not self._three_digits:
             self.note("nothing tells whether the numbers are hex or decimal; they are read as hex")
         yield from self._release()
+
+    def _apart(self, lines: Iterable[Line]) -> Iterator[Line]:
+        """The lines, plain ones one by one where one of them may decide, or be wrong."""
+        for line in lines:
+            if self._reading is _Reading.DECIMAL or (self._reading is None and self._three_digits):
+                yield from line.each()
+            else:
+                yield line
 
     def _release(self) -> Iterator[tuple[Line, bytes]]:
         held, self._held = self._held, []

@@ -54,7 +54,7 @@ class Dumps:
         Raises:
             InputTextError: nothing tells whether something is an address or bytes.
         """
-        for line in lines:
+        for line in self._apart(lines):
             text = line.text[line.at :].strip()
             if line.piece.column or not text:
                 yield line
@@ -69,6 +69,19 @@ class Dumps:
                 yield from self._line(line)
             self._latest = line
         yield from self._release()
+
+    def _apart(self, lines: Iterable[Line]) -> Iterator[Line]:
+        """The lines, plain ones one by one where they may have numbers or belong to a dump."""
+        for line in lines:
+            if self._numbers.counting or self._behind_dump:
+                yield from line.each()
+            else:
+                yield line
+
+    @property
+    def _behind_dump(self) -> bool:
+        """Whether the latest line is one of a dump."""
+        return self._latest is not None and self._dumped_at == self._latest.piece.line
 
     def _line(self, line: Line) -> Iterator[Line]:
         number = number_before(line)
@@ -175,7 +188,7 @@ class Dumps:
 
     def _refuse_cut(self, line: Line) -> None:
         """Refuse what may be the beginning of an address, right behind a dump."""
-        if self._latest is None or self._dumped_at != self._latest.piece.line:
+        if not self._behind_dump:
             return
         begins = (dump.begins_next(line.text, line.at) for dump in self._dumps)
         restarts = (dump.begins_again(line.text, line.at) for dump in self._dumps)
@@ -237,7 +250,8 @@ def _dump_line(line: Line) -> DumpLine | None:
 
 def _has_address_before(before: Line, line: Line) -> bool:
     """Whether two lines begin with addresses between which about as many bytes stand."""
-    first, then = (address_of(one.text, one.at) for one in (before, line))
+    first = address_of(before.text, before.at)
+    then = first and address_of(line.text, line.at)
     if first is None or then is None or len(first.address) != len(then.address):
         return False
     rise = int(then.address, 16) - int(first.address, 16)

@@ -58,19 +58,29 @@ class HeadedLines:
         Raises:
             InputTextError: nothing tells whether a number counts bytes or is one.
         """
-        for piece in pieces:
+        for piece in self._apart(pieces):
             text = piece.text if piece.text.isascii() else piece.text.translate(_WIDE)
-            pairs = _PAIRS.fullmatch(text) is not None
+            pairs = piece.lines > 1 or _PAIRS.fullmatch(text) is not None
             if piece.column or pairs:
                 line = Line(piece, text, 0, self._stamp, self._mark, pairs)
                 if self._held or self._alone.each_timed:
                     yield from self._untimed(line, Kind.BYTES if piece.column else None)
                 else:
-                    self._alone.see_bytes(text, timed=False)
+                    self._alone.see_bytes(_last_line(text), timed=False)
                     yield line
             elif text and not text.isspace() and not _FENCE.fullmatch(text):
                 yield from self._line(piece, text)
         yield from self._ended()
+
+    def _apart(self, pieces: Iterable[Piece]) -> Iterator[Piece]:
+        """The pieces, plain lines one by one where what stands above holds for some of them."""
+        for piece in pieces:
+            if piece.lines > 1 and (
+                self._held or self._alone.each_timed or self._stamp or self._mark
+            ):
+                yield from piece.each()
+            else:
+                yield piece
 
     def _line(self, piece: Piece, text: str) -> Iterator[Line]:
         if "\x1b" in text:
@@ -182,3 +192,7 @@ class HeadedLines:
             f"line {line.piece.line}: {quoted(line.text.strip())} is taken for the beginning of a"
             " time, and is not read as bytes"
         )
+
+
+def _last_line(text: str) -> str:
+    return text[text.rstrip("\r\n").rfind("\n") + 1 :]

@@ -16,10 +16,10 @@ from typing import IO, BinaryIO, NamedTuple
 from fte_sniff.errors import FteSniffError, InputTextError, UsageError, unreadable
 from fte_sniff.formats.logs.line_head import Mark
 from fte_sniff.formats.logs.log_clock import LogClock
-from fte_sniff.formats.logs.pastes import logged_bytes
-from fte_sniff.formats.logs.text_lines import Piece, text_pieces
-from fte_sniff.protocol import Chunk, Frame, Framer, Row
-from fte_sniff.protocol.table import Direction
+from fte_sniff.formats.logs.pastes import Logged, logged_bytes
+from fte_sniff.formats.logs.text_lines import Piece, TextPieces
+from fte_sniff.protocol import Chunk, Framer, Row
+from fte_sniff.protocol.table import DIRECTION_OF_HEADER, Direction
 
 MARK_OF_DIRECTION: dict[Direction, Mark] = {
     Direction.CONTROL: Mark.SENT,
@@ -104,18 +104,25 @@ class HexLog:
         self._where = where
         self._marked: deque[_Marked] = deque()
         self._doubts: list[str] = []
+        self._directed = False
+        """Whether any line by now told a direction."""
         self._compared = 0
         self._against = 0
         self._first_against = ""
         self._setbacks = _Setbacks()
         self._again: Callable[[], HexLog] | None = None
+        self.drained: Callable[[], bool] = lambda: False
+        """Whether more has to come before there is another chunk; not asked of files."""
 
     @classmethod
     def of_stream(
         cls, stream: BinaryIO | IO[bytes], name: str, clock: LogClock | None = None
     ) -> HexLog:
         """The log that an open stream holds."""
-        return cls(text_pieces(stream, name), name, clock, f"{name}: ")
+        pieces = TextPieces(stream, name)
+        log = cls(pieces, name, clock, f"{name}: ")
+        log.drained = lambda: pieces.drained
+        return log
 
     @classmethod
     def of_file(cls, path: Path, clock: LogClock | None = None) -> HexLog:
@@ -138,7 +145,7 @@ class HexLog:
             lines = logged_bytes(self._pieces, self._doubts.append)
             for logged in self._clock.order.settled(lines):
                 stop += len(logged.data)
-                self._marked.append(_Marked(stop, logged.mark, logged.line))
+                self._mark(stop, logged)
                 t_ns = None
                 if logged.stamp is not None:
                     t_ns = self._clock.t_ns(logged.stamp, logged.line)
@@ -146,6 +153,14 @@ class HexLog:
                 yield Chunk(self.name, t_ns, logged.data)
         except InputTextError as error:
             raise InputTextError(f"{self._where}{error}") from error
+
+    def _mark(self, stop: int, logged: Logged) -> None:
+        """The bytes up to `stop` are marked as their line says; nothing as long as nothing is."""
+        marked = self._marked
+        self._directed = self._directed or logged.mark is not None
+        if marked and marked[-1].mark is logged.mark is None:
+            marked.pop()
+        marked.append(_Marked(stop, logged.mark, logged.line))
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -171,19 +186,27 @@ class HexLog:
             raise UsageError(f"{self.name}: its times have no date; add --date 2026-01-31")
         return None if first is None or last is None else (first, last)
 
-    def compare(self, rows: Iterable[Row]) -> None:
-        """See whether the rows, which are those of the chunks in order, go as the log says."""
-        for row in rows:
-            while self._marked[0].stop <= row.offset:
-                self._marked.popleft()
-            _, mark, line = self._marked[0]
-            if mark is None or not isinstance(row, Frame):
+    def compare(self, headers: Iterable[tuple[int, int]]) -> None:
+        """See whether frames go as the log says.
+
+        Args:
+            headers: the offset of each frame in the chunks, which rises, and its header.
+        """
+        if not self._directed:
+            return
+        marked = self._marked
+        for offset, header in headers:
+            while marked[0].stop <= offset:
+                marked.popleft()
+            _, mark, line = marked[0]
+            if mark is None:
                 continue
             self._compared += 1
-            if mark is not MARK_OF_DIRECTION[row.direction]:
+            direction = DIRECTION_OF_HEADER[header]
+            if mark is not MARK_OF_DIRECTION[direction]:
                 self._against += 1
                 self._first_against = self._first_against or (
-                    f"line {line} says {mark}, header {row.raw[0]:02X} says {row.direction}"
+                    f"line {line} says {mark}, header {header:02X} says {direction}"
                 )
 
     @property
@@ -210,30 +233,27 @@ class HexLog:
         return told
 
 
-def framed(chunks: Iterable[Chunk], framer: Framer) -> Iterator[list[Row]]:
-    """The rows that each chunk of a log completes, at the log's own times, which may fall.
-
-    What the framer holds in the end is left to be flushed.
-    """
+def at_own_times(chunks: Iterable[Chunk], framer: Framer) -> Iterator[Chunk]:
+    """The chunks of a log, which the framer is to take; it learns where their times fall."""
     before_ns = None
     for chunk in chunks:
         if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
             framer.set_back()
         before_ns = chunk.t_ns
-        yield framer.feed(chunk)
+        yield chunk
 
 
 def _readable(log: HexLog) -> Iterator[list[Row]]:
     """Its rows, up to what cannot be read."""
     framer = Framer(log.name)
     with suppress(FteSniffError):  # who reads it in earnest is told
-        yield from framed(log, framer)
+        yield from map(framer.feed, at_own_times(log, framer))
     yield framer.flush()
 
 
 def _pieces_of_file(path: Path) -> Iterator[Piece]:
     try:
         with path.open("rb") as file:
-            yield from text_pieces(file, str(path))
+            yield from TextPieces(file, str(path))
     except OSError as error:
         raise unreadable(path, error) from error

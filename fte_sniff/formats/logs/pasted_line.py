@@ -5,6 +5,7 @@ It must not know the lines around it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from fte_sniff.errors import InputTextError
@@ -29,6 +30,14 @@ class Line:
     """Whether there is nothing but pairs of digits, white space between them."""
     data: bytes | None = None
     """The bytes, where they are known by now."""
+
+    def each(self) -> Iterator[Line]:
+        """The lines one by one, where these are several plain ones."""
+        if self.piece.lines == 1:
+            yield self
+            return
+        for piece in self.piece.each():
+            yield replace(self, piece=piece, text=piece.text)
 
     def without_text_beside(self) -> Line:
         """The same without the text behind its bytes that shows them.

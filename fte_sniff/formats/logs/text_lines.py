@@ -17,7 +17,7 @@ from fte_sniff.errors import FileError
 LONGEST_PIECE = 1 << 20
 """Bytes of a line that are handed on at once, at most."""
 
-_BLOCK = 1 << 16
+_BLOCK = 1 << 18
 _SNIFFED = 4
 _MARKS = (
     (codecs.BOM_UTF32_LE, "utf-32-le"),
@@ -39,17 +39,32 @@ _UNITS = re.compile(
 """Escapes and pairs of digits, up to a few characters before the end: none is seen in part."""
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 _PAIR = re.compile(rb"[0-9A-Fa-f]")
+_PLAIN_LINES = re.compile(rb"(?:[0-9A-Fa-f]{2}(?:[ \t][0-9A-Fa-f]{2})*+[ \t]?\r?\n){2,}+")
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A line of text, or a part of a very long one."""
+    """A line of text, a part of a very long one, or several plain lines.
+
+    Those that hold nothing but pairs of digits, one character between two, need not be looked at
+    one by one: none of them says how another is to be read.
+    """
 
     text: str
     line: int
-    """Number of the line, from 1."""
+    """Number of the line, from 1; of the first of several."""
     column: int
     """Characters of the line before this piece."""
+    lines: int = 1
+    """How many they are, each then with its end."""
+
+    def each(self) -> Iterator[Piece]:
+        """The lines one by one."""
+        if self.lines == 1:
+            yield self
+            return
+        for number, text in enumerate(self.text.splitlines(), self.line):
+            yield Piece(text, number, 0)
 
 
 def looks_like_text(first: bytes) -> bool:
@@ -95,22 +110,73 @@ def _prints(data: bytes, encoding: str) -> bool:
     return all(letter.isprintable() or letter.isspace() for letter in text)
 
 
-def text_pieces(stream: BinaryIO | IO[bytes], name: str) -> Iterator[Piece]:
-    """The lines of a stream, very long ones in several pieces, never cut within a word.
+class TextPieces:
+    """The lines of a stream, very long ones in several pieces, never cut within a word."""
 
-    Raises:
-        FileError: it is no text.
+    def __init__(self, stream: BinaryIO | IO[bytes], name: str) -> None:
+        self._stream = stream
+        self._name = name
+        self.drained = False
+        """Whether the piece behind the latest has to be read first."""
+
+    def __iter__(self) -> Iterator[Piece]:
+        """The pieces, once.
+
+        Raises:
+            FileError: it is no text.
+        """
+        number, column, name = 1, 0, self._name
+        for part, whole, lines in self._parts(_utf8_blocks(self._stream, name)):
+            if b"\0" in part:
+                raise FileError(
+                    f"{name}: holds no text (a zero byte in line {number}); if it holds raw bytes,"
+                    " add --input raw"
+                )
+            text = _text(part, name, number)
+            yield Piece(text, number, column, lines)
+            number, column = (number + lines, 0) if whole else (number, column + len(text))
+
+    def _parts(self, blocks: Iterator[bytes]) -> Iterator[tuple[bytes, bool, int]]:
+        """Lines without their ends, several plain ones at once, and pieces of those that are too
+        long; whether it ends a line, and how many lines it is.
+        """
+        held = b""
+        for block in blocks:
+            begun = len(held)
+            held += block
+            start = 0
+            for part, stop, lines in _lines(held, max(0, begun - 1)):
+                self.drained = stop == len(held)
+                yield part, True, lines
+                start = stop
+            held = held[start:]
+            self.drained = False
+            while len(held) > LONGEST_PIECE:
+                cut = _cut(held[:LONGEST_PIECE])
+                yield held[:cut], False, 1
+                held = held[cut:]
+        if held.endswith(b"\r"):
+            yield held[:-1], True, 1
+        elif held:
+            yield held, True, 1
+
+
+def _lines(held: bytes, seen: int) -> Iterator[tuple[bytes, int, int]]:
+    """The whole lines of some bytes, before `seen` of which none ends: each without its end, where
+    the next one begins, and 1; or several plain ones, and how many they are.
     """
-    number, column = 1, 0
-    for part, whole in _parts(_utf8_blocks(stream, name)):
-        if b"\0" in part:
-            raise FileError(
-                f"{name}: holds no text (a zero byte in line {number}); if it holds raw bytes,"
-                " add --input raw"
-            )
-        text = _text(part, name, number)
-        yield Piece(text, number, column)
-        number, column = (number + 1, 0) if whole else (number, column + len(text))
+    start = 0
+    while True:
+        if plain := _PLAIN_LINES.match(held, start):
+            lines = plain.group()
+            start = seen = plain.end()
+            yield lines, start, lines.count(b"\n")
+            continue
+        end = _LINE_END.search(held, max(start, seen))
+        if end is None:
+            return
+        yield held[start : end.start()], end.end(), 1
+        start = end.end()
 
 
 def _utf8_blocks(stream: BinaryIO | IO[bytes], name: str) -> Iterator[bytes]:
@@ -138,27 +204,6 @@ def _utf8_blocks(stream: BinaryIO | IO[bytes], name: str) -> Iterator[bytes]:
             f"{name}: ends within a character ({encoding.upper()[:6]}), so it is cut short; save or"
             " copy it again, or save what there is as UTF-8"
         )
-
-
-def _parts(blocks: Iterator[bytes]) -> Iterator[tuple[bytes, bool]]:
-    """Lines without their ends, and pieces of those that are too long; whether one ends a line."""
-    held = b""
-    for block in blocks:
-        seen = max(0, len(held) - 1)
-        held += block
-        start = 0
-        for end in _LINE_END.finditer(held, seen):
-            yield held[start : end.start()], True
-            start = end.end()
-        held = held[start:]
-        while len(held) > LONGEST_PIECE:
-            cut = _cut(held[:LONGEST_PIECE])
-            yield held[:cut], False
-            held = held[cut:]
-    if held.endswith(b"\r"):
-        yield held[:-1], True
-    elif held:
-        yield held, True
 
 
 def _cut(window: bytes) -> int:

@@ -19,6 +19,7 @@ says:
     reading      a decided stretch, in parts
     decided      what becomes of decided parts, and what they tell of the line
     tiling       decided bytes to rows
+    keeping      decided bytes as tiles, for much at once
 """
 
 from fte_sniff.protocol.framer.framer import Framer

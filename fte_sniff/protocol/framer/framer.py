@@ -47,6 +47,7 @@ from fte_sniff.protocol.framer.due import (
 )
 from fte_sniff.protocol.framer.enclosed import firm_frame, read_by_itself
 from fte_sniff.protocol.framer.ends import CANONICAL, front_of
+from fte_sniff.protocol.framer.keeping import Keeper
 from fte_sniff.protocol.framer.patterns import (
     ANCHOR_REACH,
     ANCHOR_TAIL,
@@ -79,8 +80,11 @@ GIVING_UP_NS = 500_000_000
 _IN_STEP = trusted()
 
 Skip: TypeAlias = Callable[[int], int]
-"""Counts frames in step, from a place in the first chunk on, that are as `PLAIN_RUN` has them; it
-may stop early."""
+"""Counts frames in step, from a place in some bytes on, that are as `PLAIN_RUN` has them; it may
+stop early. Places rise."""
+
+Scout: TypeAlias = Callable[[bytes], Skip | None]
+"""Looks through bytes at once for what is a quicker way through them; None where there is none."""
 
 
 class Framer:
@@ -89,10 +93,12 @@ class Framer:
     def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
         """A framer for the port of that name, whose line has `baud` bits per second."""
         self._timeline = Timeline(byte_time_ns(baud))
-        self._tiler = Tiler(port, self._timeline)
+        self._tiler = Tiler(port, self._timeline.marks)
         self._tiles: Tiles = self._tiler
         self._decided = Decided(self._tiler)
+        self._scout: Scout | None = None
         self._skip: Skip | None = None
+        """Through `_data`."""
         self._data = b""
         self._base = 0
         """Offset in the stream of the first byte of `_data`."""
@@ -114,15 +120,18 @@ class Framer:
         self._settled = False
 
     @classmethod
-    def of_bytes(cls, tiles: Tiles, skip: Skip) -> Framer:
-        """A framer for much at once, without times: for `pour` and `end`.
+    def keeping(cls, port: str, scout: Scout) -> tuple[Framer, Keeper]:
+        """A framer for much at once, for `pour` and `end`, and what keeps all that it decides.
 
-        The tiles take what other framers give as rows, which is the same; `skip` is a quicker way
-        to count frames in step.
+        Args:
+            port: as for any framer.
+            scout: looks through the bytes of each chunk before the framer does.
         """
-        framer = cls("")
-        framer._tiles, framer._decided, framer._skip = tiles, Decided(tiles), skip
-        return framer
+        framer = cls(port)
+        framer._scout = scout
+        keeper = Keeper(port, framer._timeline.marks)
+        framer._tiles, framer._decided = keeper, Decided(keeper)
+        return framer, keeper
 
     def pace(self, baud: int) -> None:
         """The line has `baud` bits per second from the next chunk on."""
@@ -159,12 +168,12 @@ class Framer:
     @property
     def waits_since_ns(self) -> int | None:
         """When the first byte that stands in no row yet began; None where there is none."""
-        offset = self._tiler.noise_offset
+        offset = self._tiles.noise_offset
         if offset is None:
             offset = self._base + self._at
             if self._at == len(self._data):
                 return None
-        return self._timeline.mark(offset).time_and_delay(offset)[0]
+        return self._timeline.marks.mark(offset).time_and_delay(offset)[0]
 
     def pour(self, chunk: Chunk) -> None:
         """Decide what this chunk decides."""
@@ -177,7 +186,9 @@ class Framer:
             self._pauses.add(self._base + len(self._data))
         self._data += chunk.data
         self._settled = False
+        self._skip = self._scout and self._scout(self._data)
         self._advance()
+        self._skip = None
         if self._at:
             self._drop_decided()
 

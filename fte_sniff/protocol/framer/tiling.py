@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from fte_sniff.protocol.framer.timeline import Timeline
+from fte_sniff.protocol.framer.timeline import Marks
 from fte_sniff.protocol.rows import Damage, Fault, Frame, Row
 from fte_sniff.protocol.table import FRAME_LENGTH
 
@@ -60,21 +60,21 @@ class Tiles(ABC):
 class Tiler(Tiles):
     """Makes the rows of one port."""
 
-    def __init__(self, port: str, timeline: Timeline) -> None:
+    def __init__(self, port: str, marks: Marks) -> None:
         super().__init__()
         self._port = port
-        self._timeline = timeline
+        self._marks = marks
         self._out: list[Row] = []
 
     def row(self, offset: int, raw: bytes, faults: tuple[Fault, ...], *, framed: bool) -> None:
         """One row, with its time."""
-        t_ns, delay = self._timeline.mark(offset).time_and_delay(offset)
+        t_ns, delay = self._marks.mark(offset).time_and_delay(offset)
         make = Frame if framed else Damage
         self._out.append(make(self._port, offset, raw, t_ns, faults, delay))
 
     def run(self, offset: int, data: bytes, start: int, stop: int) -> None:
         """The frames one by one, each with its time."""
-        port, append, mark_of = self._port, self._out.append, self._timeline.mark
+        port, append, mark_of = self._port, self._out.append, self._marks.mark
         mark = mark_of(offset)
         for place in range(start, stop, FRAME_LENGTH):
             if offset >= mark.stop:

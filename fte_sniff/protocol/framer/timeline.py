@@ -15,6 +15,7 @@ nothing came up to its time; it is silence too, but moves no byte.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from fte_sniff.protocol.rows import Chunk
@@ -51,12 +52,38 @@ class Mark(NamedTuple):
         return floor_ns, t_ns - floor_ns if t_ns > floor_ns else 0
 
 
+class Marks:
+    """The marks of one port's latest bytes, asked for from left to right."""
+
+    def __init__(self, marks: Iterable[Mark] = ()) -> None:
+        self._marks = deque(marks)
+
+    def append(self, mark: Mark) -> None:
+        """The next bytes have this mark."""
+        self._marks.append(mark)
+
+    def mark(self, offset: int) -> Mark:
+        """The mark of the byte at `offset`; earlier offsets must not be asked for again."""
+        while self._marks[0].stop <= offset:
+            self._marks.popleft()
+        return self._marks[0]
+
+    def before(self, offset: int) -> list[Mark]:
+        """Those of all bytes before `offset`; they must not be asked for again."""
+        found: list[Mark] = []
+        while self._marks and self._marks[0].stop <= offset:
+            found.append(self._marks.popleft())
+        if self._marks and self._marks[0].start < offset:
+            found.append(self._marks[0])
+        return found
+
+
 class Timeline:
-    """The marks of one port's latest bytes."""
+    """How the times of one port's bytes go on, chunk by chunk."""
 
     def __init__(self, byte_ns: int) -> None:
         self._byte_ns = byte_ns
-        self._marks: deque[Mark] = deque()
+        self.marks = Marks()
         self._size = 0
         self._floor = 0
         self._silent_since: int | None = None
@@ -68,7 +95,7 @@ class Timeline:
     def add(self, chunk: Chunk) -> int:
         """Take a chunk with bytes; returns the silence before it, nanoseconds, 0 if unknown."""
         stop = self._size + len(chunk.data)
-        self._marks.append(Mark(self._size, stop, chunk.t_ns, self._floor, self._byte_ns))
+        self.marks.append(Mark(self._size, stop, chunk.t_ns, self._floor, self._byte_ns))
         self._size = stop
         before, self._silent_since = self._silent_since, chunk.t_ns
         if chunk.t_ns is None:
@@ -87,12 +114,6 @@ class Timeline:
         if t_ns is None or self._silent_since is None:
             return 0
         return max(0, t_ns - self._silent_since)
-
-    def mark(self, offset: int) -> Mark:
-        """The mark of the byte at `offset`; earlier offsets must not be asked for again."""
-        while self._marks[0].stop <= offset:
-            self._marks.popleft()
-        return self._marks[0]
 
 
 class Pauses:

@@ -102,6 +102,11 @@ class RowColumns:
     def __len__(self) -> int:
         return len(self.t_ns)
 
+    @property
+    def timed(self) -> Array:
+        """Whether the row has a time: each has."""
+        return np.broadcast_to(np.True_, len(self))
+
     @classmethod
     def blank(cls, words: Words, rows: int) -> Self:
         """Room for so many rows, to be filled in; nothing in it means anything yet."""

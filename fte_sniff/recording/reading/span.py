@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.encoding.columns import RowColumns
+from fte_sniff.recording.encoding.columns import Array, RowColumns
 
 _LATEST = 2**63 - 1
 
@@ -33,11 +33,16 @@ class Span:
         """Whether a row or event lies in the span; what has no time does not."""
         return entry.t_ns is not None and self.first_ns <= entry.t_ns < self.end_ns
 
+    def among(self, t_ns: Array) -> Array:
+        """Which of these times lie in the span."""
+        found: Array = (t_ns >= self.first_ns) & (t_ns < self.end_ns)
+        return found
+
     def part_of(self, columns: RowColumns) -> RowColumns:
         """The rows and events that lie in the span."""
         if self.everything:
             return columns
-        inside = (columns.t_ns >= self.first_ns) & (columns.t_ns < self.end_ns)
+        inside = self.among(columns.t_ns)
         events = tuple(filter(self.holds, columns.events))
         if inside.all() and len(events) == len(columns.events):
             return columns

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from fte_sniff.analysis.columns.packing import PackedRows
+from fte_sniff.analysis.columns.packing import Codebook, PackedRows, pack
 from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.store.seams import Seam, shifted
 from fte_sniff.errors import FteSniffError
@@ -58,7 +58,7 @@ class ReplaySession:
         So nothing keeps a screen that opens from drawing its first rows.
 
         Args:
-            batches: each time with all rows packed or none; iterated in a thread of its own.
+            batches: rows packed or not; iterated in a thread of its own.
             title: the name of the file, to be shown.
             total: how many rows there will be, more or less; None where nobody knows.
             files: paths of the files that they come from.
@@ -164,14 +164,21 @@ def _damaged(losses: Sequence[str]) -> str | None:
 
 
 def _has_room(taken: list[Read]) -> bool:
-    packed = all(isinstance(read.rows, PackedRows) for read in taken if len(read.rows))
     rows = sum(len(read.rows) for read in taken)
-    return rows < (MOST_PACKED_A_POLL if packed else MOST_ROWS_A_POLL)
+    loose = sum(len(read.rows) for read in taken if not isinstance(read.rows, PackedRows))
+    return rows < MOST_PACKED_A_POLL and loose < MOST_ROWS_A_POLL
 
 
 def _joined(taken: list[Sequence[Row]]) -> Sequence[Row]:
     taken = [rows for rows in taken if len(rows)]
-    packed = [rows for rows in taken if isinstance(rows, PackedRows)]
-    if packed and len(packed) == len(taken):
-        return PackedRows.joined(packed)
+    if any(isinstance(rows, PackedRows) for rows in taken):
+        return PackedRows.joined([_packed(rows) for rows in taken])
     return [row for rows in taken for row in rows]
+
+
+def _packed(rows: Sequence[Row]) -> PackedRows:
+    """A few rows that came as objects are packed sooner than many are made objects."""
+    if isinstance(rows, PackedRows):
+        return rows
+    codebook = Codebook()
+    return PackedRows(*pack(rows, codebook), codebook)

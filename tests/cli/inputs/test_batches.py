@@ -1,6 +1,7 @@
-"""Rows one by one and rows side by side: every command sees and writes the same."""
+"""Rows one by one, packed and in columns: every command sees and writes the same."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
@@ -9,13 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.accumulators.tally import Tally
+from fte_sniff.analysis.columns.packing import Codebook, PackedRows, pack
 from fte_sniff.analysis.columns.table import TABLE_SCHEMA
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.cli.inputs.batches import Batch, ColumnBatch, RowBatch
+from fte_sniff.cli.inputs.batches import Batch, ColumnBatch, PackedBatch, RowBatch
+from fte_sniff.errors import FileError
 from fte_sniff.formats.tables.parquet import write_parquet
 from fte_sniff.formats.tables.writers import TEXT_FORMS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.recording.encoding.columns import RowColumns, Words
+from fte_sniff.recording.reading.span import Span
 
 PORTS = [
     "/dev/ttyUSB0",
@@ -45,10 +49,23 @@ def row(draw: st.DrawFn) -> Row:
 
 
 ROWS = st.lists(row(), max_size=12)
+UNTIMED = st.lists(
+    st.builds(lambda row, kept: row if kept else replace(row, t_ns=None), row(), st.booleans()),
+    max_size=12,
+)
 
 
 def both(rows: list[Row]) -> tuple[RowBatch, ColumnBatch]:
     return RowBatch(rows), ColumnBatch(RowColumns.of_rows(Words(), rows))
+
+
+def packed(rows: list[Row]) -> PackedBatch:
+    codebook = Codebook()
+    return PackedBatch(PackedRows(*pack(rows, codebook), codebook))
+
+
+def each(rows: list[Row]) -> tuple[RowBatch, ColumnBatch, PackedBatch]:
+    return (*both(rows), packed(rows))
 
 
 def written(batch: Batch, form: OutputFormat) -> str:
@@ -62,16 +79,31 @@ def written(batch: Batch, form: OutputFormat) -> str:
 @pytest.mark.parametrize("form", [*TEXT_FORMS, OutputFormat.HEX])
 @given(rows=ROWS)
 def test_the_text_is_the_same_byte_for_byte(form: OutputFormat, rows: list[Row]) -> None:
-    one_by_one, at_once = both(rows)
+    one_by_one, *others = each(rows)
     if rows:
-        assert written(at_once, form) == written(one_by_one, form)
+        for batch in others:
+            assert written(batch, form) == written(one_by_one, form)
+
+
+@pytest.mark.parametrize("form", [*TEXT_FORMS, OutputFormat.HEX])
+@given(rows=UNTIMED)
+def test_also_where_rows_have_no_times(form: OutputFormat, rows: list[Row]) -> None:
+    assert written(packed(rows), form) == written(RowBatch(rows), form)
 
 
 @given(ROWS)
 def test_the_count_is_the_same(rows: list[Row]) -> None:
-    one_by_one, at_once = Tally(), Tally()
-    for tally, batch in zip((one_by_one, at_once), both(rows), strict=True):
+    tallies = Tally(), Tally(), Tally()
+    for tally, batch in zip(tallies, each(rows), strict=True):
         batch.count(tally)
+    assert tallies[0] == tallies[1] == tallies[2]
+
+
+@given(UNTIMED)
+def test_also_without_times(rows: list[Row]) -> None:
+    one_by_one, at_once = Tally(), Tally()
+    RowBatch(rows).count(one_by_one)
+    packed(rows).count(at_once)
     assert at_once == one_by_one
 
 
@@ -94,21 +126,43 @@ def test_the_count_is_the_same(rows: list[Row]) -> None:
 )
 def test_a_filter_wants_the_same(rows: list[Row], text: str) -> None:
     wanted = RowFilter.parse(text)
-    one_by_one, at_once = both(rows)
-    assert at_once.wanted(wanted).rows() == one_by_one.wanted(wanted).rows()
+    one_by_one, *others = each(rows)
+    for batch in others:
+        assert batch.wanted(wanted).rows() == one_by_one.wanted(wanted).rows()
 
 
 @given(ROWS, st.integers(0, 14))
 def test_the_first_rows_are_the_same(rows: list[Row], count: int) -> None:
-    one_by_one, at_once = both(rows)
-    assert at_once.first(count).rows() == one_by_one.first(count).rows() == rows[:count]
+    assert all(batch.first(count).rows() == rows[:count] for batch in each(rows))
+
+
+@given(UNTIMED, st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1))
+def test_a_span_holds_the_same(rows: list[Row], first_ns: int, end_ns: int) -> None:
+    span = Span(first_ns, end_ns)
+    one_by_one, at_once = RowBatch(rows), packed(rows)
+    assert at_once.timed == one_by_one.timed
+    assert at_once.within(span).rows() == one_by_one.within(span).rows()
+
+
+@given(ROWS)
+def test_the_columns_of_a_recording_are_the_same(rows: list[Row]) -> None:
+    for batch in each(rows):
+        assert list(batch.columns(Words()).rows()) == rows
+
+
+@given(UNTIMED.filter(lambda rows: any(row.t_ns is None for row in rows)))
+def test_a_recording_takes_no_row_without_time(rows: list[Row]) -> None:
+    for batch in (RowBatch(rows), packed(rows)):
+        with pytest.raises(FileError, match="has no time since 1970"):
+            batch.columns(Words())
 
 
 @given(ROWS)
 def test_the_frame_is_the_same(rows: list[Row]) -> None:
-    one_by_one, at_once = both(rows)
-    assert at_once.frame().equals(one_by_one.frame())
-    assert at_once.frame().schema == TABLE_SCHEMA
+    one_by_one, *others = each(rows)
+    for batch in others:
+        assert batch.frame().equals(one_by_one.frame())
+        assert batch.frame().schema == TABLE_SCHEMA
 
 
 def test_parquet_is_the_frames_one_behind_the_other(tmp_path: Path) -> None:

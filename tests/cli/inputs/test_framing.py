@@ -1,0 +1,104 @@
+"""Logs in portions: the framer's rows, and nothing waits for what has not come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fte_sniff.cli.inputs.framing import PORTION
+from fte_sniff.cli.inputs.one_input import LogInput
+from fte_sniff.errors import FileError, InputTextError
+from fte_sniff.protocol import Chunk, Framer, Row
+from fte_sniff.recording.reading.span import Span
+from tests.protocol.streams import raw_bytes
+
+FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
+CUT = ["f: ends in the middle of a frame (4 of 10 bytes)"]
+
+
+def rows_of(log: LogInput, notes: list[str], span: Span | None = None) -> list[list[Row]]:
+    return [list(batch.sequence()) for batch in log.batches(span, notes.append)]
+
+
+@settings(deadline=None)
+@given(raw_bytes, st.integers(1, 9), st.booleans(), st.sampled_from([0, 10**18]))
+def test_rows_are_the_framers(data: bytes, repeated: int, waiting: bool, start_ns: int) -> None:
+    data = data * (4000 * repeated // (len(data) + 1) + 1)
+    cut = [data[at : at + 40_000] for at in range(0, len(data), 40_000)]
+    chunks = [
+        Chunk("f", start_ns + at if start_ns else None, piece) for at, piece in enumerate(cut)
+    ]
+    framer, notes = Framer("f"), list[str]()
+    expected = [row for chunk in chunks for row in framer.feed(chunk)] + framer.flush()
+    if data:
+        found = rows_of(LogInput(chunks, "f", lambda: waiting), notes)
+        assert [row for rows in found for row in rows] == expected
+
+
+def test_portions_are_bounded() -> None:
+    chunks = (Chunk("f", None, FRAME) for _ in range(PORTION // 4))
+    notes: list[str] = []
+    sizes = [len(rows) for rows in rows_of(LogInput(chunks, "f"), notes)]
+    assert sum(sizes) == PORTION // 4
+    assert max(sizes) <= PORTION // len(FRAME) + 1
+
+
+def test_what_has_come_is_handed_on_before_more_is_waited_for() -> None:
+    asked: list[int] = []
+
+    def chunks() -> Iterator[Chunk]:
+        for at in range(3):
+            asked.append(at)
+            yield Chunk("f", None, FRAME * 5)
+
+    handed: list[tuple[int, int]] = []
+    for batch in LogInput(chunks(), "f", lambda: True).batches(None, lambda _: None):
+        handed.append((len(asked), len(batch)))
+    assert handed == [(1, 5), (2, 5), (3, 5), (3, 0)]
+
+
+def test_the_end_is_told() -> None:
+    notes: list[str] = []
+    rows_of(LogInput([Chunk("f", None, FRAME * 3000 + FRAME[:4])], "f"), notes)
+    assert notes == CUT
+    with pytest.raises(FileError, match="f: is empty"):
+        rows_of(LogInput([], "f"), notes)
+
+
+def test_rows_before_an_error_are_not_lost() -> None:
+    def chunks() -> Iterator[Chunk]:
+        yield Chunk("f", None, FRAME * 3)
+        yield Chunk("f", None, FRAME[:4])
+        raise InputTextError("no hex")
+
+    batches = LogInput(chunks(), "f").batches(None, lambda _: None)
+    assert [len(row.raw) for row in next(batches).sequence()] == [10, 10, 10, 4]
+    with pytest.raises(InputTextError):
+        next(batches)
+
+
+@pytest.mark.parametrize("count", [10, 5000])
+def test_a_span_takes_what_lies_in_it(count: int) -> None:
+    chunks = [Chunk("f", 10**18 + at * 10**9, FRAME) for at in range(count)]
+    notes: list[str] = []
+    inside = Span(10**18 + 2 * 10**9, 10**18 + 5 * 10**9)
+    found = rows_of(LogInput(chunks, "f"), notes, inside)
+    assert [row.offset for rows in found for row in rows] == [30, 40, 50]
+    assert not notes
+    assert not any(rows_of(LogInput(chunks, "f"), notes, Span(0, 10)))
+    assert f"none of its {count:,} rows lies between" in notes[0]
+
+
+def test_a_large_file_is_read_in_pieces(tmp_path: Path) -> None:
+    from fte_sniff.cli.inputs.opening import HowToRead, opened
+
+    path = tmp_path / "large.bin"
+    path.write_bytes(FRAME * 200_000)
+    (one,) = opened([path], HowToRead())
+    sizes = [len(batch) for batch in one.batches(None, lambda _: None)]
+    assert sum(sizes) == 200_000
+    assert max(sizes) <= PORTION // len(FRAME) + 1
