@@ -90,23 +90,33 @@ def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: 
     elif form is OutputFormat.MCAP:
         _record(output, reading, force=force)
     elif form is OutputFormat.RAW:
-        with file_output(output, form, force=force) as path, path.open("wb") as file:
-            ports = set[str]()
-            for batch in reading:
-                frame = batch.frame()
-                ports.update(frame["port"].unique())
-                file.write(bytes.fromhex("".join(frame["raw"])))
-        if len(ports) > 1:
-            reading.notes.append(
-                f"{output}: holds the bytes of {len(ports)} ports in one stream, and nothing in it"
-                f" tells them apart; for one of them say --filter \"port = '{min(ports)}'\""
-            )
+        _pour(output, reading, force=force)
     else:
         with text_output(output, force=force) as stream:
             writer = row_writer(form, stream, ports=len(reading.inputs) > 1)
             for batch in reading:
                 batch.write_to(writer)
+                # Who reads along is not to wait for what has not come yet.
+                stream.flush()
             writer.end()
+
+
+def _pour(output: Path | None, reading: Reading, *, force: bool) -> None:
+    from fte_sniff.session.saving.sinks import RawSink
+
+    with file_output(output, OutputFormat.RAW, force=force) as path:
+        ports = [port.name for one in reading.inputs for port in one.ports]
+        sink = RawSink(path, ports)
+        try:
+            for batch in reading:
+                sink.write(batch.sequence())
+        finally:
+            sink.end()
+    if len(sink.ports) > 1:
+        reading.notes.append(
+            f"{output}: holds the bytes of {len(sink.ports)} ports in one stream, and nothing in it"
+            f" tells them apart; for one of them say --filter \"port = '{min(sink.ports)}'\""
+        )
 
 
 def _record(output: Path | None, reading: Reading, *, force: bool) -> None:

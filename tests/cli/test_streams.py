@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.processes import PROGRAM
+from tests.cli.processes import PROGRAM, started
 
 FRAME = "AA 02 02 03 E8 00 00 27 10 EE"
 ENCODE = "encode speed --motor 1 --rpm 1"
@@ -101,6 +101,37 @@ def test_a_reader_that_leaves_ends_it_quietly(bash, command: str) -> None:
     assert codes in ("0 0", "0")
     assert "Traceback" not in errors
     assert "rror" not in errors
+
+
+@pytest.mark.parametrize("form", ["table", "jsonl", "csv", "hex"])
+@pytest.mark.parametrize("end", ["bin", "log"])
+def test_the_head_of_many_bytes(bash, tmp_path: Path, form: str, end: str) -> None:
+    frame = bytes.fromhex(FRAME)
+    many = frame * 300_000 if end == "bin" else f"{FRAME}\n".encode() * 100_000
+    (tmp_path / f"many.{end}").write_bytes(many)
+    codes, output, errors = bash(f"F decode many.{end} --format {form} | head -3")
+    assert codes == "0 0"
+    assert output.count("\n") == 3
+    assert errors == ""
+
+
+@pytest.mark.parametrize("form", ["table", "jsonl", "csv"])
+@pytest.mark.parametrize("way", ["raw", "hex"])
+def test_rows_come_while_the_input_goes_on(
+    environment: dict[str, str], tmp_path: Path, way: str, form: str
+) -> None:
+    frames = bytes.fromhex(FRAME) * 3 if way == "raw" else f"{FRAME}\n".encode() * 3
+    arguments = ("decode", "-", "--format", form)
+    with started(environment, tmp_path, *arguments, stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        for lines in (3 if form == "jsonl" else 4, 3):
+            process.stdin.write(frames)
+            process.stdin.flush()
+            for _ in range(lines):
+                assert process.stdout.readline()
+        process.stdin.close()
+        assert process.wait(60) == 0
 
 
 def test_the_head_of_a_table(bash) -> None:

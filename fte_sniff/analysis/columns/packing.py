@@ -227,6 +227,19 @@ class PackedRows(Sequence[Row]):
         """The first ten bytes."""
         return self._packed["raw"]
 
+    def tobytes(self) -> bytes:
+        """All bytes of the rows, one row behind the other."""
+        inline = np.ascontiguousarray(self.raw)
+        length = np.minimum(self.length, FRAME_LENGTH)
+        if (length < FRAME_LENGTH).any():
+            inline = inline[np.arange(FRAME_LENGTH) < length[:, None]]
+        inline, ends = inline.reshape(-1), np.cumsum(length, dtype=np.int64)
+        parts, start = list[bytes](), 0
+        for place, raw in sorted(self.long.items()):
+            parts += [inline[start : ends[place]].tobytes(), raw[FRAME_LENGTH:]]
+            start = ends[place]
+        return b"".join([*parts, inline[start:].tobytes()])
+
     def packed_for(self, codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
         """The same as `pack` gives, with the numbers of another codebook."""
         if codebook is self.words:

@@ -1,67 +1,85 @@
-"""Owns rows on their way to a Parquet file.
+"""Owns rows on their way to a Parquet file, handed over piece by piece.
 
-It must not know how the file came to be or what it will be called.
+It must not know how the file came to be or what it will be called, nor how Parquet is written:
+`formats` does, and asks for rows, so it does that in a thread of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from queue import Full, Queue
+from threading import Thread
 from typing import Final
 
 import polars as pl
 
 from fte_sniff.analysis.columns.table import TABLE_SCHEMA, rows_table
-from fte_sniff.errors import FileError
+from fte_sniff.formats.tables.parquet import write_parquet
 from fte_sniff.protocol import Row
 from fte_sniff.session.saving.origin import Origin
 
-PIECE_ROWS: Final = 262_144
-"""Rows of the file that are kept in memory at most."""
+MOST_WAITING: Final = 8
+"""Pieces that wait to be written at most."""
+
+_LOOK_S: Final = 0.1
+"""How long a piece waits before it is seen whether anybody still writes."""
+
+
+class _AbandonedError(Exception):
+    """The file is not wanted any more."""
 
 
 class ParquetSink:
-    """Rows as `analysis.table` has their columns; many rows wait in files beside the one to be."""
+    """Rows as `analysis.table` has their columns."""
 
     def __init__(self, path: Path, _origin: Origin) -> None:
         self._path = path
-        self._pieces: list[Path] = []
-        self._frames: list[pl.DataFrame] = []
-        self._waiting = 0
+        self._waiting: Queue[pl.DataFrame | None] = Queue(MOST_WAITING)
+        self._error: Exception | None = None
+        self._abandoned = False
+        self._thread = Thread(target=self._write, name="writes Parquet", daemon=True)
+        self._thread.start()
 
     def write(self, rows: Sequence[Row]) -> None:
         """Take the rows."""
         if rows:
-            self._frames.append(rows_table(rows))
-            self._waiting += len(rows)
-        if self._waiting >= PIECE_ROWS:
-            piece = self._path.with_name(f"{self._path.name}.{len(self._pieces)}")
-            self._pieces.append(piece)
-            self._write(pl.concat(self._frames), piece)
-            self._frames, self._waiting = [], 0
+            self._put(rows_table(rows))
 
     def end(self) -> None:
-        """Put all pieces together."""
-        rest = pl.concat([pl.DataFrame(schema=dict(TABLE_SCHEMA)), *self._frames])
-        if not self._pieces:
-            self._write(rest, self._path)
-            return
-        whole = pl.concat([*map(pl.scan_parquet, self._pieces), rest.lazy()])
-        try:
-            whole.sink_parquet(self._path)
-        except pl.exceptions.PolarsError as error:
-            raise FileError(f"{self._path.stem} cannot be written: {error}") from error
-        self.abandon()
+        """Wait until all is written."""
+        self._put(None)
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
 
     def abandon(self) -> None:
-        """Take the pieces away."""
-        for piece in self._pieces:
-            with suppress(OSError):
-                piece.unlink(missing_ok=True)
+        """Write no more."""
+        self._abandoned = True
+        if self._thread.is_alive():
+            try:
+                self._put(None)
+            finally:
+                self._thread.join()
 
-    def _write(self, frame: pl.DataFrame, path: Path) -> None:
+    def _put(self, frame: pl.DataFrame | None) -> None:
+        while self._error is None:
+            try:
+                self._waiting.put(frame, timeout=_LOOK_S)
+            except Full:
+                continue
+            return
+        if not self._abandoned:
+            raise self._error
+
+    def _write(self) -> None:
         try:
-            frame.write_parquet(path)
-        except pl.exceptions.PolarsError as error:
-            raise FileError(f"{self._path.stem} cannot be written: {error}") from error
+            write_parquet(self._frames(), self._path, dict(TABLE_SCHEMA))
+        except (OSError, _AbandonedError) as error:
+            self._error = error
+
+    def _frames(self) -> Iterator[pl.DataFrame]:
+        while not self._abandoned and (frame := self._waiting.get()) is not None:
+            yield frame
+        if self._abandoned:
+            raise _AbandonedError

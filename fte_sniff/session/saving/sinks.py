@@ -56,9 +56,18 @@ class RawSink:
 
     def __init__(self, path: Path, _origin: Origin) -> None:
         self._stream = path.open("wb")
+        self.ports: set[str] = set()
+        """Where the rows came from; nothing in the file tells them apart."""
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows' bytes."""
+        from fte_sniff.analysis.columns.packing import PackedRows
+
+        if isinstance(rows, PackedRows):
+            self.ports.update(rows.words.ports[code] for code in set(rows.port.tolist()))
+            self._stream.write(rows.tobytes())
+            return
+        self.ports.update(row.port for row in rows)
         self._stream.writelines(row.raw for row in rows)
 
     def end(self) -> None:

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from itertools import compress
+
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -56,6 +59,19 @@ def test_packed_rows_are_packed_and_joined_as_the_rows_are(one: list[Row], two: 
     codebook.port_code("another first")
     codebook.fault_code(tuple(Fault))
     assert unpack(*pack(joined, codebook), codebook) == one + two
+
+
+@given(TIMED_ROWS, st.data())
+def test_packed_rows_are_parted_and_poured_out_as_the_rows_are(
+    rows: list[Row], data: st.DataObject
+) -> None:
+    found = packed(rows)
+    assert found.tobytes() == b"".join(row.raw for row in rows)
+    start, end = data.draw(st.integers(-13, 13)), data.draw(st.integers(-13, 13))
+    assert list(found.parted(slice(start, end))) == rows[start:end]
+    mask = data.draw(st.lists(st.booleans(), min_size=len(rows), max_size=len(rows)))
+    assert list(found.parted(np.array(mask, np.bool_))) == list(compress(rows, mask))
+    assert found.parted(slice(1, None)).tobytes() == b"".join(row.raw for row in rows[1:])
 
 
 @given(TIMED_ROWS)

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import resource
+import threading
 from pathlib import Path
 
 import polars as pl
@@ -89,15 +90,13 @@ def test_no_rows_make_a_file_too(tmp_path: Path, suffix: str) -> None:
     assert saved(tmp_path / f"none{suffix}", []).exists()
 
 
-def test_many_rows_of_a_parquet_file_wait_beside_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(parquet_sink, "PIECE_ROWS", 10)
-    taken = rows()
-    path = saved(tmp_path / "rows.parquet", taken)
-    assert pl.read_parquet(path).equals(rows_table(taken))
-    assert pl.read_parquet_schema(path) == TABLE_SCHEMA
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+@pytest.mark.parametrize("pieces", [0, 1, 3 * parquet_sink.MOST_WAITING])
+def test_an_abandoned_parquet_file_is_written_no_more(tmp_path: Path, pieces: int) -> None:
+    sink = parquet_sink.ParquetSink(tmp_path / "rows.parquet", PORTS)
+    for _ in range(pieces):
+        sink.write(rows(5))
+    sink.abandon()
+    assert not any(thread.name == "writes Parquet" for thread in threading.enumerate())
 
 
 def test_a_file_in_the_way_is_named_and_replaced_only_where_that_is_said(tmp_path: Path) -> None:
