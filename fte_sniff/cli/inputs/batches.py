@@ -6,7 +6,7 @@ packed from logs that are framed here, and in columns from recordings; no comman
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
@@ -91,17 +91,30 @@ class LogBatch(Batch, Protocol):
         ...
 
 
-FEW: Final = 1000
-"""Fewer rows are quicker one by one, if what takes many at once would have to be loaded."""
+FEW: Final = 20_000
+"""Fewer rows are read one by one before what takes many at once is loaded."""
+
+_FEWEST: Final = 100
+"""Fewer rows are never taken at once."""
 
 
-def log_batch(decided: Decided) -> LogBatch:
-    """The rows that were decided, in the form that is quickest."""
-    if len(decided) < FEW:
-        return RowBatch(decided.rows())
-    from fte_sniff.analysis.columns.tiles import packed_tiles
+def log_batches(portions: Iterable[Decided], few: int = FEW) -> Iterator[LogBatch]:
+    """The rows of all that was decided, in the form that is quickest.
 
-    return PackedBatch(packed_tiles(decided))
+    Args:
+        portions: as they come.
+        few: so many rows come as objects, whatever is behind them.
+    """
+    count = 0
+    for portion in portions:
+        rows = len(portion)
+        count += rows
+        if count < few or rows < min(few, _FEWEST):
+            yield RowBatch(portion.rows())
+            continue
+        from fte_sniff.analysis.columns.tiles import packed_tiles
+
+        yield PackedBatch(packed_tiles(portion))
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +327,7 @@ def _count(rows: SideBySide, tally: Tally) -> None:
 
 
 def _write(batch: PackedBatch | ColumnBatch, writer: RowWriter) -> None:
-    if isinstance(writer, FrameWriter):
+    if isinstance(writer, FrameWriter) and not (writer.tells_order and batch.held.unordered.any()):
         writer.write_frame(batch.frame())
     else:
         writer.write(batch.rows())

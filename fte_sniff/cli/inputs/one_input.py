@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import IO, TYPE_CHECKING, Protocol
 
-from fte_sniff.cli.inputs.batches import Batch, ColumnBatch, LogBatch, log_batch
+from fte_sniff.cli.inputs.batches import Batch, ColumnBatch, LogBatch, log_batches
 from fte_sniff.cli.inputs.framing import decided
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.logs.hex_log import HexLog
@@ -237,7 +237,7 @@ class LogInput:
         portions = decided(self.chunks, self.name, note, self.drained)
         if isinstance(self.chunks, HexLog):
             portions = _compared(portions, self.chunks, note)
-        batches = map(log_batch, portions)
+        batches = log_batches(portions)
         yield from batches if span is None else self._spanned(batches, span, note)
 
     def _spanned(self, batches: Iterable[LogBatch], span: Span, note: Note) -> Iterator[LogBatch]:

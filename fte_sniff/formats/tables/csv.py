@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 class CsvWriter:
     """Writes CSV: `time` as ISO 8601 with nine digits, absent values empty, faults joined."""
 
+    tells_order = False
+
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._writer = csv.writer(stream, lineterminator="\n")

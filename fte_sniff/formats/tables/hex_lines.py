@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 class HexWriter:
     """Writes `AA 01 01 03 E8 00 00 00 00 EE`, and nothing else of a row."""
 
+    tells_order = False
+
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 class JsonlWriter:
     """Writes one JSON object a row; `time` as ISO 8601 with nine digits, absent values as null."""
 
+    tells_order = False
+
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 

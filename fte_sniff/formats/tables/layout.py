@@ -25,16 +25,19 @@ STATUS_MARK = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
 ORDER_MARK = "~"
 """The character of a row in order whose place among another port's rows is not certain."""
 
-_KIND_WIDTH = max(len(kind.name) for kind in KINDS)
-_TIME_WIDTH = len(iso_time(0))
-_VALUES_WIDTH = max(
+GAP = "  "
+"""What stands between two cells."""
+
+KIND_WIDTH = max(len(kind.name) for kind in KINDS)
+TIME_WIDTH = len(iso_time(0))
+VALUES_WIDTH = max(
     len(" ".join(f"{field.name}={field.text(field.low)}" for field in kind.fields))
     for kind in KINDS
 )
-_OFFSET_WIDTH = 9
+OFFSET_WIDTH = 9
 _CLOCK_WIDTH = len("12:00:00.000")
-_PORT_WIDTH = 14
-_RAW_WIDTH = len(spaced_hex(bytes(FRAME_LENGTH)))
+PORT_WIDTH = 14
+RAW_WIDTH = len(spaced_hex(bytes(FRAME_LENGTH)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +52,7 @@ class Layout:
     def header(self) -> tuple[str, ...]:
         """The names above the cells, padded as the cells are."""
         return self._padded(
-            "time", "port", "offset".rjust(_OFFSET_WIDTH), " ", "kind", "values", "raw", "faults"
+            "time", "port", "offset".rjust(OFFSET_WIDTH), " ", "kind", "values", "raw", "faults"
         )
 
     def cells(self, row: Row) -> tuple[str, ...]:
@@ -57,7 +60,7 @@ class Layout:
         return self._padded(
             "-" if row.t_ns is None else iso_time(row.t_ns),
             shown(row.port),
-            str(row.offset).rjust(_OFFSET_WIDTH),
+            str(row.offset).rjust(OFFSET_WIDTH),
             mark_of(row),
             kind_text(row),
             values_text(row),
@@ -86,8 +89,8 @@ class Layout:
 
     def _narrow(self, clock: str, port: str, mark: str, kind: str, told: str) -> tuple[str, ...]:
         times = (clock.ljust(_CLOCK_WIDTH),) if self.times else ()
-        ports = (port[-_PORT_WIDTH:].ljust(_PORT_WIDTH),) if self.ports else ()
-        return (*times, *ports, mark, kind.ljust(_KIND_WIDTH), told)
+        ports = (port[-PORT_WIDTH:].ljust(PORT_WIDTH),) if self.ports else ()
+        return (*times, *ports, mark, kind.ljust(KIND_WIDTH), told)
 
     def _padded(  # one parameter a cell, in the order of the line
         self,
@@ -100,17 +103,17 @@ class Layout:
         raw: str,
         faults: str,
     ) -> tuple[str, ...]:
-        times = (time.ljust(_TIME_WIDTH),) if self.times else ()
-        ports = (port.ljust(_PORT_WIDTH),) if self.ports else ()
-        values = values.ljust(_VALUES_WIDTH)
+        times = (time.ljust(TIME_WIDTH),) if self.times else ()
+        ports = (port.ljust(PORT_WIDTH),) if self.ports else ()
+        values = values.ljust(VALUES_WIDTH)
         return (
             *times,
             *ports,
             offset,
             mark,
-            kind.ljust(_KIND_WIDTH),
+            kind.ljust(KIND_WIDTH),
             values,
-            raw.ljust(_RAW_WIDTH),
+            raw.ljust(RAW_WIDTH),
             faults,
         )
 

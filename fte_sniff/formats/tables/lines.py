@@ -8,17 +8,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
-from fte_sniff.formats.tables.layout import Layout
+from fte_sniff.formats.tables.layout import GAP, Layout
 from fte_sniff.protocol import Frame, Row, Status
 
 if TYPE_CHECKING:
+    import polars as pl
     from rich.console import Console
-
-_GAP = "  "
 
 
 class PlainWriter:
     """Writes one plain line a row, with every column at its place, for pipes and files."""
+
+    tells_order = True
 
     def __init__(self, stream: TextIO, *, ports: bool) -> None:
         self._stream = stream
@@ -27,19 +28,31 @@ class PlainWriter:
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows; the first one decides whether there is a column for the time."""
-        if rows and self._layout is None:
-            self._layout = Layout(times=rows[0].t_ns is not None, ports=self._ports)
-            self._stream.write(_joined(self._layout.header()))
-        if self._layout is not None:
-            cells = self._layout.cells
+        if rows:
+            cells = self._laid_out(times=rows[0].t_ns is not None).cells
             self._stream.writelines(_joined(cells(row)) for row in rows)
+
+    def write_frame(self, frame: pl.DataFrame) -> None:
+        """Write the rows of a frame that has the contract's columns, and each its certain place."""
+        from fte_sniff.formats.tables.frame_lines import frame_lines
+
+        if frame.height:
+            layout = self._laid_out(times=frame["time"][0] is not None)
+            self._stream.write(frame_lines(frame, layout))
+
+    def _laid_out(self, *, times: bool) -> Layout:
+        """What the first row decided, under the header."""
+        if self._layout is None:
+            self._layout = Layout(times=times, ports=self._ports)
+            self._stream.write(_joined(self._layout.header()))
+        return self._layout
 
     def end(self) -> None:
         """Nothing is held back."""
 
 
 def _joined(cells: Iterable[str]) -> str:
-    return _GAP.join(cells).rstrip() + "\n"
+    return GAP.join(cells).rstrip() + "\n"
 
 
 class RichWriter:
@@ -60,14 +73,14 @@ class RichWriter:
             self._cells = self._begin(Layout(times=rows[0].t_ns is not None, ports=self._ports))
         if self._cells is not None:
             for row in rows:
-                self._print(_GAP.join(self._cells(row)), style_of(row))
+                self._print(GAP.join(self._cells(row)), style_of(row))
 
     def _begin(self, layout: Layout) -> Callable[[Row], Iterable[str]]:
         """Write the header, and choose the cells that the terminal has room for."""
         if self._console.width >= layout.width:
-            self._print(_GAP.join(layout.header()), "bold")
+            self._print(GAP.join(layout.header()), "bold")
             return layout.cells
-        self._print(_GAP.join(layout.narrow_header()), "bold")
+        self._print(GAP.join(layout.narrow_header()), "bold")
         return layout.narrow_cells
 
     def end(self) -> None:

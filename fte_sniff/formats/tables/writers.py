@@ -63,6 +63,9 @@ class RowWriter(Protocol):
 class FrameWriter(Protocol):
     """Writes rows that lie side by side, faster than one by one and with the same outcome."""
 
+    tells_order: bool
+    """Whether it marks rows whose order is uncertain, which a frame does not tell."""
+
     def write_frame(self, frame: pl.DataFrame) -> None:
         """Write the rows of a frame that has the contract's columns."""
         ...

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fte_sniff.cli.inputs.framing import PORTION
+from fte_sniff.cli.inputs.batches import FEW, log_batches
+from fte_sniff.cli.inputs.framing import PORTION, decided
 from fte_sniff.cli.inputs.one_input import LogInput
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.protocol import Chunk, Framer, Row
@@ -24,7 +25,7 @@ def rows_of(log: LogInput, notes: list[str], span: Span | None = None) -> list[l
     return [list(batch.sequence()) for batch in log.batches(span, notes.append)]
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(raw_bytes, st.integers(1, 9), st.booleans(), st.sampled_from([0, 10**18]))
 def test_rows_are_the_framers(data: bytes, repeated: int, waiting: bool, start_ns: int) -> None:
     data = data * (4000 * repeated // (len(data) + 1) + 1)
@@ -32,11 +33,13 @@ def test_rows_are_the_framers(data: bytes, repeated: int, waiting: bool, start_n
     chunks = [
         Chunk("f", start_ns + at if start_ns else None, piece) for at, piece in enumerate(cut)
     ]
-    framer, notes = Framer("f"), list[str]()
+    framer = Framer("f")
     expected = [row for chunk in chunks for row in framer.feed(chunk)] + framer.flush()
     if data:
-        found = rows_of(LogInput(chunks, "f", lambda: waiting), notes)
-        assert [row for rows in found for row in rows] == expected
+        for few in (0, 1000, FEW):
+            portions = decided(chunks, "f", lambda _: None, lambda: waiting)
+            found = [row for batch in log_batches(portions, few) for row in batch.rows()]
+            assert found == expected
 
 
 def test_portions_are_bounded() -> None:
@@ -81,7 +84,7 @@ def test_rows_before_an_error_are_not_lost() -> None:
         next(batches)
 
 
-@pytest.mark.parametrize("count", [10, 5000])
+@pytest.mark.parametrize("count", [10, FEW])
 def test_a_span_takes_what_lies_in_it(count: int) -> None:
     chunks = [Chunk("f", 10**18 + at * 10**9, FRAME) for at in range(count)]
     notes: list[str] = []

@@ -1,0 +1,144 @@
+"""Measures the commands that read files on raw bytes and hex logs, against recordings and a copy.
+
+    python -m benchmarks.decode_speed [--frames 1000000] [--rounds 3] [--against CHECKOUT]
+
+The same rows lie in a file of raw bytes, in one of them damaged, in hex lines, in a log with times
+and directions, and in a recording. Each command is a process of its own; told are rows in a second
+of processor time, its start, measured on one frame, taken off: the best of the rounds, in which all
+take turns. `--against` names the folder of another checkout of the program, whose commands read a
+tenth of the rows in the same rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks.faults import damaged_stream
+from benchmarks.recording_speed import PORTS, frame_pool
+from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.recording.encoding.columns import RowColumns, Words
+from fte_sniff.recording.writing.bulk_writer import write_recording
+
+START_NS = 1_770_000_000 * 10**9
+SLOWER = 10
+"""By how much fewer rows the other checkout reads."""
+INPUTS = ("raw", "damaged", "hex", "log", "recording")
+WORK: Mapping[str, tuple[str, ...]] = {
+    "csv": ("decode", "--format", "csv"),
+    "jsonl": ("decode", "--format", "jsonl"),
+    "table": ("decode", "--format", "table"),
+    "parquet": ("decode", "--force", "-o", "out.parquet"),
+    "raw": ("decode", "--force", "-o", "out.raw"),
+    "filter": ("decode", "--format", "csv", "--filter", "motor = 1 AND rpm > 1500"),
+    "stats": ("stats",),
+}
+NAME = {
+    "raw": "rows.bin",
+    "damaged": "damaged.bin",
+    "hex": "rows.hex",
+    "log": "rows.log",
+    "recording": "rows.mcap",
+}
+
+
+def written(folder: Path, frames: int) -> Path:
+    """So many rows in every form."""
+    folder.mkdir()
+    pool = frame_pool()
+    rows = pool[np.random.default_rng(2).integers(0, len(pool), frames)]
+    data = rows.tobytes()
+    (folder / NAME["raw"]).write_bytes(data)
+    stream, _ = damaged_stream(1, min(frames, 50_000), 0.01, "ordinary")
+    damaged = stream * (frames * FRAME_LENGTH // len(stream) + 1)
+    (folder / NAME["damaged"]).write_bytes(damaged[: frames * FRAME_LENGTH])
+    texts = [data[at : at + FRAME_LENGTH].hex(" ").upper() for at in range(0, len(data), 10)]
+    (folder / NAME["hex"]).write_text("".join(f"{text}\n" for text in texts))
+    (folder / NAME["log"]).write_text(
+        "".join(
+            f"[2026-01-31 10:{at // 60_000 % 60:02}:{at // 1000 % 60:02}.{at % 1000:03}]"
+            f"{'收←◆' if text.startswith('55') else '发→◇'}{text}\n"
+            for at, text in enumerate(texts)
+        )
+    )
+    words = Words()
+    columns = RowColumns.blank(words, frames)
+    at = np.arange(frames)
+    columns.t_ns[:], columns.offset[:] = START_NS + at * 868_056, at * FRAME_LENGTH
+    columns.port[:], columns.raw[:] = words.port_code(PORTS[0].name), rows
+    write_recording(folder / NAME["recording"], PORTS[:1], [columns])
+    return folder
+
+
+def cost(command: tuple[str, ...], folder: Path, checkout: Path) -> tuple[float, int]:
+    """Processor seconds of a process, and the kilobytes that it needed."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(
+        command,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(checkout.resolve())},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        check=True,
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return used, after.ru_maxrss
+
+
+def command_of(work: str, source: str) -> tuple[str, ...]:
+    """A command line."""
+    return (sys.executable, "-m", "fte_sniff", *WORK[work], NAME[source])
+
+
+def measure(folders: list[tuple[Path, Path, int]], one: Path, rounds: int) -> None:
+    """Print a line for each command and input: rows a second, of each checkout, and ratios."""
+    best: dict[tuple[str, str, int], float] = {}
+    for _ in range(rounds):
+        for work in WORK:
+            for source in INPUTS:
+                for number, (folder, checkout, rows) in enumerate(folders):
+                    command = command_of(work, source)
+                    start, _ = cost(command, one, checkout)
+                    used, _ = cost(command, folder, checkout)
+                    each = max(used - start, 0.001) / rows
+                    key = (work, source, number)
+                    best[key] = min(best.get(key, each), each)
+    print("rows in a second of processor time")
+    for work in WORK:
+        for source in INPUTS:
+            speeds = [1 / best[work, source, number] for number in range(len(folders))]
+            against = f"  {speeds[0] / speeds[1]:6.1f}x of {speeds[1]:9,.0f}" if speeds[1:] else ""
+            recording = best[work, "recording", 0] * speeds[0]
+            print(f"{work:8}{source:10}{speeds[0]:12,.0f}{against}  recording {recording:5.2f}x")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=1_000_000)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--against", type=Path)
+    chosen = parser.parse_args()
+    here = Path(__file__).parent.parent
+    with TemporaryDirectory() as name:
+        one = written(Path(name, "one"), 1)
+        folders = [(written(Path(name, "many"), chosen.frames), here, chosen.frames)]
+        if chosen.against:
+            fewer = chosen.frames // SLOWER
+            folders.append((written(Path(name, "fewer"), fewer), chosen.against, fewer))
+        measure(folders, one, chosen.rounds)
+        many = folders[0][0]
+        copied, _ = cost(("cp", NAME["raw"], "copy"), many, here)
+        print(f"cp of the raw bytes: {chosen.frames / max(copied, 1e-4):,.0f} rows a second")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""Owns many rows as lines of text at once, from a frame that has the contract's columns.
+
+It must not know which cells a line has or how wide they are: the layout says that, and each line is
+the one that the layout gives of the row.
+"""
+
+from __future__ import annotations
+
+import polars as pl
+
+from fte_sniff.errors import shown
+from fte_sniff.formats.tables.layout import (
+    GAP,
+    KIND_WIDTH,
+    OFFSET_WIDTH,
+    PORT_WIDTH,
+    RAW_WIDTH,
+    STATUS_MARK,
+    TIME_WIDTH,
+    VALUES_WIDTH,
+    Layout,
+)
+from fte_sniff.formats.tables.times import TIME_FORMAT
+from fte_sniff.protocol import KINDS, Field, FrameKind
+
+
+def frame_lines(frame: pl.DataFrame, layout: Layout) -> str:
+    """The lines of all rows, each with its end."""
+    cells = [
+        pl.col("offset").cast(pl.String()).str.pad_start(OFFSET_WIDTH),
+        pl.col("status")
+        .cast(pl.String())
+        .replace_strict({str(status): mark for status, mark in STATUS_MARK.items()}),
+        pl.col("kind").cast(pl.String()).fill_null("-").str.pad_end(KIND_WIDTH),
+        _values().str.pad_end(VALUES_WIDTH),
+        pl.col("raw").str.replace_all("(..)", "$1 ").str.strip_suffix(" ").str.pad_end(RAW_WIDTH),
+        pl.col("faults").cast(pl.List(pl.String())).list.join(","),
+    ]
+    if layout.ports:
+        names = {port: shown(port).ljust(PORT_WIDTH) for port in frame["port"].unique()}
+        cells.insert(0, pl.col("port").replace_strict(names, return_dtype=pl.String()))
+    if layout.times:
+        time = pl.col("time").dt.strftime(TIME_FORMAT).fill_null("-")
+        cells.insert(0, time.str.pad_end(TIME_WIDTH))
+    lines = frame.select(pl.concat_str(cells, separator=GAP).str.strip_chars_end(" ")).to_series()
+    return "\n".join([*lines, ""])
+
+
+def _values() -> pl.Expr:
+    """The values of each row as people read them."""
+    kinds = [pl.when(pl.col("kind") == kind.name).then(_values_of(kind)) for kind in KINDS]
+    unknown = pl.format("cmd=0x{}", _hex("cmd"))
+    return pl.when(pl.col("cmd").is_null()).then(_length()).otherwise(pl.coalesce(*kinds, unknown))
+
+
+def _length() -> pl.Expr:
+    one = pl.col("length") == 1
+    return pl.format("{} byte{}", "length", pl.when(one).then(pl.lit("")).otherwise(pl.lit("s")))
+
+
+def _values_of(kind: FrameKind) -> pl.Expr:
+    if not kind.fields:
+        return pl.lit("")
+    form = " ".join(f"{field.name}={{}}" for field in kind.fields)
+    return pl.format(form, *map(_text, kind.fields))
+
+
+def _text(field: Field) -> pl.Expr:
+    """A field's value as `Field.text` has it."""
+    if field.defined_bits is None:
+        return pl.col(field.name).cast(pl.String())
+    return pl.format("0x{}", _hex(field.name))
+
+
+_BYTES = pl.Series([f"{byte:02X}" for byte in range(256)])
+
+
+def _hex(name: str) -> pl.Expr:
+    """A byte's two digits."""
+    return pl.lit(_BYTES).gather(pl.col(name).cast(pl.UInt32()))
