@@ -1,12 +1,13 @@
 """Measures the commands that read files on raw bytes and hex logs, against recordings and a copy.
 
-    python -m benchmarks.decode_speed [--frames 1000000] [--rounds 3] [--against CHECKOUT]
+    python -m benchmarks.decode_speed [--frames 1000000] [--rounds 3] [--work csv stats ...]
+                                      [--against CHECKOUT]
 
 The same rows lie in a file of raw bytes, in one of them damaged, in hex lines, in a log with times
 and directions, and in a recording. Each command is a process of its own; told are rows in a second
-of processor time, its start, measured on one frame, taken off: the best of the rounds, in which all
-take turns. `--against` names the folder of another checkout of the program, whose commands read a
-tenth of the rows in the same rounds.
+of processor time, by what the whole costs more than an eighth of it, so that starting costs
+nothing: the median of the rounds. `--against` names the folder of another checkout of the program,
+whose commands read a tenth of the rows in turn with these.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ import resource
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -29,9 +32,11 @@ from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.writing.bulk_writer import write_recording
 
 START_NS = 1_770_000_000 * 10**9
+PART = 8
+"""By how much fewer rows a part is."""
 SLOWER = 10
 """By how much fewer rows the other checkout reads."""
-INPUTS = ("raw", "damaged", "hex", "log", "recording")
+INPUTS = ("recording", "raw", "damaged", "hex", "log")
 WORK: Mapping[str, tuple[str, ...]] = {
     "csv": ("decode", "--format", "csv"),
     "jsonl": ("decode", "--format", "jsonl"),
@@ -78,8 +83,8 @@ def written(folder: Path, frames: int) -> Path:
     return folder
 
 
-def cost(command: tuple[str, ...], folder: Path, checkout: Path) -> tuple[float, int]:
-    """Processor seconds of a process, and the kilobytes that it needed."""
+def cost(command: tuple[str, ...], folder: Path, checkout: Path) -> float:
+    """Processor seconds of a process."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(
         command,
@@ -90,53 +95,67 @@ def cost(command: tuple[str, ...], folder: Path, checkout: Path) -> tuple[float,
         check=True,
     )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return used, after.ru_maxrss
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def command_of(work: str, source: str) -> tuple[str, ...]:
-    """A command line."""
-    return (sys.executable, "-m", "fte_sniff", *WORK[work], NAME[source])
+@dataclass(frozen=True)
+class Contestant:
+    """One checkout of the program, and rows for it to read: all, and a part of them."""
+
+    checkout: Path
+    whole: Path
+    part: Path
+    between: int
+    """How many rows more all are than the part."""
+
+    def seconds_a_row(self, work: str, source: str) -> float:
+        """Processor time that a row costs; what a process costs by itself is in both."""
+        command = (sys.executable, "-m", "fte_sniff", *WORK[work], NAME[source])
+        used = [cost(command, folder, self.checkout) for folder in (self.whole, self.part)]
+        return max(used[0] - used[1], 0.001) / self.between
 
 
-def measure(folders: list[tuple[Path, Path, int]], one: Path, rounds: int) -> None:
+def contestant(checkout: Path, folder: Path, frames: int) -> Contestant:
+    """So many rows for one checkout."""
+    part = frames // PART
+    whole = written(folder / f"{frames}", frames)
+    return Contestant(checkout, whole, written(folder / f"{part}", part), frames - part)
+
+
+def measure(contestants: list[Contestant], rounds: int, works: list[str]) -> None:
     """Print a line for each command and input: rows a second, of each checkout, and ratios."""
-    best: dict[tuple[str, str, int], float] = {}
-    for _ in range(rounds):
-        for work in WORK:
-            for source in INPUTS:
-                for number, (folder, checkout, rows) in enumerate(folders):
-                    command = command_of(work, source)
-                    start, _ = cost(command, one, checkout)
-                    used, _ = cost(command, folder, checkout)
-                    each = max(used - start, 0.001) / rows
-                    key = (work, source, number)
-                    best[key] = min(best.get(key, each), each)
     print("rows in a second of processor time")
-    for work in WORK:
+    for work in works:
+        of_recording = 0.0
         for source in INPUTS:
-            speeds = [1 / best[work, source, number] for number in range(len(folders))]
-            against = f"  {speeds[0] / speeds[1]:6.1f}x of {speeds[1]:9,.0f}" if speeds[1:] else ""
-            recording = best[work, "recording", 0] * speeds[0]
-            print(f"{work:8}{source:10}{speeds[0]:12,.0f}{against}  recording {recording:5.2f}x")
+            found = [
+                [one.seconds_a_row(work, source) for one in contestants] for _ in range(rounds)
+            ]
+            speeds = [1 / median(each) for each in zip(*found, strict=True)]
+            of_recording = of_recording or speeds[0]
+            told = (
+                f"{work:8}{source:10}{speeds[0]:12,.0f}  {speeds[0] / of_recording:5.2f}x recording"
+            )
+            if speeds[1:]:
+                told += f"  {speeds[0] / speeds[1]:6.1f}x of {speeds[1]:9,.0f}"
+            print(told, flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--work", nargs="*", choices=WORK, default=list(WORK))
     parser.add_argument("--against", type=Path)
     chosen = parser.parse_args()
     here = Path(__file__).parent.parent
     with TemporaryDirectory() as name:
-        one = written(Path(name, "one"), 1)
-        folders = [(written(Path(name, "many"), chosen.frames), here, chosen.frames)]
+        contestants = [contestant(here, Path(name), chosen.frames)]
         if chosen.against:
             fewer = chosen.frames // SLOWER
-            folders.append((written(Path(name, "fewer"), fewer), chosen.against, fewer))
-        measure(folders, one, chosen.rounds)
-        many = folders[0][0]
-        copied, _ = cost(("cp", NAME["raw"], "copy"), many, here)
+            contestants.append(contestant(chosen.against, Path(name), fewer))
+        measure(contestants, chosen.rounds, chosen.work)
+        copied = cost(("cp", NAME["raw"], "copy"), contestants[0].whole, here)
         print(f"cp of the raw bytes: {chosen.frames / max(copied, 1e-4):,.0f} rows a second")
 
 

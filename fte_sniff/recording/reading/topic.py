@@ -42,6 +42,8 @@ Payload = Callable[[bytes], bytes]
 """Takes a message and gives the serial bytes in it; raises ValueError where there are none."""
 
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+_END_NS = 2**63
+"""In 2262: a table's times are 64 bits; what says to be later has no time that can be kept."""
 _CDR_HEAD = 4
 _COUNT = 4
 _BYTE_ARRAYS = ("uint8[]", "byte[]", "octet[]", "char[]", "sequence<uint8>", "sequence<octet>")
@@ -110,7 +112,7 @@ class _Topic:
             data = self._payloads[channel_id](body[_MESSAGE_HEAD.size :])
         except ValueError as error:
             raise FileError(f"{self._path}: {self._topic}: {error}") from error
-        yield Chunk(self._topic, log_time, data)
+        yield Chunk(self._topic, log_time if log_time < _END_NS else None, data)
 
     def _payload_of(self, channel: Channel) -> Payload:
         schema = self._schemas.get(channel.schema_id)

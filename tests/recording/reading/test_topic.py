@@ -146,3 +146,15 @@ def test_a_file_that_is_cut_gives_what_it_has_and_says_so(tmp_path: Path) -> Non
     with pytest.raises(FileError, match="it ends at byte"):
         found.extend(topic_chunks(path, "/serial"))
     assert not found or found == [Chunk("/serial", 0, b"x")]
+
+
+def test_a_time_that_no_table_can_keep_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "late.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/serial", "", 0)
+        for time in (2**63 - 1, 2**63, 2**64 - 1):
+            writer.add_message(channel, time, STREAM, time)
+        writer.finish()
+    assert [chunk.t_ns for chunk in topic_chunks(path, "/serial")] == [2**63 - 1, None, None]
