@@ -102,11 +102,11 @@ def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: 
 
 
 def _pour(output: Path | None, reading: Reading, *, force: bool) -> None:
+    from fte_sniff.session.saving.origin import UNKNOWN
     from fte_sniff.session.saving.sinks import RawSink
 
     with file_output(output, OutputFormat.RAW, force=force) as path:
-        ports = [port.name for one in reading.inputs for port in one.ports]
-        sink = RawSink(path, ports)
+        sink = RawSink(path, UNKNOWN)
         try:
             for batch in reading:
                 sink.write(batch.sequence())

@@ -13,7 +13,7 @@ from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.formats.logs.line_head import Mark
 from fte_sniff.formats.logs.log_clock import LogClock
 from fte_sniff.formats.logs.pastes import bytes_of_text, logged_bytes
-from fte_sniff.formats.logs.text_lines import text_pieces
+from fte_sniff.formats.logs.text_lines import TextPieces
 from fte_sniff.protocol import iso_time
 
 SENT, RECEIVED = Mark.SENT, Mark.RECEIVED
@@ -176,7 +176,7 @@ def test_the_log_of_each_program(name: str) -> None:
     assert b"".join(chunk.data for chunk in chunks) == BYTES
     assert tuple(chunk.t_ns and iso_time(chunk.t_ns)[:23] for chunk in chunks) == times
     assert not log.doubts
-    logged = logged_bytes(text_pieces(io.BytesIO(text.encode()), "f"))
+    logged = logged_bytes(TextPieces(io.BytesIO(text.encode()), "f"))
     assert tuple(one.mark for one in logged) == marks
 
 
