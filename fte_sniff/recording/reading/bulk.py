@@ -273,6 +273,9 @@ class BulkReading:
                 messages = message_starts(records, places)
                 definitions += messages.others
                 gathered.append(gather(messages, readers, room.take(len(messages))))
+                # Let go of before the next are unpacked, which then come where a core's cache has
+                # them.
+                del records, places, messages
         except (RecordError, KeyError):
             return None
         columns = room.taken() if all(piece.in_place for piece in gathered) else None

@@ -1,8 +1,8 @@
 """Owns turning many messages of a chunk into columns at once.
 
 It must not know files, threads or the order of chunks. Messages of one schema and one length are
-read together: the usual ones by their fronts (`usual`), others laid side by side (`side_rows`),
-both once every one of them is seen to keep to a layout. Those that do not, and what no layout
+read together, once every one of them is seen to keep to a layout: the usual ones by their fronts
+(`usual`), others as they lie side by side (`side_rows`). Those that do not, and what no layout
 fits, are read one by one, with the same outcome.
 """
 
@@ -68,7 +68,9 @@ class _Gathering:
         self._losses: list[str] = []
         self._first, self._last = 2**64, -1
         self._usual: list[tuple[Readers, Array]] = []
-        self._channels = messages.number(CHANNEL_PLACE, "<u2")
+        self._channels = messages.number(CHANNEL_PLACE, "<u2").astype(np.intp)
+        self._times = messages.number(LOG_TIME_PLACE, "<i8")
+        self._timely = bool((self._times >= 0).all())
 
     def gathered(self) -> Gathered:
         for readers, rows in self._by_schema():
@@ -97,12 +99,15 @@ class _Gathering:
         if len(groups) == 1 and len(next(iter(groups.values()))) == len(present):
             yield next(iter(groups.values())), np.arange(len(self._messages))
             return
-        codes = np.full(present[-1] + 1 if present else 0, -1, np.int16)
+        if not groups:
+            return
+        codes = np.full(present[-1] + 1, len(groups), _code_type(len(groups)))
         for code, channels in enumerate(groups.values()):
             codes[list(channels)] = code
         code_of_row = codes.take(self._channels)
-        for code, channels in enumerate(groups.values()):
-            yield channels, np.flatnonzero(code_of_row == code)
+        ends = np.cumsum(np.bincount(code_of_row, minlength=len(groups)))[: len(groups)]
+        by_code = np.argsort(code_of_row, kind="stable")
+        yield from zip(groups.values(), np.split(by_code[: ends[-1]], ends[:-1]), strict=True)
 
     def _by_length(self, readers: Readers, rows: Array) -> Iterator[tuple[Array, int]]:
         """Those of these rows whose messages are equally long; the few others are taken."""
@@ -127,27 +132,36 @@ class _Gathering:
         """Put the usual messages of one schema by, and leave the others."""
         layouts = next(filter(None, readers.values())).layouts
         layout = None if layouts is None else layouts.usual
-        if layout is None or not is_usual(layout):
+        if layout is None or not is_usual(layout) or not self._timely:
             return rows
-        fits = which_usual(self._fronts(rows), layout)
-        own = rows if fits is None else rows[fits]
-        if len(own):
-            self._usual.append((readers, own))
-        return rows[:0] if fits is None else rows[~fits]
-
-    def _fronts(self, rows: Array) -> Array:
-        """The fronts of these rows, or of all of them, in any order."""
-        fronts = self._messages.fronts
-        return fronts if len(rows) == len(fronts) else fronts.take(rows)
+        length = len(layout.mask)
+        usual = self._messages.lengths.take(rows) == length
+        own = rows if usual.all() else rows[usual]
+        if not len(own):
+            return rows
+        side = Side(self._messages.records, self._messages.starts.take(own), length)
+        fits = which_usual(side, layout)
+        if fits is not None:
+            usual[usual] = fits
+            own = own[fits]
+        self._usual.append((readers, own))
+        return rows[:0] if len(own) == len(rows) else rows[~usual]
 
     def _take_usual(self) -> None:
         """All usual rows, of whatever schema, together and in their order."""
-        if not self._usual:
+        count = sum(len(own) for _, own in self._usual)
+        if not count:
             return
-        rows = np.concatenate([own for _, own in self._usual])
-        at: Any = slice(None) if len(rows) == len(self._messages) else np.sort(rows)
-        fronts = self._fronts(rows if isinstance(at, slice) else at)
-        self._stretch(*put_usual(self._rows, at, fronts))
+        at: Any = slice(None)
+        if count < len(self._messages):
+            usual = np.zeros(len(self._messages), np.bool_)
+            for _, own in self._usual:
+                usual[own] = True
+            at = np.flatnonzero(usual)
+        put_usual(self._rows, at, self._messages.fronts)
+        times = self._times[at]
+        self._rows.t_ns[at] = times
+        self._stretch(int(times.min()), int(times.max()))
         self._kept[at] = True
         every = {
             channel: reader for readers, _ in self._usual for channel, reader in readers.items()
@@ -177,7 +191,8 @@ class _Gathering:
         self, readers: Readers, reader: MessageReader, rows: Array, side: Side, layout: Layout
     ) -> Array:
         """Rows that keep to the layout; returns a mask of those that make no row all the same."""
-        good, times = put_side(self._rows, rows, side, layout, reader)
+        log_times = self._times.take(rows)
+        good, times = put_side(self._rows, rows, side, log_times, layout, reader)
         if times is not None:
             own = rows[good]
             self._kept[own] = True
@@ -199,10 +214,9 @@ class _Gathering:
         for row in rows.tolist():
             reader = readers[int(self._channels[row])]
             assert reader is not None
-            start = int(self._messages.starts[row])
-            body, time = start + MESSAGE_HEAD, start + LOG_TIME_PLACE
+            body = int(self._messages.starts[row]) + MESSAGE_HEAD
             data = records[body : body + int(self._messages.lengths[row])]
-            log_time = int.from_bytes(records[time : time + 8], "little")
+            log_time = int(self._times[row].view(np.uint64))
             try:
                 entry = reader.entry(data, log_time)
             except ValueError as error:
@@ -217,3 +231,8 @@ class _Gathering:
 
     def _stretch(self, first: int, last: int) -> None:
         self._first, self._last = min(first, self._first), max(last, self._last)
+
+
+def _code_type(codes: int) -> type[np.unsignedinteger[Any]]:
+    """The shortest that has one code more: numpy sorts it in the fewest passes."""
+    return np.uint8 if codes < 2**8 else np.uint32

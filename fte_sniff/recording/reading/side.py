@@ -22,8 +22,6 @@ RAW = np.dtype(f"V{FRAME_LENGTH}")
 
 _WORD = 8
 _STRIPE = 64
-_TIMES = 16
-"""Bytes of log time and publish time, which stand right before the message."""
 
 Guard = tuple[Array, Array]
 """A mask, and what is expected under it, as words."""
@@ -69,18 +67,17 @@ def _strayed(words: Array, guarded: Guard) -> Array:
 
 @lru_cache(maxsize=256)
 def _whole_guard(layout: Layout) -> Guard:
-    return guard(bytes(_TIMES) + layout.mask, bytes(_TIMES) + layout.expected)
+    return guard(layout.mask, layout.expected)
 
 
 class Side:
-    """Messages of one length side by side, each with its times before it."""
+    """Messages of one length side by side."""
 
     def __init__(self, records: bytes, starts: Array, length: int) -> None:
-        """Lay out the messages that begin at `starts`."""
+        """Lay out the messages whose records begin at `starts`."""
+        # What stands before a message fills up its first word.
         self._lead = -length % _WORD
-        width = self._lead + _TIMES + length
-        first = MESSAGE_HEAD - _TIMES - self._lead
-        self._set(at_every_byte(records, width, first)[starts])
+        self._set(at_every_byte(records, self._lead + length, MESSAGE_HEAD - self._lead)[starts])
 
     def _set(self, packed: Array) -> None:
         self._packed = packed
@@ -90,17 +87,17 @@ class Side:
         return len(self._packed)
 
     @property
-    def log_times(self) -> Array:
-        """The log time of every message."""
-        return numbers(self._packed, self._lead, "<i8")
+    def words(self) -> Array:
+        """A line of words for each message; see `guard`."""
+        return words_of(self._packed)
 
     def number(self, place: int, kind: str) -> Array:
         """The number at that place of every message."""
-        return numbers(self._packed, self._lead + _TIMES + place, kind)
+        return numbers(self._packed, self._lead + place, kind)
 
     def raw(self, layout: Layout) -> Array:
         """The first ten bytes of every row, zeros behind them."""
-        place = self._lead + _TIMES + layout.raw
+        place = self._lead + layout.raw
         if layout.raw_length >= FRAME_LENGTH:
             return numbers(self._packed, place, RAW).view(np.uint8).reshape(-1, FRAME_LENGTH)
         found = np.zeros((len(self), FRAME_LENGTH), np.uint8)
@@ -109,7 +106,7 @@ class Side:
 
     def bytes_at(self, place: int, length: int) -> Iterator[bytes]:
         """The bytes at that place of every message."""
-        place += self._lead + _TIMES
+        place += self._lead
         return (row[place : place + length].tobytes() for row in self._bytes)
 
     def parted(self, rows: Array) -> Side:
@@ -121,5 +118,5 @@ class Side:
 
     def fits(self, layout: Layout) -> Array | None:
         """Which messages keep to the layout; None where all do, which is quickly seen."""
-        words, guarded = words_of(self._packed), _whole_guard(layout)
-        return None if all_fit(words, guarded) else which_fit(words, guarded)
+        guarded = _whole_guard(layout)
+        return None if all_fit(self.words, guarded) else which_fit(self.words, guarded)

@@ -18,7 +18,12 @@ from fte_sniff.recording.reading.side import RAW, Side
 
 
 def put_side(
-    columns: RowColumns, rows: Array, side: Side, layout: Layout, reader: MessageReader
+    columns: RowColumns,
+    rows: Array,
+    side: Side,
+    log_times: Array,
+    layout: Layout,
+    reader: MessageReader,
 ) -> tuple[Array, tuple[int, int] | None]:
     """Fill in all but the ports.
 
@@ -26,13 +31,14 @@ def put_side(
         columns: takes the rows.
         rows: where, for each message.
         side: the messages.
+        log_times: theirs.
         layout: what all of them keep to.
         reader: that of one of their channels.
 
     Returns:
         A mask of the messages that make a row; the first and last log time of those, if any.
     """
-    times = side.number(layout.time, "<i8") if layout.time is not None else side.log_times
+    times = side.number(layout.time, "<i8") if layout.time is not None else log_times
     offsets = side.number(layout.offset, "<i8")
     raw = side.raw(layout)
     framed = _framed(side, layout)
@@ -40,7 +46,7 @@ def put_side(
     faults = _fault_codes(columns.words, reader, side, layout)
     good &= faults >= 0
     if not good.all():
-        rows, side = rows[good], side.parted(good)
+        rows, side, log_times = rows[good], side.parted(good), log_times[good]
         times, offsets, raw = times[good], offsets[good], raw[good]
         framed = framed if framed is True else framed[good]
         faults = faults[good] if layout.fault_count else faults
@@ -54,7 +60,7 @@ def put_side(
     if layout.fault_count:
         columns.faults[rows] = faults
     _put_seldom(columns, rows, side, layout)
-    logged = side.log_times.view(np.uint64)
+    logged = log_times.view(np.uint64)
     return good, (int(logged.min()), int(logged.max()))
 
 
