@@ -6,8 +6,10 @@ It must not know rows or topics.
     checksum     CRC-32, at the speed of memory
     tail         data end, summary, footer, magic, wherever they are put
     growing      how bytes come to the disk, so that the file never ends wrong
+    packed_chunk a chunk with its indexes, ready to be written anywhere
     mcap_file    an MCAP file that grows by whole chunks
     summary      what a file's summary tells before its rows are read
     salvage      what is whole in a damaged file
+    cores        how many threads bulk work is worth
     memory       freed memory kept for the next chunk
 """

@@ -10,17 +10,12 @@ tools scan the file. Who wants an index at every moment ends the file before, by
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
-import zstandard
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
-    Chunk,
-    ChunkIndex,
     Header,
     McapRecord,
     Metadata,
@@ -32,6 +27,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from fte_sniff.recording.container.checksum import crc32
 from fte_sniff.recording.container.growing import Growing
+from fte_sniff.recording.container.packed_chunk import PackedChunk, counts_of, packed
 from fte_sniff.recording.container.tail import Tail, bytes_of, groups_of
 from fte_sniff.recording.encoding.batch import Batch
 
@@ -41,9 +37,6 @@ LONG_SUMMARY = 1536 * 1024
 A chunk that holds messages of ten channels takes 173 of them, so two and a half hours have room,
 flushed once a second.
 """
-
-_MESSAGE_INDEX = struct.Struct("<BQHI")
-_MESSAGE_INDEX_HEAD = _MESSAGE_INDEX.size - 9
 
 
 class McapFile:
@@ -70,7 +63,6 @@ class McapFile:
             channels: all that are known now; ids from 1.
         """
         self._growing = growing
-        self._packer = zstandard.ZstdCompressor(level=1)
         self._schemas = {schema.id: schema for schema in schemas}
         self._channels = {channel.id: channel for channel in channels}
         self._defined: set[tuple[type[McapRecord], int]] = set()
@@ -110,48 +102,32 @@ class McapFile:
             batch: the messages.
             metadata: records that come before the chunk, in the same step.
         """
-        new = self._undefined(list(_counts(batch)))
-        definitions = bytes_of(*new)
-        records = definitions + batch.data
-        chunk = Chunk(
-            compression="zstd",
-            data=self._packer.compress(records),
-            message_start_time=int(batch.times.min()),
-            message_end_time=int(batch.times.max()),
-            uncompressed_crc=crc32(records),
-            uncompressed_size=len(records),
-        )
-        self.add_packed(chunk, replace(batch, places=batch.places + len(definitions)), metadata)
-        self._defined.update((type(record), record.id) for record in new)
+        self.add(packed(self.definitions_for(batch), batch), metadata)
 
-    def add_packed(self, chunk: Chunk, batch: Batch, metadata: Iterable[Metadata] = ()) -> None:
+    def definitions_for(self, batch: Batch) -> bytes:
+        """The schemas and channels that a chunk of this batch must begin with.
+
+        They are those that no chunk has yet; each is asked for once, so chunks must be added in the
+        order in which this was called for them.
+        """
+        channels = [self._channels[id_] for id_ in counts_of(batch)]
+        schemas = [self._schemas[id_] for id_ in sorted({c.schema_id for c in channels})]
+        wanted: list[Schema | Channel] = [*schemas, *channels]
+        new = [record for record in wanted if (type(record), record.id) not in self._defined]
+        self._defined.update((type(record), record.id) for record in new)
+        return bytes_of(*new)
+
+    def add(self, chunk: PackedChunk, metadata: Iterable[Metadata] = ()) -> None:
         """Write a chunk that is packed already.
 
         Args:
             chunk: the chunk; what it defines must be known to the file.
-            batch: its messages, one at least, with their places in the unpacked chunk.
             metadata: records that come before the chunk.
         """
         before = self._metadata_records(metadata)
-        start = self._end + len(before)
-        data = bytes_of(chunk)
-        counts = _counts(batch)
-        indexes, places = _message_indexes(batch, list(counts), start + len(data))
-        self._chunk_indexes += bytes_of(
-            ChunkIndex(
-                message_start_time=chunk.message_start_time,
-                message_end_time=chunk.message_end_time,
-                chunk_start_offset=start,
-                chunk_length=len(data),
-                message_index_offsets=places,
-                message_index_length=len(indexes),
-                compression=chunk.compression,
-                compressed_size=len(chunk.data),
-                uncompressed_size=chunk.uncompressed_size,
-            )
-        )
-        self._count(counts, chunk)
-        self._extend(before + data + indexes)
+        self._chunk_indexes += bytes_of(chunk.index_at(self._end + len(before)))
+        self._count(chunk)
+        self._extend(before + chunk.data if before else chunk.data)
 
     def add_metadata(self, metadata: Iterable[Metadata]) -> None:
         """Write more metadata records, if there are any."""
@@ -161,13 +137,6 @@ class McapFile:
     def finish(self) -> None:
         """Write the whole summary, if the file does not end with it already."""
         self._growing.end(self._tail(self._crc))
-
-    def _undefined(self, channel_ids: list[int]) -> list[Schema | Channel]:
-        """The schemas and channels that stand in no chunk yet and that these channels need."""
-        channels = [self._channels[id_] for id_ in channel_ids]
-        schemas = [self._schemas[id_] for id_ in sorted({c.schema_id for c in channels})]
-        wanted: list[Schema | Channel] = [*schemas, *channels]
-        return [record for record in wanted if (type(record), record.id) not in self._defined]
 
     def _metadata_records(self, metadata: Iterable[Metadata]) -> bytes:
         """The records at the end of the data, noted for the summary."""
@@ -179,11 +148,11 @@ class McapFile:
             found += record
         return bytes(found)
 
-    def _count(self, counts: Mapping[int, int], chunk: Chunk) -> None:
-        first = chunk.message_start_time
+    def _count(self, chunk: PackedChunk) -> None:
+        first = chunk.index.message_start_time
         self._first_time = min(self._first_time, first) if self._counts else first
-        self._last_time = max(self._last_time, chunk.message_end_time)
-        for channel_id, count in counts.items():
+        self._last_time = max(self._last_time, chunk.index.message_end_time)
+        for channel_id, count in chunk.counts.items():
             self._counts[channel_id] = self._counts.get(channel_id, 0) + count
         self._chunks += 1
 
@@ -224,36 +193,3 @@ class McapFile:
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self._schemas),
         )
-
-
-def _counts(batch: Batch) -> dict[int, int]:
-    """How many messages each channel has, by rising id."""
-    counts = np.bincount(batch.channels)
-    return {channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()}
-
-
-def _message_indexes(
-    batch: Batch, channels: list[int], position: int
-) -> tuple[bytes, dict[int, int]]:
-    """The message index records of a chunk, and where each of them will stand.
-
-    Args:
-        batch: the messages.
-        channels: the ids of their channels, rising.
-        position: where the first index record goes in the file.
-    """
-    # Numbers of two bytes, as all channels are, numpy sorts in one pass.
-    order = np.argsort(batch.channels.astype(np.uint16), kind="stable")
-    entries = np.empty((len(order), 2), "<u8")
-    entries[:, 0] = batch.times[order]
-    entries[:, 1] = batch.places[order]
-    firsts = np.searchsorted(batch.channels[order], channels)
-    found, places = bytearray(), {}
-    for channel_id, own in zip(channels, np.split(entries, firsts[1:]), strict=True):
-        places[channel_id] = position + len(found)
-        length = own.nbytes
-        found += _MESSAGE_INDEX.pack(
-            Opcode.MESSAGE_INDEX, _MESSAGE_INDEX_HEAD + length, channel_id, length
-        )
-        found += own.tobytes()
-    return bytes(found), places

@@ -32,7 +32,7 @@ _Form = tuple[str, bytes, bool]
 class Batch:
     """The messages of one chunk, packed, and what its index needs; a value for each message."""
 
-    data: bytes
+    data: bytes | memoryview
     channels: NDArray[np.int64]
     times: NDArray[np.int64]
     """Log times, nanoseconds since 1970 UTC."""

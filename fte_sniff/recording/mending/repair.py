@@ -18,6 +18,7 @@ from fte_sniff.errors import FileError, unreadable, unwritable
 from fte_sniff.protocol import iso_time
 from fte_sniff.recording.container.growing import Stream
 from fte_sniff.recording.container.mcap_file import McapFile
+from fte_sniff.recording.container.packed_chunk import indexed
 from fte_sniff.recording.container.records import (
     RecordError,
     RecordStream,
@@ -228,7 +229,7 @@ class _Mending:
         if known.all() and len(known):
             first, last = messages.span
             chunk = replace(found.chunk, message_start_time=first, message_end_time=last)
-            file.add_packed(chunk, messages.batch)
+            file.add(indexed(chunk, messages.batch))
         elif known.any():
             file.add_chunk(messages.only(known))
 

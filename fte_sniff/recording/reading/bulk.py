@@ -10,7 +10,6 @@ outcome is always that of reading one record after the other.
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -21,6 +20,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.container.cores import cores
 from fte_sniff.recording.container.memory import keep_freed_memory
 from fte_sniff.recording.container.records import (
     HEAD,
@@ -125,7 +125,7 @@ class BulkReading:
         self._reading, self._words, self._span = reading, words, span
         self._readers: tuple[int, Readers] = (-1, {})
         self._jobs: deque[_Job] = deque()
-        self._ahead = _cores() + 1
+        self._ahead = cores() + 1
 
     def passages(self, records: RecordStream) -> Iterator[tuple[Passage, RowColumns]]:
         """The rows and events of the records, in their order, many thousands at once.
@@ -136,7 +136,7 @@ class BulkReading:
             FileError: the file has none of our topics, or none that can be read.
         """
         begun = False
-        with ThreadPoolExecutor(_cores(), "unpacks chunks") as threads:
+        with ThreadPoolExecutor(cores(), "unpacks chunks") as threads:
             try:
                 for parts in self._jobs_of(records):
                     size = sum(part.size for part in parts)
@@ -326,7 +326,3 @@ def _joined(records: list[bytes]) -> bytes:
 def _all_places(places: list[Array | None]) -> Array | None:
     known = [named for named in places if named is not None]
     return np.concatenate(known) if len(known) == len(places) else None
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

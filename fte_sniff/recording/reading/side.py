@@ -75,8 +75,8 @@ class Side:
 
     def __init__(self, records: bytes, starts: Array, length: int) -> None:
         """Lay out the messages whose records begin at `starts`."""
-        # What stands before a message fills up its first word.
-        self._lead = -length % _WORD
+        # What stands before a message fills up its first word, and is one where it is empty.
+        self._lead = -length % _WORD if length else _WORD
         self._set(at_every_byte(records, self._lead + length, MESSAGE_HEAD - self._lead)[starts])
 
     def _set(self, packed: Array) -> None:

@@ -12,5 +12,6 @@ It must not know how a recording is read.
     recorder      Recorder: one capture into one file, or as many as it takes
     refusals      the lines that tell why a recording cannot begin, or came to stop
     bulk_packing  columns to the messages of a chunk
+    ahead         chunks packed by threads while the next are made
     bulk_writer   columns to a whole recording
 """

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -51,6 +52,10 @@ def _form_codes() -> Array:
 
 _FORMS = _forms()
 _FORM_CODES = _form_codes()
+_NAMES_MOTOR = np.zeros(_NO_FORM + 1, np.bool_)
+"""By form, whether its frames name a motor."""
+_NAMES_MOTOR[: len(_FORMS)] = [kind.names_motor for kind, _ in _FORMS]
+_RAW = np.dtype(f"V{FRAME_LENGTH}")
 
 
 class ColumnPacker:
@@ -70,109 +75,117 @@ class ColumnPacker:
             event_times: the log times of the events, never falling.
         """
         forms = self._forms_of(rows, times)
+        channels = self._channels(rows, forms)
+        # Each event stands before the first row that is later.
+        at = np.searchsorted(times, event_times, "right")
+        events = at + np.arange(len(at))
+        channels = np.insert(channels, at, [self._channel_of(event) for event in rows.events])
+        times = np.insert(times, at, event_times)
+        sequences = self._count(channels)
+        of_rows: Any = np.delete(np.arange(len(times)), events) if len(at) else slice(None)
+        odd = np.flatnonzero(forms == _NO_FORM)
+        places = np.arange(len(times))[of_rows][odd].tolist()
         single: list[tuple[int, Row | PortEvent]] = [
-            *_rows_at(rows, np.flatnonzero(forms == _NO_FORM)),
-            *((len(rows) + at, event) for at, event in enumerate(rows.events)),
+            *zip(places, rows.parted(odd).rows(), strict=True),
+            *zip(events.tolist(), rows.events, strict=True),
         ]
-        all_times = np.concatenate([times, event_times])
-        order = np.argsort(all_times, kind="stable")
-        channels = self._channels(rows, forms, single)
-        sequences = self._count(channels, order)
         records = {
             place: message_record(
-                entry, int(channels[place]), int(sequences[place]), int(all_times[place])
+                entry, int(channels[place]), int(sequences[place]), int(times[place])
             )
             for place, entry in single
         }
-        lengths = np.empty(len(all_times), np.int64)
+        lengths = np.empty(len(times), np.int64)
+        lengths[of_rows] = _lengths().take(forms)
         lengths[list(records)] = [len(record) for record in records.values()]
-        parts = list(self._lines(rows, forms, channels, sequences, times))
-        for own, lines in parts:
-            lengths[own] = lines.dtype.itemsize
-        places = np.empty(len(lengths) + 1, np.int64)
-        places[0] = 0
-        np.cumsum(lengths[order], out=places[1:])
-        place_of = np.empty(len(lengths), np.int64)
-        place_of[order] = places[:-1]
-        data = np.empty(int(places[-1]), np.uint8)
-        for own, lines in parts:
-            _put(data, place_of[own], lines)
+        ends = np.cumsum(lengths)
+        places = ends - lengths
+        data = np.empty(int(ends[-1]), np.uint8)
+        for own, lines in self._lines(
+            rows, forms, channels[of_rows], sequences[of_rows], times[of_rows]
+        ):
+            _put(data, places[of_rows].take(own), lines)
         for place, record in records.items():
-            start = int(place_of[place])
+            start = int(places[place])
             data[start : start + len(record)] = np.frombuffer(record, np.uint8)
-        return Batch(data.tobytes(), channels[order], all_times[order], places[:-1])
+        return Batch(data.data, channels, times, places)
 
     def _forms_of(self, rows: RowColumns, times: Array) -> Array:
         """The form of every row that can be written by columns."""
         head = rows.raw[:, 0] | rows.raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)
-        forms: Array = _FORM_CODES[head]
-        clean = np.array([not faults for faults in rows.words.faults])
-        plain = (
-            rows.framed & rows.delayed & ~rows.unordered & clean[rows.faults] & (rows.t_ns == times)
-        )
-        forms[~plain] = _NO_FORM
-        named = np.zeros((_NO_FORM + 1,), np.bool_)
-        named[[code for code, (kind, _) in enumerate(_FORMS) if kind.names_motor]] = True
+        forms: Array = _FORM_CODES.take(head)
+        clean = np.array([not faults for faults in rows.words.faults]).take(rows.faults)
+        plain = rows.framed & rows.delayed & ~rows.unordered & clean & (rows.t_ns == times)
         num = rows.raw[:, NUM_PLACE]
-        forms[named[forms] & ((num < MOTORS[0]) | (num > MOTORS[-1]))] = _NO_FORM
+        plain &= ~_NAMES_MOTOR.take(forms) | (num >= MOTORS[0]) & (num <= MOTORS[-1])
+        forms[~plain] = _NO_FORM
         return forms
 
-    def _channels(
-        self, rows: RowColumns, forms: Array, single: list[tuple[int, Row | PortEvent]]
-    ) -> Array:
-        channels = np.empty(len(rows) + len(rows.events), np.int64)
-        for code in np.unique(forms).tolist():
-            if code != _NO_FORM:
-                own = np.flatnonzero(forms == code)
-                channels[own] = self._channels_of_form(rows, own, *_FORMS[code])
-        for place, entry in single:
-            topic = EVENTS if isinstance(entry, PortEvent) else topic_of(entry)
-            channels[place] = self._channel_id(entry.port, topic)
+    def _channels(self, rows: RowColumns, forms: Array) -> Array:
+        """The channel of each row: one for every port, form and motor that there is."""
+        ports = rows.port.astype(np.int64)
+        motors = np.where(_NAMES_MOTOR.take(forms), rows.raw[:, NUM_PLACE], MOTORS[0])
+        keys = (ports * len(_FORMS) + forms) * len(MOTORS) + motors - MOTORS[0]
+        odd = np.flatnonzero(forms == _NO_FORM)
+        keys[odd] = 0
+        found = np.zeros(len(rows.words.ports) * len(_FORMS) * len(MOTORS), np.int64)
+        present = np.bincount(keys)
+        present[:1] -= len(odd)
+        for key in np.flatnonzero(present).tolist():
+            port_and_form, motor = divmod(key, len(MOTORS))
+            port, form = divmod(port_and_form, len(_FORMS))
+            topic = _topic(form, MOTORS[motor])
+            found[key] = self._channel_id(rows.words.ports[port], topic)
+        channels = found.take(keys)
+        channels[odd] = [self._channel_of(row) for row in rows.parted(odd).rows()]
         return channels
 
-    def _channels_of_form(self, rows: RowColumns, own: Array, kind: FrameKind, cmd: int) -> Array:
-        ports = rows.port[own].astype(np.int64)
-        nums = rows.raw[own, NUM_PLACE] if kind.names_motor else np.full(len(own), MOTORS[0])
-        keys = ports * _BYTES + nums
-        found = np.zeros(len(rows.words.ports) * _BYTES, np.int64)
-        for key in np.flatnonzero(np.bincount(keys)).tolist():
-            port, num = divmod(key, _BYTES)
-            raw = bytes([kind.header, cmd, num]).ljust(FRAME_LENGTH, b"\0")
-            topic = topic_of(Frame("", 0, raw, 0))
-            found[key] = self._channel_id(rows.words.ports[port], topic)
-        return np.asarray(found[keys])
+    def _channel_of(self, entry: Row | PortEvent) -> int:
+        topic = EVENTS if isinstance(entry, PortEvent) else topic_of(entry)
+        return self._channel_id(entry.port, topic)
 
-    def _count(self, channels: Array, order: Array) -> Array:
+    def _count(self, channels: Array) -> Array:
         """The sequence number of each message: they count up on each channel, and wrap."""
-        in_order = channels[order].astype(np.uint16)
-        by_channel = np.argsort(in_order, kind="stable")
-        counts = np.bincount(in_order)
-        firsts = np.cumsum(counts) - counts
-        for channel in np.flatnonzero(counts).tolist():
-            start = self._sequences.get(channel, 0)
-            firsts[channel] -= start
-            self._sequences[channel] = start + int(counts[channel])
-        sequences = np.empty(len(channels), np.int64)
-        sequences[order[by_channel]] = np.arange(len(channels)) - firsts[in_order[by_channel]]
-        return sequences.astype(np.uint32)
+        by_channel = np.argsort(channels.astype(np.uint16), kind="stable")
+        counts = np.bincount(channels)
+        present = np.flatnonzero(counts)
+        counts = counts[present]
+        starts = np.array([self._sequences.get(channel, 0) for channel in present.tolist()])
+        ends = starts + counts
+        self._sequences.update(zip(present.tolist(), ends.tolist(), strict=True))
+        sequences = np.empty(len(channels), np.uint32)
+        firsts = starts - (np.cumsum(counts) - counts)
+        numbers = np.arange(len(channels)) + np.repeat(firsts, counts)
+        sequences[by_channel] = numbers.astype(np.uint32)
+        return sequences
 
     def _lines(
         self, rows: RowColumns, forms: Array, channels: Array, sequences: Array, times: Array
     ) -> Iterator[tuple[Array, Array]]:
         """For every form the places of its rows, and their records."""
-        for code in np.unique(forms).tolist():
-            if code == _NO_FORM:
+        raws = np.ascontiguousarray(rows.raw).view(_RAW)[:, 0]
+        by_form, first = np.argsort(forms, kind="stable"), 0
+        for code, count in enumerate(np.bincount(forms, minlength=len(_FORMS))[: len(_FORMS)]):
+            own = by_form[first : first + count]
+            first += int(count)
+            if not len(own):
                 continue
-            own = np.flatnonzero(forms == code)
             columns = Columns(
-                channel=channels[own],
-                sequences=sequences[own],
-                times=times[own],
-                offsets=rows.offset[own],
-                delays=rows.delay_ns[own],
-                raws=rows.raw[own],
+                channel=channels.take(own),
+                sequences=sequences.take(own),
+                times=times.take(own),
+                offsets=rows.offset.take(own),
+                delays=rows.delay_ns.take(own),
+                raws=raws.take(own).view(np.uint8).reshape(-1, FRAME_LENGTH),
             )
             yield own, _model(code).lines(columns)
+
+
+@cache
+def _topic(form: int, motor: int) -> Topic:
+    """Where frames of this form and of this motor go."""
+    kind, cmd = _FORMS[form]
+    return topic_of(Frame("", 0, bytes([kind.header, cmd, motor]).ljust(FRAME_LENGTH, b"\0"), 0))
 
 
 @cache
@@ -187,8 +200,12 @@ def _model(code: int) -> Model:
     return Model(encode_row(topic, frame, 0), class_of(topic), kind.fields, SOUND_LACKS)
 
 
-def _rows_at(rows: RowColumns, places: Array) -> Iterator[tuple[int, Row]]:
-    return zip(places.tolist(), rows.parted(places).rows(), strict=True)
+@cache
+def _lengths() -> Array:
+    """Bytes of a record of each form, by its code."""
+    lengths = np.zeros(_NO_FORM + 1, np.int64)
+    lengths[: len(_FORMS)] = [_model(code).length for code in range(len(_FORMS))]
+    return lengths
 
 
 def _put(data: Array, places: Array, lines: Array) -> None:

@@ -1,4 +1,4 @@
-"""Owns writing a whole recording from columns, chunk by chunk and in sequence.
+"""Owns writing a whole recording from columns, chunk by chunk and in sequence, on all cores.
 
 It must not know ports that are being captured: for those `writer` keeps the file whole at every
 moment. What is written here is whole when it is through, and in the same form.
@@ -21,11 +21,13 @@ from fte_sniff.protocol import PortEvent
 from fte_sniff.recording.container.growing import Stream
 from fte_sniff.recording.container.mcap_file import McapFile
 from fte_sniff.recording.container.memory import keep_freed_memory
+from fte_sniff.recording.encoding.batch import Batch
 from fte_sniff.recording.encoding.channels import Channels
 from fte_sniff.recording.encoding.columns import Array, RowColumns
 from fte_sniff.recording.encoding.facts import PortFacts, library_name, recording_facts
 from fte_sniff.recording.encoding.messages import plain
 from fte_sniff.recording.encoding.topics import Topic
+from fte_sniff.recording.writing.ahead import PackingAhead
 from fte_sniff.recording.writing.bulk_packing import ColumnPacker
 from fte_sniff.recording.writing.writer import METADATA_NAME
 
@@ -61,8 +63,7 @@ def write_recording(
         raise unwritable(path, error) from error
     try:
         writer = _Writer(descriptor, ports, facts or {})
-        for columns in batches:
-            writer.write(columns)
+        writer.write_all(batches)
         writer.finish(notes())
     except OSError as error:
         raise unwritable(path, error) from error
@@ -88,14 +89,12 @@ class _Writer:
             [channel for port in known.values() for channel in self._channels.of_port(port)],
         )
 
-    def write(self, columns: RowColumns) -> None:
-        for chunk in _chunks(columns):
-            if not len(chunk) and not chunk.events:
-                continue
-            times = self._log_times(chunk.t_ns)
-            events = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
-            self._file.add_chunk(self._packer.pack(chunk, times, events))
-            self._last_time = max([self._last_time, *times[-1:].tolist(), *events[-1:].tolist()])
+    def write_all(self, batches: Iterable[RowColumns]) -> None:
+        with PackingAhead(self._file) as ahead:
+            for columns in batches:
+                for chunk in _chunks(columns):
+                    if len(chunk) or chunk.events:
+                        ahead.add(self._messages(chunk))
 
     def finish(self, notes: Iterable[Note]) -> None:
         self._file.add_metadata(
@@ -103,6 +102,13 @@ class _Writer:
             for name, told in notes
         )
         self._file.finish()
+
+    def _messages(self, chunk: RowColumns) -> Batch:
+        times = self._log_times(chunk.t_ns)
+        events = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
+        batch = self._packer.pack(chunk, times, events)
+        self._last_time = max([self._last_time, *times[-1:].tolist(), *events[-1:].tolist()])
+        return batch
 
     def _log_times(self, times: Array) -> Array:
         return np.maximum(np.maximum.accumulate(times), self._last_time) if len(times) else times
