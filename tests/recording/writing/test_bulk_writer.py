@@ -1,8 +1,11 @@
 """Recordings written from columns: message for message what the recorder of captures writes."""
 
-from collections.abc import Callable
+import resource
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,6 +13,7 @@ from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.recording.container.cores import cores
 from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.encoding.facts import PortFacts
 from fte_sniff.recording.reading.reader import RecordingReader
@@ -100,6 +104,69 @@ def test_rows_come_back_from_a_file_of_many_chunks(tmp_path: Path, make_rows: Ma
     assert found == rows
     assert [row.read_delay_ns for row in found] == [row.read_delay_ns for row in rows]
     assert reader.complete
+
+
+def _chunks(count: int) -> Iterator[RowColumns]:
+    """So many chunks of frames, each with other values than the one before."""
+    words, raw = Words(), encode(KINDS[0], {})
+    for number in range(count):
+        columns = RowColumns.blank(words, CHUNK_ROWS)
+        at = np.arange(number * CHUNK_ROWS, (number + 1) * CHUNK_ROWS)
+        columns.t_ns[:] = at * 1000
+        columns.offset[:] = at * len(raw)
+        columns.delay_ns[:] = at * 7919 % 10_000
+        columns.port[:] = words.port_code("p")
+        columns.raw[:] = np.frombuffer(raw, np.uint8)
+        yield columns
+
+
+def test_chunks_that_threads_pack_stay_in_order(tmp_path: Path) -> None:
+    path, count = tmp_path / "long.mcap", 4 * cores() + 3
+    write_recording(path, [PortFacts("p")], _chunks(count))
+    reader = RecordingReader(path)
+    columns = RowColumns.joined(list(reader.batches()))
+    assert reader.complete
+    at = np.arange(count * CHUNK_ROWS)
+    assert (columns.t_ns == at * 1000).all()
+    assert (columns.delay_ns == at * 7919 % 10_000).all()
+
+
+def test_few_chunks_are_under_way(tmp_path: Path) -> None:
+    """Else what is to be written would pile up in memory."""
+    path, sizes = tmp_path / "long.mcap", list[int]()
+
+    def told() -> Iterator[RowColumns]:
+        for columns in _chunks(3 * cores() + 6):
+            sizes.append(path.stat().st_size)
+            yield columns
+
+    write_recording(path, [PortFacts("p")], told())
+    most = cores() + 1
+    assert all(new > old for old, new in zip(sizes[most:], sizes[most + 1 :], strict=False))
+
+
+@pytest.mark.parametrize("room", [100_000, 1_000_000])
+def test_a_disk_that_fills_is_told_and_no_thread_is_left(tmp_path: Path, room: int) -> None:
+    path, before = tmp_path / "full.mcap", threading.active_count()
+    old = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, old[1]))
+    try:
+        with pytest.raises(FileError, match=r"full\.mcap"):
+            write_recording(path, [PortFacts("p")], _chunks(50))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, old)
+    assert threading.active_count() == before
+
+
+def test_what_the_rows_raise_is_raised_and_no_thread_is_left(tmp_path: Path) -> None:
+    def cut_short() -> Iterator[RowColumns]:
+        yield from _chunks(3)
+        raise FileError("the input went away")
+
+    before = threading.active_count()
+    with pytest.raises(FileError, match="went away"):
+        write_recording(tmp_path / "x.mcap", [PortFacts("p")], cut_short())
+    assert threading.active_count() == before
 
 
 def test_times_that_fall_and_ports_that_nobody_named(tmp_path: Path, make_rows: MakeRows) -> None:
