@@ -14,9 +14,8 @@ import os
 import struct
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from io import BytesIO
-from typing import BinaryIO, Protocol, TypeVar
+from typing import BinaryIO, NamedTuple, Protocol, TypeVar
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -25,7 +24,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
-from fte_sniff.recording.container.checksum import crc32
+from fte_sniff.recording.container.checksum import RunningChecksum, crc32
 from fte_sniff.said import Said
 
 MAGIC = MCAP0_MAGIC
@@ -39,6 +38,7 @@ HEAD = struct.Struct("<BQ")
 
 _PASSED_OVER = 0
 """In place of the opcode of a record that was not read; no record of a file has it."""
+_TELL_CHECKSUM = frozenset({int(Opcode.DATA_END), int(Opcode.FOOTER)})
 _CHUNK_TIMES = struct.Struct("<QQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _LENGTH = struct.Struct("<Q")
@@ -60,9 +60,8 @@ class RecordError(ValueError):
         return text if isinstance(text, Said) else Said("{text}", text=text)
 
 
-@dataclass(frozen=True, slots=True)
-class RawRecord:
-    """One record as it stands in the file."""
+class RawRecord(NamedTuple):
+    """One record as it stands in the file; a tuple, because there are very many."""
 
     position: int
     """Of its opcode in the file."""
@@ -122,7 +121,9 @@ class RecordStream:
         self._search = search
         self._begin = self._found = begin
         self._position = 0
-        self._crc: int | None = 0
+        self._checksum: RunningChecksum | None = RunningChecksum()
+        self._before: int | None = None
+        """The checksum up to the last record that tells one, where all was read that it is of."""
         self.ending: str = ""
         """How the file ends, where it does not end as it should; valid after the last record."""
         self.losses: list[str] = []
@@ -139,7 +140,7 @@ class RecordStream:
         else:
             self._read(len(MAGIC))
         while True:
-            position, before = self._position, self._crc
+            position = self._position
             try:
                 record = self._record()
             except RecordError as error:
@@ -160,18 +161,21 @@ class RecordStream:
             if record.opcode == _PASSED_OVER:
                 continue
             if record.opcode == Opcode.DATA_END:
-                self._check_crc(record.body, before, _WRONG_DATA)
-                self._crc = 0
+                self._check_crc(record.body, self._before, _WRONG_DATA)
+                self._checksum = RunningChecksum()
             yield record
             if record.opcode == Opcode.FOOTER:
-                self._check_end(record.body, before)
+                self._check_end(record.body)
                 return
 
     def _record(self) -> RawRecord | None:
         position = self._position
-        head = self._read(HEAD.size)
+        head = self._unsummed(HEAD.size)
         if not head:
             return None
+        if head[0] in _TELL_CHECKSUM:
+            self._before = None if self._checksum is None else self._checksum.value()
+        self._sum(head)
         if len(head) < HEAD.size:
             raise RecordError(Said("it is cut in the record"))
         opcode, length = HEAD.unpack(head)
@@ -182,11 +186,11 @@ class RecordStream:
             raise RecordError(Said("there is no MCAP record"))
         if length > LARGEST:
             raise RecordError(Said("there is a record that claims {length} bytes", length=length))
-        start = self._next_start(position)
+        start = self._next_start(position) if self._starts else None
         if start is not None and start < self._position + length:
             raise RecordError(Said("there is a record that reaches into the next"))
         first = b""
-        if opcode == Opcode.CHUNK and self._wanted is not None and length >= _CHUNK_TIMES.size:
+        if self._wanted is not None and opcode == Opcode.CHUNK and length >= _CHUNK_TIMES.size:
             first = self._read(_CHUNK_TIMES.size)
             if len(first) == _CHUNK_TIMES.size and not self._wanted(*_CHUNK_TIMES.unpack(first)):
                 return self._pass_over(position, length - len(first))
@@ -201,7 +205,7 @@ class RecordStream:
     def _pass_over(self, position: int, length: int) -> RawRecord:
         """Go to the end of a record; what is passed over, no checksum can tell anything about."""
         self._stream.seek(length, os.SEEK_CUR)
-        self._position, self._crc = self._position + length, None
+        self._position, self._checksum = self._position + length, None
         return RawRecord(position, _PASSED_OVER, b"")
 
     def _read(self, length: int) -> bytes:
@@ -214,11 +218,18 @@ class RecordStream:
         return b"".join(blocks)
 
     def _block(self, length: int) -> bytes:
+        block = self._unsummed(length)
+        self._sum(block)
+        return block
+
+    def _unsummed(self, length: int) -> bytes:
         block = self._stream.read(length)
         self._position += len(block)
-        if self._crc is not None:
-            self._crc = crc32(block, self._crc)
         return block
+
+    def _sum(self, block: bytes) -> None:
+        if self._checksum is not None:
+            self._checksum.add(block)
 
     def _next_start(self, position: int) -> int | None:
         place = bisect_right(self._starts, position)
@@ -246,19 +257,19 @@ class RecordStream:
     def _go_to(self, start: int) -> None:
         """Go on there; of what is left out, no checksum can tell anything."""
         self._stream.seek(start)
-        self._position, self._crc = start, None
+        self._position, self._checksum = start, None
 
     def _check_crc(self, body: bytes, found: int | None, what: Said) -> None:
         expected = int.from_bytes(body[-_CRC_LENGTH:], "little")
         if expected and found is not None and expected != found:
             self.ending = what
 
-    def _check_end(self, footer: bytes, before: int | None) -> None:
-        if before is not None:
+    def _check_end(self, footer: bytes) -> None:
+        if self._before is not None:
             length = len(footer)
             guarded = HEAD.pack(Opcode.FOOTER, length) + footer[:-_CRC_LENGTH]
-            self._check_crc(footer, crc32(guarded, before), _WRONG_SUMMARY)
-        self._crc = None
+            self._check_crc(footer, crc32(guarded, self._before), _WRONG_SUMMARY)
+        self._checksum = None
         if self._read(len(MAGIC)) != MAGIC:
             self.ending = Said("its last {count} bytes are damaged or missing", count=len(MAGIC))
         elif self._stream.read(1):

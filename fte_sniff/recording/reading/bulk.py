@@ -184,6 +184,11 @@ class BulkReading:
         parts: list[_Part] = []
         size, enough, skipped = 0, FIRST_JOB, 0
         for record in records:
+            if record.opcode == Opcode.MESSAGE_INDEX:
+                if parts:
+                    parts[-1].indexes.append(record.body)
+                    parts[-1].ranges.append(_range(record))
+                continue
             begins = record.opcode in (Opcode.CHUNK, Opcode.MESSAGE)
             lost = _skipped(records) > skipped
             if begins and parts and (lost or size >= enough):
@@ -192,10 +197,6 @@ class BulkReading:
             if record.opcode == Opcode.CHUNK:
                 parts.append(_Part(record, ranges=[_range(record)]))
                 size += parts[-1].size
-            elif record.opcode == Opcode.MESSAGE_INDEX:
-                if parts:
-                    parts[-1].indexes.append(record.body)
-                    parts[-1].ranges.append(_range(record))
             elif record.opcode == Opcode.MESSAGE or record.opcode in _DEFINITIONS:
                 size += self._take_loose(record, parts)
             if begins:
@@ -310,7 +311,7 @@ def _joined_chunks(parts: Iterable[_Part]) -> Iterator[tuple[bytes, Array | None
         assert part.chunk is not None
         records.append(unpack(part.chunk.body))
         named = indexed_places(part.indexes, len(records[-1]))
-        places.append(None if named is None else named + size)
+        places.append(named + size if size and named is not None else named)
         size += len(records[-1])
         if size >= PIECE:
             yield _joined(records), _all_places(places)
@@ -325,4 +326,6 @@ def _joined(records: list[bytes]) -> bytes:
 
 def _all_places(places: list[Array | None]) -> Array | None:
     known = [named for named in places if named is not None]
+    if len(places) == 1:
+        return places[0]
     return np.concatenate(known) if len(known) == len(places) else None

@@ -70,7 +70,7 @@ class _Gathering:
         self._usual: list[tuple[Readers, Array]] = []
         self._channels = messages.number(CHANNEL_PLACE, "<u2").astype(np.intp)
         self._times = messages.number(LOG_TIME_PLACE, "<i8")
-        self._timely = bool((self._times >= 0).all())
+        self._timely = bool(self._times.min(initial=0) == 0)
 
     def gathered(self) -> Gathered:
         for readers, rows in self._by_schema():
@@ -89,7 +89,8 @@ class _Gathering:
 
     def _by_schema(self) -> Iterator[tuple[Readers, Array]]:
         """The rows of all channels that share a schema, and the readers of those channels."""
-        present = np.flatnonzero(np.bincount(self._channels, minlength=1)).tolist()
+        counts = np.bincount(self._channels, minlength=1)
+        present = np.flatnonzero(counts).tolist()
         groups: dict[int, dict[int, MessageReader]] = {}
         for channel in present:
             reader = self._readers[channel]
@@ -104,9 +105,8 @@ class _Gathering:
         codes = np.full(present[-1] + 1, len(groups), _code_type(len(groups)))
         for code, channels in enumerate(groups.values()):
             codes[list(channels)] = code
-        code_of_row = codes.take(self._channels)
-        ends = np.cumsum(np.bincount(code_of_row, minlength=len(groups)))[: len(groups)]
-        by_code = np.argsort(code_of_row, kind="stable")
+        ends = np.cumsum([counts[list(channels)].sum() for channels in groups.values()])
+        by_code = np.argsort(codes.take(self._channels), kind="stable")
         yield from zip(groups.values(), np.split(by_code[: ends[-1]], ends[:-1]), strict=True)
 
     def _by_length(self, readers: Readers, rows: Array) -> Iterator[tuple[Array, int]]:
