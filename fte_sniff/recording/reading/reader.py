@@ -46,7 +46,7 @@ from fte_sniff.recording.reading.span import EVERYTHING, Span
 from fte_sniff.said import Said
 
 _MOST_BAUD_DIGITS = 9
-_BUFFER = 512 * 1024
+_BUFFER = 128 * 1024
 """Bytes read ahead: enough for the message indexes between two chunks."""
 _HEAD_ENDS = frozenset({Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.FOOTER})
 
