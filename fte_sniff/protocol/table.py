@@ -121,6 +121,10 @@ class Field:
             raise ValueRangeError(f"{self.name} {value} is out of range: {self.range_text}")
         return value.to_bytes(self.size, "big", signed=self.signed)
 
+    def raised(self, value: int) -> bool:
+        """Whether a bit field tells something else than that all is in order; never of a number."""
+        return self.defined_bits is not None and value != self.default
+
     def text(self, value: int) -> str:
         """A value as people read it: bit fields in hex, all else in decimal, without the unit."""
         return f"{value}" if self.defined_bits is None else f"0x{value:02X}"

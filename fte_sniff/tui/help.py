@@ -25,9 +25,11 @@ from fte_sniff.tui.fitting import padded, wrap
 from fte_sniff.tui.keyline import KeyLine
 from fte_sniff.tui.keys import SECTIONS, key_names, say_keys
 from fte_sniff.tui.language import _, later
-from fte_sniff.tui.table.layout import MARKS
+from fte_sniff.tui.table.layout import MARKS, RAISED_MARK
 from fte_sniff.tui.table.look import TimeStyle
 from fte_sniff.tui.table.painter import Sign
+
+RAISED = later("ERROR or ONLINE tells of a motor that is not in order")
 
 Pair: TypeAlias = tuple[str, str]
 """A key or a name, and what it means."""
@@ -38,6 +40,7 @@ def help_pairs() -> Iterator[tuple[str, list[Pair]]]:
     for heading, keys in SECTIONS:
         yield _(heading), [(key_names(key), _(key.tooltip)) for key in keys]
     signs = [(MARKS[status], status.value) for status in Status]
+    signs.append((RAISED_MARK, _(RAISED)))
     signs.append((ORDER_MARK, _(UNCERTAIN_ORDER)))
     signs += [(sign, _(sign.meaning)) for sign in Sign if sign.meaning]
     yield _("Signs before a row"), signs

@@ -46,6 +46,8 @@ FINDING: tuple[Binding, ...] = (
     _key("F", "unfilter", "", "show all rows again", "F"),
     _key("e", "fault(1)", "Fault", "the next row with a fault", "e"),
     _key("E", "fault(-1)", "", "the fault before", "E"),
+    _key("a", "raised(1)", "Flags", "the next row whose ERROR or ONLINE is not all in order", "a"),
+    _key("A", "raised(-1)", "", "the one before", "A"),
     _key("slash", "search", "Search", "find rows that have a text or bytes (hex:AA ?? 03)", "/"),
     _key("n", "again(1)", "", "the next row that has what was looked for", "n"),
     _key("N", "again(-1)", "", "the row before that has it", "N"),
@@ -115,6 +117,7 @@ SHOWN_FIRST: tuple[str, ...] = (
     "pane('statistics')",
     "pane('bytes')",
     "save",
+    "raised(1)",
 )
 """The actions whose keys stand on the bottom line, as far as there is room, the first first."""
 

@@ -15,13 +15,14 @@ from textual.pilot import Pilot
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.opening import AtEnd, Opening
 from fte_sniff.tui.prompt.field import Field
 from fte_sniff.tui.table.widget import RowTable
+from tests.tui.conftest import NOON_NS
 from tests.tui.playing import (
     ROUNDS,
     Rows,
@@ -410,6 +411,33 @@ def test_faults_are_found_below_and_above(feed: Any, speed_rows: Rows, odd_rows:
             places.append(table(app).viewport.cursor)
         assert places == [201, 100, 100, 201, 201]
         assert "no row with a fault below this one" in page(app)
+
+    play(feed, scenario)
+
+
+def test_rows_that_tell_of_a_motor_out_of_order_are_found_and_e_points_to_them(
+    feed: Any, speed_rows: Rows
+) -> None:
+    offline = Frame("/dev/ttyUSB0", 0, bytes.fromhex("550104000000000807EE"), NOON_NS)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([*speed_rows(100), offline, *speed_rows(100), offline, *speed_rows(100)])
+        await settle(app, pilot)
+        places = []
+        for key in ("A", "A", "A", "a", "a"):
+            await press(app, pilot, key)
+            places.append(table(app).viewport.cursor)
+        assert places == [201, 100, 100, 201, 201]
+        assert "no row below this one whose ERROR or ONLINE is not in order" in page(app)
+        view = table(app).viewport
+        assert table(app).render_line(view.cursor - view.top).text.startswith("^ 12:00:00.000")
+        await press(app, pilot, "g", "e")
+        await settle(app, pilot)
+        assert "no row with a fault below this one; a goes to one whose ERROR or" in page(app)
+        assert table(app).viewport.cursor == 0
+        await press(app, pilot, "S", *["J"] * 20)
+        await settle(app, pilot)
+        assert "^ motor 4: not ONLINE in 2 frames" in page(app)
 
     play(feed, scenario)
 

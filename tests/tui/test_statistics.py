@@ -8,9 +8,21 @@ import pytest
 
 from fte_sniff.analysis.columns.fields import Decoded
 from fte_sniff.analysis.columns.packing import Codebook, pack
+from fte_sniff.analysis.models.addressing import addressed
 from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.models.flags_seen import FlagsSeen
 from fte_sniff.analysis.models.statistics import Statistics
-from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Damage,
+    Fault,
+    Frame,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
+from fte_sniff.tui.statistics.flags import ALL_IN_ORDER
 from fte_sniff.tui.statistics.page import Told, page
 from fte_sniff.tui.table.palette import DARK
 
@@ -23,7 +35,9 @@ def _told(rows: Sequence[Row], now_ns: int | None = NOON_NS, behind: int = 0) ->
     statistics, codebook = Statistics(Bench()), Codebook()
     packed, _ = pack(rows, codebook)
     statistics.add(Decoded(packed), codebook)
-    return Told(statistics, now_ns, behind, 0)
+    flags = FlagsSeen()
+    flags.add(Decoded(packed), addressed(Decoded(packed)))
+    return Told(statistics, flags.numbers(), now_ns, behind, 0)
 
 
 @pytest.mark.parametrize("width", [10, 40, 80, 200])
@@ -51,6 +65,26 @@ def test_faults_are_counted_with_the_signs_of_the_table(odd_rows: list[Row]) -> 
     assert counts["! noise"] == "2"
     assert counts["? reserved_nonzero"] == "1"
     assert counts["! truncated"] == "1"
+
+
+def feedback(at_ms: int, motor: int, error: int = 0, online: int = 0x0F) -> Row:
+    values = {"motor": motor, "rpm": 5, "error": error, "online": online}
+    raw = encode(KIND_BY_NAME["speed_feedback"], values)
+    return Frame("p", 10 * at_ms, raw, NOON_NS + at_ms * 1_000_000)
+
+
+def test_what_flag_bytes_told_of_a_motor_is_told_as_stats_does() -> None:
+    rows = [feedback(at, 1 + at % 4) for at in range(100)]
+    assert ALL_IN_ORDER in page(_told(rows), 100, DARK).plain
+    rows += [feedback(at, 1 + at % 4, 8 if at % 4 == 3 else 0, 7) for at in range(100, 123)]
+    lines = page(_told(rows), 100, DARK).plain.split("\n")
+    assert "^ motor 4: ERROR bit 3 set in 5 frames, 12:00:00.103 to 12:00:00.119" in lines
+    assert "^ motor 4: not ONLINE in 23 frames, 12:00:00.100 to 12:00:00.122; lost once" in lines
+    assert not [line for line in lines if "motor 3:" in line or ALL_IN_ORDER in line]
+
+
+def test_where_nothing_was_told_back_nothing_is_said_of_flags(speed_rows: Rows) -> None:
+    assert "ONLINE" not in page(_told(speed_rows(10)), 100, DARK).plain
 
 
 def test_without_times_it_says_so_and_tells_no_rates() -> None:

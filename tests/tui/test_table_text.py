@@ -196,6 +196,46 @@ def test_the_head_says_where_there_is_more() -> None:
     assert head(last - 1).endswith(">")
 
 
+@given(ROWS, st.integers(0, 240), st.integers(0, 6))
+def test_a_cell_at_the_edge_is_whole_or_says_that_it_is_cut(
+    row: Row, width: int, hidden: int
+) -> None:
+    seen = layout_for(width, Look()).without(hidden).within(width)
+    assert seen.width <= max(width, 1)
+    values = {**record(row), VALUES: values_text(row)}
+    for column in seen.columns:
+        cell, whole = (one.cell(values[column.name]).strip() for one in (column, column.sized(99)))
+        assert cell == whole or "…" in cell or column.name in ("time", "kind", VALUES)
+
+
+@pytest.mark.parametrize(
+    ("width", "offset"), [(101, ""), (103, "11…"), (105, "11800"), (112, "11800"), (120, "11800")]
+)
+def test_an_offset_is_never_another_number(width: int, offset: str) -> None:
+    row = Frame("p", 11800, bytes.fromhex("AA0000000000000000EE"), 1)
+    assert painted(row, width)[100:].split()[:1] == offset.split()
+
+
+@pytest.mark.parametrize(
+    ("raw", "sign"),
+    [
+        ("55010400000000080FEE", "^"),
+        ("550104000000000007EE", "^"),
+        ("55020400000000000FEE", " "),
+        ("AA0204000000000807EE", " "),
+    ],
+)
+def test_a_frame_in_order_that_tells_of_a_motor_that_is_not_has_a_sign(raw: str, sign: str) -> None:
+    row = Frame("p", 0, bytes.fromhex(raw), 1)
+    assert painted(row, 80)[0] == sign
+    assert painted(replace(row, faults=(Fault.RESERVED_NONZERO,)), 80)[0] == "?"
+    strip = Painter(layout_for(80, Look()), DARK, 80).row(Place(row), Style.null())
+    colours = {
+        segment.style.color.name for segment in strip if segment.style and segment.style.color
+    }
+    assert (DARK.raised.color.name in colours) == (sign == "^")
+
+
 def test_every_status_that_is_not_in_order_has_a_mark_of_its_own(odd_rows: list[Row]) -> None:
     marks = {row.status: painted(row, 80)[0] for row in odd_rows}
     assert marks == {Status.MALFORMED: "!", Status.SUSPECT: "?"}

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.columns.packing import FRAMED, TIMED, Packed
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, FrameKind
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, FrameKind
 from fte_sniff.protocol.table import CMD_PLACE, NUM_PLACE
 
 Array: TypeAlias = npt.NDArray[Any]
@@ -76,6 +76,20 @@ def kinds_of(packed: Packed) -> Codes:
 def timed(packed: Packed) -> Bools:
     """Which rows have a time."""
     return (packed["form"] & TIMED).astype(np.bool_)
+
+
+def raised(packed: Packed) -> Bools:
+    """Which rows are frames with a flag byte that tells something else than that all is in order.
+
+    It is `Field.raised` for many rows at once.
+    """
+    raw, kinds = np.ascontiguousarray(packed["raw"]), kinds_of(packed)
+    found: Bools = np.zeros(len(packed), np.bool_)
+    for field in VALUE_FIELDS:
+        if field.defined_bits is not None:
+            values, known = field_values(raw, kinds, field.name)
+            found |= known & (values != field.default)
+    return found
 
 
 def field_values(raw: Array, kinds: Codes, name: str) -> tuple[Array, Bools]:

@@ -16,7 +16,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from fte_sniff.analysis.columns.fields import Decoded, timed
+from fte_sniff.analysis.models.addressing import addressed
 from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.models.flags_seen import FlagsSeen
 from fte_sniff.analysis.models.motors import Motors
 from fte_sniff.analysis.models.statistics import Statistics
 from fte_sniff.analysis.models.traces import Traces
@@ -31,7 +33,7 @@ MOST_ROWS_TRACED: Final = 300_000
 
 
 class Following:
-    """Motors, their traces and the statistics of all rows that went through a store."""
+    """Motors, their traces, flags and the statistics of all rows that went through a store."""
 
     def __init__(self, store: RowStore, bench: Bench, state_every: int = STATE_EVERY) -> None:
         """Nothing was looked at yet.
@@ -50,6 +52,7 @@ class Following:
         self.motors = Motors()
         self.traces = Traces()
         self.statistics = Statistics(bench)
+        self.flags = FlagsSeen()
         self.missed = 0
         """Rows that had left the store before they were looked at."""
 
@@ -69,7 +72,9 @@ class Following:
                 stop = min(stop, self._seams[self._met].place)
             for packed in self._store.packed(self._next, stop):
                 rows = Decoded(packed)
-                self.motors.add(rows)
+                found = addressed(rows)
+                self.motors.add(rows, found)
+                self.flags.add(rows, found)
                 self.traces.add(rows)
                 self.statistics.add(rows, self._store.codebook)
             self._next = stop

@@ -25,7 +25,7 @@ from fte_sniff.analysis.columns.fields import (
     Ints,
     subject,
 )
-from fte_sniff.analysis.models.addressing import addressed
+from fte_sniff.analysis.models.addressing import Addressed, addressed
 from fte_sniff.analysis.models.pairing import Moments, Pairing
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
 from fte_sniff.protocol.table import NUM_PLACE
@@ -211,9 +211,9 @@ class Motors:
         self._motors = [_Motor(number) for number in MOTORS]
         self._online = _FlagByte()
 
-    def add(self, rows: Decoded) -> None:
-        """The next rows, in order of time."""
-        found = addressed(rows)
+    def add(self, rows: Decoded, found: Addressed | None = None) -> None:
+        """The next rows, in order of time, and whom they are to and from, where that is known."""
+        found = found or addressed(rows)
         for motor in self._motors:
             motor.add(rows, found.commands[motor.number], found.feedback[motor.number])
         named = found.any_feedback

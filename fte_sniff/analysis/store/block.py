@@ -33,6 +33,8 @@ class Block:
         self.count = 0
         self.faulty = False
         """Whether any of its rows has a fault; known also while they are not in memory."""
+        self.raised = False
+        """The same of a flag byte that tells something else than that all is in order."""
         self.long: dict[int, bytes] = {}
         """The bytes of rows longer than ten, by place in the block."""
         self.judged = 0

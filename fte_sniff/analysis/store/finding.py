@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from fte_sniff.analysis.columns.fields import raised
 from fte_sniff.analysis.columns.packing import Codebook, Packed, unpack
-from fte_sniff.analysis.store.block import Places
+from fte_sniff.analysis.store.block import Block, Places
 from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.protocol import Row
 
@@ -75,17 +76,33 @@ def find_fault(store: RowStore, index: int, by: int) -> int | None:
     def faulty(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
         return np.asarray(packed["faults"] != clean)
 
+    return _find_in(store, faulty, lambda block: block.faulty, index, by)
+
+
+def find_raised(store: RowStore, index: int, by: int) -> int | None:
+    """The same of the nearest shown row with a flag byte that is not in order."""
+
+    def flagged(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
+        return raised(packed)
+
+    return _find_in(store, flagged, lambda block: block.raised, index, by)
+
+
+def _find_in(
+    store: RowStore, test: RowTest, has: Callable[[Block], bool], index: int, by: int
+) -> int | None:
+    """The nearest shown row behind `index` that passes; only some blocks have such rows."""
     step = Step(None, index + by)
     while step.found is None and step.onward is not None:
-        step = find_step(store, faulty, _past_clean(store, step.onward, by), by)
+        step = find_step(store, test, _past(store, has, step.onward, by), by)
     return step.found
 
 
-def _past_clean(store: RowStore, index: int, by: int) -> int:
-    """The index at which a look for faults goes on, without blocks that have none."""
+def _past(store: RowStore, has: Callable[[Block], bool], index: int, by: int) -> int:
+    """The index at which a look goes on, without blocks that have no such row."""
     while store.first <= index < store.next:
         block = store.blocks[store.block_number(index)]
-        if block.faulty:
+        if has(block):
             break
         index = block.end if by > 0 else block.start - 1
     return index

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from fte_sniff.analysis.columns.fields import raised
 from fte_sniff.analysis.columns.packing import Codebook, Packed, pack, unpack
 from fte_sniff.analysis.store.block import Block
 from fte_sniff.analysis.store.paging import MOST_BLOCKS, BlockSource, Pages
@@ -108,6 +109,7 @@ class RowRun:
             piece = packed[done : done + block.room]
             block.append(piece, long, done)
             block.faulty |= bool((piece["faults"] != clean).any())
+            block.raised = block.raised or bool(raised(piece).any())
             grown.append(self._pages.bring(block))
             done += len(piece)
             self._next += len(piece)

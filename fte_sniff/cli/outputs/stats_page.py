@@ -5,7 +5,7 @@ It must not count anything, nor know how wide a terminal is: the width comes wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
@@ -19,12 +19,12 @@ from fte_sniff.formats.tables.layout import STATUS_MARK
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
 from fte_sniff.tui.fitting import fit
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text
+from fte_sniff.tui.statistics.flags import ALL_IN_ORDER, When, flag_words, from_to
 from fte_sniff.tui.table.cells import clock_text
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.models.answers import AnswerNumbers
     from fte_sniff.analysis.models.fault_counts import Count
-    from fte_sniff.analysis.models.flags_seen import FlagNumbers, Seen
     from fte_sniff.analysis.models.port_run import EventNumbers, PortNumbers
     from fte_sniff.analysis.models.streams import StreamNumbers
     from fte_sniff.analysis.models.survey import Survey
@@ -36,9 +36,6 @@ _MARKED: Final = "  "
 _DAY_NS: Final = 86_400 * 1_000_000_000
 _STYLE: Final = {Status.OK: "default", Status.SUSPECT: "yellow", Status.MALFORMED: "bold red"}
 _WORRY: Final = _STYLE[Status.MALFORMED]
-
-When = Callable[[int | None], str]
-"""The text of a time; a dash for none."""
 
 
 def page(survey: Survey, asked: Asked, width: int | None) -> Iterator[Text]:
@@ -167,7 +164,7 @@ def _event(event: EventNumbers, when: When) -> str:
     words = f"{str(event.kind).replace('_', ' ')} {event.count:,}"
     if event.kind in COUNTED:
         words += f" ({event.total:,} in all)"
-    return f"{words}, {_from_to(event.first_ns, event.last_ns, when)}"
+    return f"{words}, {from_to(event.first_ns, event.last_ns, when)}"
 
 
 def _streams(
@@ -252,36 +249,10 @@ def _motor_notes(survey: Survey, when: When) -> Iterator[Text]:
         yield Text("neither: resets, which await no answer, and commands still open where rows end")
     if not any(one.feedback for one in survey.answers()):
         return
-    told = [line for flags in survey.flags() for line in _motor_flags(flags, survey, when)]
-    if told:
-        yield from told
-    else:
-        yield Text("no ERROR bit was ever set, and every motor was always ONLINE")
-
-
-def _motor_flags(flags: FlagNumbers, survey: Survey, when: When) -> Iterator[Text]:
-    lead = f"! motor {flags.motor}"
-    for bit, seen in flags.error_bits.items():
-        yield Text(f"{lead}: ERROR bit {bit} set in {_seen(seen, when)}", _WORRY)
-    if flags.offline.frames:
-        lost = f"; lost {_times(flags.times_lost)}" if survey.in_order else ""
-        yield Text(f"{lead}: not ONLINE in {_seen(flags.offline, when)}{lost}", _WORRY)
-
-
-def _seen(seen: Seen, when: When) -> str:
-    """`12 frames, 12:00:01.000 to 12:00:09.000`."""
-    frames = f"{seen.frames:,} frame{'s' if seen.frames != 1 else ''}"
-    if seen.first_ns is None:
-        return frames
-    return f"{frames}, {_from_to(seen.first_ns, seen.last_ns, when)}"
-
-
-def _from_to(first_ns: int, last_ns: int | None, when: When) -> str:
-    return when(first_ns) if first_ns == last_ns else f"{when(first_ns)} to {when(last_ns)}"
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count:,} times"
+    told = list(flag_words(survey.flags(), when, in_order=survey.in_order))
+    yield from (Text(f"! {words}", _WORRY) for words in told)
+    if not told:
+        yield Text(ALL_IN_ORDER)
 
 
 def _line(label: str, told: str | Text) -> Text:

@@ -5,6 +5,7 @@ It must not know how rows are found; the watched rows and the store do.
 
 from __future__ import annotations
 
+from fte_sniff.analysis.store.finding import find_raised
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.language import _
 from fte_sniff.tui.prompt.goto import ToOffset, parse_goal
@@ -39,7 +40,19 @@ class Seeking(Parts):
         """Go to the next row with a fault, or to the one before."""
         if self._table.jump_to_fault(by):
             return
+        words = _("no row with a fault below this one")
+        if by < 0:
+            words = _("no row with a fault above this one")
+        if find_raised(self._watched.store, self._table.index_here, by) is not None:
+            hint = _("{key} goes to one whose ERROR or ONLINE is not in order")
+            words += "; " + hint.format(key="a" if by > 0 else "A")
+        self._tell(words)
+
+    def action_raised(self, by: int) -> None:
+        """Go to the next row with a flag byte that is not in order, or to the one before."""
+        if self._table.jump_to_raised(by):
+            return
         if by > 0:
-            self._tell(_("no row with a fault below this one"))
+            self._tell(_("no row below this one whose ERROR or ONLINE is not in order"))
         else:
-            self._tell(_("no row with a fault above this one"))
+            self._tell(_("no row above this one whose ERROR or ONLINE is not in order"))

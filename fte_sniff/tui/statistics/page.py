@@ -1,4 +1,4 @@
-"""Owns the numbers over all rows as lines of text: ports, then streams, then faults.
+"""Owns the numbers over all rows as lines of text: ports, streams, faults, then flags of motors.
 
 It must not know Textual, nor how numbers are counted. Where it is narrow, the last columns of a
 table are left out; each table says in its head what its numbers are.
@@ -16,17 +16,19 @@ from rich.text import Text
 
 from fte_sniff.analysis.accumulators.counts import OverTime
 from fte_sniff.analysis.accumulators.durations import Durations
+from fte_sniff.analysis.models.flags_seen import FlagNumbers
 from fte_sniff.analysis.models.port_run import PortNumbers
 from fte_sniff.analysis.models.statistics import FaultNumbers, Statistics
 from fte_sniff.analysis.models.streams import StreamNumbers
 from fte_sniff.errors import shown
-from fte_sniff.protocol import status_of
+from fte_sniff.protocol import Direction, status_of
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.notices import event_words
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text, sparkline
+from fte_sniff.tui.statistics.flags import ALL_IN_ORDER, flag_words
 from fte_sniff.tui.table.cells import clock_text
-from fte_sniff.tui.table.layout import MARKS
+from fte_sniff.tui.table.layout import MARKS, RAISED_MARK
 from fte_sniff.tui.table.palette import Palette
 
 PORT_ROWS: Final = later("{rows:,} rows, {bytes:,} bytes")
@@ -71,8 +73,7 @@ def _at(percent: float) -> Callable[[StreamNumbers], str]:
 
 
 def _longest_at(numbers: StreamNumbers) -> str:
-    t_ns = numbers.periods.longest_at_ns
-    return UNKNOWN if t_ns is None else clock_text(t_ns, _MILLISECONDS)
+    return _moment(numbers.periods.longest_at_ns)
 
 
 COLUMNS: Final = (
@@ -98,6 +99,8 @@ class Told:
     """What the page is about."""
 
     statistics: Statistics
+    flags: Sequence[FlagNumbers]
+    """Of every motor."""
     now_ns: int | None
     behind: int
     """Rows that are not counted yet."""
@@ -129,6 +132,9 @@ def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
             yield from _streams(own, width, palette)
         yield Text()
     yield from _faults(told.statistics.faults(), width, palette)
+    if any(stream.kind.direction is Direction.FEEDBACK for stream in streams):
+        yield Text()
+        yield from _flags(told.flags, palette)
 
 
 def _port(port: PortNumbers, width: int, palette: Palette) -> Iterator[Text]:
@@ -197,6 +203,18 @@ def _streams(streams: Sequence[StreamNumbers], width: int, palette: Palette) -> 
         cells = "".join(f" {fit_right(column.cell(stream), column.width)}" for column in columns)
         style = palette.kinds[stream.kind.name]
         yield Text.assemble("  ", (fit(name, _NAME_WIDTH), style), cells)
+
+
+def _flags(flags: Sequence[FlagNumbers], palette: Palette) -> Iterator[Text]:
+    told = list(flag_words(flags, _moment, in_order=True))
+    for words in told:
+        yield Text.assemble((RAISED_MARK, palette.raised_mark), " ", (words, palette.raised))
+    if not told:
+        yield Text(_(ALL_IN_ORDER))
+
+
+def _moment(t_ns: int | None) -> str:
+    return UNKNOWN if t_ns is None else clock_text(t_ns, _MILLISECONDS)
 
 
 def _faults(faults: Sequence[FaultNumbers], width: int, palette: Palette) -> Iterator[Text]:

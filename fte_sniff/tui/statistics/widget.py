@@ -27,5 +27,6 @@ class StatisticsPane(Pane):
         """Draw the numbers as they are now."""
         self.entitle(_(TITLE))
         models = sight.models
-        told = Told(models.statistics, sight.newest_ns, models.behind, models.missed)
+        flags = models.flags.numbers()
+        told = Told(models.statistics, flags, sight.newest_ns, models.behind, models.missed)
         self.draw(page(told, self.room.width, sight.palette))

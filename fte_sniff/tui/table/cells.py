@@ -70,7 +70,13 @@ def _shortest(names: Sequence[str]) -> dict[str, str]:
 
 def is_told(field: Field, value: int) -> bool:
     """Whether a field stands among the values: flag bytes only where they are out of order."""
-    return field.defined_bits is None or value != field.default
+    return field.defined_bits is None or field.raised(value)
+
+
+def is_raised(row: Row) -> bool:
+    """Whether a flag byte of the row tells something else than that all is in order."""
+    kind = row.kind if isinstance(row, Frame) else None
+    return kind is not None and any(field.raised(field.read(row.raw)) for field in kind.fields)
 
 
 def _number(field: Field, value: int) -> str:

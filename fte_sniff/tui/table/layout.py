@@ -20,6 +20,7 @@ from functools import cache
 from fte_sniff.protocol import Status
 from fte_sniff.tui.table.columns import (
     HOURS_WIDTH,
+    LEAST,
     LONG_VALUES_WIDTH,
     MINUTES_WIDTH,
     ORDER,
@@ -32,6 +33,9 @@ from fte_sniff.tui.table.look import ColumnChoice, Look
 
 MARKS = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
 """The sign of each status, so that colour is never the only one."""
+
+RAISED_MARK = "^"
+"""The sign of a row that is in order, and whose flag bytes tell that a motor is not."""
 
 ROOMY = 149
 """Cells from which on a table has a column for each value, and microseconds."""
@@ -63,6 +67,23 @@ class Layout:
     def without(self, hidden: int) -> Layout:
         """The layout moved sideways by so many columns; the first stays at the left."""
         return Layout((self.columns[0], *self.columns[1 + hidden :]))
+
+    def within(self, width: int) -> Layout:
+        """What is seen of it in `width` cells: the last column is narrowed, not cut by the edge.
+
+        A cell then says itself that it is cut; where that takes too much room, it is left out.
+        """
+        if self.width <= width:
+            return self
+        whole: list[TableColumn] = []
+        room = width - len(MARKS[Status.OK])
+        for column in self.columns:
+            room -= column.width + 1
+            if room < 0:
+                left = room + column.width
+                return Layout((*whole, column.sized(left)) if left >= LEAST else tuple(whole))
+            whole.append(column)
+        return self
 
     def most_hidden(self, width: int) -> int:
         """Columns that must be hidden for the last one to be seen in `width` cells."""

@@ -18,9 +18,9 @@ from textual.strip import Strip
 from fte_sniff.analysis.store.search import Search
 from fte_sniff.formats.tables.layout import mark_of
 from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, Value, record
-from fte_sniff.tui.table.cells import faulty_text, values_text
+from fte_sniff.tui.table.cells import faulty_text, is_raised, values_text
 from fte_sniff.tui.table.columns import VALUES, TableColumn
-from fte_sniff.tui.table.layout import MARKS, Layout
+from fte_sniff.tui.table.layout import MARKS, RAISED_MARK, Layout
 from fte_sniff.tui.table.look import TimeStyle
 from fte_sniff.tui.table.palette import Palette
 
@@ -78,7 +78,7 @@ class Painter:
         values = self._values(place)
         spanned = self._spanned(row)
         segments = [
-            Segment(mark_of(row), self.palette.marks[row.status]),
+            self._mark(row),
             Segment(place.sign, self.palette.signs),
         ]
         for at, column in enumerate(columns):
@@ -92,6 +92,11 @@ class Painter:
             if at + 1 < len(columns) and at + 1 not in spanned[1:]:
                 segments.append(Segment(" ", Style.null()))
         return self._window(segments, line)
+
+    def _mark(self, row: Row) -> Segment:
+        if row.status is Status.OK and is_raised(row):
+            return Segment(RAISED_MARK, self.palette.raised_mark)
+        return Segment(mark_of(row), self.palette.marks[row.status])
 
     def head(self, line: Style) -> Strip:
         """The names of the columns, with a sign at each edge behind which there are more."""
@@ -111,7 +116,7 @@ class Painter:
 
     @property
     def _columns(self) -> tuple[TableColumn, ...]:
-        return self.shown.columns
+        return self.shown.within(self.width).columns
 
     def _values(self, place: Place) -> dict[str, Value]:
         values = {**record(place.row), VALUES: ""}
@@ -138,7 +143,7 @@ class Painter:
     @property
     def _cuts_faults(self) -> bool:
         """Whether the column of faults does not fit into the window, or is moved out of it."""
-        names = {column.name for column in self._columns}
+        names = {column.name for column in self.shown.columns}
         return "faults" not in names or self.shown.end_of("faults") > self.width
 
     def _set_off(self, text: str, style: Style) -> list[Segment]:
@@ -167,4 +172,4 @@ class Painter:
             case "raw":
                 return self.palette.statuses[row.status]
             case _:
-                return self.palette.of_values(row)
+                return self.palette.raised if is_raised(row) else self.palette.of_values(row)

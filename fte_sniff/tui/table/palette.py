@@ -34,6 +34,10 @@ class Palette:
     """The mark, and the words for what is wrong."""
     marks: Mapping[Status, Style]
     """The sign of each status."""
+    raised: Style
+    """The values of a row whose flag bytes tell that a motor is not in order."""
+    raised_mark: Style
+    """The sign of such a row."""
     signs: Style
     """The sign of a marked or selected row."""
     found: Style
@@ -82,6 +86,8 @@ DARK = Palette(
         Status.SUSPECT: Style(color="#101010", bgcolor="#f0e442", bold=True),
         Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
     },
+    raised=Style(color="#f5a3a3"),
+    raised_mark=Style(color="#101010", bgcolor="#f5a3a3", bold=True),
     signs=Style(color="#56b4e9", bold=True),
     found=Style(color="#101010", bgcolor="#9fd8ff", underline=True),
 )
@@ -99,6 +105,8 @@ LIGHT = Palette(
         Status.SUSPECT: Style(color="#101010", bgcolor="#e0d030", bold=True),
         Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
     },
+    raised=Style(color="#a01030"),
+    raised_mark=Style(color="#ffffff", bgcolor="#a01030", bold=True),
     signs=Style(color="#0062a0", bold=True),
     found=Style(color="#101010", bgcolor="#a8dcff", underline=True),
 )

@@ -19,7 +19,7 @@ from textual.geometry import Region, Size
 from textual.message import Message
 from textual.strip import Strip
 
-from fte_sniff.analysis.store.finding import find_fault
+from fte_sniff.analysis.store.finding import find_fault, find_raised
 from fte_sniff.analysis.store.row_store import RowStore
 from fte_sniff.analysis.store.search import Search
 from fte_sniff.errors import FteSniffError
@@ -272,6 +272,11 @@ class RowTable(Scrolling, can_focus=True):
     def jump_to_fault(self, by: int) -> bool:
         """Put the cursor on the nearest fault below (`by` 1) or above (-1), if there is one."""
         index = find_fault(self._store, self._cursor_index, by)
+        return index is not None and self.jump_to_index(index)
+
+    def jump_to_raised(self, by: int) -> bool:
+        """The same of the nearest row with a flag byte that is not in order."""
+        index = find_raised(self._store, self._cursor_index, by)
         return index is not None and self.jump_to_index(index)
 
     def jump_to_mark(self, by: int) -> bool:
