@@ -100,6 +100,7 @@ def command(
         keep_rows=keep_rows,
         bench=bench,
         origin=viewing.origin,
+        zone=how.zone_given(),
         language=settings.language(lang),
         choices=settings.choices,
         keep=settings.keep,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from time import monotonic_ns
 from typing import ClassVar
@@ -23,6 +23,7 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.events import Event, Key
 from textual.filter import LineFilter
 
+from fte_sniff.analysis.accumulators.tally import Tally
 from fte_sniff.analysis.store.feed import Feed
 from fte_sniff.analysis.store.paging import BlockSource
 from fte_sniff.errors import FteSniffError, shown
@@ -55,7 +56,7 @@ from fte_sniff.tui.prompt.search import SearchField
 from fte_sniff.tui.rhythm import TICK_S, Rhythm
 from fte_sniff.tui.status import StatusLine
 from fte_sniff.tui.table.header import TableHeader
-from fte_sniff.tui.table.look import Look
+from fte_sniff.tui.table.look import Look, zone_at
 from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.terminal import Terminal
 from fte_sniff.tui.theme_names import THEMES
@@ -194,6 +195,11 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         """What the user has chosen by now."""
         return Choices(self.theme, self._table.look.choice)
 
+    @property
+    def seen(self) -> Tally:
+        """The count of all rows that came to the screen."""
+        return self._watched.tally
+
     def _time_here(self) -> int | None:
         row = self._table.cursor_row
         return None if row is None else row.t_ns
@@ -235,8 +241,11 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._panes.tell_seams(news.seams)
         self._tell_news(news)
         if news.changed:
+            start_ns = self._watched.start_ns
             self._table.set_look(ports=self._watched.ports)
-            self._table.start_ns = self._watched.start_ns
+            if start_ns is not None and self._table.start_ns is None:
+                self._table.set_look(zone=zone_at(start_ns, self._opening.zone))
+            self._table.start_ns = start_ns
             self._table.sync()
         self._show_state()
         if not keys_first:
@@ -290,13 +299,19 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._panes.follow_cursor()
 
 
-def run_screen(feed: Feed, opening: Opening = USUAL, source: BlockSource | None = None) -> int:
+def run_screen(
+    feed: Feed,
+    opening: Opening = USUAL,
+    source: BlockSource | None = None,
+    tell: Callable[[Tally], None] = lambda _tally: None,
+) -> int:
     """Show the feed until the user ends it, or a signal does; the feed is then asked to stop.
 
     Args:
         feed: where rows come from.
         opening: how the screen begins.
         source: gives the feed's rows again, so that not all need to lie in memory.
+        tell: is told at the end what the screen has seen.
 
     Returns:
         0, or another number where the screen itself broke, which then has been said.
@@ -309,6 +324,7 @@ def run_screen(feed: Feed, opening: Opening = USUAL, source: BlockSource | None 
         app.run()
     finally:
         feed.stop()
+        tell(app.seen)
     if app.choices != app.choices_before:
         opening.keep(app.choices)
     if app.failure is not None:

@@ -121,7 +121,7 @@ class _Stream:
             return None
         line = Text(f"{start:>{_OFFSET_WIDTH},} ", style=self._muted)
         for place in places:
-            line.append(self._sign(place), self._style_between(place))
+            line.append(self._sign(place, place == start), self._style_between(place))
             byte = self._bytes.get(place)
             line.append(UNKNOWN if byte is None else f"{byte:02X}", self._style(place))
         line.append("]" if places.stop == self._own.stop else " ", self._style_between(places.stop))
@@ -131,11 +131,11 @@ class _Stream:
                 line.append(_character(self._bytes.get(place)), self._style(place))
         return line
 
-    def _sign(self, place: int) -> str:
-        """What stands before a byte."""
+    def _sign(self, place: int, begins_line: bool) -> str:
+        """What stands before a byte; the bracket behind the line before is not said again."""
         if self._own and place == self._own.start:
             return "["
-        if self._own and place == self._own.stop:
+        if self._own and place == self._own.stop and not begins_line:
             return "]"
         return "|" if place in self._starts else " "
 

@@ -69,7 +69,7 @@ HANDLING: tuple[Binding, ...] = (
     _key("y", "copy_text", "", "copy the row decoded (through the terminal, OSC 52)", "y"),
     _key("Y,c", "copy", "", "copy the row's bytes as hex", "Y c"),
     _key("w", "save", "Save", "save the selected rows, or all that are shown, to a file", "w"),
-    _key("t", "times(1)", "", "times: of day, from the first row, the row before, a mark", "t"),
+    _key("t", "times(1)", "", "times: UTC, local, from the first row, the row before, a mark", "t"),
     _key("T", "times(-1)", "", "the same the other way round", "T"),
     _key("C", "columns", "", "choose columns, their order and widths", "C"),
     _key("ctrl+t", "theme", "", "other colours: dark, light, with more contrast", "^t"),
@@ -163,9 +163,19 @@ SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
 """All keys, as the help shows them."""
 
 
+KEY_NAMES = frozenset(
+    (
+        *(later("space"), later("up"), later("down"), later("left"), later("right")),
+        *(later("enter"), later("backspace")),
+    )
+)
+"""Names of keys that have others in other languages."""
+
+
 def key_names(binding: Binding) -> str:
     """The keys of a binding as people know them."""
-    return binding.key_display or binding.key
+    names = (binding.key_display or binding.key).split(" ")
+    return " ".join(_(name) if name in KEY_NAMES else name for name in names)
 
 
 def bindings(*groups: tuple[Binding, ...]) -> list[BindingType]:

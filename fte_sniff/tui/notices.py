@@ -11,7 +11,7 @@ from textual.timer import Timer
 
 from fte_sniff.errors import shown
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.tui.language import _
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.sentence import Sentence
 from fte_sniff.tui.table.cells import clock_text
 
@@ -51,11 +51,16 @@ _TINY, _LOW = 12, 20
 _MILLISECONDS = 3
 
 
+WITH_DETAIL = later("{event}: {detail}")
+
+
 def event_text(event: PortEvent) -> str:
     """The event in one line."""
     when = clock_text(event.t_ns, _MILLISECONDS)
     what = f"{event.port} {_(event_words(event.kind))}"
-    return shown(f"{when}  {what}: {_(event.detail)}" if event.detail else f"{when}  {what}")
+    if event.detail:
+        what = _(WITH_DETAIL).format(event=what, detail=_(event.detail))
+    return shown(f"{when}  {what}")
 
 
 def event_words(kind: PortEventKind) -> str:

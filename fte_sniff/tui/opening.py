@@ -8,6 +8,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import tzinfo
 from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
@@ -75,6 +76,8 @@ class Opening:
     """What went wrong before the screen was there to tell it, a sentence each."""
     origin: Origin = UNKNOWN
     """What is known of the rows beside them, to be saved with them."""
+    zone: tzinfo | None = None
+    """Of local times; None for this machine's."""
 
     def store(self, source: BlockSource | None = None) -> RowStore:
         """A store for so many rows; for all there are, where a source gives the others again."""

@@ -35,6 +35,8 @@ class Sight:
     """The row under the cursor."""
     index: int | None
     """Its index in the store; None where there is no row."""
+    place: int
+    """The place of the cursor's row among those shown, from 1; 0 where there is none."""
     following: bool
     """Whether the cursor follows the end, so that the newest is what is looked at."""
     now_ns: int | None
@@ -76,11 +78,17 @@ class Pane(VerticalScroll, can_focus=False, metaclass=AbstractMeta):
     def see(self, sight: Sight) -> None:
         """Draw what there is to see."""
 
-    def entitle(self, title: str) -> None:
-        """Put a title over the page."""
+    @property
+    def laid_out(self) -> bool:
+        """Whether it has its place on the screen."""
+        return bool(self.scrollable_content_region)
+
+    def entitle(self, *titles: str) -> None:
+        """Put a title over the page: the first that has room, or else the last."""
+        room = self.size.width - _CORNERS
+        title = next((one for one in titles if cell_len(one) <= room), titles[-1])
         both = f"{title}   {_(self._hint)}"
-        line = both if cell_len(both) + _CORNERS <= self.size.width else title
-        self.border_title = Text(line)
+        self.border_title = Text(both if cell_len(both) <= room else title)
 
     def draw(self, page: Text) -> None:
         """Put this onto the page, if it is not what is there."""

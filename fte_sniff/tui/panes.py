@@ -156,8 +156,8 @@ class Panes:
         return 4 * self._models.behind > self._store.most_in_memory
 
     def look(self) -> None:
-        """Draw the pane that is shown."""
-        if self._shown is not None:
+        """Draw the pane that is shown, once there is a place for it."""
+        if self._shown is not None and self._shown.laid_out:
             self._seen_at_s = self._clock_ns / 1e9
             self._shown.see(self._sight())
 
@@ -168,6 +168,7 @@ class Panes:
         return Sight(
             row=row,
             index=table.cursor_index,
+            place=table.viewport.cursor + 1 if row is not None else 0,
             following=following,
             now_ns=newest_ns if following or row is None else row.t_ns,
             newest_ns=newest_ns,

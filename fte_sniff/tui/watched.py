@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC
+from datetime import tzinfo
 from typing import TYPE_CHECKING
 
 from fte_sniff.analysis.accumulators.counting import count_rows
@@ -20,7 +20,15 @@ from fte_sniff.analysis.store.seams import Seam, shifted
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.language import _
 from fte_sniff.tui.notices import event_words
-from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToOffset, ToRow, ToShare, ToTime
+from fte_sniff.tui.prompt.goto import (
+    Goal,
+    ToDistance,
+    ToOffset,
+    ToRow,
+    ToShare,
+    ToTime,
+    ToTimeOfDay,
+)
 from fte_sniff.tui.status import Numbers
 from fte_sniff.tui.table.viewport import Viewport
 
@@ -54,7 +62,8 @@ class Watched:
         self.store.shown.set_filter(row_filter)
         self.state = FeedState("")
         self._feed = feed
-        self._tally = Tally()
+        self.tally = Tally()
+        """The count of all rows that were taken in."""
         self._rate = Rate()
         self._frames = 0
         self._line_errors = 0
@@ -78,7 +87,7 @@ class Watched:
         seams = shifted(update.seams, self.store.next)
         if update.rows:
             self.store.append(update.rows)
-            count_rows(self._tally, update.rows)
+            count_rows(self.tally, update.rows)
         for event in update.events:
             self._events[event.kind] += 1
         self._line_errors += sum(
@@ -91,31 +100,31 @@ class Watched:
 
     def _take_rate(self, now_ns: int) -> None:
         """Frames per second: now, on a wire; over the time covered, in what lies behind."""
-        frames = self.state.rows - (self._tally.rows - self._tally.frames)
+        frames = self.state.rows - (self.tally.rows - self.tally.frames)
         self._rate.add(frames - self._frames, now_ns)
         self._frames = frames
         if self.state.running and self.state.live:
             self._per_second = self._rate.per_second(now_ns)
-        elif self._tally.duration_ns:
-            self._per_second = self._tally.frames * 1e9 / self._tally.duration_ns
+        elif self.tally.duration_ns:
+            self._per_second = self.tally.frames * 1e9 / self.tally.duration_ns
 
     @property
     def ports(self) -> tuple[str, ...]:
         """Ports that rows came from, in the order in which they came."""
-        return tuple(self._tally.by_port)
+        return tuple(self.tally.by_port)
 
     @property
     def start_ns(self) -> int | None:
         """The earliest time of a row, nanoseconds since 1970 UTC; None while no row has one."""
-        return self._tally.first_ns
+        return self.tally.first_ns
 
     def numbers(self, view: Viewport) -> Numbers:
         """What the line of numbers tells."""
         return Numbers(
             rows=self.state.rows,
             frames_per_s=self._per_second,
-            malformed=self._tally.malformed,
-            malformed_share=self._tally.malformed_share,
+            malformed=self.tally.malformed,
+            malformed_share=self.tally.malformed_share,
             not_shown=self.state.not_shown,
             place=view.cursor + 1 if view.count else 0,
             following=view.following,
@@ -162,7 +171,30 @@ class Watched:
         self.store.shown.set_filter(row_filter, near)
         self.store.shown.filter_step()
 
-    def row_of(self, goal: Goal, cursor: int) -> int | None:
+    def moment_of(self, goal: Goal, cursor: int, zone: tzinfo) -> int | None:
+        """The time that is meant, nanoseconds since 1970 UTC; None for other goals, or without.
+
+        A time of day that names no zone is one of `zone`.
+        """
+        here = self._time_at(cursor)
+        if here is None:
+            return None
+        match goal:
+            case ToTime():
+                return goal.t_ns
+            case ToDistance():
+                return here + goal.ns
+            case ToTimeOfDay():
+                return goal.clock.on_day_of(here, zone)
+            case _:
+                return None
+
+    @property
+    def shown_ends(self) -> tuple[int | None, int | None]:
+        """The times of the first row that is shown, and of the last."""
+        return self._time_at(0), self._time_at(max(0, self.store.shown.count - 1))
+
+    def row_of(self, goal: Goal, cursor: int, zone: tzinfo) -> int | None:
         """The shown row that is meant, or None where there is no such row, or none has a time."""
         if isinstance(goal, ToRow):
             return goal.number - 1
@@ -170,14 +202,8 @@ class Watched:
             return round(goal.percent / 100 * max(0, self.store.shown.count - 1))
         if isinstance(goal, ToOffset):
             return self._holding(goal.offset, cursor)
-        if isinstance(goal, ToTime):
-            return None if self._time_at(cursor) is None else self._first_at(goal.t_ns)
-        here = self._time_at(cursor)
-        if here is None:
-            return None
-        if isinstance(goal, ToDistance):
-            return self._first_at(here + goal.ns)
-        return self._first_at(goal.clock.on_day_of(here, UTC))
+        moment = self.moment_of(goal, cursor, zone)
+        return None if moment is None else self._first_at(moment)
 
     def _holding(self, offset: int, cursor: int) -> int | None:
         if cursor >= self.store.shown.count:

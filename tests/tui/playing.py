@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Awaitable, Callable
+from datetime import UTC
 from html import unescape
 from typing import Any
 
@@ -41,7 +42,7 @@ def play(
     opening: Opening | None = None,
 ) -> SniffApp:
     """Run the screen without a terminal, and the scenario on it."""
-    app = SniffApp(feed, opening or Opening(at_end))
+    app = SniffApp(feed, opening or Opening(at_end, zone=UTC))
 
     async def run() -> None:
         async with app.run_test(size=size) as pilot:

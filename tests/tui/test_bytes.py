@@ -75,6 +75,16 @@ def test_the_row_is_held_by_brackets_and_others_begin_with_a_bar() -> None:
     assert lines[0].endswith("................")
 
 
+@pytest.mark.parametrize("width", [50, 79, 150])
+@pytest.mark.parametrize("at", range(8))
+def test_each_bracket_stands_once(at: int, width: int) -> None:
+    rows = _rows([6, 10, 10, 10, 10, 10, 10, 10])
+    drawn = dump(rows[at], rows, width, DARK).plain
+    end = 13 + 3 * {50: 8, 79: 16, 150: 32}[width] + 1
+    signs = "".join(line[:end] for line in drawn.split("\n"))
+    assert (signs.count("["), signs.count("]")) == (1, 1)
+
+
 def test_what_the_store_does_not_have_is_dots() -> None:
     rows = _rows([10] * 30)
     del rows[3:9]

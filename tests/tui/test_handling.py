@@ -186,11 +186,13 @@ def test_a_selection_is_shown_copied_and_ended(feed: Any, speed_rows: Rows) -> N
         await press(app, pilot, "Y")
         await settle(app, pilot)
         assert [line[12:14] for line in app.clipboard.split("\n")] == ["60", "61", "62"]
-        assert not table(app).selected
-        await press(app, pilot, "v", "down", "y")
+        await press(app, pilot, "up", "y")
         assert app.clipboard.split()[0] == "time"
-        assert app.clipboard.count("rpm=") == 2
-        await press(app, pilot, "v", "escape")
+        assert app.clipboard.count("rpm=") == 4
+        await press(app, pilot, "w")
+        await settle(app, pilot)
+        assert "4 selected rows would be saved" in page(app)
+        await press(app, pilot, "escape", "escape")
         assert not table(app).selected
         assert app.is_running
 

@@ -161,7 +161,7 @@ def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
         assert "第1个字符处：没有名称'moter'" in text
         assert "您是想写motor吗？" in text
         assert "过滤moter" in text
-        assert "enter应用" in text
+        assert "回车应用" in text
 
     play_chinese(feed, scenario)
 

@@ -67,13 +67,53 @@ def test_the_grid_is_as_wide_as_there_is_room_and_has_every_motor(
 
 def test_a_card_tells_what_was_asked_and_what_is_told() -> None:
     page = grid(_look(_drive(), 9.97), 199, 37, DARK).plain
-    assert "motor 1 online error 00 bit 2 12:00:09.950" in page
+    assert "motor 1 online error 00 bit 2 cleared 12:00:09 " in page
     assert "target speed 1000 RPM" in page
     assert "now    991 RPM" in page
     assert "10.0/s commands, 0 of 100 unanswered" in page
     assert "10.5/s feedback, 4 ms after, p99 4 ms" in page
     assert "error bit 2 is 0 since 12:00:09.950" in page
     assert "target position -5000 pulses 600 RPM" in page
+
+
+def test_a_bit_is_said_to_be_set_or_cleared() -> None:
+    rows = [_row("speed_feedback", at, motor=1, rpm=0, error=8 * (at > 1)) for at in (0, 1, 2, 3)]
+    assert "error 08 bit 3 set 12:00:02.000" in grid(_look(rows, 3), 199, 37, DARK).plain
+    assert "error 08 b3=1 12:00:02" in grid(_look(rows, 3), 79, 15, DARK).plain
+
+
+@pytest.mark.parametrize("cut", [1, 2, 3, 7])
+def test_a_target_is_told_since_its_first_command_wherever_batches_are_cut(cut: int) -> None:
+    rows = [
+        _row("speed", 0, motor=1, rpm=0),
+        _row("speed", 1, motor=1, rpm=500),
+        _row("speed", 2, motor=2, rpm=7),
+        _row("speed", 3.5, motor=1, rpm=0),
+        _row("speed", 4, motor=1, rpm=0),
+        _row("speed_feedback", 4.5, motor=1, rpm=3),
+        _row("speed", 5, motor=1, rpm=0),
+    ]
+    motors = Motors()
+    for start in range(0, len(rows), cut):
+        motors.add(Decoded(pack(rows[start : start + cut], Codebook())[0]))
+    first, second, *_ = motors.states(NOON_NS + 5 * SECOND_NS)
+    assert first.target is not None
+    assert second.target is not None
+    assert first.target.since_ns == NOON_NS + 3_500_000_000
+    assert first.target.t_ns == NOON_NS + 5 * SECOND_NS
+    assert second.target.since_ns == NOON_NS + 2 * SECOND_NS
+    assert "target speed 0 RPM since 12:00:03.5\n" in grid(_look(rows, 5), 60, 40, DARK).plain
+
+
+@pytest.mark.parametrize("height", [4, 6, 8, 9, 12, 17])
+def test_a_low_and_narrow_pane_uses_all_its_lines(height: int) -> None:
+    lines = grid(_look(_drive(), 9.97), 38, height, DARK).plain.split("\n")
+    assert len(lines) == height
+    assert all(lines)
+    heads = [line for line in lines if "online" in line]
+    assert len(heads) == 4
+    if height >= 12:
+        assert "target speed 1000 RPM since 12:00:00.0" in lines
 
 
 def test_what_was_never_told_is_a_dash() -> None:

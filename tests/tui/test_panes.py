@@ -40,6 +40,38 @@ def shown(app: SniffApp) -> list[type[Pane]]:
     return [type(pane) for pane in app.query(Pane) if pane.display]
 
 
+@pytest.mark.parametrize("width", [40, 100])
+def test_the_motors_of_an_old_row_say_of_which(feed: Any, width: int) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(feedback_rows(400))
+        await settle(app, pilot)
+        await press(app, pilot, "M")
+        await settle(app, pilot)
+        title = app.query_one(MotorsPane)
+        assert "as of" not in str(title.border_title)
+        await press(app, pilot, "g")
+        app._panes.look()
+        assert "as of row 1, 12:00:00.000 - G: end" in str(title.border_title)
+
+    play(feed, scenario, (width, 24))
+
+
+def test_a_pane_that_has_no_place_yet_draws_nothing(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(feedback_rows(400))
+        await settle(app, pilot)
+        app._panes.toggle("motors")
+        app._panes.look()
+        assert app.query_one(MotorsPane)._drawn is None
+        await settle(app, pilot)
+        app._panes.look()
+        drawn = app.query_one(MotorsPane)._drawn
+        assert drawn is not None
+        assert "motor 4" in drawn.plain
+
+    play(feed, scenario)
+
+
 @pytest.mark.parametrize("size", [(40, 12), (80, 24), (200, 60)])
 @pytest.mark.parametrize("key", PANES)
 def test_a_key_opens_a_pane_and_the_table_stays(feed: Any, key: str, size: tuple[int, int]) -> None:

@@ -6,8 +6,10 @@ import asyncio
 import random
 import re
 from dataclasses import replace
+from datetime import timedelta, timezone
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import pytest
 from textual import events
@@ -21,6 +23,8 @@ from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.opening import AtEnd, Opening
 from fte_sniff.tui.prompt.field import Field
+from fte_sniff.tui.table.layout import layout_for
+from fte_sniff.tui.table.look import Look, TimeStyle
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import NOON_NS
 from tests.tui.playing import (
@@ -35,6 +39,7 @@ from tests.tui.playing import (
     settle,
     table,
     type_line,
+    until,
     wheel,
 )
 
@@ -435,11 +440,71 @@ def test_rows_that_tell_of_a_motor_out_of_order_are_found_and_e_points_to_them(
         await settle(app, pilot)
         assert "no row with a fault below this one; a goes to one whose ERROR or" in page(app)
         assert table(app).viewport.cursor == 0
-        await press(app, pilot, "S", *["J"] * 20)
+        await press(app, pilot, "S")
+        await until(app, pilot, lambda: "motor 4: not ONLINE in 2 frames" in page(app))
+
+    play(feed, scenario, (80, 40))
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        ("12:03:05", "12:03:05 lies after the last row (12:00:00.999)"),
+        ("+2s", "+2s lies after the last row (12:00:00.999)"),
+        ("2027-01-01", "2027-01-01 lies after the last row (12:00:00.999)"),
+        ("11:59", "11:59 lies before the first row (12:00:00.000)"),
+        ("20:03:05+08:00", "20:03:05+08:00 lies after the last row (12:00:00.999)"),
+        ("20:00:00.5+08:00", ""),
+        ("12:00:00.999", ""),
+        ("12:00:00", ""),
+    ],
+)
+def test_a_time_outside_the_rows_is_said_to_be_outside(
+    feed: Any, speed_rows: Rows, goal: str, said: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
         await settle(app, pilot)
-        assert "^ motor 4: not ONLINE in 2 frames" in page(app)
+        table(app).jump(499)
+        await press(app, pilot, "colon")
+        await type_line(app, pilot, goal)
+        await press(app, pilot, "enter")
+        await pilot.pause()
+        assert said in page(app)
+        assert ("lies" in page(app)) == bool(said)
 
     play(feed, scenario)
+
+
+def test_times_are_local_where_asked_and_a_time_that_is_typed_then_is(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        await press(app, pilot, "g", "t")
+        await settle(app, pilot)
+        assert "time +05:30" in page(app)
+        assert table(app).render_line(0).text.startswith("  17:30:00.000")
+        await press(app, pilot, "colon")
+        await type_line(app, pilot, "17:30:00.5")
+        await press(app, pilot, "enter")
+        assert table(app).viewport.cursor == 500
+        await press(app, pilot, "colon")
+        await type_line(app, pilot, "2026-01-31 17:31")
+        await press(app, pilot, "enter")
+        await pilot.pause()
+        assert "2026-01-31 17:31 lies after the last row (17:30:00.999)" in page(app)
+        await press(app, pilot, "t", "t", "t")
+        await settle(app, pilot)
+        assert "time UTC" in page(app)
+
+    play(feed, scenario, opening=Opening(zone=ZoneInfo("Asia/Kolkata")))
+
+
+def test_a_narrow_head_still_names_the_zone() -> None:
+    look = Look(times=TimeStyle.LOCAL, zone=timezone(timedelta(hours=8)))
+    assert layout_for(40, look).columns[0].head_cell.split() == ["+08:00"]
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
 
+from fte_sniff.analysis.columns.packing import Codebook, pack
+from fte_sniff.analysis.store.search import Search
 from fte_sniff.formats.tables.layout import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMNS,
@@ -277,6 +279,15 @@ def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_m
 def test_values_are_told_in_the_longest_form_that_fits(width: int, text: str) -> None:
     raw = encode(KIND_BY_NAME["position"], {"motor": 2, "rpm": -863, "pulses": -863})
     assert values_text(Frame("p", 0, raw, None), width) == text
+
+
+@given(KIND_FRAMES, st.integers(0, 60))
+def test_values_are_found_in_whatever_form_they_are_told(row: Frame, width: int) -> None:
+    assert row.kind is not None
+    text, codebook = values_text(row, width), Codebook()
+    short = kind_text(row.kind.name, max(width, 11))
+    for typed in filter(None, (text, short)):
+        assert Search.parse(typed).mask(*pack([row], codebook), codebook).all()
 
 
 @pytest.mark.parametrize(

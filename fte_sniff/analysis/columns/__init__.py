@@ -4,6 +4,7 @@ It must not know who asks. One row at a time is the business of `protocol`.
 
     packing         rows in a numpy array, and back
     fields          kinds and field values out of many rows at once
+    short_names     short names of kinds and values, for where there is little room
     side_by_side    what rows side by side are
     plain           where runs of plain frames stand in many bytes
     tiles           what the framer decided to rows side by side

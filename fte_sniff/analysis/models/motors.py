@@ -53,6 +53,8 @@ class Target:
     values: Mapping[str, int]
     """By row name, without the motor's number."""
     t_ns: int | None
+    since_ns: int | None
+    """When the first came of the latest commands that all say the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +154,7 @@ class _Motor:
         self._command_times.add(_known(rows.t_ns[commands]))
         self._feedback_times.add(_known(rows.t_ns[feedback]))
         if len(commands):
-            self._aim(rows, int(commands[-1]))
+            self._aim(rows, commands)
         if not len(feedback):
             return
         for code, name in _SUBJECTS:
@@ -167,11 +169,20 @@ class _Motor:
         self.pairing.interrupt()
         self._command_times, self._feedback_times = Recent(), Recent()
 
-    def _aim(self, rows: Decoded, place: int) -> None:
+    def _aim(self, rows: Decoded, commands: Ints) -> None:
+        place = int(commands[-1])
         kind = KINDS[rows.kinds[place]]
-        names = [field.name for field in kind.fields if field.start != NUM_PLACE]
-        values = {name: rows.value(name, place) for name in names}
-        self._target = Target(kind, MappingProxyType(values), _time(rows.t_ns[place]))
+        fields = [field for field in kind.fields if field.start != NUM_PLACE]
+        values = {field.name: rows.value(field.name, place) for field in fields}
+        told = [at for field in fields for at in field.places]
+        same = rows.kinds[commands] == rows.kinds[place]
+        same &= (rows.raw[np.ix_(commands, told)] == rows.raw[place, told]).all(axis=1)
+        others, before = np.flatnonzero(~same), self._target
+        first = int(others[-1]) + 1 if len(others) else 0
+        since = _time(rows.t_ns[commands[first]])
+        if not first and before and (before.kind, before.values) == (kind, values):
+            since = before.since_ns
+        self._target = Target(kind, MappingProxyType(values), _time(rows.t_ns[place]), since)
 
     def copied(self) -> _Motor:
         other = copy(self)

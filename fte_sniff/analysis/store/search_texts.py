@@ -1,7 +1,7 @@
 """Owns what each row tells in words of its own, for the search: its values, time and offset.
 
 It must not know what is looked for beside a text in small letters. What many rows share, their port
-and faults, is looked up elsewhere.
+and faults, is looked up elsewhere. Values are told in long and in all short forms.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy.typing as npt
 import polars as pl
 
 from fte_sniff.analysis.columns.packing import Codebook, Packed
+from fte_sniff.analysis.columns.short_names import VALUE_FORMS, short_feedback, value_heads
 from fte_sniff.analysis.columns.wide import packed_frame
 from fte_sniff.protocol import KINDS, Field, FrameKind
 
@@ -34,6 +35,8 @@ def tell(
     """
     found = np.zeros(len(packed), np.bool_)
     for part in _PARTS:
+        if found.all():
+            break
         if part.signs.issuperset(text) and (part.column is None or part.column in columns):
             frame = packed_frame(packed, long, codebook, part.names)
             has = part.text.str.contains(text, literal=True).fill_null(False)
@@ -41,24 +44,27 @@ def tell(
     return found
 
 
-def _said(kind: FrameKind) -> pl.Expr:
-    """The values of a kind as the screen tells them."""
-    return pl.concat_str([_value(field) for field in kind.fields] or [pl.lit("")])
+def _said(kind: FrameKind, form: int) -> pl.Expr:
+    """A kind with its values as the screen tells them, in the form of that place."""
+    heads = value_heads(kind)[form]
+    short = None if form == 0 else short_feedback(kind, len(kind.name))
+    values = [_value(field, head) for field, head in zip(kind.fields, heads, strict=True)]
+    return pl.concat_str([pl.lit(short or kind.name), *values])
 
 
-def _value(field: Field) -> pl.Expr:
+def _value(field: Field, head: str) -> pl.Expr:
     value = pl.col(field.name)
     if field.defined_bits is None:
-        return pl.format(f" {field.option}={{}}", value)
+        return pl.format(f" {head.lower()}{{}}", value)
     digits = value.replace_strict(list(range(256)), _HEX_WORDS, return_dtype=pl.String())
-    told = pl.format(f" {field.option}={{}}", digits)
+    told = pl.format(f" {head.lower()}{{}}", digits)
     return pl.when(value == field.default).then(pl.lit("")).otherwise(told)
 
 
-def _values() -> pl.Expr:
-    said: pl.Expr = pl.lit("")
+def _values(form: int) -> pl.Expr:
+    said: pl.Expr = pl.lit(None, pl.String)
     for kind in KINDS:
-        said = pl.when(pl.col("kind") == kind.name).then(_said(kind)).otherwise(said)
+        said = pl.when(pl.col("kind") == kind.name).then(_said(kind, form)).otherwise(said)
     return said
 
 
@@ -83,11 +89,9 @@ class _Part:
 _DIGITS: Final = frozenset("0123456789")
 _WORD_SIGNS: Final = _DIGITS | frozenset("abcdefghijklmnopqrstuvwxyz_=- ")
 _PARTS: Final = (
-    _Part(
-        None,
-        frozenset({"kind", *_field_names()}),
-        _WORD_SIGNS,
-        pl.concat_str(pl.col("kind").cast(pl.String()), _values()),
+    *(
+        _Part(None, frozenset({"kind", *_field_names()}), _WORD_SIGNS, _values(form))
+        for form in range(VALUE_FORMS)
     ),
     _Part(
         "time",

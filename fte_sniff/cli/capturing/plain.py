@@ -108,13 +108,23 @@ def tell_troubles(session: LiveSession) -> None:
     lines.end()
 
 
-def see_out(session: LiveSession) -> None:
-    """End a session, wait for its end, and say what that has to wait for; rows are not printed."""
+def see_out(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
+    """End a session, wait for its end, and say what that has to wait for; rows are not printed.
+
+    They are counted with those that were `seen` on a screen, of which is said then what came.
+    """
     session.stop()
-    leftover = _Leftover()
+    leftover, not_shown = _Leftover(), 0
     for update in _updates(session):
         leftover.take(update)
+        not_shown = update.state.not_shown
+        for tally in seen:
+            tally.add(update.rows)
     session.close()
+    for tally in seen:
+        if not_shown:
+            tell(f"{not_shown:,} rows more came too fast to be shown")
+        tell(summary(tally))
 
 
 class _Leftover:

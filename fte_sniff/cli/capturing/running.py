@@ -32,6 +32,7 @@ from fte_sniff.errors import shown
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.accumulators.tally import Tally
     from fte_sniff.analysis.models.bench import Bench
     from fte_sniff.capture.ports.opening import PortSettings
     from fte_sniff.capture.sources.items import Wiring
@@ -194,6 +195,7 @@ def _show_screen(plan: CapturePlan, opening: Opening) -> None:
     from fte_sniff.session.capturing.live import LiveSession
 
     code = 0
+    seen: list[Tally] = []
     session = LiveSession(plan)
     with signals_call(session.stop, _ending(plan), session.drop_leftover):
         # Loaded while the capture process starts on another core, and opens the port.
@@ -203,13 +205,13 @@ def _show_screen(plan: CapturePlan, opening: Opening) -> None:
         _tell_who_goes_on(plan, session)
     try:
         if not session.stopping:
-            code = run_screen(session, opening)
+            code = run_screen(session, opening, tell=seen.append)
     finally:
         # The screen hears signals in its own way, and forgets ours.
         with signals_call(session.stop, _ending(plan), session.drop_leftover) as ask:
             # Nor may a terminal that stands still hold up the end.
             ask()
-            see_out(session)
+            see_out(session, seen)
             _leave(session)
     sys.exit(code)
 

@@ -5,6 +5,8 @@ It must not know what a row is.
 
 from __future__ import annotations
 
+from datetime import UTC
+
 from textual import on
 
 from fte_sniff.tui.actions.parts import Parts
@@ -28,16 +30,16 @@ class Looking(Parts):
         self._table.pause()
 
     def action_times(self, by: int) -> None:
-        """Let times count from something else; from a mark only where there is one."""
+        """Let times count from something else, as far as there is a mark or another zone."""
         if self._watched.start_ns is None and len(self._watched.store):
             self._tell(_("no row here has a time to go by"))
             return
-        styles = [
-            style
-            for style in TimeStyle
-            if style is not TimeStyle.MARK or self._table.marks.latest is not None
-        ]
-        now = self._table.look.times
+        look, styles = self._table.look, list(TimeStyle)
+        if self._table.marks.latest is None:
+            styles.remove(TimeStyle.MARK)
+        if look.zone == UTC:
+            styles.remove(TimeStyle.LOCAL)
+        now = look.times
         at = styles.index(now) if now in styles else 0
         style = styles[(at + by) % len(styles)]
         self._table.set_look(times=style)

@@ -6,9 +6,12 @@ It must not know how rows are found; the watched rows and the store do.
 from __future__ import annotations
 
 from fte_sniff.analysis.store.finding import find_raised
+from fte_sniff.errors import shown
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.language import _
 from fte_sniff.tui.prompt.goto import ToOffset, parse_goal
+from fte_sniff.tui.table.cells import clock_text
+from fte_sniff.tui.table.look import ahead_of_utc_ns
 
 
 class Seeking(Parts):
@@ -17,8 +20,9 @@ class Seeking(Parts):
     def _go(self, line: str) -> None:
         if not line:
             return
-        goal = parse_goal(line)
-        row = self._watched.row_of(goal, self._table.viewport.cursor)
+        zone, cursor = self._table.look.shown_zone, self._table.viewport.cursor
+        goal = parse_goal(line, zone)
+        row = self._watched.row_of(goal, cursor, zone)
         if row is None and isinstance(goal, ToOffset):
             words = _("no row that is shown has byte {offset:,} of its stream")
             self._tell(words.format(offset=goal.offset))
@@ -27,10 +31,25 @@ class Seeking(Parts):
         if row is None:
             return
         last = self._table.viewport.count - 1
+        moment = self._watched.moment_of(goal, cursor, zone)
         self._table.jump(row)
         if row > last >= 0:
             words = _("there is no row {number:,}; this is the last")
             self._tell(words.format(number=row + 1))
+        elif moment is not None:
+            self._tell_outside(line, moment)
+
+    def _tell_outside(self, line: str, moment: int) -> None:
+        """Say that no row is of that time, where it lies before or after all that are shown."""
+        first, last = self._watched.shown_ends
+        ahead_ns = ahead_of_utc_ns(self._table.look.shown_zone)
+        if last is not None and moment > last:
+            words, end = _("{time} lies after the last row ({end})"), last
+        elif first is not None and moment < first:
+            words, end = _("{time} lies before the first row ({end})"), first
+        else:
+            return
+        self._tell(words.format(time=shown(line.strip()), end=clock_text(end + ahead_ns, 3)))
 
     def action_goto(self) -> None:
         """Ask where to go."""

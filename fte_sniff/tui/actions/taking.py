@@ -78,7 +78,6 @@ class Taking(Parts):
         first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows").format(count=rows)
         form = _("copied {what}") if kept is None else _("copied {what}  (also in {file})")
         self._tell(form.format(what=shown(first), file=shown(short_path(kept)) if kept else ""))
-        self._unselect()
 
     def action_interrupt(self) -> None:
         """Copy the selection of a field; where nothing is selected, end."""

@@ -40,8 +40,9 @@ OFFLINE: Final = later("OFFLINE")
 ONLINE_UNKNOWN: Final = later("online –")
 ERROR: Final = later("error {byte:02X}")
 ERROR_UNKNOWN: Final = later("error –")
-ERROR_CHANGED: Final = later("bit {bit} {time}")
-ERROR_CHANGED_SHORT: Final = later("b{bit} {time}")
+BIT_SET: Final = later("bit {bit} set {time}")
+BIT_CLEARED: Final = later("bit {bit} cleared {time}")
+BIT_SHORT: Final = "b{bit}={value} {time}"
 ERROR_BIT: Final = later("  error bit {bit} is {value} since {time}")
 NO_ERROR_BIT: Final = later("  no error bit ever changed")
 ONLINE_SINCE: Final = later("  ONLINE bit {bit} is {value} since {time}")
@@ -50,6 +51,7 @@ TARGET: Final = later("target")
 NOW: Final = later("now")
 NEVER_ASKED: Final = "–"
 AGO: Final = later("{span} ago")
+SINCE: Final = later(" since {time}")
 COMMANDS: Final = (
     later("{rate} commands, {unanswered:,} of {all:,} unanswered"),
     later("{rate} commands, {unanswered:,} unanswered"),
@@ -109,6 +111,21 @@ def brief(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> 
     return line
 
 
+def compact(
+    look: MotorsLook, state: MotorState, width: int, height: int, palette: Palette
+) -> list[Text]:
+    """The motor in fewer lines than a card has."""
+    if height < 2:
+        return [brief(look, state, width, palette)]
+    lines = list(_words(look, state, CardSize(width, height), palette))[:height]
+    if height == 2:
+        reading = _reading(look, state, _asked_for(state), palette)
+        lines[1] = Text.assemble("  ", reading, "  ", *_target(look, state, palette))
+    for line in lines:
+        line.truncate(width, overflow="ellipsis")
+    return lines
+
+
 def words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> list[Text]:
     """What is said of the motor above its plots."""
     lines = list(_words(look, state, size, palette))
@@ -133,7 +150,7 @@ def plots(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette)
 
 def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> Iterator[Text]:
     yield _title(state, size.width, palette)
-    yield Text.assemble(_label(_(TARGET), palette), *_target(look, state, palette))
+    yield _target_line(look, state, size.width, palette)
     first = _asked_for(state)
     names = [first, *(name for name in QUANTITIES if name != first)]
     readings = [_reading(look, state, name, palette) for name in names]
@@ -170,12 +187,15 @@ def _title(state: MotorState, width: int, palette: Palette) -> Text:
     """The head with the latest change of the error byte, if it ever changed."""
     text, error = _head(_(MOTOR), state, palette), state.flags.get("error")
     changes = _changes(error) if error is not None else []
-    if changes:
-        t_ns, bit = changes[0]
-        whole = _(ERROR_CHANGED).format(bit=bit, time=clock_text(t_ns, _MILLISECONDS))
-        short = _(ERROR_CHANGED_SHORT).format(bit=bit, time=clock_text(t_ns, 0).rstrip("."))
-        fits = text.cell_len + cell_len(whole) < width
-        text.append(f" {whole if fits else short}", palette.muted)
+    if error is not None and changes:
+        (t_ns, bit), value = changes[0], error.byte >> changes[0][1] & 1
+        form = _(BIT_SET if value else BIT_CLEARED)
+        second = clock_text(t_ns, 0).rstrip(".")
+        forms = [form.format(bit=bit, time=clock_text(t_ns, _MILLISECONDS))]
+        forms.append(form.format(bit=bit, time=second))
+        short = BIT_SHORT.format(bit=bit, value=value, time=second)
+        fitting = (one for one in forms if text.cell_len + cell_len(one) < width)
+        text.append(f" {next(fitting, short)}", palette.muted)
     return text
 
 
@@ -201,7 +221,21 @@ def _target(look: MotorsLook, state: MotorState, palette: Palette) -> Iterator[T
             yield Text(f" {turns}" if turns else "")
         else:
             yield Text(f" {field.option}={value}")
-    yield _age(look, target.t_ns, palette)
+
+
+def _target_line(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
+    """The target, with what has room: since when it is the same, and how old the last word is."""
+    line = Text.assemble(_label(_(TARGET), palette), *_target(look, state, palette))
+    target = state.target
+    if target is None:
+        return line
+    since = Text()
+    if target.since_ns is not None:
+        since.append(_(SINCE).format(time=clock_text(target.since_ns, 1)), palette.muted)
+    for more in (since, _age(look, target.t_ns, palette)):
+        if line.cell_len + more.cell_len <= width:
+            line.append_text(more)
+    return line
 
 
 def _by_use(kind: FrameKind) -> list[Field]:

@@ -14,13 +14,16 @@ from rich.text import Text
 from fte_sniff.analysis.models.motors import Motors, MotorState
 from fte_sniff.analysis.models.traces import Traces
 from fte_sniff.tui.language import _, later
-from fte_sniff.tui.motors.card import WORD_LINES, CardSize, brief, plots, words
+from fte_sniff.tui.motors.card import WORD_LINES, CardSize, compact, plots, words
 from fte_sniff.tui.motors.look import DEFAULT_WINDOW, WINDOWS_NS, MotorsLook, zoomed
 from fte_sniff.tui.pane import Pane, Sight
 from fte_sniff.tui.quantities import span_text
+from fte_sniff.tui.table.cells import clock_text
 from fte_sniff.tui.table.palette import Palette
 
 TITLE: Final = later("motors, {span}: line told, dots asked")
+AS_OF: Final = later("as of row {row:,}, {time} - G: end")
+AS_OF_ROW: Final = later("as of row {row:,} - G: end")
 HINT: Final = later("z Z: time   J K: scroll   esc: close")
 BEHIND: Final = later("reading: {rows:,} rows to go")
 
@@ -36,13 +39,15 @@ LEAST_LINES: Final = 7
 GAP: Final = 2
 """Cells between two cards."""
 
+_MILLISECONDS: Final = 3
+
 
 def grid(look: MotorsLook, width: int, height: int, palette: Palette) -> Text:
     """All motors in so many cells; in more lines where they do not fit."""
     abreast = 4 if width >= FOUR_ABREAST else 2 if width >= TWO_ABREAST else 1
     rows = -(-len(look.states) // abreast)
     if abreast == 1 and height < len(look.states) * WORD_LINES:
-        return Text("\n").join(brief(look, state, width, palette) for state in look.states)
+        return Text("\n").join(_compact(look, width, height, palette))
     size = CardSize((width + GAP) // abreast - GAP, max(LEAST_LINES, height // rows))
     lines: list[Text] = []
     for first in range(0, len(look.states), abreast):
@@ -53,6 +58,13 @@ def grid(look: MotorsLook, width: int, height: int, palette: Palette) -> Text:
                 part.pad_right(size.width + GAP - part.cell_len)
             lines.append(Text().join(parts))
     return Text("\n").join(lines)
+
+
+def _compact(look: MotorsLook, width: int, height: int, palette: Palette) -> Iterator[Text]:
+    """One below the other in all lines that there are; the first motors get what is left over."""
+    each, more = divmod(height, len(look.states))
+    for place, state in enumerate(look.states):
+        yield from compact(look, state, width, each + (place < more), palette)
 
 
 def _row(
@@ -68,6 +80,15 @@ def _row(
         for line in lines:
             line.truncate(size.width, overflow="ellipsis")
         yield lines
+
+
+def _as_of(sight: Sight) -> str:
+    """Which row is looked at, and the way to the newest; empty where that is looked at."""
+    if sight.following or sight.row is None:
+        return ""
+    if sight.row.t_ns is None:
+        return _(AS_OF_ROW).format(row=sight.place)
+    return _(AS_OF).format(row=sight.place, time=clock_text(sight.row.t_ns, _MILLISECONDS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +117,9 @@ class MotorsPane(Pane):
 
     def see(self, sight: Sight) -> None:
         """Draw the motors as they were when the cursor's row had come."""
-        self.entitle(_(TITLE).format(span=span_text(WINDOWS_NS[self._window])))
+        title = _(TITLE).format(span=span_text(WINDOWS_NS[self._window]))
+        as_of = _as_of(sight)
+        self.entitle(*((f"{title}   {as_of}", as_of) if as_of else (title,)))
         look = self._look(sight)
         if look is None:
             self.draw(Text(_(BEHIND).format(rows=sight.models.behind)))

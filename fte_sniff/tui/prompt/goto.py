@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from datetime import UTC, tzinfo
 from typing import TypeAlias
 
 from fte_sniff.analysis.filter.moments import ClockTime, clock_time, length_ns, time_ns
@@ -72,8 +73,8 @@ _SHARE = re.compile(r"([0-9]{1,3}(?:\.[0-9]*)?) ?%", re.ASCII)
 _OFFSET = re.compile(r"@ ?(0[xX][0-9a-fA-F]{1,16}|[0-9][0-9_,]{0,20})", re.ASCII)
 
 
-def parse_goal(text: str) -> Goal:
-    """What a text in the field means.
+def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
+    """What a text in the field means; a date and time that name no zone are of `zone`.
 
     Raises:
         InputTextError: it is none of these; the message shows one of each, or the
@@ -86,7 +87,7 @@ def parse_goal(text: str) -> Goal:
         return ToShare(min(100.0, float(match[1])))
     if match := _OFFSET.fullmatch(text):
         return ToOffset(int(match[1].replace(",", "").replace("_", ""), 0))
-    if (t_ns := time_ns(text)) is not None:
+    if (t_ns := time_ns(text, zone)) is not None:
         return ToTime(t_ns)
     if (clock := clock_time(text)) is not None:
         return ToTimeOfDay(clock)
@@ -97,7 +98,10 @@ def parse_goal(text: str) -> Goal:
             _("{text} of what? say it with a unit: {text}s, {text}ms, {text}us").format(text=text)
         )
     raise InputTextError(
-        _("a row (1200), 50%, a time, UTC (12:00:03.5), a distance (+2s, -50ms) or a byte (@8190)")
+        _(
+            "a row (1200), 50%, a time (12:00:03.5, 20:00+08:00), a distance (+2s, -50ms)"
+            " or a byte (@8190)"
+        )
     )
 
 

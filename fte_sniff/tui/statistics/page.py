@@ -1,4 +1,4 @@
-"""Owns the numbers over all rows as lines of text: ports, streams, faults, then flags of motors.
+"""Owns the numbers over all rows as lines of text: flags of motors, ports, streams, then faults.
 
 It must not know Textual, nor how numbers are counted. Where it is narrow, the last columns of a
 table are left out; each table says in its head what its numbers are.
@@ -35,6 +35,7 @@ PORT_ROWS: Final = later("{rows:,} rows, {bytes:,} bytes")
 PORT_USE: Final = later("  {share} of the time used, at {baud:,} baud")
 PORT_USE_OVER_TIME: Final = later("  use over time, at most {most}")
 SILENCES: Final = later("  silences: ")
+BETWEEN: Final = later(", ")
 SILENCE: Final = later("{count:,} < {span}")
 SILENCE_LAST: Final = later("{count:,} longer")
 LONGEST: Final = later("  longest silence {span}, until {time}")
@@ -125,6 +126,10 @@ def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
     if not ports:
         yield Text(_(NO_ROWS), style=palette.muted)
         return
+    trouble = list(_flags(told.flags, palette))
+    if trouble:
+        # What is wrong with a motor is not to be scrolled to.
+        yield from (*trouble, Text())
     for port in ports:
         yield from _port(port, width, palette)
         own = [stream for stream in streams if stream.port == port.port]
@@ -132,9 +137,8 @@ def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
             yield from _streams(own, width, palette)
         yield Text()
     yield from _faults(told.statistics.faults(), width, palette)
-    if any(stream.kind.direction is Direction.FEEDBACK for stream in streams):
-        yield Text()
-        yield from _flags(told.flags, palette)
+    if not trouble and any(one.kind.direction is Direction.FEEDBACK for one in streams):
+        yield Text(_(ALL_IN_ORDER))
 
 
 def _port(port: PortNumbers, width: int, palette: Palette) -> Iterator[Text]:
@@ -156,7 +160,7 @@ def _port(port: PortNumbers, width: int, palette: Palette) -> Iterator[Text]:
             )
             for event in port.events
         )
-        yield Text(_(EVENTS).format(events=", ".join(said)))
+        yield Text(_(EVENTS).format(events=_(BETWEEN).join(said)))
     else:
         yield Text(_(NO_EVENTS), style=palette.muted)
 
@@ -181,7 +185,7 @@ def _silences(silences: Durations, width: int) -> Iterator[Text]:
     told.append(_(SILENCE_LAST).format(count=silences.between(low, 2.0**63)))
     line = lead = _(SILENCES)
     for place, one in enumerate(told):
-        end = "" if place == len(told) - 1 else ", "
+        end = "" if place == len(told) - 1 else _(BETWEEN)
         if cell_len(line + one + end) > width:
             yield Text(line)
             line = " " * cell_len(lead)
@@ -206,11 +210,8 @@ def _streams(streams: Sequence[StreamNumbers], width: int, palette: Palette) -> 
 
 
 def _flags(flags: Sequence[FlagNumbers], palette: Palette) -> Iterator[Text]:
-    told = list(flag_words(flags, _moment, in_order=True))
-    for words in told:
+    for words in flag_words(flags, _moment, in_order=True):
         yield Text.assemble((RAISED_MARK, palette.raised_mark), " ", (words, palette.raised))
-    if not told:
-        yield Text(_(ALL_IN_ORDER))
 
 
 def _moment(t_ns: int | None) -> str:

@@ -5,13 +5,13 @@ It must not know which columns there are or how wide they are; the width comes w
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from datetime import UTC, datetime
 
+from fte_sniff.analysis.columns.short_names import short_feedback, value_heads
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KIND_BY_NAME,
-    Direction,
     Field,
     Frame,
     FrameKind,
@@ -19,9 +19,6 @@ from fte_sniff.protocol import (
     spaced_hex,
 )
 from fte_sniff.tui.fitting import ELLIPSIS, fit
-
-FEEDBACK = "fb"
-"""What stands for the word feedback where a kind's name does not fit."""
 
 
 def values_text(row: Row, width: int | None = None) -> str:
@@ -47,25 +44,13 @@ def values_text(row: Row, width: int | None = None) -> str:
 
 def _forms(kind: FrameKind, raw: bytes) -> Iterator[str]:
     """The values, each form shorter than the one before."""
-    told = [(field, field.read(raw)) for field in kind.fields]
-    told = [(field, value) for field, value in told if is_told(field, value)]
-    yield " ".join(f"{field.option}={_number(field, value)}" for field, value in told)
-    yield " ".join(_short(field, value, f"{field.option}=") for field, value in told)
-    short = _shortest([field.option for field, _ in told])
-    yield " ".join(_short(field, value, f"{short[field.option]}=") for field, value in told)
-    yield " ".join(_short(field, value, "") for field, value in told)
-
-
-def _shortest(names: Sequence[str]) -> dict[str, str]:
-    """Of each name so much that no other begins alike."""
-    return {
-        name: next(
-            name[:size]
-            for size in range(1, len(name) + 1)
-            if size == len(name) or sum(other.startswith(name[:size]) for other in names) == 1
+    values = [(field, field.read(raw)) for field in kind.fields]
+    for heads in value_heads(kind):
+        yield " ".join(
+            head + _number(field, value)
+            for head, (field, value) in zip(heads, values, strict=True)
+            if is_told(field, value)
         )
-        for name in names
-    }
 
 
 def is_told(field: Field, value: int) -> bool:
@@ -83,19 +68,11 @@ def _number(field: Field, value: int) -> str:
     return f"{value}" if field.defined_bits is None else f"{value:02X}"
 
 
-def _short(field: Field, value: int, name: str) -> str:
-    """A value by a short name; what has no unit keeps the first letter of its own."""
-    first = "" if field.unit else field.option[0].upper()
-    return f"{first or name}{_number(field, value)}"
-
-
 def kind_text(name: str, width: int) -> str:
     """A kind's name in at most `width` cells; that it is feedback is told before all else."""
     kind = KIND_BY_NAME.get(name)
-    if len(name) <= width or kind is None or kind.direction is not Direction.FEEDBACK:
-        return fit(name, width).rstrip()
-    stem = name.removesuffix(f"_{Direction.FEEDBACK}")
-    return f"{stem[: max(0, width - len(FEEDBACK) - 1)]} {FEEDBACK}"[: max(0, width)]
+    short = short_feedback(kind, width) if kind is not None and len(name) > width else None
+    return fit(name, width).rstrip() if short is None else short
 
 
 def faulty_text(row: Row, width: int) -> str:

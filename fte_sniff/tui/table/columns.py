@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import timezone
+
+from rich.cells import cell_len
 
 from fte_sniff.errors import shown
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, VALUE_FIELDS, Field, Value
 from fte_sniff.tui.fitting import fit, fit_right
-from fte_sniff.tui.language import _
+from fte_sniff.tui.language import _, later
 from fte_sniff.tui.table.cells import bytes_text, clock_text, kind_text, span_text
-from fte_sniff.tui.table.look import Look, TimeStyle
+from fte_sniff.tui.table.look import Look, TimeStyle, ahead_of_utc_ns
 from fte_sniff.tui.table.ports import short_names
 
 VALUES = "values"
@@ -37,6 +40,9 @@ ORDER = (
     "cmd",
 )
 """The columns of the contract, the most useful first."""
+
+ZONED = later("time {zone}")
+"""Over local times."""
 
 LEAST, MOST = 3, 200
 """Cells that a column may have."""
@@ -82,6 +88,9 @@ class TableColumn:
     def head_cell(self) -> str:
         """The column's name, set as its cells are."""
         head = _(self.head) if self.name == "time" else self.head
+        if self.name == "time" and cell_len(head) > self.width:
+            # What the times are of is more than that they are times.
+            head = head.rpartition(" ")[2]
         return (fit_right if self.number else fit)(head, self.width)
 
     def sized(self, width: int) -> TableColumn:
@@ -95,8 +104,7 @@ def column_of(name: str, look: Look) -> TableColumn:
     if field is not None:
         return _value_column(field)
     if name == "time":
-        text = _clock_cell if look.times is TimeStyle.CLOCK else _span_cell
-        return TableColumn(name, look.times, _MICROSECONDS_WIDTH, False, text)
+        return _time_column(look)
     if name == "port":
         return _port_column(look.ports)
     if name == VALUES:
@@ -111,6 +119,14 @@ def column_of(name: str, look: Look) -> TableColumn:
     widest = max(len(word) for word in COLUMN_BY_NAME[name].words)
     text = _kind_cell if name == "kind" else _plain_cell
     return TableColumn(name, name, max(widest, len(name)), False, text)
+
+
+def _time_column(look: Look) -> TableColumn:
+    head: str = look.times
+    if look.times is TimeStyle.LOCAL:
+        head = _(ZONED).format(zone=str(look.zone).removeprefix("UTC"))
+    text = _span_cell if look.times.counts else _clock_cell_in(look.shown_zone)
+    return TableColumn("time", head, _MICROSECONDS_WIDTH, False, text)
 
 
 def _value_column(field: Field) -> TableColumn:
@@ -134,12 +150,17 @@ def _port_column(ports: tuple[str, ...]) -> TableColumn:
     return TableColumn("port", "port", max(widest, len("port")), False, cell)
 
 
-def _clock_cell(value: Value, width: int) -> str:
-    """The time of day; where it does not fit, without the hour."""
-    if not isinstance(value, int):
-        return ""
-    clock = clock_text(value, 9)
-    return clock[:width] if width >= HOURS_WIDTH else clock[3:][:width]
+def _clock_cell_in(zone: timezone) -> Callable[[Value, int], str]:
+    """The time of day in a zone; where it does not fit, without the hour."""
+    ahead_ns = ahead_of_utc_ns(zone)
+
+    def cell(value: Value, width: int) -> str:
+        if not isinstance(value, int):
+            return ""
+        clock = clock_text(value + ahead_ns, 9)
+        return clock[:width] if width >= HOURS_WIDTH else clock[3:][:width]
+
+    return cell
 
 
 def _span_cell(value: Value, width: int) -> str:

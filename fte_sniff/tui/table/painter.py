@@ -120,7 +120,7 @@ class Painter:
 
     def _values(self, place: Place) -> dict[str, Value]:
         values = {**record(place.row), VALUES: ""}
-        if self.times is not TimeStyle.CLOCK:
+        if self.times.counts:
             known = place.row.t_ns is not None and place.since_ns is not None
             values["time"] = (place.row.t_ns or 0) - (place.since_ns or 0) if known else None
         return values
