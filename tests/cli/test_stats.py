@@ -174,6 +174,16 @@ def pieces(run, source: Path, folder: Path) -> list[Path]:
     return found
 
 
+def test_nothing_is_measured_between_files_that_do_not_go_on(
+    run, samples: Path, tmp_path: Path
+) -> None:
+    early, late = tmp_path / "early.mcap", tmp_path / "late.mcap"
+    run("decode", samples / "clean.mcap", "--to", "+10s", "-o", early)
+    run("decode", samples / "clean.mcap", "--from", "+20s", "-o", late)
+    (port,) = numbers(run, early, late)["ports"]
+    assert port["silences"]["longest_s"] < 5
+
+
 def test_files_together_are_the_file_that_they_were(run, samples: Path, tmp_path: Path) -> None:
     whole = numbers(run, samples / "clean.mcap")
     parts = pieces(run, samples / "clean.mcap", tmp_path / "parts")

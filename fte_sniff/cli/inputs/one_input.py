@@ -108,6 +108,8 @@ class RecordingInput:
     reader: RecordingReader
     copy: IO[bytes] | None = None
     """The temporary file that it is, to be kept as long as this."""
+    ends: dict[str, int] = field(default_factory=dict)
+    """By port, the offset behind the last of its rows that were read."""
 
     @property
     def name(self) -> str:
@@ -146,10 +148,18 @@ class RecordingInput:
         return [loss for loss in (*self.reader.losses, self.reader.ending) if loss]
 
     def follows(self, before: Input | None) -> bool:
-        """Whether it is the next file of the same capture."""
+        """Whether it is the next file of the same capture, or goes on at the byte where that ended.
+
+        The other has to be read by now.
+        """
         from fte_sniff.recording.encoding.facts import is_next_part
 
-        return isinstance(before, RecordingInput) and is_next_part(before.facts, self.facts)
+        if not isinstance(before, RecordingInput):
+            return False
+        if is_next_part(before.facts, self.facts):
+            return True
+        first = next(iter(self.reader), None) if before.ends else None
+        return first is not None and before.ends.get(first.port) == first.offset
 
     def left_out(self, span: Span | None) -> Sequence[Stretch]:
         """What a trigger, or a disk that failed, kept from it."""
@@ -170,6 +180,7 @@ class RecordingInput:
         for passage, columns in self.reader.passages(span=span or EVERYTHING):
             troubles.update(event.kind for event in columns.events)
             some = some or bool(len(columns))
+            self.ends.update(columns.ends())
             if len(columns) or columns.events or passage.after_loss:
                 again = partial(self.reader.again, passage)
                 yield ColumnBatch(columns, again, passage.after_loss)

@@ -107,6 +107,14 @@ class RowColumns:
         """Whether the row has a time: each has."""
         return np.broadcast_to(np.True_, len(self))
 
+    def ends(self) -> dict[str, int]:
+        """By port, the offset behind the last byte of its last row here."""
+        found = {}
+        for code in np.flatnonzero(np.bincount(self.port)):
+            last = np.flatnonzero(self.port == code)[-1]
+            found[self.words.ports[code]] = int(self.offset[last]) + int(self.length[last])
+        return found
+
     @classmethod
     def blank(cls, words: Words, rows: int) -> Self:
         """Room for so many rows, to be filled in; nothing in it means anything yet."""
