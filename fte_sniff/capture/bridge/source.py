@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import fcntl
 import termios
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Self
 
 import serial
 
@@ -23,6 +24,7 @@ from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.ports.holders import sharing_note
 from fte_sniff.capture.ports.latency import ask_low_latency
 from fte_sniff.capture.ports.opening import PortSettings, device_of, open_port
+from fte_sniff.capture.sources.items import Item
 from fte_sniff.capture.sources.lateness import lateness_ns
 from fte_sniff.capture.sources.returning import Opened, Reopen, way_back
 from fte_sniff.capture.sources.threaded import ThreadedSource
@@ -32,6 +34,9 @@ from fte_sniff.said import Said
 
 class BridgeSource(ThreadedSource):
     """The chunks and events of both directions, in order of their times; iterate once.
+
+    Nothing is passed on until it is entered as a context, or iterated: so whoever is to record it
+    can be ready before. It has to be closed then.
 
     `opened` comes for the port at once, and for the host's wire whenever a host program comes. The
     last item is the port's `lost` or `closed`; then the port is closed, and the pseudo-terminal is
@@ -66,7 +71,18 @@ class BridgeSource(ThreadedSource):
         self._lateness_ns = lateness_ns(port)
         _refuse_others(port, termios.TIOCEXCL)
         self._exchange = Exchange(port, host, wires)
-        self._begin("port to host", detail)
+        self._detail = detail
+        self._begun = False
+
+    def __enter__(self) -> Self:
+        """Begin to pass on, if that has not begun."""
+        if not self._begun:
+            self._begun = True
+            self._begin("port to host", self._detail)
+        return self
+
+    def __iter__(self) -> Iterator[Item]:
+        return super(BridgeSource, self.__enter__()).__iter__()
 
     @property
     def uncertainty_ns(self) -> Mapping[str, int]:

@@ -33,7 +33,7 @@ class Bridge:
         return (self.port, HOST)
 
     def open(self, clock: Clock) -> BridgeSource:
-        """Open the port, and begin to pass on.
+        """Open the port; what is passed on waits until the source is entered.
 
         Raises:
             PortError: it cannot be opened.

@@ -36,6 +36,13 @@ END_WITHIN_S = 5.0
 LOOK_EVERY_S = 0.1
 """How long one wait for the capture process lasts before the end is thought of again, seconds."""
 
+_KILLED = Said(
+    "the capture did not end within {seconds:g} s of being asked, and was killed; "
+    "what it had flushed to its recording until then is kept",
+    seconds=END_WITHIN_S,
+)
+_UNEXPECTED = Said("the capture process ended unexpectedly; what it had recorded is kept")
+
 
 class LiveSession:
     """A capture that runs in a process of its own, as a feed for one view.
@@ -56,7 +63,9 @@ class LiveSession:
         self._seams = BatchSeams(plan.wiring.names, plan.wiring.settings.baud)
         self._stopped_at_s: float | None = None
         self._heard_at_s = 0.0
-        self._receiving = False
+        self._receiving_since_s: float | None = None
+        """Since when a message has been coming in, which may have begun and not gone on."""
+        self._killed = False
         context = multiprocessing.get_context("spawn")
         self._capture, theirs = context.Pipe()
         # A daemon gets SIGTERM when this process ends in a way that skips `close`.
@@ -125,8 +134,10 @@ class LiveSession:
     def stop(self) -> None:
         """Ask the capture to end; returns at once, and may be called again."""
         if self._stopped_at_s is not None:
-            if self._receiving and self._overdue:
+            since = self._receiving_since_s
+            if since is not None and time.monotonic() > since + END_WITHIN_S:
                 # It stands still within a message, and so does whoever waits for the rest of it.
+                self._killed = True
                 self._process.kill()
             return
         self._stopped_at_s = time.monotonic()
@@ -181,13 +192,7 @@ class LiveSession:
         """Kill a capture that was asked to end and has nothing to say to it."""
         if self._overdue:
             self._process.kill()
-            reason = Said(
-                "the capture did not end within {seconds:g} s of being asked, and "
-                "was killed; what it had flushed to its recording until then is "
-                "kept",
-                seconds=END_WITHIN_S,
-            )
-            self.told = self.told.after(self._gone(reason))
+            self.told = self.told.after(self._gone(_KILLED))
 
     def _gone(self, reason: str) -> Ended:
         """What the end of a process means that left no word of its own."""
@@ -196,15 +201,13 @@ class LiveSession:
         return Ended(reason, PortError(reason))
 
     def _receive(self) -> Message:
-        self._receiving = True
+        self._receiving_since_s = time.monotonic()
         try:
             message = self._capture.recv()
         except (EOFError, OSError):
-            return self._gone(
-                Said("the capture process ended unexpectedly; what it had recorded is kept")
-            )
+            return self._gone(_KILLED if self._killed else _UNEXPECTED)
         finally:
-            self._receiving = False
+            self._receiving_since_s = None
         self._heard_at_s = time.monotonic()
         assert isinstance(message, Started | Batch | Ended)
         return message

@@ -52,21 +52,23 @@ def capture(plan: CapturePlan, view: Connection) -> None:
     sys.setswitchinterval(_SWITCH_EVERY_S)
     clock = Clock.tied()
     try:
-        with plan.wiring.open(clock) as source:
+        source = plan.wiring.open(clock)
+        # Before it passes anything on: what is passed on is recorded, however soon the end comes.
+        for number in _ENDING_SIGNALS:
+            signal.signal(number, lambda *_: source.stop())
+        with source:
             _capture_from(source, plan, clock, view)
     except FteSniffError as error:
         _tell(view, Ended(error=error))
 
 
 def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connection) -> None:
-    for number in _ENDING_SIGNALS:
-        signal.signal(number, lambda *_: source.stop())
     if plan.outlives_view:
         # The terminal is gone, and with it the view; that is no reason to end.
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if view.poll() and not isinstance(source, BridgeSource):
         # Whatever comes means the end. Nothing was captured yet: no file is made, none replaced.
-        # (A bridge passes bytes on from the moment it is open, and all of these are recorded.)
+        # (A bridge may have passed bytes on by now, and all of these are recorded.)
         _tell(view, Ended())
         return
     # From here on an end leaves an empty recording, which is a true one: the port was open, and

@@ -349,10 +349,21 @@ def test_silence_is_told_on_both_wires(bridges, pty, until):
     until(lambda: {i.port for i in list(kept.items) if isinstance(i, Chunk)} == {HOST, pty.device})
 
 
+def test_nothing_is_passed_on_before_somebody_is_ready_to_record_it(pty, tmp_path):
+    bridge = open_bridge(pty.device, PortSettings(), CLOCK, tmp_path / "link")
+    with serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
+        host.write(b"early")
+        assert pty.arrived(0.1) == b""
+        with bridge:
+            assert from_far(pty, 5) == b"early"
+    items = list(bridge)
+    assert b"".join(i.data for i in items if isinstance(i, Chunk) and i.port == HOST) == b"early"
+
+
 def test_what_the_consumer_cannot_take_is_passed_on_all_the_same(pty, tmp_path, until):
     port = open_port(pty.device)
     bridge = BridgeSource(port, HostEnd(115200), Wires("port", 115200, CLOCK, 3000))
-    with serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
+    with bridge, serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
         host.write(b"x")
         from_far(pty, 1)
         for number in range(100):
