@@ -114,9 +114,14 @@ def _pour(output: Path | None, reading: Reading, *, force: bool) -> None:
             sink.end()
     if len(sink.ports) > 1:
         reading.notes.append(
-            f"{output}: holds the bytes of {len(sink.ports)} ports in one stream, and nothing in it"
-            f" tells them apart; for one of them say --filter \"port = '{min(sink.ports)}'\""
+            f"{_named(output)}: holds the bytes of {len(sink.ports)} ports in one stream, and"
+            " nothing in it tells them apart; for one of them say"
+            f" --filter \"port = '{min(sink.ports)}'\""
         )
+
+
+def _named(output: Path | None) -> str:
+    return "standard output" if str(output) == "-" else str(output)
 
 
 def _record(output: Path | None, reading: Reading, *, force: bool) -> None:

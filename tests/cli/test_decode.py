@@ -3,6 +3,8 @@
 import csv
 import io
 import json
+import os
+import subprocess
 from pathlib import Path
 
 import polars
@@ -11,6 +13,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fte_sniff.protocol import COLUMN_BY_NAME
+from tests.cli.processes import BOUND_S, PROGRAM
 
 
 def jsonl(text: str) -> list[dict]:
@@ -208,6 +211,55 @@ def test_parquet_and_mcap_need_a_file(run, samples: Path) -> None:
         done = run("decode", samples / "clean.mcap", "--format", form)
         assert done.returncode == 2
         assert f"{form} is no text: name a file to write it to with -o" in done.stderr
+
+
+@pytest.mark.parametrize("form", ["raw", "mcap"])
+def test_what_is_written_in_sequence_goes_to_a_pipe(
+    environment, samples: Path, tmp_path: Path, form: str
+) -> None:
+    source = samples / "damaged.mcap"
+    done = subprocess.run(
+        [*PROGRAM, "decode", source, "--format", form, "-o", "-"],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        timeout=BOUND_S,
+    )
+    assert done.returncode == 0, done.stderr
+    copy = tmp_path / f"copy.{form}"
+    copy.write_bytes(done.stdout)
+    raw = subprocess.run(
+        [*PROGRAM, "decode", copy, "--format", "raw", "-o", "-"],
+        env=environment,
+        capture_output=True,
+        timeout=BOUND_S,
+    )
+    assert raw.stdout == (samples / "damaged.raw").read_bytes()
+
+
+@pytest.mark.parametrize("form", ["raw", "mcap"])
+def test_a_pipe_that_is_closed_ends_it_quietly(
+    environment, samples: Path, tmp_path: Path, form: str
+) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [*PROGRAM, "decode", samples / "damaged.mcap", "--format", form, "-o", "-"],
+        env=environment,
+        cwd=tmp_path,
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        timeout=BOUND_S,
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_a_recording_from_a_pipe_is_not_called_by_the_name_of_its_copy(run) -> None:
+    done = run("decode", "-", "--input", "mcap", stdin="no recording at all")
+    assert done.returncode == 4
+    assert "stdin is not an MCAP recording" in done.stderr
+    assert "/tmp" not in done.stderr
 
 
 def test_a_parquet_file_holds_what_is_asked_for(run, samples: Path, tmp_path: Path) -> None:

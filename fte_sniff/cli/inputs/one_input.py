@@ -174,7 +174,6 @@ class RecordingInput:
         """Its rows, many thousands side by side; see `Input`."""
         from fte_sniff.recording.reading.span import EVERYTHING
 
-        path = self.reader.path
         troubles: Counter[PortEventKind] = Counter()
         some = False
         for passage, columns in self.reader.passages(span=span or EVERYTHING):
@@ -187,12 +186,12 @@ class RecordingInput:
         for kind in TROUBLES:
             if troubles[kind]:
                 times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
-                note(f"{path}: the port reported {kind} {times} while it was recorded")
+                note(f"{self.name}: the port reported {kind} {times} while it was recorded")
         for loss in self.losses:
-            note(f"{path}: {loss}")
+            note(f"{self.name}: {loss}")
         if span is not None and not some and (known := self.reader.times) is not None:
             held = "rows" if self.count is None else f"{self.count:,} rows and events"
-            note(f"{path}: {_none_in_span(held, *known)}")
+            note(f"{self.name}: {_none_in_span(held, *known)}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ import click
 
 from fte_sniff.cli.inputs.one_input import STDIN_NAME, Input, LogInput, RecordingInput
 from fte_sniff.cli.options.paths import FileName
-from fte_sniff.errors import UsageError
+from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.kinds import InputKind, kind_of_content, kind_of_file
 from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.formats.logs.log_clock import LogClock, day_of, zone_of
@@ -195,7 +195,10 @@ def _stdin(how: HowToRead) -> Input:
         file = NamedTemporaryFile(prefix="fte-sniff-stdin-", suffix=".mcap")  # noqa: SIM115
         shutil.copyfileobj(stream, file)
         file.flush()
-        return RecordingInput(RecordingReader(Path(file.name)), file)
+        try:
+            return RecordingInput(RecordingReader(Path(file.name)), file)
+        except FileError as error:
+            raise FileError(str(error).replace(file.name, STDIN_NAME)) from error
     if chosen is InputKind.RAW:
         return LogInput(raw_stream_chunks(stream, STDIN_NAME), STDIN_NAME, lambda: True)
     log = HexLog.of_stream(stream, STDIN_NAME, how.clock())

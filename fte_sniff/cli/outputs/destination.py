@@ -14,8 +14,11 @@ from typing import Any, TextIO
 import click
 
 from fte_sniff.cli.streams.telling import tell
-from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.errors import FileError, UsageError, unwritable
 from fte_sniff.formats.tables.writers import FORM_BY_END, TEXT_FORMS, OutputFormat
+
+_IN_SEQUENCE = (OutputFormat.RAW, OutputFormat.MCAP)
+"""Forms that are no text and need no seeking."""
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -82,12 +85,19 @@ def text_output(path: Path | None, *, force: bool) -> Iterator[TextIO]:
 def file_output(path: Path | None, form: OutputFormat, *, force: bool) -> Iterator[Path]:
     """Where to write a file that is not text; it stands at `path` once it is whole.
 
+    `-` stands for standard output, for the forms that are written in sequence.
+
     Raises:
-        UsageError: no file was named.
+        UsageError: no file was named, or it cannot go to standard output.
         FileError: the file is there already (and `force` is not set), or cannot be written.
+        BrokenPipeError: who read standard output is gone.
     """
-    if path is None or str(path) == "-":
-        raise UsageError(f"{form} is no text: name a file to write it to with -o")
+    if path is None:
+        raise UsageError(f"{form} is no text: name a file to write it to with -o{_or_pipe(form)}")
+    if str(path) == "-":
+        with _stdout_as_file(form) as stdout:
+            yield stdout
+        return
     part = path.with_name(f"{path.name}.part")
     try:
         check_output(path, force=force)
@@ -98,6 +108,24 @@ def file_output(path: Path | None, form: OutputFormat, *, force: bool) -> Iterat
             part.unlink(missing_ok=True)
     except OSError as error:
         raise unwritable(path, error) from error
+
+
+def _or_pipe(form: OutputFormat) -> str:
+    return ", or - for a pipe" if form in _IN_SEQUENCE else ""
+
+
+@contextmanager
+def _stdout_as_file(form: OutputFormat) -> Iterator[Path]:
+    if form not in _IN_SEQUENCE:
+        raise UsageError(f"{form} is not written in sequence: name a file to write it to with -o")
+    if sys.stdout.isatty():
+        raise UsageError(f"{form} is no text for a terminal: send it to a pipe, or name a file")
+    try:
+        yield Path(f"/dev/fd/{sys.stdout.fileno()}")
+    except FileError as error:
+        if isinstance(error.__cause__, BrokenPipeError):
+            raise error.__cause__ from error
+        raise
 
 
 def check_output(path: Path, *, force: bool) -> None:
