@@ -51,15 +51,27 @@ def command(file: Path, output: Path | None, force: bool) -> None:
         tell(f"{file} is whole; there is nothing to mend")
         return
     damage = repair(file, target, Existing.REPLACE if force else Existing.REFUSE)
+    _tell_places(damage)
+    kept = f"{damage.messages} rows and port events in {damage.chunks} chunks"
+    tell(f"kept all {kept}" if _nothing_lost(damage) else f"kept {kept}; {_missing(damage)}")
+    tell(f"mended into {target}")
+
+
+def _nothing_lost(damage: Damage) -> bool:
+    """Whether every row and event is kept, whatever bytes around them are damaged."""
+    return damage.missing == 0 or (not damage.losses and not damage.least_missing)
+
+
+def _tell_places(damage: Damage) -> None:
+    """Where the file could not be read, and whether rows stood there."""
+    whole = _nothing_lost(damage)
     for loss in damage.losses[:_MOST_LOSSES]:
-        tell(f"lost: {loss}")
+        tell(f"damaged: {loss.where}, which held no rows" if whole else f"lost: {loss}")
     if len(damage.losses) > _MOST_LOSSES:
-        tell(f"lost: {len(damage.losses) - _MOST_LOSSES} more places")
+        more = f"{len(damage.losses) - _MOST_LOSSES} more places"
+        tell(f"damaged: {more}, which held no rows" if whole else f"lost: {more}")
     if damage.undescribed:
         tell(f"lost: {damage.undescribed} messages of ports that nothing describes any more")
-    kept = f"{damage.messages} rows and port events in {damage.chunks} chunks"
-    tell(f"kept {kept}; {_missing(damage)}")
-    tell(f"mended into {target}")
 
 
 def _missing(damage: Damage) -> str:
@@ -68,4 +80,4 @@ def _missing(damage: Damage) -> str:
         return f"{damage.missing} are lost"
     if damage.least_missing:
         return f"at least {damage.least_missing} are lost"
-    return "how many came behind the damage is not known" if damage.losses else "none are lost"
+    return "how many came behind the damage is not known"

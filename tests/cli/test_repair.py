@@ -35,6 +35,37 @@ def test_a_cut_file_is_mended_beside_it(run, tmp_path: Path, samples: Path) -> N
     assert run("repair", "cut.mcap", "--force").returncode == 0
 
 
+def test_where_only_the_index_is_damaged_nothing_is_called_lost(
+    run, tmp_path: Path, samples: Path
+) -> None:
+    whole = (samples / "damaged.mcap").read_bytes()
+    count = RecordingReader(samples / "damaged.mcap").count
+    (tmp_path / "cut.mcap").write_bytes(whole[:-10])
+    done = run("repair", "cut.mcap")
+    assert done.returncode == 0
+    damaged, kept, mended = done.stderr.splitlines()
+    assert damaged.startswith("damaged: bytes ")
+    assert damaged.endswith(", which held no rows")
+    assert kept.startswith(f"kept all {count} rows and port events in ")
+    assert mended == "mended into cut-repaired.mcap"
+    assert "lost" not in done.stderr
+
+
+def test_where_rows_are_lost_their_number_is_told(run, tmp_path: Path, samples: Path) -> None:
+    whole = bytearray((samples / "damaged.mcap").read_bytes())
+    whole[20_000] ^= 0xFF
+    (tmp_path / "x.mcap").write_bytes(whole)
+    done = run("repair", "x.mcap")
+    lost, kept, _ = done.stderr.splitlines()
+    assert lost.startswith("lost: bytes ")
+    missing = int(kept.rpartition("; ")[2].removesuffix(" are lost"))
+    rows = [
+        len(list(RecordingReader(path)))
+        for path in (*(samples / "damaged.mcap", tmp_path / "x-repaired.mcap"),)
+    ]
+    assert missing == rows[0] - rows[1] > 0
+
+
 @pytest.mark.parametrize(
     ("content", "code", "words"),
     [

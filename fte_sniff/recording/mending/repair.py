@@ -49,13 +49,17 @@ class Loss:
     before_ns: int | None
     """Time of the first message behind them."""
 
+    @property
+    def where(self) -> str:
+        """Which bytes they are."""
+        return f"bytes {self.start} to {self.stop} ({self.stop - self.start} bytes)"
+
     def __str__(self) -> str:
-        where = f"bytes {self.start} to {self.stop} ({self.stop - self.start} bytes)"
         if self.after_ns is None and self.before_ns is None:
-            return where
+            return self.where
         first = "the beginning" if self.after_ns is None else iso_time(self.after_ns)
         last = "the end" if self.before_ns is None else iso_time(self.before_ns)
-        return f"{where}, between {first} and {last}"
+        return f"{self.where}, between {first} and {last}"
 
 
 @dataclass(slots=True)
