@@ -38,6 +38,20 @@ def test_recording_raw_and_hex_tell_the_same_rows(run, samples: Path, name: str)
         assert recorded == raw
 
 
+@pytest.mark.parametrize("end", ["txt", "csv", "jsonl"])
+@pytest.mark.parametrize("name", ["clean", "damaged"])
+def test_what_it_wrote_it_reads_back_at_the_same_times(
+    run, samples: Path, tmp_path: Path, end: str, name: str
+) -> None:
+    def told(file: Path) -> list[tuple[str, str, list[str]]]:
+        rows = jsonl(run("decode", file, "--format", "jsonl").stdout)
+        return [(row["time"], row["raw"], row["faults"]) for row in rows]
+
+    written = tmp_path / f"rows.{end}"
+    assert run("decode", samples / f"{name}.mcap", "-o", written).returncode == 0
+    assert told(written) == told(samples / f"{name}.mcap")
+
+
 def test_times_ports_and_order_come_from_the_recording(run, samples: Path) -> None:
     rows = jsonl(run("decode", samples / "clean.mcap", "--format", "jsonl").stdout)
     times = [row["time"] for row in rows]

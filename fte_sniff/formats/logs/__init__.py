@@ -14,7 +14,8 @@ line, and a framer whether the log's directions fit. A line at a time, from the 
             line_head     a time and a direction
             line_time     how times are written
             lone_times    lines with nothing but a time, or the beginning of one
-            strace, analyzers, comma_rows, ros    own_lines: forms that only one program has
+            written_rows, strace, analyzers, comma_rows, ros
+                          own_lines: forms that only one program has
         dumps         lines of a hex dump, each a dump_line; address_run: which follows which
         line_numbers  numbered lines
         fronts        what stands before the bytes and may be none

@@ -1,4 +1,4 @@
-"""Owns what stands around bytes in source code, and in rows of this program as JSON.
+"""Owns what stands around bytes in source code.
 
 It must not know what the bytes are, nor what else is on a line. Words become blanks, so that
 columns stay:
@@ -55,29 +55,14 @@ _HINT = re.compile(
     re.IGNORECASE,
 )
 """One of these is in all of them, and in few other lines."""
-_ROW = re.compile(
-    r"\s*\{\s*\"time\":\s*(?:null|\"(?P<time>[^\"]*)\"),\s*\"port\":.*"
-    r"\"raw\":\s*\"(?P<raw>[0-9A-F]*)\"\s*\}\s*"
-)
 
 
 def without_code(text: str) -> str:
     """The line with blanks where there are words of source code, and not bytes."""
     if not any(map(text.__contains__, _LETTERS)) or not _HINT.search(text):
         return text
-    if row := _ROW.fullmatch(text):
-        return _only(text, row)
     indices = [int(found["index"]) for found in _WORDS.finditer(text) if found["place"]]
     if any(later != before + 1 for before, later in pairwise(indices)):
         # In another order than they stand; so it is not read at all.
         return text
     return _WORDS.sub(lambda found: found["literal"] or " " * len(found.group()), text)
-
-
-def _only(text: str, row: re.Match[str]) -> str:
-    """The time and the bytes of a row at their places."""
-    kept = [row.span(name) for name in ("time", "raw") if row[name]]
-    line = [" "] * len(text)
-    for start, stop in kept:
-        line[start:stop] = text[start:stop]
-    return "".join(line)

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.formats.logs.line_head import lone_stamp
 from fte_sniff.formats.logs.own_lines import OwnLine
+from fte_sniff.formats.logs.written_rows import begun_at
 
 _CELL = re.compile(r"\s*(?:\"(?P<inside>(?:[^\"]|\"\")*)\"|(?P<bare>[^,\"]*?))\s*(?:,|\Z)")
 _TIMES = ("time [s]", "time[s]", "start_time", "time[ns]", "time")
@@ -37,7 +38,7 @@ class _Columns:
     count: int
     value: int
     raw: bool
-    """Whether its values are bytes by the row, in hex."""
+    """Whether its values are bytes by the row, in hex: this program's own."""
     time: int | None
     name: int | None
     """Of the decoder, where several may stand in one file."""
@@ -95,6 +96,9 @@ class CommaRows:
         if not self._told and any(texts[place] for place in columns.errors):
             self._told = True
             self._note(f"line {number}: an error on the wire, as the analyser says")
+        if columns.raw and columns.time is not None:
+            raw = bytes.fromhex(text[start:stop])
+            return OwnLine("", begun_at(texts[columns.time]), data=raw)
         stamp = None if columns.time is None else lone_stamp(texts[columns.time])
         return OwnLine(" " * start + text[start:stop], stamp)
 

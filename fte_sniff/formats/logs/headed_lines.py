@@ -23,6 +23,7 @@ from fte_sniff.formats.logs.pasted_line import Line
 from fte_sniff.formats.logs.ros import Layouts
 from fte_sniff.formats.logs.strace import Strace
 from fte_sniff.formats.logs.text_lines import Piece
+from fte_sniff.formats.logs.written_rows import WrittenRows
 
 _FENCE = re.compile(r"\s*(?:(?:```|~~~)[\w-]*|[\u2500-\u257f]{3,})\s*")
 _PAIRS = re.compile(r"[ \t]*(?:[0-9A-Fa-f]{2}[ \t]+)*[0-9A-Fa-f]{2}[ \t]*")
@@ -45,7 +46,7 @@ class HeadedLines:
         self._stamp: Stamp | None = None
         self._mark: Mark | None = None
         self._programs: tuple[OwnLines, ...] = (
-            *(Strace(), Annotations(note), CommaRows(note), Layouts()),
+            *(WrittenRows(), Strace(), Annotations(note), CommaRows(note), Layouts()),
         )
         self._alone = LoneTimes()
         self._held: list[tuple[Line, Kind]] = []
@@ -123,8 +124,8 @@ class HeadedLines:
         """A line of a program that has a form of its own."""
         yield from self._released()
         self._stamp = own.stamp or self._stamp
-        if own.text:
-            yield Line(piece, own.text, 0, self._stamp, own.mark)
+        if own.text or own.data:
+            yield Line(piece, own.text, 0, self._stamp, own.mark, data=own.data)
 
     def _heading(self, text: str, head: Head) -> Iterator[Line]:
         """What holds for the lines below."""

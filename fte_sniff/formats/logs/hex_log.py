@@ -15,11 +15,16 @@ from typing import IO, BinaryIO, NamedTuple
 
 from fte_sniff.errors import FteSniffError, InputTextError, UsageError, unreadable
 from fte_sniff.formats.logs.line_head import Mark
-from fte_sniff.formats.logs.log_clock import LogClock
+from fte_sniff.formats.logs.log_clock import LATEST_NS, LogClock
 from fte_sniff.formats.logs.pastes import Logged, logged_bytes
 from fte_sniff.formats.logs.text_lines import Piece, TextPieces
 from fte_sniff.protocol import Chunk, Framer, Row
-from fte_sniff.protocol.table import DIRECTION_OF_HEADER, Direction
+from fte_sniff.protocol.table import (
+    DEFAULT_BAUD,
+    DIRECTION_OF_HEADER,
+    Direction,
+    byte_time_ns,
+)
 
 MARK_OF_DIRECTION: dict[Direction, Mark] = {
     Direction.CONTROL: Mark.SENT,
@@ -110,6 +115,8 @@ class HexLog:
         self._against = 0
         self._first_against = ""
         self._setbacks = _Setbacks()
+        self._read_ns: int | None = None
+        """By when the latest row that tells when it began would have come."""
         self._again: Callable[[], HexLog] | None = None
         self.drained: Callable[[], bool] = lambda: False
         """Whether more has to come before there is another chunk; not asked of files."""
@@ -146,13 +153,23 @@ class HexLog:
             for logged in self._clock.order.settled(lines):
                 stop += len(logged.data)
                 self._mark(stop, logged)
-                t_ns = None
-                if logged.stamp is not None:
-                    t_ns = self._clock.t_ns(logged.stamp, logged.line)
-                    self._setbacks.see(t_ns, logged.line)
-                yield Chunk(self.name, t_ns, logged.data)
+                yield from self._chunks_of(logged)
         except InputTextError as error:
             raise InputTextError(f"{self._where}{error}") from error
+
+    def _chunks_of(self, logged: Logged) -> Iterator[Chunk]:
+        """The bytes of a line at its time."""
+        stamp, t_ns = logged.stamp, None
+        if stamp is not None:
+            t_ns = self._clock.t_ns(stamp, logged.line)
+            self._setbacks.see(t_ns, logged.line)
+        if t_ns is not None and stamp is not None and stamp.of_first_byte:
+            if self._read_ns is not None and t_ns < self._read_ns:
+                # Nothing had come by then, although those before would still be coming.
+                yield Chunk(self.name, t_ns, b"")
+            t_ns += len(logged.data) * byte_time_ns(DEFAULT_BAUD)
+            t_ns = self._read_ns = min(t_ns, LATEST_NS)
+        yield Chunk(self.name, t_ns, logged.data)
 
     def _mark(self, stop: int, logged: Logged) -> None:
         """The bytes up to `stop` are marked as their line says; nothing as long as nothing is."""
@@ -239,7 +256,7 @@ def at_own_times(chunks: Iterable[Chunk], framer: Framer) -> Iterator[Chunk]:
     for chunk in chunks:
         if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
             framer.set_back()
-        before_ns = chunk.t_ns
+        before_ns = before_ns if chunk.t_ns is None else chunk.t_ns
         yield chunk
 
 

@@ -51,6 +51,8 @@ class Stamp:
     """Nanoseconds since 1970 UTC, where the time is written so."""
     day_or_month: tuple[int, int, int] | None = None
     """Day and month, in the order of the log, and year: instead of `date`, as in 2/8/2024."""
+    of_first_byte: bool = False
+    """Whether the first byte of its line began then; else the last one had come by then."""
 
 
 class Times:

@@ -16,7 +16,7 @@ from fte_sniff.formats.logs.line_time import Stamp
 _DAY_S = 24 * 3600
 _DAY_NS = _DAY_S * 10**9
 _YEARS = range(1970, 2263)
-_END_NS = 2**63
+LATEST_NS = 2**63 - 1
 """In 2262: a table's times are 64 bits, nanoseconds since 1970."""
 _OUTSIDE = f"its time is not from {_YEARS.start} to {_YEARS[-1]}"
 _OFFSET = re.compile(r"([+-])([01]?[0-9]|2[0-3])(?::?([0-5][0-9]))?", re.ASCII)
@@ -57,7 +57,7 @@ class LogClock:
             line: where it holds, to be told where it is none.
         """
         t_ns = self._told(stamp, line)
-        if t_ns is None or 0 <= t_ns < _END_NS:
+        if t_ns is None or 0 <= t_ns <= LATEST_NS:
             return t_ns
         self._refuse(_OUTSIDE, line)
         return None

@@ -20,6 +20,8 @@ class OwnLine:
     """The line, with blanks where no bytes stand; empty where it has none."""
     stamp: Stamp | None = None
     mark: Mark | None = None
+    data: bytes | None = None
+    """The bytes, where the form leaves no doubt of them; there is no text then."""
 
 
 class OwnLines(Protocol):

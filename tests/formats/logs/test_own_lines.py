@@ -15,6 +15,7 @@ from fte_sniff.formats.logs.line_head import Mark
 from fte_sniff.formats.logs.pastes import bytes_of_text, logged_bytes
 from fte_sniff.formats.logs.text_lines import Piece
 from fte_sniff.protocol import iso_time
+from fte_sniff.protocol.table import DEFAULT_BAUD, byte_time_ns
 
 CONTROL = bytes.fromhex("AA020203E800002710EE")
 FEEDBACK = bytes.fromhex("5502010000 2710000FEE")
@@ -171,7 +172,9 @@ def test_rows_of_this_program_are_their_bytes() -> None:
     log = HexLog.of_stream(io.BytesIO(text.encode()), "f")
     first, second = log
     assert (first.data, second.data) == (CONTROL, FEEDBACK)
-    assert iso_time(first.t_ns or 0) == "2026-01-31T12:00:00.500000000Z"
+    began_ns = (first.t_ns or 0) - 10 * byte_time_ns(DEFAULT_BAUD)
+    assert iso_time(began_ns) == "2026-01-31T12:00:00.500000000Z"
+    assert second.t_ns is None
 
 
 NUMBERS = ", ".join(str(byte) for byte in BYTES)

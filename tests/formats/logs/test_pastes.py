@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from fte_sniff.errors import FileError, FteSniffError, InputTextError
 from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.formats.logs.pastes import bytes_of_text
+from fte_sniff.protocol.table import DEFAULT_BAUD, byte_time_ns
 from tests.examples import examples
 from tests.formats.forms import FORMS, bytes_in
 
@@ -370,7 +371,7 @@ def test_rows_as_json_lines_are_their_bytes() -> None:
     log = HexLog.of_stream(io.BytesIO(text.replace(": ", ":").encode()), "f")
     (chunk,) = log
     assert chunk.data == bytes.fromhex(FRAME)
-    assert chunk.t_ns == 1_769_860_800 * 10**9
+    assert chunk.t_ns == 1_769_860_800 * 10**9 + 10 * byte_time_ns(DEFAULT_BAUD)
     assert bytes_of_text(text * 2) == chunk.data * 2
 
 

@@ -1,0 +1,132 @@
+"""What this program wrote, it reads back: each row with its bytes and at the time that it had."""
+
+from __future__ import annotations
+
+import io
+from itertools import accumulate
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.errors import InputTextError
+from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
+from fte_sniff.formats.tables.writers import OutputFormat, row_writer
+from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Framer, Row, encode
+from tests.examples import examples
+
+FORMS = (OutputFormat.TABLE, OutputFormat.CSV, OutputFormat.JSONL)
+BEGIN_NS = 1_769_860_800_000_000_001
+
+
+def written(rows: list[Row], form: OutputFormat, *, ports: bool = False) -> str:
+    stream = io.StringIO()
+    writer = row_writer(form, stream, ports=ports)
+    writer.write(rows)
+    writer.end()
+    return stream.getvalue()
+
+
+def read_back(text: str) -> list[Row]:
+    log = HexLog.of_stream(io.BytesIO(text.encode()), "again")
+    framer = Framer("again")
+    rows = [row for chunk in at_own_times(log, framer) for row in framer.feed(chunk)]
+    assert log.doubts == []
+    return rows + framer.flush()
+
+
+def told(rows: list[Row]) -> list[tuple[bytes, int | None]]:
+    return [(row.raw, row.t_ns) for row in rows]
+
+
+def frame(name: str, **values: int) -> bytes:
+    return encode(KIND_BY_NAME[name], values)
+
+
+FRAMES = st.sampled_from(
+    [
+        frame("reset"),
+        frame("speed", motor=1, rpm=-1000),
+        frame("position", motor=4, rpm=-32768, pulses=-(2**31)),
+        frame("mecanum", vx_cm_s=-1, vy_cm_s=0, wz_mrad_s=5),
+        frame("speed_feedback", motor=2, rpm=7, error=0, online=15),
+        frame("position_feedback", motor=3, pulses=-(2**31), error=255, online=255),
+    ]
+)
+GAPS = st.sampled_from([0, 1, 86_806, 868_060, 5_000_000, 10**9])
+"""Also shorter than a frame takes: rows of one read may have been told as of one time."""
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("ports", [False, True])
+@given(steps=st.lists(st.tuples(FRAMES, GAPS), min_size=1, max_size=12), timed=st.booleans())
+@examples(20)
+def test_rows_come_back_at_their_times(
+    form: OutputFormat, ports: bool, steps: list[tuple[bytes, int]], timed: bool
+) -> None:
+    times = list(accumulate((gap for _, gap in steps), initial=BEGIN_NS))
+    rows: list[Row] = [
+        Frame("a name  with spaces", 10 * at, raw, times[at] if timed else None)
+        for at, (raw, _) in enumerate(steps)
+    ]
+    assert told(read_back(written(rows, form, ports=ports))) == told(rows)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_damage_comes_back_with_each_byte(form: OutputFormat) -> None:
+    rows: list[Row] = [
+        Damage("p", 0, bytes(range(256)) * 4, BEGIN_NS, (Fault.NOISE,)),
+        Damage("p", 1024, b"\x10", BEGIN_NS + 10**9, (Fault.NOISE,)),
+        Frame("p", 1025, frame("reset"), BEGIN_NS + 2 * 10**9),
+    ]
+    text = written(rows, form)
+    assert b"".join(row.raw for row in read_back(text)) == b"".join(row.raw for row in rows)
+    times = {row.t_ns for row in read_back(text)}
+    assert {row.t_ns for row in rows} <= times
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_row_without_a_time_has_none_among_others(form: OutputFormat) -> None:
+    rows: list[Row] = [
+        Frame("p", 0, frame("reset"), BEGIN_NS),
+        Frame("p", 10, frame("reset"), None),
+        Frame("p", 20, frame("reset"), BEGIN_NS + 5),
+    ]
+    assert told(read_back(written(rows, form))) == told(rows)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_last_moment_there_is(form: OutputFormat) -> None:
+    (row,) = read_back(written([Frame("p", 0, frame("reset"), 2**63 - 1)], form))
+    assert row.t_ns is not None
+    assert 2**63 - 10**6 < row.t_ns < 2**63
+
+
+def test_rows_of_a_table_need_no_heading() -> None:
+    rows: list[Row] = [Frame("p", 10, frame("reset"), BEGIN_NS)]
+    _, line = written(rows, OutputFormat.TABLE).splitlines()
+    assert told(read_back(line)) == told(rows)
+
+
+@pytest.mark.parametrize(
+    ("form", "keep", "said"),
+    [
+        (OutputFormat.TABLE, 99, "line 3: this row of fte-sniff's table is cut or damaged; pass"),
+        (OutputFormat.JSONL, 99, "line 2: this row of fte-sniff's JSON lines is cut or damaged"),
+    ],
+)
+def test_what_is_cut_is_called_so(form: OutputFormat, keep: int, said: str) -> None:
+    rows: list[Row] = [Frame("p", 0, frame("speed", motor=1, rpm=9), BEGIN_NS)] * 2
+    whole = written(rows, form)
+    cut = whole[: whole.rindex("\n", 0, -1) + keep]
+    with pytest.raises(InputTextError) as caught:
+        read_back(cut)
+    assert said in str(caught.value)
+
+
+def test_what_a_narrow_terminal_showed_is_called_so() -> None:
+    text = "time UTC         kind               values\n12:00:00.000     reset  AA 00 00 00 …\n"
+    with pytest.raises(InputTextError) as caught:
+        read_back(text)
+    assert "as a narrow terminal shows it" in str(caught.value)
+    assert "pass the recording itself, or its rows with --format csv or jsonl" in str(caught.value)
