@@ -20,6 +20,7 @@ line, and a framer whether the log's directions fit. A line at a time, from the 
         line_numbers  numbered lines
         fronts        what stands before the bytes and may be none
         decimals      hex or decimal?
+        words         words beside frames, which are no hex
     pasted_line   a line on its way to its bytes
     hex_text      the digits of one line
 """

@@ -18,6 +18,7 @@ from enum import Enum
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.hex_text import bytes_of_line, first_wrong, not_hex, without_literals
 from fte_sniff.formats.logs.pasted_line import Line
+from fte_sniff.formats.logs.words import WordsBeside
 
 _MOST_HELD = 1000
 _FEWEST_HALVES = 4
@@ -56,6 +57,10 @@ class Numbers:
     """Whether one with 0x or the like was."""
     _three_digits: bool = False
     """Whether one of them is decimal, if it is a number among others."""
+    _words: WordsBeside = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._words = WordsBeside(self.note)
 
     def bytes_of(self, lines: Iterable[Line]) -> Iterator[tuple[Line, bytes]]:
         """The lines, each with its bytes.
@@ -78,6 +83,7 @@ class Numbers:
         if self._reading is None and self._count and not self._three_digits:
             self.note("nothing tells whether the numbers are hex or decimal; they are read as hex")
         yield from self._release()
+        self._words.tell()
 
     def _apart(self, lines: Iterable[Line]) -> Iterator[Line]:
         """The lines, plain ones one by one where one of them may decide, or be wrong."""
@@ -125,7 +131,13 @@ class Numbers:
             self._padded = self._padded or _PADDED.search(line.text, line.at) is not None
             return bytes.fromhex(line.text[line.at :])
         _refuse_mixture(line)
-        found = bytes_of_line(line.text, line.at, line.piece)
+        try:
+            found = bytes_of_line(line.text, line.at, line.piece)
+        except InputTextError:
+            bare = self._words.without_words(line)
+            if bare is None:
+                raise
+            return self._read(bare)
         self._refuse_lone_digits(line)
         return found
 

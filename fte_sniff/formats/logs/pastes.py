@@ -8,6 +8,7 @@ It must not know where the text came from. Line by line, and as they come:
     line_numbers neither are numbers of lines
     fronts       what stands before the bytes of every line, and may be none
     decimals     decimal numbers, where they are no hex
+    words        words beside frames
     hex_text     the digits
 
 `#` and `//` begin a comment, `/*` and `*/` stand around one; fences of Markdown are passed over.
