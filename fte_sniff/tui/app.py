@@ -256,7 +256,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         """Say what happened to ports, the recording and the feed; leave, where that was asked."""
         state = self._watched.state
         for event in news.events if state.live else ():
-            self._notice.tell_event(event)
+            self._notice.tell_event(event, self._table.look.shown_zone)
         if news.trouble:
             self._notice.hold("recording", shown(_(news.trouble)))
         elif not state.trouble:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, tzinfo
 from itertools import groupby
 
 from rich.cells import cell_len
@@ -16,12 +17,13 @@ from rich.text import Text
 from fte_sniff.analysis.models.bench import NO_BENCH, Bench
 from fte_sniff.errors import shown
 from fte_sniff.formats.tables.layout import ORDER_MARK
-from fte_sniff.protocol import Frame, Row, iso_time, spaced_hex, status_of
+from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
 from fte_sniff.protocol.dissection.dissect import Bit, Part, dissect, explain
 from fte_sniff.tui.fitting import padded, wrap
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.pane import Pane, Sight
 from fte_sniff.tui.quantities import turns_text
+from fte_sniff.tui.table.cells import moment_text
 from fte_sniff.tui.table.layout import MARKS
 from fte_sniff.tui.table.palette import Palette
 
@@ -66,9 +68,11 @@ class Room:
     """Whether each bit of a flag byte has a line of its own."""
 
 
-def detail_text(row: Row, palette: Palette, room: Room, bench: Bench = NO_BENCH) -> Text:
+def detail_text(
+    row: Row, palette: Palette, room: Room, bench: Bench = NO_BENCH, zone: tzinfo = UTC
+) -> Text:
     """The row explained; positions in turns too, where the bench tells how long a turn is."""
-    lines = _heading(row, palette, room)
+    lines = _heading(row, palette, room, zone)
     wrong = palette.statuses[row.status]
     for said in explain(row):
         first, *more = wrap(_(said), room.width - 2)
@@ -87,10 +91,10 @@ def detail_text(row: Row, palette: Palette, room: Room, bench: Bench = NO_BENCH)
     return Text("\n").join(lines)
 
 
-def _heading(row: Row, palette: Palette, room: Room) -> list[Text]:
+def _heading(row: Row, palette: Palette, room: Room, zone: tzinfo) -> list[Text]:
     kind = row.kind if isinstance(row, Frame) else None
     name = kind.name if kind else _("unknown frame") if isinstance(row, Frame) else _("damage")
-    time = _("no time") if row.t_ns is None else iso_time(row.t_ns)
+    time = _("no time") if row.t_ns is None else moment_text(row.t_ns, zone)
     where = _("offset {offset:,}  {length} bytes  {port}").format(
         offset=row.offset, length=len(row.raw), port=shown(row.port)
     )
@@ -182,7 +186,7 @@ class DetailPane(Pane):
 
     def __init__(self) -> None:
         super().__init__(HINT)
-        self._shown: tuple[Row, Palette, Room, Bench] | None = None
+        self._shown: tuple[Row, Palette, Room, Bench, tzinfo] | None = None
 
     def see(self, sight: Sight) -> None:
         """Explain the cursor's row, if it is not the one explained."""
@@ -192,7 +196,8 @@ class DetailPane(Pane):
             self.draw(Text(_(NO_ROW)))
             return
         roomy = self.app.size.height >= ROOMY_LINES
-        now = (sight.row, sight.palette, Room(self.room.width, roomy), sight.bench)
+        room = Room(self.room.width, roomy)
+        now = (sight.row, sight.palette, room, sight.bench, sight.zone)
         if self._shown != now:
             self._shown = now
             self.draw(detail_text(*now))

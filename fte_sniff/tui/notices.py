@@ -6,6 +6,7 @@ It must not know how such things are found out. A notice goes when it no longer 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, tzinfo
 
 from textual.timer import Timer
 
@@ -54,9 +55,9 @@ _MILLISECONDS = 3
 WITH_DETAIL = later("{event}: {detail}")
 
 
-def event_text(event: PortEvent) -> str:
-    """The event in one line."""
-    when = clock_text(event.t_ns, _MILLISECONDS)
+def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
+    """The event in one line, its time of day in a zone."""
+    when = clock_text(event.t_ns, _MILLISECONDS, zone)
     what = f"{event.port} {_(event_words(event.kind))}"
     if event.detail:
         what = _(WITH_DETAIL).format(event=what, detail=_(event.detail))
@@ -120,9 +121,9 @@ class NoticeLine(Sentence):
         if self._standing.pop(about, None) is not None:
             self._show()
 
-    def tell_event(self, event: PortEvent) -> None:
-        """Tell a port event."""
-        words = event_text(event)
+    def tell_event(self, event: PortEvent, zone: tzinfo = UTC) -> None:
+        """Tell a port event, its time of day in a zone."""
+        words = event_text(event, zone)
         if event.kind in BACK:
             self.release(event.port)
         if event.kind in LASTING:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from datetime import tzinfo
 from typing import ClassVar
 
 from rich.cells import cell_len
@@ -47,6 +48,8 @@ class Sight:
     models: Following
     bench: Bench
     palette: Palette
+    zone: tzinfo
+    """Of the times of day that the table shows."""
 
 
 class Pane(VerticalScroll, can_focus=False, metaclass=AbstractMeta):

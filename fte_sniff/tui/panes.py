@@ -176,6 +176,7 @@ class Panes:
             models=self._models,
             bench=self._bench,
             palette=palette_of(table.app.current_theme),
+            zone=table.look.shown_zone,
         )
 
     @property

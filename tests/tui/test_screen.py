@@ -502,6 +502,26 @@ def test_times_are_local_where_asked_and_a_time_that_is_typed_then_is(
     play(feed, scenario, opening=Opening(zone=ZoneInfo("Asia/Kolkata")))
 
 
+def test_local_times_hold_for_panes_and_notices_too(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(3))
+        await settle(app, pilot)
+        for pane in ("enter", "M", "S"):
+            await press(app, pilot, pane)
+            assert "12:00:00" in page(app)
+            await press(app, pilot, "t")
+            assert "17:30:00" in page(app)
+            assert "12:00:00" not in page(app)
+            await press(app, pilot, "T", pane)
+        await press(app, pilot, "enter", "t")
+        assert "2026-01-31T17:30:00.002000000+05:30" in page(app)
+        feed.tell(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LOST, ""))
+        await settle(app, pilot)
+        assert "17:30:00.000  /dev/ttyUSB0 lost" in page(app)
+
+    play(feed, scenario, size=(120, 50), opening=Opening(zone=ZoneInfo("Asia/Kolkata")))
+
+
 def test_a_narrow_head_still_names_the_zone() -> None:
     look = Look(times=TimeStyle.LOCAL, zone=timezone(timedelta(hours=8)))
     assert layout_for(40, look).columns[0].head_cell.split() == ["+08:00"]

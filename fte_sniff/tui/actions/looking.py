@@ -43,6 +43,7 @@ class Looking(Parts):
         at = styles.index(now) if now in styles else 0
         style = styles[(at + by) % len(styles)]
         self._table.set_look(times=style)
+        self._panes.look()
         self._tell(_(style.meaning))
 
     def action_columns(self) -> None:

@@ -11,7 +11,6 @@ from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.language import _
 from fte_sniff.tui.prompt.goto import ToOffset, parse_goal
 from fte_sniff.tui.table.cells import clock_text
-from fte_sniff.tui.table.look import ahead_of_utc_ns
 
 
 class Seeking(Parts):
@@ -42,14 +41,14 @@ class Seeking(Parts):
     def _tell_outside(self, line: str, moment: int) -> None:
         """Say that no row is of that time, where it lies before or after all that are shown."""
         first, last = self._watched.shown_ends
-        ahead_ns = ahead_of_utc_ns(self._table.look.shown_zone)
+        zone = self._table.look.shown_zone
         if last is not None and moment > last:
             words, end = _("{time} lies after the last row ({end})"), last
         elif first is not None and moment < first:
             words, end = _("{time} lies before the first row ({end})"), first
         else:
             return
-        self._tell(words.format(time=shown(line.strip()), end=clock_text(end + ahead_ns, 3)))
+        self._tell(words.format(time=shown(line.strip()), end=clock_text(end, 3, zone)))
 
     def action_goto(self) -> None:
         """Ask where to go."""

@@ -149,7 +149,7 @@ def plots(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette)
 
 
 def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> Iterator[Text]:
-    yield _title(state, size.width, palette)
+    yield _title(look, state, size.width, palette)
     yield _target_line(look, state, size.width, palette)
     first = _asked_for(state)
     names = [first, *(name for name in QUANTITIES if name != first)]
@@ -161,7 +161,7 @@ def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette
     yield _commands(look, state, size.width, palette)
     yield _feedback(state, size.width)
     if size.roomy:
-        yield from _bits(state, palette)
+        yield from _bits(look, state, palette)
 
 
 def _label(word: str, palette: Palette) -> Text:
@@ -183,15 +183,15 @@ def _head(form: str, state: MotorState, palette: Palette) -> Text:
     return text.append(f" {_(ERROR).format(byte=error.byte)}", wrong if error.byte else _PLAIN)
 
 
-def _title(state: MotorState, width: int, palette: Palette) -> Text:
+def _title(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
     """The head with the latest change of the error byte, if it ever changed."""
     text, error = _head(_(MOTOR), state, palette), state.flags.get("error")
     changes = _changes(error) if error is not None else []
     if error is not None and changes:
         (t_ns, bit), value = changes[0], error.byte >> changes[0][1] & 1
         form = _(BIT_SET if value else BIT_CLEARED)
-        second = clock_text(t_ns, 0).rstrip(".")
-        forms = [form.format(bit=bit, time=clock_text(t_ns, _MILLISECONDS))]
+        second = clock_text(t_ns, 0, look.zone).rstrip(".")
+        forms = [form.format(bit=bit, time=clock_text(t_ns, _MILLISECONDS, look.zone))]
         forms.append(form.format(bit=bit, time=second))
         short = BIT_SHORT.format(bit=bit, value=value, time=second)
         fitting = (one for one in forms if text.cell_len + cell_len(one) < width)
@@ -231,7 +231,8 @@ def _target_line(look: MotorsLook, state: MotorState, width: int, palette: Palet
         return line
     since = Text()
     if target.since_ns is not None:
-        since.append(_(SINCE).format(time=clock_text(target.since_ns, 1)), palette.muted)
+        time = clock_text(target.since_ns, 1, look.zone)
+        since.append(_(SINCE).format(time=time), palette.muted)
     for more in (since, _age(look, target.t_ns, palette)):
         if line.cell_len + more.cell_len <= width:
             line.append_text(more)
@@ -283,13 +284,13 @@ def _fitting(forms: Sequence[str], width: int, **values: object) -> Text:
     return Text(next((words for words in told if cell_len(words) <= width), told[-1]))
 
 
-def _bits(state: MotorState, palette: Palette) -> Iterator[Text]:
+def _bits(look: MotorsLook, state: MotorState, palette: Palette) -> Iterator[Text]:
     """The bits one by one; of those of ERROR, the latest changes."""
     error = state.flags.get("error")
     if error is not None:
         changes = _changes(error)
         for t_ns, bit in changes[:MOST_BITS]:
-            yield _bit(ERROR_BIT, bit, error.byte, t_ns)
+            yield _bit(ERROR_BIT, bit, error.byte, clock_text(t_ns, _MILLISECONDS, look.zone))
         if not changes:
             yield Text(_(NO_ERROR_BIT), style=palette.muted)
     if state.online is not None:
@@ -297,11 +298,11 @@ def _bits(state: MotorState, palette: Palette) -> Iterator[Text]:
         if state.online_changed_ns is None:
             yield Text(_(NO_ONLINE_CHANGE).format(bit=bit), style=palette.muted)
         else:
-            yield _bit(ONLINE_SINCE, bit, state.online << bit, state.online_changed_ns)
+            when = clock_text(state.online_changed_ns, _MILLISECONDS, look.zone)
+            yield _bit(ONLINE_SINCE, bit, state.online << bit, when)
 
 
-def _bit(form: str, bit: int, byte: int, t_ns: int) -> Text:
-    when = clock_text(t_ns, _MILLISECONDS)
+def _bit(form: str, bit: int, byte: int, when: str) -> Text:
     return Text(_(form).format(bit=bit, value=byte >> bit & 1, time=when))
 
 

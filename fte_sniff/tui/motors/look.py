@@ -6,6 +6,7 @@ It must not know Textual, or how anything is drawn.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, tzinfo
 from typing import Final
 
 from fte_sniff.analysis.columns.fields import subject
@@ -37,6 +38,8 @@ class MotorsLook:
     window_ns: int
     """How far back the plots look."""
     bench: Bench
+    zone: tzinfo = UTC
+    """Of times of day."""
 
     @property
     def window(self) -> tuple[int, int]:

@@ -88,7 +88,8 @@ def _as_of(sight: Sight) -> str:
         return ""
     if sight.row.t_ns is None:
         return _(AS_OF_ROW).format(row=sight.place)
-    return _(AS_OF).format(row=sight.place, time=clock_text(sight.row.t_ns, _MILLISECONDS))
+    time = clock_text(sight.row.t_ns, _MILLISECONDS, sight.zone)
+    return _(AS_OF).format(row=sight.place, time=time)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +138,8 @@ class MotorsPane(Pane):
             if past is None:
                 return None
             motors, traces = past.motors, past.traces
-        return MotorsLook(tuple(motors.states(now_ns)), traces, now_ns, window_ns, sight.bench)
+        states = tuple(motors.states(now_ns))
+        return MotorsLook(states, traces, now_ns, window_ns, sight.bench, sight.zone)
 
     def _looked_back(self, sight: Sight, index: int, window_ns: int) -> _Past | None:
         past = self._past

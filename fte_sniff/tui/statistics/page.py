@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, tzinfo
 from typing import Final
 
 from rich.cells import cell_len
@@ -18,7 +19,7 @@ from fte_sniff.analysis.accumulators.counts import OverTime
 from fte_sniff.analysis.accumulators.durations import Durations
 from fte_sniff.analysis.models.flags_seen import FlagNumbers
 from fte_sniff.analysis.models.port_run import PortNumbers
-from fte_sniff.analysis.models.statistics import FaultNumbers, Statistics
+from fte_sniff.analysis.models.statistics import Statistics
 from fte_sniff.analysis.models.streams import StreamNumbers
 from fte_sniff.errors import shown
 from fte_sniff.protocol import Direction, status_of
@@ -26,7 +27,7 @@ from fte_sniff.tui.fitting import fit, fit_path, fit_right
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.notices import event_words
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text, sparkline
-from fte_sniff.tui.statistics.flags import ALL_IN_ORDER, flag_words
+from fte_sniff.tui.statistics.flags import ALL_IN_ORDER, When, flag_words
 from fte_sniff.tui.table.cells import clock_text
 from fte_sniff.tui.table.layout import MARKS, RAISED_MARK
 from fte_sniff.tui.table.palette import Palette
@@ -66,24 +67,24 @@ class _Column:
 
     head: str
     width: int
-    cell: Callable[[StreamNumbers], str]
+    cell: Callable[[StreamNumbers, When], str]
 
 
-def _at(percent: float) -> Callable[[StreamNumbers], str]:
-    return lambda numbers: span_text(numbers.periods.percentile_ns(percent))
+def _at(percent: float) -> Callable[[StreamNumbers, When], str]:
+    return lambda numbers, _when: span_text(numbers.periods.percentile_ns(percent))
 
 
-def _longest_at(numbers: StreamNumbers) -> str:
-    return _moment(numbers.periods.longest_at_ns)
+def _longest_at(numbers: StreamNumbers, when: When) -> str:
+    return when(numbers.periods.longest_at_ns)
 
 
 COLUMNS: Final = (
-    _Column(later("frames"), 9, lambda numbers: f"{numbers.count:,}"),
-    _Column(later("lately"), 8, lambda numbers: rate_text(numbers.lately_per_s)),
-    _Column(later("mean"), 8, lambda numbers: rate_text(numbers.per_s)),
+    _Column(later("frames"), 9, lambda numbers, _when: f"{numbers.count:,}"),
+    _Column(later("lately"), 8, lambda numbers, _when: rate_text(numbers.lately_per_s)),
+    _Column(later("mean"), 8, lambda numbers, _when: rate_text(numbers.per_s)),
     _Column(later("period"), 8, _at(50)),
-    _Column(later("jitter"), 8, lambda numbers: span_text(numbers.jitter_ns)),
-    _Column(later("longest"), 8, lambda numbers: span_text(numbers.periods.longest_ns)),
+    _Column(later("jitter"), 8, lambda numbers, _when: span_text(numbers.jitter_ns)),
+    _Column(later("longest"), 8, lambda numbers, _when: span_text(numbers.periods.longest_ns)),
     _Column(later("until"), 12, _longest_at),
     _Column("5 %", 8, _at(5)),
     _Column("95 %", 8, _at(95)),
@@ -107,6 +108,12 @@ class Told:
     """Rows that are not counted yet."""
     missed: int
     """Rows that never will be."""
+    zone: tzinfo = UTC
+    """Of times of day."""
+
+    def when(self, t_ns: int | None) -> str:
+        """The time of day; a dash for none."""
+        return UNKNOWN if t_ns is None else clock_text(t_ns, _MILLISECONDS, self.zone)
 
 
 def page(told: Told, width: int, palette: Palette) -> Text:
@@ -126,22 +133,22 @@ def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
     if not ports:
         yield Text(_(NO_ROWS), style=palette.muted)
         return
-    trouble = list(_flags(told.flags, palette))
+    trouble = list(_flags(told, palette))
     if trouble:
         # What is wrong with a motor is not to be scrolled to.
         yield from (*trouble, Text())
     for port in ports:
-        yield from _port(port, width, palette)
+        yield from _port(port, told.when, width, palette)
         own = [stream for stream in streams if stream.port == port.port]
         if own:
-            yield from _streams(own, width, palette)
+            yield from _streams(own, told.when, width, palette)
         yield Text()
-    yield from _faults(told.statistics.faults(), width, palette)
+    yield from _faults(told, width, palette)
     if not trouble and any(one.kind.direction is Direction.FEEDBACK for one in streams):
         yield Text(_(ALL_IN_ORDER))
 
 
-def _port(port: PortNumbers, width: int, palette: Palette) -> Iterator[Text]:
+def _port(port: PortNumbers, when: When, width: int, palette: Palette) -> Iterator[Text]:
     rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
     name = fit_path(shown(port.port), max(8, width - cell_len(rows) - 2))
     yield Text.assemble((name, _BOLD), "  ", rows)
@@ -150,13 +157,13 @@ def _port(port: PortNumbers, width: int, palette: Palette) -> Iterator[Text]:
     else:
         yield Text(_(PORT_USE).format(share=share_text(port.share), baud=port.baud))
         yield _use_over_time(port.share_over_time, width, palette)
-        yield from _silences(port.silences, width)
+        yield from _silences(port.silences, when, width)
     if port.events:
         said = (
             _(EVENT).format(
                 event=_(event_words(event.kind)),
                 count=event.count,
-                time=clock_text(event.last_ns, _MILLISECONDS),
+                time=when(event.last_ns),
             )
             for event in port.events
         )
@@ -172,12 +179,12 @@ def _use_over_time(use: OverTime, width: int, palette: Palette) -> Text:
     return Text.assemble(words, (line, Style(color=palette.kinds["speed"].color)))
 
 
-def _silences(silences: Durations, width: int) -> Iterator[Text]:
+def _silences(silences: Durations, when: When, width: int) -> Iterator[Text]:
     if silences.longest_ns is None or silences.longest_at_ns is None:
         yield Text(_(NO_SILENCE))
         return
-    when = clock_text(silences.longest_at_ns, _MILLISECONDS)
-    yield Text(_(LONGEST).format(span=span_text(silences.longest_ns), time=when))
+    until = when(silences.longest_at_ns)
+    yield Text(_(LONGEST).format(span=span_text(silences.longest_ns), time=until))
     told, low = [], 0
     for high in STEPS_NS:
         told.append(_(SILENCE).format(count=silences.between(low, high), span=span_text(high)))
@@ -193,7 +200,9 @@ def _silences(silences: Durations, width: int) -> Iterator[Text]:
     yield Text(line)
 
 
-def _streams(streams: Sequence[StreamNumbers], width: int, palette: Palette) -> Iterator[Text]:
+def _streams(
+    streams: Sequence[StreamNumbers], when: When, width: int, palette: Palette
+) -> Iterator[Text]:
     columns, room = [], width - _NAME_WIDTH - 2
     for column in COLUMNS:
         room -= column.width + 1
@@ -204,21 +213,20 @@ def _streams(streams: Sequence[StreamNumbers], width: int, palette: Palette) -> 
     yield Text(f"  {fit(_(STREAMS_HEAD), _NAME_WIDTH)}{head}", style=palette.muted)
     for stream in streams:
         name = stream.kind.name if stream.motor is None else f"{stream.kind.name} {stream.motor}"
-        cells = "".join(f" {fit_right(column.cell(stream), column.width)}" for column in columns)
+        cells = "".join(
+            f" {fit_right(column.cell(stream, when), column.width)}" for column in columns
+        )
         style = palette.kinds[stream.kind.name]
         yield Text.assemble("  ", (fit(name, _NAME_WIDTH), style), cells)
 
 
-def _flags(flags: Sequence[FlagNumbers], palette: Palette) -> Iterator[Text]:
-    for words in flag_words(flags, _moment, in_order=True):
+def _flags(told: Told, palette: Palette) -> Iterator[Text]:
+    for words in flag_words(told.flags, told.when, in_order=True):
         yield Text.assemble((RAISED_MARK, palette.raised_mark), " ", (words, palette.raised))
 
 
-def _moment(t_ns: int | None) -> str:
-    return UNKNOWN if t_ns is None else clock_text(t_ns, _MILLISECONDS)
-
-
-def _faults(faults: Sequence[FaultNumbers], width: int, palette: Palette) -> Iterator[Text]:
+def _faults(told: Told, width: int, palette: Palette) -> Iterator[Text]:
+    faults = told.statistics.faults()
     if not faults:
         yield Text(_(NO_FAULTS))
         return
@@ -228,8 +236,8 @@ def _faults(faults: Sequence[FaultNumbers], width: int, palette: Palette) -> Ite
     room = width - cell_len(head) - 2
     if over_time.values:
         end = over_time.start_ns + over_time.slot_ns * len(over_time.values)
-        words = _(PER_CELL).format(start=clock_text(over_time.start_ns, 0)[:8],
-                                end=clock_text(end, 0)[:8])  # fmt: skip
+        start, end_text = (clock_text(t_ns, 0, told.zone)[:8] for t_ns in (over_time.start_ns, end))
+        words = _(PER_CELL).format(start=start, end=end_text)
         line.append(f"  {words}", palette.muted)
     yield line
     for numbers in faults:

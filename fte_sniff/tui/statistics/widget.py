@@ -27,6 +27,12 @@ class StatisticsPane(Pane):
         """Draw the numbers as they are now."""
         self.entitle(_(TITLE))
         models = sight.models
-        flags = models.flags.numbers()
-        told = Told(models.statistics, flags, sight.newest_ns, models.behind, models.missed)
+        told = Told(
+            models.statistics,
+            models.flags.numbers(),
+            sight.newest_ns,
+            models.behind,
+            models.missed,
+            sight.zone,
+        )
         self.draw(page(told, self.room.width, sight.palette))

@@ -6,7 +6,7 @@ It must not know which columns there are or how wide they are; the width comes w
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import UTC, datetime
+from datetime import UTC, datetime, tzinfo
 
 from fte_sniff.analysis.columns.short_names import short_feedback, value_heads
 from fte_sniff.protocol import (
@@ -16,6 +16,7 @@ from fte_sniff.protocol import (
     Frame,
     FrameKind,
     Row,
+    iso_time,
     spaced_hex,
 )
 from fte_sniff.tui.fitting import ELLIPSIS, fit
@@ -90,10 +91,19 @@ def bytes_text(raw: bytes, width: int) -> str:
     return spaced_hex(raw[: max(0, (width - len(count) + 1) // 3)]) + count
 
 
-def clock_text(t_ns: int, digits: int) -> str:
-    """The time of day, UTC, with so many digits (1-9) behind the second."""
+def clock_text(t_ns: int, digits: int, zone: tzinfo = UTC) -> str:
+    """The time of day in a zone, with so many digits (1-9) behind the second."""
     seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
-    return f"{datetime.fromtimestamp(seconds, UTC):%H:%M:%S}.{nanoseconds:09d}"[: 9 + digits]
+    return f"{datetime.fromtimestamp(seconds, zone):%H:%M:%S}.{nanoseconds:09d}"[: 9 + digits]
+
+
+def moment_text(t_ns: int, zone: tzinfo = UTC) -> str:
+    """Day and time in a zone, whole; what is not UTC says how far from it."""
+    if zone == UTC:
+        return iso_time(t_ns)
+    seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
+    moment = datetime.fromtimestamp(seconds, zone)
+    return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}{moment.isoformat()[19:]}"
 
 
 def span_text(ns: int, width: int) -> str:
