@@ -16,12 +16,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
+from serial import SerialException
 from textual.pilot import Pilot
 from textual.widgets import Static
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.store.feed import FeedState
-from fte_sniff.capture.ports.refusal import one_line, refusal
+from fte_sniff.capture.ports.refusal import refusal
+from fte_sniff.capture.ports.wording import one_line
 from fte_sniff.errors import (
     FilterError,
     FteSniffError,
@@ -40,6 +42,7 @@ from fte_sniff.tui.fitting import wrap
 from fte_sniff.tui.help import help_text
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.language import _, language_of, speak, worded
+from fte_sniff.tui.notices import event_text
 from fte_sniff.tui.opening import Opening
 from fte_sniff.tui.status import Numbers, status_text
 from fte_sniff.tui.title import Mode, badge_text, title_text
@@ -241,6 +244,46 @@ def test_the_system_s_reasons_are_its_own_in_english_and_told_in_chinese(number:
     for told in (_(reason_of(error)), _(one_line(error))):
         assert CHARACTER.search(told)
         assert not re.search("[A-Za-z]", told.replace("[Errno", ""))
+
+
+GONE = (
+    "device reports readiness to read but returned no data"
+    " (device disconnected or multiple access on port?)"
+)
+
+
+@pytest.mark.parametrize(
+    ("error", "chinese"),
+    [
+        (
+            SerialException(GONE),
+            "设备显示可读却没有返回数据（设备已断开，或有别的程序同时在读该串口？）",
+        ),
+        (SerialException(f"read failed: {GONE}"), "读取失败：设备显示可读"),
+        (SerialException("write failed: [Errno 5] Input/output error"), "输入/输出错误"),
+        (SerialException("Could not configure port: (5, 'Input/output error')"), "输入/输出错误"),
+        (
+            FileNotFoundError(errno.ENOENT, "No such file or directory", "/dev/x"),
+            "没有那个文件或目录",
+        ),
+        (PermissionError(errno.EACCES, "Permission denied", "/dev/x"), "权限不够"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "设备或资源忙"),
+        (SerialException("device reports error (poll)"), "设备报告错误"),
+        (SerialException("socket disconnected"), "套接字已断开"),
+    ],
+)
+def test_what_befalls_a_port_is_told_in_chinese(error: OSError, chinese: str) -> None:
+    told = one_line(error)
+    assert told == str(error).replace("(5, 'Input/output error')", "[Errno 5] Input/output error")
+    speak("zh")
+    assert chinese in event_text(PortEvent(0, "p", PortEventKind.LOST, told))
+
+
+def test_words_that_nobody_knows_stay_as_they_are() -> None:
+    for words in ("[Errno 5] something else", "[Errno 999] Odd", "read failed: odd", "(5, 'odd')"):
+        assert one_line(SerialException(words)) == words
+        speak("zh")
+        assert _(one_line(SerialException(words))) == words
 
 
 def test_what_a_damaged_recording_lacks_is_told_in_chinese(tmp_path: Path, samples: Path) -> None:

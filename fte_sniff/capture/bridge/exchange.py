@@ -19,7 +19,7 @@ from fte_sniff.capture.bridge.outlet import outlet_of
 from fte_sniff.capture.bridge.wires import HOST, Wires
 from fte_sniff.capture.ports.opening import BAUD_RANGE
 from fte_sniff.capture.ports.reading import reader_of
-from fte_sniff.capture.ports.refusal import one_line
+from fte_sniff.capture.ports.wording import one_line
 from fte_sniff.protocol import PortEventKind
 from fte_sniff.said import Said
 

@@ -11,4 +11,5 @@ It must not know what is done with the bytes, nor when they came.
     listing      the ports that are plugged in
     adapters     USB adapters that have become no port
     refusal, permission, holders   why a port cannot be had, and the way out
+    wording      what its errors say, as far as that is known, for other languages
 """

@@ -20,7 +20,8 @@ import serial
 
 from fte_sniff.capture.ports.holders import have_open, holders_of
 from fte_sniff.capture.ports.permission import way_in
-from fte_sniff.errors import PortError, reason_of, shown
+from fte_sniff.capture.ports.wording import one_line, worded
+from fte_sniff.errors import PortError, shown
 from fte_sniff.said import Said
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
@@ -120,24 +121,13 @@ def refusal(name: str, device: str | None, error: BaseException) -> PortError:
     if what is None:
         # pyserial repeats the name in its own words; once is enough. Where it stumbles over options
         # that it does not know, its words say nothing.
-        why = one_line(error).rpartition(f"port {named}: ")[2]
+        why = worded(one_line(error).rpartition(f"port {named}: ")[2])
         if isinstance(error, LookupError):
             why = Said("its options cannot be read")
         what = Said(" cannot be opened: {why}", why=why)
         if name.partition("://")[0].lower() in _NETWORK_SCHEMES:
             what = Said(" cannot be opened: {why}; does a server listen there?", why=why)
     return PortError(Said("{port}{what}", port=named, what=what))
-
-
-def one_line(error: BaseException) -> str:
-    """The error's own text on one line, with nothing that a terminal could obey."""
-    if error.args and isinstance(error.args[0], Said):
-        return error.args[0]
-    if isinstance(error, OSError) and isinstance(reason := reason_of(error), Said):
-        told = Said("[Errno {number}] {reason}", number=error.errno, reason=reason)
-        if told == str(error):
-            return told
-    return shown(" ".join(str(error).split()))
 
 
 def _names_host_and_port(url: str) -> bool:

@@ -13,7 +13,7 @@ from typing import Self
 from fte_sniff.capture.ports.granted import Granted, ask
 from fte_sniff.capture.ports.opening import PortSettings, open_port
 from fte_sniff.capture.ports.reading import Read, reader_of
-from fte_sniff.capture.ports.refusal import one_line
+from fte_sniff.capture.ports.wording import one_line
 from fte_sniff.errors import PortError, shown
 from fte_sniff.protocol import LineErrorCounts
 

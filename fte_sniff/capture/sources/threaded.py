@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from typing import Protocol, Self
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.refusal import one_line
+from fte_sniff.capture.ports.wording import one_line
 from fte_sniff.capture.sources.items import Item, SourceEnd
 from fte_sniff.capture.sources.returning import FIRST_WAIT_S, Opened, Reopen, Return
 from fte_sniff.errors import FileError
