@@ -28,6 +28,7 @@ files mirror the screen:
     rhythm.py        when the feed is looked at
     waking.py        being woken by a feed that has something
     opening.py       what it is opened with, and what the user may choose anew
+    hit_count.py     how many rows have what is looked for
     actions/         what the keys do, one topic a file
     keys.py          every key, once
     watched.py       the feed's rows, their numbers, and ways to a row; knows no Textual

@@ -33,6 +33,7 @@ from fte_sniff.tui.actions.leaving import Leaving
 from fte_sniff.tui.actions.looking import Looking
 from fte_sniff.tui.actions.seeking import Seeking
 from fte_sniff.tui.colourless import Colourless
+from fte_sniff.tui.hit_count import HitCount
 from fte_sniff.tui.keyline import KeyLine
 from fte_sniff.tui.keys import (
     FINDING,
@@ -119,6 +120,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._filters_before: list[str] = []
         self._saving: Saving | None = None
         self._status_line = StatusLine()
+        self._hit_count = HitCount(self._watched.store, self._table)
         self.choices_before = self.choices
 
     def compose(self) -> ComposeResult:
@@ -247,6 +249,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
                 self._table.set_look(zone=zone_at(start_ns, self._opening.zone))
             self._table.start_ns = start_ns
             self._table.sync()
+        self._hit_count.tick()
         self._show_state()
         if not keys_first:
             state = self._watched.state
@@ -274,7 +277,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         watched, view = self._watched, self._table.viewport
         mode = mode_of(watched.state, view.paused, view.following)
         self._title_line.show(watched.state, mode, view.waiting if view.paused else view.below)
-        self._status_line.show(watched.numbers(view))
+        self._status_line.show(watched.numbers(view, self._hit_count.words))
         self._filter_field.tell_shown(watched.shown_words)
         self._table.tell_empty(watched.empty_words)
 

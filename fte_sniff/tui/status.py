@@ -40,11 +40,15 @@ class Numbers:
     """Rows behind the end of the window."""
     line_errors: int = 0
     """Errors that UARTs reported."""
+    hits: str = ""
+    """How many rows have what is looked for; empty where nothing is."""
 
 
 def status_text(numbers: Numbers, width: int) -> str:
     """The line in exactly `width` cells; where it is narrow, the last parts are left out first."""
     parts = _parts(numbers) if width >= ROOMY else _short_parts(numbers)
+    if numbers.hits:
+        parts.insert(1, numbers.hits)
     if numbers.line_errors:
         parts.append(_("{count:,} line errors").format(count=numbers.line_errors))
     if numbers.not_shown:

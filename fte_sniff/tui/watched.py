@@ -118,8 +118,8 @@ class Watched:
         """The earliest time of a row, nanoseconds since 1970 UTC; None while no row has one."""
         return self.tally.first_ns
 
-    def numbers(self, view: Viewport) -> Numbers:
-        """What the line of numbers tells."""
+    def numbers(self, view: Viewport, hits: str = "") -> Numbers:
+        """What the line of numbers tells; `hits` is what there is to say of a search."""
         return Numbers(
             rows=self.state.rows,
             frames_per_s=self._per_second,
@@ -130,6 +130,7 @@ class Watched:
             following=view.following,
             below=view.below,
             line_errors=self._line_errors,
+            hits=hits,
         )
 
     @property

@@ -54,6 +54,52 @@ def test_the_search_goes_from_hit_to_hit_and_around(feed: Any, speed_rows: Rows)
     play(feed, scenario)
 
 
+def test_the_line_of_numbers_tells_which_hit_of_how_many(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        await press(app, pilot, "g")
+        await look_for(app, pilot, "rpm=50")
+        await until(app, pilot, lambda: "hit 1 of 11" in page(app))
+        await press(app, pilot, "n", "n")
+        await settle(app, pilot)
+        assert "hit 3 of 11" in page(app)
+        await press(app, pilot, "down", "down")
+        await settle(app, pilot)
+        assert "hit 5 of 11" in page(app)
+        await press(app, pilot, "g")
+        await settle(app, pilot)
+        assert "11 hits" in page(app)
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "rpm > 503")
+        await press(app, pilot, "enter")
+        await until(app, pilot, lambda: "hit 1 of 6" in page(app))
+        await press(app, pilot, "F", "n")
+        feed.give(speed_rows(1, start=5000))
+        await settle(app, pilot)
+        await until(app, pilot, lambda: "of 12" in page(app))
+        await press(app, pilot, "slash", "ctrl+u", "enter")
+        await settle(app, pilot)
+        assert "hit " not in page(app)
+        assert "hits" not in page(app)
+
+    play(feed, scenario)
+
+
+def test_the_filter_s_line_says_how_words_are_completed_and_come_back(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "f")
+        await settle(app, pilot)
+        assert "tab completes, up: earlier ones; esc: back" in page(app)
+        await type_line(app, pilot, "mot")
+        await until(app, pilot, lambda: "motor" in page(app))
+        await press(app, pilot, "tab")
+        await settle(app, pilot)
+        assert app.focused.value == "motor"
+
+    play(feed, scenario, size=(80, 24))
+
+
 def test_the_search_begins_at_the_cursor_and_finds_what_is_above_too(
     feed: Any, speed_rows: Rows
 ) -> None:

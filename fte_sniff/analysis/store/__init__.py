@@ -10,6 +10,7 @@ It must not know a screen, a clock or a file.
     shown           which of them a filter leaves
     row_store       RowStore: both together
     finding         looking through them, a block at a time
+    hits            counting the rows that pass a test
     search          a text or bytes, looked for in rows
     search_texts    what each row tells, as polars expressions
 """

@@ -52,7 +52,7 @@ class FilterField(Field):
             parsed,
             take,
             "motor = 1 AND rpm > 500",
-            _("enter applies, an empty line shows all; esc goes back; up: earlier ones"),
+            _("enter applies, empty shows all; tab completes, up: earlier ones; esc: back"),
             WordSuggester(time_here),
         )
         self._shown = Static(classes="shown")
