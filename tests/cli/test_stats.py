@@ -51,6 +51,28 @@ def assert_times(told: dict, times: pl.Series) -> None:
     assert (t_ns(told["first_time"]), t_ns(told["last_time"])) == (times.min(), times.max())
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("stats", "midstream.mcap"),
+        ("decode", "damaged.mcap"),
+        ("hex", "55 01 01 03 E8 00 00 00 1F EE"),
+    ],
+)
+def test_a_pipe_has_no_width_and_no_line_is_wrapped_or_cut(
+    run, environment, samples: Path, command: tuple[str, str]
+) -> None:
+    """Whoever reads the pipe gets all columns, however narrow the terminal behind it is."""
+    name, asked = command
+    asked = asked if name == "hex" else str(samples / asked)
+    told = []
+    for columns in ("40", "300"):
+        environment["COLUMNS"] = columns
+        told.append(run(name, asked).stdout)
+    assert told[0] == told[1]
+    assert max(map(len, told[0].splitlines())) > 80
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_extents_status_and_faults(run, samples: Path, name: str) -> None:
     told, rows = numbers(run, samples / f"{name}.mcap"), read(samples / f"{name}.mcap")
