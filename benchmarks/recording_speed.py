@@ -31,7 +31,8 @@ from fte_sniff.analysis.columns.table import table_frame
 from fte_sniff.analysis.models.bench import Bench
 from fte_sniff.analysis.models.survey import Survey
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
-from fte_sniff.recording.container.records import RecordStream, unpack
+from fte_sniff.recording.container.record_stream import RecordStream
+from fte_sniff.recording.container.unpacking import unpack
 from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.encoding.facts import PortFacts
 from fte_sniff.recording.reading.reader import RecordingReader

@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import IO, TYPE_CHECKING, Protocol
 
-from fte_sniff.cli.inputs.batches import Batch, ColumnBatch, LogBatch, log_batches
+from fte_sniff.cli.inputs.batches import Batch, LogBatch
 from fte_sniff.cli.inputs.framing import decided
+from fte_sniff.cli.inputs.log_batches import log_batches
+from fte_sniff.cli.inputs.packed_batches import ColumnBatch
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.protocol import Chunk, PortEventKind, iso_time

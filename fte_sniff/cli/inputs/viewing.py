@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from fte_sniff.analysis.store.seams import Missing, SeamFinder
-from fte_sniff.cli.inputs.batches import Batch, ColumnBatch
+from fte_sniff.cli.inputs.batches import Batch
 from fte_sniff.cli.inputs.holes import ANOTHER, DAMAGED, Holes
 from fte_sniff.cli.inputs.one_input import Input
+from fte_sniff.cli.inputs.packed_batches import ColumnBatch
 from fte_sniff.recording.encoding.stretches import Stretch
 from fte_sniff.recording.reading.span import Span
 from fte_sniff.session.files.pages import RecordedPages

@@ -2,7 +2,9 @@
 
 It must not know rows or topics.
 
-    records      the records of any MCAP file, cut, damaged or hostile as it may be
+    records      what records look like, and how large one may be to be believed
+    unpacking    a chunk to its records, checked
+    record_stream   the records of any MCAP file, cut, damaged or hostile as it may be
     checksum     CRC-32, at the speed of memory
     tail         data end, summary, footer, magic, wherever they are put
     growing      how bytes come to the disk, so that the file never ends wrong

@@ -28,8 +28,8 @@ from fte_sniff.recording.container.records import (
     RecordError,
     parse,
     records_in,
-    unpack,
 )
+from fte_sniff.recording.container.unpacking import unpack
 
 _MARKS = re.compile(rb"\x04\0\0\0zstd|\x03\0\0\0lz4")
 _CHUNK_HEAD = struct.Struct("<QQQII")

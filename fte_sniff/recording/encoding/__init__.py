@@ -8,8 +8,9 @@ It must not know files. What the bytes are is derived from the frame table:
     topics          which row goes to which topic
     schema          the protobuf schema of each topic
     wire            how the fields of a message lie one behind the other
-    messages        one row or event to the bytes of its message, and back
+    messages        one row or event to the bytes of its message
     plain_messages  the same for sound frames, quickly
+    message_reader  the bytes of one message back to its row or event
     channels        the numbers of schemas and channels
     model           where values stand in the bytes of sound frames' messages
     batch           many rows and events to the messages of one chunk

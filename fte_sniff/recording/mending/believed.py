@@ -12,7 +12,7 @@ from mcap.records import Channel, Schema
 
 from fte_sniff.errors import FileError
 from fte_sniff.recording.container.salvage import Descriptions
-from fte_sniff.recording.encoding.messages import MessageReader
+from fte_sniff.recording.encoding.message_reader import MessageReader
 from fte_sniff.recording.encoding.schema import schema_name
 from fte_sniff.recording.encoding.topics import TOPIC_BY_NAME
 

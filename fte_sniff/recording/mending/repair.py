@@ -19,14 +19,10 @@ from fte_sniff.protocol import iso_time
 from fte_sniff.recording.container.growing import Stream
 from fte_sniff.recording.container.mcap_file import McapFile
 from fte_sniff.recording.container.packed_chunk import indexed
-from fte_sniff.recording.container.records import (
-    RecordError,
-    RecordStream,
-    parse,
-    records_in,
-    unpack,
-)
+from fte_sniff.recording.container.record_stream import RecordStream
+from fte_sniff.recording.container.records import RecordError, parse, records_in
 from fte_sniff.recording.container.salvage import Descriptions, FoundChunk, Salvage
+from fte_sniff.recording.container.unpacking import unpack
 from fte_sniff.recording.encoding.facts import library_name
 from fte_sniff.recording.mending.believed import believed
 from fte_sniff.recording.mending.unpacked import UnpackedMessages, messages_of

@@ -22,16 +22,9 @@ from mcap.opcode import Opcode
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.container.cores import cores
 from fte_sniff.recording.container.memory import keep_freed_memory
-from fte_sniff.recording.container.records import (
-    HEAD,
-    LARGEST,
-    RawRecord,
-    RecordError,
-    RecordStream,
-    records_in,
-    unpack,
-    unpacked_size,
-)
+from fte_sniff.recording.container.record_stream import RawRecord, RecordStream
+from fte_sniff.recording.container.records import HEAD, LARGEST, RecordError, records_in
+from fte_sniff.recording.container.unpacking import unpack, unpacked_size
 from fte_sniff.recording.encoding.columns import Array, Room, RowColumns, Words
 from fte_sniff.recording.reading.gather import Gathered, Readers, gather
 from fte_sniff.recording.reading.one_by_one import Reading

@@ -17,7 +17,7 @@ import numpy as np
 from fte_sniff.protocol import PortEvent
 from fte_sniff.recording.encoding.columns import Array, RowColumns
 from fte_sniff.recording.encoding.layout import Layout
-from fte_sniff.recording.encoding.messages import MessageReader
+from fte_sniff.recording.encoding.message_reader import MessageReader
 from fte_sniff.recording.reading.side import Side
 from fte_sniff.recording.reading.side_rows import put_side
 from fte_sniff.recording.reading.starts import CHANNEL_PLACE, LOG_TIME_PLACE, MESSAGE_HEAD, Messages

@@ -22,16 +22,11 @@ from mcap.well_known import MessageEncoding
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.container.records import (
-    RawRecord,
-    RecordError,
-    RecordStream,
-    parse,
-    records_in,
-    unpack,
-)
+from fte_sniff.recording.container.record_stream import RawRecord, RecordStream
+from fte_sniff.recording.container.records import RecordError, parse, records_in
+from fte_sniff.recording.container.unpacking import unpack
 from fte_sniff.recording.encoding.facts import PROGRAM, PortFacts
-from fte_sniff.recording.encoding.messages import MessageReader, reason_in
+from fte_sniff.recording.encoding.message_reader import MessageReader, reason_in
 from fte_sniff.recording.encoding.topics import TOPIC_BY_NAME
 from fte_sniff.recording.reading.passage import Definitions
 from fte_sniff.said import Said

@@ -23,14 +23,8 @@ from mcap.records import Channel, Metadata
 
 from fte_sniff.errors import FileError, unreadable
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.container.records import (
-    MAGIC,
-    RawRecord,
-    RecordError,
-    RecordStream,
-    parse,
-    records_in,
-)
+from fte_sniff.recording.container.record_stream import RawRecord, RecordStream
+from fte_sniff.recording.container.records import MAGIC, RecordError, parse, records_in
 from fte_sniff.recording.container.salvage import next_chunk
 from fte_sniff.recording.container.summary import Summary, read_summary
 from fte_sniff.recording.encoding.columns import RowColumns, Words

@@ -11,13 +11,8 @@ from typing import BinaryIO
 
 from mcap.opcode import Opcode
 
-from fte_sniff.recording.container.records import (
-    HEAD,
-    Place,
-    RawRecord,
-    RecordStream,
-    records_in,
-)
+from fte_sniff.recording.container.record_stream import Place, RawRecord, RecordStream
+from fte_sniff.recording.container.records import HEAD, records_in
 from fte_sniff.recording.container.salvage import FoundChunk, next_chunk
 from fte_sniff.recording.container.summary import Summary
 from fte_sniff.recording.reading.passage import Range

@@ -28,14 +28,9 @@ from mcap.records import Channel, Schema
 
 from fte_sniff.errors import FileError, unreadable
 from fte_sniff.protocol import Chunk
-from fte_sniff.recording.container.records import (
-    RawRecord,
-    RecordError,
-    RecordStream,
-    parse,
-    records_in,
-    unpack,
-)
+from fte_sniff.recording.container.record_stream import RawRecord, RecordStream
+from fte_sniff.recording.container.records import RecordError, parse, records_in
+from fte_sniff.recording.container.unpacking import unpack
 from fte_sniff.recording.encoding.schema import message_class
 
 Payload = Callable[[bytes], bytes]

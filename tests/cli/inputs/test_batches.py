@@ -13,7 +13,8 @@ from fte_sniff.analysis.accumulators.tally import Tally
 from fte_sniff.analysis.columns.packing import Codebook, PackedRows, pack
 from fte_sniff.analysis.columns.table import TABLE_SCHEMA
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.cli.inputs.batches import Batch, ColumnBatch, PackedBatch, RowBatch
+from fte_sniff.cli.inputs.batches import Batch, RowBatch
+from fte_sniff.cli.inputs.packed_batches import ColumnBatch, PackedBatch
 from fte_sniff.errors import FileError
 from fte_sniff.formats.tables.parquet import write_parquet
 from fte_sniff.formats.tables.writers import TEXT_FORMS, OutputFormat, row_writer

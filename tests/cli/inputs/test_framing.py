@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fte_sniff.cli.inputs.batches import FEW, log_batches
 from fte_sniff.cli.inputs.framing import PORTION, decided
+from fte_sniff.cli.inputs.log_batches import FEW, log_batches
 from fte_sniff.cli.inputs.one_input import LogInput
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.protocol import Chunk, Framer, Row

@@ -3,7 +3,8 @@
 import pytest
 
 from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
-from fte_sniff.recording.encoding.messages import MessageReader, encode_row
+from fte_sniff.recording.encoding.message_reader import MessageReader
+from fte_sniff.recording.encoding.messages import encode_row
 from fte_sniff.recording.encoding.schema import schema_data, schema_name
 from fte_sniff.recording.encoding.topics import topic_of
 

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, Fault, Frame, FrameKind, encode
-from fte_sniff.recording.encoding.messages import MessageReader, _encode_by_protobuf, encode_row
+from fte_sniff.recording.encoding.message_reader import MessageReader
+from fte_sniff.recording.encoding.messages import _encode_by_protobuf, encode_row
 from fte_sniff.recording.encoding.schema import schema_data, schema_name
 from fte_sniff.recording.encoding.topics import MALFORMED, topic_of
 

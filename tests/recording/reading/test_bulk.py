@@ -12,7 +12,8 @@ from mcap.writer import CompressionType, Writer
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, Row, encode
 from fte_sniff.recording.encoding.columns import Room, RowColumns, Words
 from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.encoding.messages import MessageReader, encode_row
+from fte_sniff.recording.encoding.message_reader import MessageReader
+from fte_sniff.recording.encoding.messages import encode_row
 from fte_sniff.recording.encoding.schema import schema_data, schema_name
 from fte_sniff.recording.encoding.topics import topic_of
 from fte_sniff.recording.reading.bulk import JOB
