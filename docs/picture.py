@@ -77,7 +77,7 @@ PICTURES: Mapping[str, Picture] = {
     "filter-wrong": Picture((80, 24), ("f", "'moter = 1'"), "did you mean motor"),
     "filter-empty": Picture((80, 24), ("f", "'rpm > 9000'", "enter"), "hides all"),
     "search": Picture(
-        (100, 24), ("slash", "'hex:AA 01 ?? 00'", "enter", "m", "n", "n"), "SCROLLED"
+        (100, 24), ("slash", "'hex:AA 01 ?? 00'", "enter", "m", "n", "n"), "hit 2 of 16"
     ),
     "help": Picture((100, 40), ("question_mark",), "Keys and signs"),
     "columns": Picture((100, 30), ("C",), "which way the frame goes"),

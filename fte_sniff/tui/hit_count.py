@@ -36,7 +36,7 @@ class HitCount:
         self._store, self._table = store, table
         self._hits: Hits | None = None
         self._about: tuple[object, ...] = ()
-        self._goes_on = False
+        self._goes_on = self._caught_up = False
         self._due_s = 0.0
 
     def tick(self) -> None:
@@ -45,7 +45,7 @@ class HitCount:
         columns = frozenset(column.name for column in self._table.columns)
         about = (search, columns, self._store.shown.filter)
         if about != self._about:
-            self._about, self._due_s = about, 0.0
+            self._about, self._due_s, self._caught_up = about, 0.0, False
             test = search and partial(search.mask, columns=columns)
             self._hits = Hits(self._store, test) if test else None
         if self._hits is not None and not self._goes_on and monotonic() >= self._due_s:
@@ -56,7 +56,8 @@ class HitCount:
         if self._goes_on:
             self._table.set_timer(BREATH_S, self._go_on)
         else:
-            self._due_s = monotonic() + EVERY_S
+            # What comes from now on is counted soon enough for nobody to be told that it is not.
+            self._caught_up, self._due_s = True, monotonic() + EVERY_S
 
     @property
     def words(self) -> str:
@@ -65,12 +66,12 @@ class HitCount:
             return ""
         index = self._table.cursor_index
         standing = self._hits.standing(-1 if index is None else index)
-        return _(_form(standing)).format(number=standing.number, all=standing.all)
+        return _(_form(standing, self._caught_up)).format(number=standing.number, all=standing.all)
 
 
-def _form(standing: Standing) -> str:
+def _form(standing: Standing, caught_up: bool) -> str:
+    if not caught_up:
+        return HITS_SO_FAR
     if standing.left_out:
         return HITS_IN_MEMORY if standing.number is None else HIT_IN_MEMORY
-    if standing.number is None or standing.behind:
-        return HITS_SO_FAR if standing.behind else HITS
-    return HIT
+    return HITS if standing.number is None else HIT
