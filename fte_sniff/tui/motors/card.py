@@ -22,31 +22,19 @@ from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.columns.fields import subject
-from fte_sniff.analysis.models.motors import Flags, MotorState
+from fte_sniff.analysis.models.motors import MotorState
 from fte_sniff.analysis.models.traces import QUANTITIES
-from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Field, FrameKind, Status
+from fte_sniff.protocol import KINDS, VALUE_FIELDS, Field, FrameKind, Status
 from fte_sniff.tui.fitting import padded
 from fte_sniff.tui.language import _, later
+from fte_sniff.tui.motors.flag_lines import bit_lines, head_line, title_line
 from fte_sniff.tui.motors.look import SECOND_NS, MotorsLook
 from fte_sniff.tui.motors.plot import Strokes, dots_across, plot
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, span_text, turns_text
 from fte_sniff.tui.table.cells import clock_text
 from fte_sniff.tui.table.palette import Palette
 
-MOTOR: Final = later("motor {number}")
 MOTOR_BRIEF: Final = "{number}"
-ONLINE: Final = later("online")
-OFFLINE: Final = later("OFFLINE")
-ONLINE_UNKNOWN: Final = later("online –")
-ERROR: Final = later("error {byte:02X}")
-ERROR_UNKNOWN: Final = later("error –")
-BIT_SET: Final = later("bit {bit} set {time}")
-BIT_CLEARED: Final = later("bit {bit} cleared {time}")
-BIT_SHORT: Final = "b{bit}={value} {time}"
-ERROR_BIT: Final = later("  error bit {bit} is {value} since {time}")
-NO_ERROR_BIT: Final = later("  no error bit ever changed")
-ONLINE_SINCE: Final = later("  ONLINE bit {bit} is {value} since {time}")
-NO_ONLINE_CHANGE: Final = later("  ONLINE bit {bit} never changed")
 TARGET: Final = later("target")
 NOW: Final = later("now")
 NEVER_ASKED: Final = "–"
@@ -72,9 +60,6 @@ WORD_LINES: Final = 5
 
 PLOT_LINES: Final = 2
 """Lines that a plot takes at least."""
-
-MOST_BITS: Final = 4
-"""Changes of bits of one byte that are told one by one."""
 
 STALE_NS: Final = SECOND_NS
 """From this age on a value is told with its age."""
@@ -103,7 +88,7 @@ class CardSize:
 
 def brief(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
     """The motor in one line, where there is no room for more."""
-    line = _head(MOTOR_BRIEF, state, palette)
+    line = head_line(MOTOR_BRIEF, state, palette)
     reading = _reading(look, state, _asked_for(state), palette)
     line.append_text(Text.assemble(" ", reading, "  "))
     line.append_text(Text().join(_target(look, state, palette)))
@@ -149,7 +134,7 @@ def plots(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette)
 
 
 def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> Iterator[Text]:
-    yield _title(look, state, size.width, palette)
+    yield title_line(look, state, size.width, palette)
     yield _target_line(look, state, size.width, palette)
     first = _asked_for(state)
     names = [first, *(name for name in QUANTITIES if name != first)]
@@ -161,48 +146,11 @@ def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette
     yield _commands(look, state, size.width, palette)
     yield _feedback(state, size.width)
     if size.roomy:
-        yield from _bits(look, state, palette)
+        yield from bit_lines(look, state, palette)
 
 
 def _label(word: str, palette: Palette) -> Text:
     return Text.assemble((padded(word, _LABEL), palette.muted))
-
-
-def _head(form: str, state: MotorState, palette: Palette) -> Text:
-    """Number, whether it is online, and the error byte."""
-    wrong = palette.statuses[Status.MALFORMED] + _BOLD
-    text = Text.assemble((form.format(number=state.motor), _BOLD))
-    if state.online is None:
-        text.append(f" {_(ONLINE_UNKNOWN)}", palette.muted)
-    else:
-        said, style = (_(ONLINE), _PLAIN) if state.online else (_(OFFLINE), wrong)
-        text.append(f" {said}", style)
-    error = state.flags.get("error")
-    if error is None:
-        return text.append(f" {_(ERROR_UNKNOWN)}", palette.muted)
-    return text.append(f" {_(ERROR).format(byte=error.byte)}", wrong if error.byte else _PLAIN)
-
-
-def _title(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
-    """The head with the latest change of the error byte, if it ever changed."""
-    text, error = _head(_(MOTOR), state, palette), state.flags.get("error")
-    changes = _changes(error) if error is not None else []
-    if error is not None and changes:
-        (t_ns, bit), value = changes[0], error.byte >> changes[0][1] & 1
-        form = _(BIT_SET if value else BIT_CLEARED)
-        second = clock_text(t_ns, 0, look.zone).rstrip(".")
-        forms = [form.format(bit=bit, time=clock_text(t_ns, _MILLISECONDS, look.zone))]
-        forms.append(form.format(bit=bit, time=second))
-        short = BIT_SHORT.format(bit=bit, value=value, time=second)
-        fitting = (one for one in forms if text.cell_len + cell_len(one) < width)
-        text.append(f" {next(fitting, short)}", palette.muted)
-    return text
-
-
-def _changes(flags: Flags) -> list[tuple[int, int]]:
-    """When bits changed, and which, the latest first."""
-    changed = enumerate(flags.changed_ns)
-    return sorted(((t_ns, bit) for bit, t_ns in changed if t_ns is not None), reverse=True)
 
 
 def _target(look: MotorsLook, state: MotorState, palette: Palette) -> Iterator[Text]:
@@ -282,28 +230,6 @@ def _fitting(forms: Sequence[str], width: int, **values: object) -> Text:
     """The first of some sentences that has room; the last where none has."""
     told = [_(form).format(**values) for form in forms]
     return Text(next((words for words in told if cell_len(words) <= width), told[-1]))
-
-
-def _bits(look: MotorsLook, state: MotorState, palette: Palette) -> Iterator[Text]:
-    """The bits one by one; of those of ERROR, the latest changes."""
-    error = state.flags.get("error")
-    if error is not None:
-        changes = _changes(error)
-        for t_ns, bit in changes[:MOST_BITS]:
-            yield _bit(ERROR_BIT, bit, error.byte, clock_text(t_ns, _MILLISECONDS, look.zone))
-        if not changes:
-            yield Text(_(NO_ERROR_BIT), style=palette.muted)
-    if state.online is not None:
-        bit = state.motor - MOTORS[0]
-        if state.online_changed_ns is None:
-            yield Text(_(NO_ONLINE_CHANGE).format(bit=bit), style=palette.muted)
-        else:
-            when = clock_text(state.online_changed_ns, _MILLISECONDS, look.zone)
-            yield _bit(ONLINE_SINCE, bit, state.online << bit, when)
-
-
-def _bit(form: str, bit: int, byte: int, when: str) -> Text:
-    return Text(_(form).format(bit=bit, value=byte >> bit & 1, time=when))
 
 
 def _asked_for(state: MotorState) -> str:
