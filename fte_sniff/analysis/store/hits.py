@@ -15,7 +15,7 @@ from fte_sniff.analysis.store.block import Block, Places
 from fte_sniff.analysis.store.finding import RowTest
 from fte_sniff.analysis.store.row_store import RowStore
 
-STEP_ROWS: Final = 8192
+STEP_ROWS: Final = 4096
 """Rows that one step looks at, at most: a text is looked for in them in about a hundredth of a
 second."""
 
