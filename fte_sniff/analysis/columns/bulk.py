@@ -1,13 +1,12 @@
 """Owns the way from many bytes at once to numpy columns, at the machine's speed.
 
-It must not decide what a frame is: the framer does. This module shows it where plain frames stand,
-and turns what it says into columns.
+It must not decide what a frame is: the framer does. This module turns what it says into columns.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -16,10 +15,12 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from fte_sniff.analysis.columns.fields import KIND_OF, NO_KIND, Array
-from fte_sniff.analysis.columns.plain import SLAB, PlainRuns
 from fte_sniff.analysis.columns.tiles import tile_columns
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Chunk, Fault, Framer
-from fte_sniff.protocol.framer.framer import Scout
+from fte_sniff.protocol.framer.fault_sets import FAULT_SETS
+
+SLAB: Final = 100_000
+"""Rows that one thread turns into columns at once."""
 
 _BLOCK: Final = 1 << 14
 """Rows whose bytes and columns stay in the cache."""
@@ -42,8 +43,8 @@ class BulkColumns:
     """By row name, the value in its own width; it means something only where `known` says so."""
     faults: Array
     """Place of the row's faults in `fault_sets`, uint16."""
-    fault_sets: tuple[tuple[Fault, ...], ...]
-    """Every combination of faults that occurs; the first is none."""
+    fault_sets: Sequence[tuple[Fault, ...]]
+    """Every combination of faults; the first is none."""
 
     def known(self, name: str) -> Array:
         """Where the rows have a value of that name."""
@@ -54,20 +55,15 @@ class BulkColumns:
 def bulk_columns(port: str, data: bytes) -> BulkColumns:
     """Frame the bytes of one port, which have no times, into columns."""
     with ThreadPoolExecutor(os.cpu_count(), "bulk") as threads:
-        framer, kept = Framer.keeping(port, scout(threads))
+        framer = Framer(port)
         framer.pour(Chunk(port, None, data))
         framer.end()
-        rows = tile_columns(kept.take())
+        rows = tile_columns(framer.take())
         kind, values = _decoded(rows.raw, threads)
     kind[~rows.framed] = NO_KIND
     return BulkColumns(
-        port, rows.offset, rows.length, rows.framed, kind, values, rows.faults, rows.fault_sets
+        port, rows.offset, rows.length, rows.framed, kind, values, rows.faults, FAULT_SETS
     )
-
-
-def scout(threads: Executor) -> Scout:
-    """For the framer, a look through the bytes of each chunk at once."""
-    return lambda data: PlainRuns(data, threads)
 
 
 _Places: TypeAlias = list[tuple[int, Array]]
@@ -98,7 +94,7 @@ def _decoded(frames: Array, threads: Executor) -> tuple[Array, Mapping[str, Arra
     values = {
         name: np.empty(rows, wire.newbyteorder("=")) for name, (wire, _) in _FIELD_PLACES.items()
     }
-    slabs = range(0, rows, SLAB // FRAME_LENGTH)
+    slabs = range(0, rows, SLAB)
     for _ in threads.map(lambda at: _decode(frames, at, kinds, values), slabs):
         pass
     return kinds, MappingProxyType(values)
@@ -106,8 +102,8 @@ def _decoded(frames: Array, threads: Executor) -> tuple[Array, Mapping[str, Arra
 
 def _decode(frames: Array, first: int, kinds: Array, values: Mapping[str, Array]) -> None:
     """Fill one slab of the columns."""
-    for at in range(first, min(first + SLAB // FRAME_LENGTH, len(frames)), _BLOCK):
-        block = slice(at, min(at + _BLOCK, first + SLAB // FRAME_LENGTH))
+    for at in range(first, min(first + SLAB, len(frames)), _BLOCK):
+        block = slice(at, min(at + _BLOCK, first + SLAB))
         own = frames[block]
         kind = KIND_OF.take(_read(own, 0, _HEADER_AND_CMD), mode="clip")
         kinds[block] = kind

@@ -1,7 +1,6 @@
 """Owns the way from what the framer decided to rows side by side.
 
-It must not decide anything, nor know where the bytes come from. Runs of frames are taken in one
-piece; only what is no part of a run is looked at row by row.
+It must not decide anything, nor know where the bytes come from.
 """
 
 from __future__ import annotations
@@ -21,11 +20,18 @@ from fte_sniff.analysis.columns.packing import (
     Codebook,
     PackedRows,
 )
-from fte_sniff.protocol import FRAME_LENGTH, Fault
+from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.protocol.framer.fault_sets import FAULT_SETS
 from fte_sniff.protocol.framer.keeping import Decided
 from fte_sniff.protocol.framer.timeline import Mark
 
-_EMPTY: Final = bytes(FRAME_LENGTH)
+_HALVES: Final = (("front", "<u8", 0), ("back", "<u2", 8))
+"""The first ten bytes of a row, as two numbers: their names, forms and places."""
+
+_TEN: Final = np.dtype([(name, form) for name, form, _ in _HALVES])
+
+_KEPT: Final = np.tri(FRAME_LENGTH, k=-1, dtype=np.uint8) * np.uint8(0xFF)
+"""By length of a short row: which bits of ten bytes are its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,72 +47,69 @@ class TileColumns:
     framed: Array
     """Whether the row is a frame, bool."""
     faults: Array
-    """Place of the row's faults in `fault_sets`, uint16."""
-    fault_sets: tuple[tuple[Fault, ...], ...]
-    """Every combination of faults that occurs; the first is none."""
-    long: dict[int, bytes]
-    """All bytes of the rows longer than ten, by place."""
-
-
-class _Odd:
-    """The rows that are no part of a run, and the bytes of all."""
-
-    def __init__(self) -> None:
-        self.parts: list[bytes | memoryview] = []
-        """Ten bytes a row."""
-        self.rows = 0
-        self.places: list[int] = []
-        """Which rows they are, and for each of them:"""
-        self.lengths: list[int] = []
-        self.framed: list[bool] = []
-        self.faults: list[tuple[Fault, ...]] = []
-        self.long: dict[int, bytes] = {}
-
-    def take(self, raw: bytes, faults: tuple[Fault, ...], *, framed: bool) -> None:
-        size = len(raw)
-        self.places.append(self.rows)
-        self.lengths.append(size)
-        self.framed.append(framed)
-        self.faults.append(faults)
-        if size > FRAME_LENGTH:
-            self.long[self.rows] = raw
-        same = size == FRAME_LENGTH
-        self.parts.append(raw if same else raw[:FRAME_LENGTH] + _EMPTY[size:])
-        self.rows += 1
+    """Place of the row's faults in `FAULT_SETS`, uint16."""
 
 
 def tile_columns(decided: Decided) -> TileColumns:
     """The rows side by side."""
-    odd = _Odd()
-    for _, data, start, stop, faults, framed in decided.tiles:
-        if faults is None:
-            whole = stop - start == len(data)
-            odd.parts.append(data if whole else memoryview(data)[start:stop])
-            odd.rows += (stop - start) // FRAME_LENGTH
-        else:
-            odd.take(data, faults, framed=framed)
-    rows, parts, places = odd.rows, odd.parts, np.array(odd.places, np.int64)
-    raw = np.frombuffer(parts[0] if len(parts) == 1 else b"".join(parts), np.uint8)
-    length = np.full(rows, FRAME_LENGTH, np.uint32)
-    length[places] = odd.lengths
-    sound = np.ones(rows, np.bool_)
-    sound[places] = odd.framed
-    faults_of = np.zeros(rows, np.uint16)
-    faults_of[places], sets = _fault_codes(odd.faults)
-    first = decided.tiles[0].offset if decided.tiles else 0
-    offset = np.arange(first, first + rows * FRAME_LENGTH, FRAME_LENGTH)
-    if len(places):
-        excess = np.zeros(rows, np.int64)
-        excess[places] = np.array(odd.lengths) - FRAME_LENGTH
-        offset += np.cumsum(excess) - excess
-    columns = raw.reshape(-1, FRAME_LENGTH)
-    return TileColumns(columns, offset, length, sound, faults_of, sets, odd.long)
+    tiles = decided.tiles
+    if not tiles.starts:
+        return TileColumns(
+            np.zeros((0, FRAME_LENGTH), np.uint8),
+            np.zeros(0, np.int64),
+            np.zeros(0, np.uint32),
+            np.zeros(0, np.bool_),
+            np.zeros(0, np.uint16),
+        )
+    starts, counts, codes = (
+        np.frombuffer(memoryview(numbers), np.int64)
+        for numbers in (tiles.starts, tiles.counts, tiles.codes)
+    )
+    sizes = np.diff(starts, append=np.int64(tiles.end))
+    length = np.repeat((sizes // counts).astype(np.uint32), counts)
+    if len(length) * FRAME_LENGTH == tiles.end - starts[0] and (length == FRAME_LENGTH).all():
+        offset = np.arange(starts[0], tiles.end, FRAME_LENGTH)
+        raw = np.frombuffer(
+            decided.data, np.uint8, len(length) * FRAME_LENGTH, int(starts[0]) - decided.start
+        ).reshape(-1, FRAME_LENGTH)
+    else:
+        offset = np.cumsum(length, dtype=np.int64)
+        offset += starts[0] - length
+        raw = _first_bytes(decided.data, offset - decided.start, length)
+    return TileColumns(
+        raw,
+        offset,
+        length,
+        np.repeat((codes & 1).astype(np.bool_), counts),
+        np.repeat((codes >> 1).astype(np.uint16), counts),
+    )
+
+
+def _first_bytes(data: bytes, places: Array, length: Array) -> Array:
+    """The first ten bytes of every row, zeros behind shorter ones."""
+    rows = np.zeros(len(places), _TEN)
+    reach = len(data) - FRAME_LENGTH + 1
+    whole = len(places) if reach > places[-1] else int(np.searchsorted(places, max(reach, 0)))
+    if whole:
+        for name, form, start in _HALVES:
+            halves = np.ndarray((reach,), form, data, start, (1,))
+            rows[name][:whole] = halves[places[:whole]]
+    raw = rows.view(np.uint8).reshape(-1, FRAME_LENGTH)
+    for row in range(whole, len(places)):
+        last = data[places[row] :][:FRAME_LENGTH]
+        raw[row, : len(last)] = np.frombuffer(last, np.uint8)
+    short = (length < FRAME_LENGTH).nonzero()[0]
+    if len(short):
+        raw[short] &= _KEPT[length[short]]
+    return raw
 
 
 def packed_tiles(decided: Decided) -> PackedRows:
     """The rows packed, with their times."""
     columns, codebook = tile_columns(decided), Codebook()
-    codes = np.array([codebook.fault_code(faults) for faults in columns.fault_sets], np.uint32)
+    codes = np.zeros(len(FAULT_SETS), np.uint32)
+    for number in np.unique(columns.faults).tolist():
+        codes[number] = codebook.fault_code(FAULT_SETS[number])
     packed = np.zeros(len(columns.offset), ROW_TYPE)
     packed["offset"] = columns.offset
     packed["length"] = columns.length
@@ -118,7 +121,18 @@ def packed_tiles(decided: Decided) -> PackedRows:
         times = _times(decided.marks, columns.offset)
         packed["t_ns"], packed["delay_ns"], known = times
         packed["form"] |= known * np.uint8(TIMED | DELAYED)
-    return PackedRows(packed, columns.long, codebook)
+    return PackedRows(packed, _long_rows(decided, columns), codebook)
+
+
+def _long_rows(decided: Decided, columns: TileColumns) -> dict[int, bytes]:
+    """All bytes of the rows longer than ten, by place."""
+    long = (columns.length > FRAME_LENGTH).nonzero()[0]
+    places = columns.offset[long] - decided.start
+    stops = places + columns.length[long]
+    return {
+        row: decided.data[place:stop]
+        for row, place, stop in zip(long.tolist(), places.tolist(), stops.tolist(), strict=True)
+    }
 
 
 def _times(marks: Sequence[Mark], offset: Array) -> tuple[Array, Array, Array]:
@@ -137,17 +151,3 @@ def _times(marks: Sequence[Mark], offset: Array) -> tuple[Array, Array, Array]:
     delay[early] = np.maximum(read[own][early] - floor[early], 0)
     t_ns[~known[own]] = delay[~known[own]] = 0
     return t_ns, delay, known[own]
-
-
-def _fault_codes(
-    rows: list[tuple[Fault, ...]],
-) -> tuple[list[int], tuple[tuple[Fault, ...], ...]]:
-    """A number for each row's faults, and what the numbers stand for."""
-    numbers: dict[tuple[Fault, ...], int] = {(): 0}
-    codes: list[int] = []
-    last: tuple[Fault, ...] | None = None
-    for faults in rows:
-        if faults is not last:
-            number, last = numbers.setdefault(faults, len(numbers)), faults
-        codes.append(number)
-    return codes, tuple(numbers)

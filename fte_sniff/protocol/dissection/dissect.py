@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from fte_sniff.protocol.dissection.anatomy import Bit, Part, framed_parts
 from fte_sniff.protocol.dissection.wreckage import damaged_parts
-from fte_sniff.protocol.framer.patterns import DIVIDING
+from fte_sniff.protocol.framer.shapes import dividing
 from fte_sniff.protocol.rows import FAULT_MEANINGS, Fault, Frame, Row
 from fte_sniff.protocol.structure import HEADER_BYTES
 from fte_sniff.protocol.table import FRAME_LENGTH, TAIL
@@ -37,9 +37,9 @@ def _explained(fault: Fault, row: Row) -> Said:
 
 def _doubt(plain: Said, row: Row) -> Said:
     """With what the row's own bytes tell about the doubt."""
-    divided = DIVIDING.search(row.raw, 1, FRAME_LENGTH - 1)
+    divided = [place for place in range(1, FRAME_LENGTH - 1) if dividing(row.raw, place)]
     if divided:
-        place = next(at for at in range(divided.start(), FRAME_LENGTH) if _is_header(row.raw, at))
+        place = next(at for at in range(divided[0], FRAME_LENGTH) if _is_header(row.raw, at))
         return Said(
             "{doubt} (a frame could end before the {byte} at {place}, and another begin)",
             doubt=plain,

@@ -12,92 +12,105 @@ It must not know of chunks, times or rows, nor reckon weights: `weighing` does.
 
 from __future__ import annotations
 
+from librt.vecs import vec
+from mypy_extensions import i64
+
+from fte_sniff.protocol.framer.fault_sets import AMBIGUOUS
 from fte_sniff.protocol.framer.gap import Gap
 from fte_sniff.protocol.framer.likelihood import CERTAIN, LIKELY, SHOWN
-from fte_sniff.protocol.framer.patterns import PLAIN_FRAME, STRICT, UNDIVIDED_FRAME
+from fte_sniff.protocol.framer.places import LENGTH
 from fte_sniff.protocol.framer.reading import Stretch
+from fte_sniff.protocol.framer.shapes import plain, strict, undivided
 from fte_sniff.protocol.framer.weighing import Weighing
-from fte_sniff.protocol.rows import Fault
-from fte_sniff.protocol.table import FRAME_LENGTH
-
-DOUBT = (Fault.AMBIGUOUS,)
-"""The faults of a frame that is whole, but for another reading."""
 
 
-def chosen(weighing: Weighing, *following: Stretch) -> list[Stretch]:
+def chosen(weighing: Weighing, following: Stretch | None = None) -> list[Stretch]:
     """The chosen reading of a window, which begins where the rows so far end.
 
     `following` is known to stand behind it.
     """
+    window = weighing.window
     probable, behind_rows = weighing.whole_frames(), weighing.whole_frames_behind_rows()
     reading: list[Stretch] = []
-    at = 0
-    for place in _shown_frames(probable if behind_rows is None else behind_rows):
+    at: i64 = 0
+    for number in _shown_frames(weighing, behind_rows):
+        place = window.starts[number].place
         if at < place:
-            reading += _between(weighing, Gap(weighing.window, at, place))
-        reading.append(_frame(place, probable[place]))
-        at = place + FRAME_LENGTH
+            _divide(weighing, Gap(window, at, place), reading)
+        reading.append(_frame(place, probable[number]))
+        at = place + LENGTH
     if at < weighing.size:
-        gap = Gap(weighing.window, at, weighing.size)
-        gap.end_with_cut_off(weighing.cut_off)
-        reading += _between(weighing, gap)
-    believed = _believing_neighbours(weighing.window.data, [*reading, *following])
-    return believed[: len(reading)]
+        gap = Gap(window, at, weighing.size)
+        for start in window.starts:
+            if start.place > weighing.size - LENGTH:
+                gap.end_with_cut_off(start, weighing.cut_off(start))
+        _divide(weighing, gap, reading)
+    _believe_neighbours(window.data, reading, following)
+    return reading
 
 
-def _between(weighing: Weighing, gap: Gap) -> list[Stretch]:
-    """The parts of a gap; ten framed bytes among them are `ambiguous` where that is unlikely."""
-    return [
-        part._replace(faults=part.faults + DOUBT)
-        if part.framed and weighing.probability(part.start, part.stop, weight) < LIKELY
-        else part
-        for part, weight in gap.parts()
-    ]
+def _divide(weighing: Weighing, gap: Gap, reading: list[Stretch]) -> None:
+    """Add the parts of a gap; ten framed bytes among them are `ambiguous` where unlikely."""
+    for part in gap.parts():
+        faults = part.faults
+        if part.framed and weighing.probability(part.start, part.stop, part.probability) < LIKELY:
+            faults |= AMBIGUOUS
+        reading.append(Stretch(part.start, part.stop, part.framed, faults, 0.0))
 
 
-def _shown_frames(probable: dict[int, float]) -> list[int]:
-    """Where the most probable whole frames begin, none overlapping another."""
-    likely = [(place, own - SHOWN) for place, own in probable.items() if own > SHOWN]
-    best: list[tuple[float, int | None]] = [(0.0, None)]
+def _shown_frames(weighing: Weighing, probable: vec[float]) -> list[i64]:
+    """Of which headers the most probable whole frames begin, none overlapping another."""
+    starts = weighing.window.starts
+    likely = vec[i64]([i64(0)] * len(probable))
+    count: i64 = 0
+    for number in range(i64(len(probable))):
+        if probable[number] > SHOWN:
+            likely[count] = number
+            count += 1
+    best = vec[float]([0.0] * (count + 1))
     """By how many frames are considered: the best sum, and how many were before its last frame."""
-    for number, (place, gain) in enumerate(likely):
+    left = vec[i64]([i64(-1)] * (count + 1))
+    for number in range(count):
+        place, gain = starts[likely[number]].place, probable[likely[number]] - SHOWN
         before = number
-        while before and likely[before - 1][0] + FRAME_LENGTH > place:
+        while before > 0 and starts[likely[before - 1]].place + LENGTH > place:
             before -= 1
-        value = best[before][0] + gain
-        without = best[number][0]
-        best.append((value, before) if value > without else (without, None))
-    shown: list[int] = []
-    number = len(likely)
-    while number:
-        last = best[number][1]
-        if last is not None:
-            shown.append(likely[number - 1][0])
-        number = number - 1 if last is None else last
-    return shown[::-1]
+        best[number + 1] = best[number]
+        if best[before] + gain > best[number]:
+            best[number + 1], left[number + 1] = best[before] + gain, before
+    shown: list[i64] = []
+    while count > 0:
+        if left[count] < 0:
+            count -= 1
+            continue
+        shown.append(likely[count - 1])
+        count = left[count]
+    shown.reverse()
+    return shown
 
 
-def _frame(start: int, probability: float) -> Stretch:
+def _frame(start: i64, probability: float) -> Stretch:
     """A whole frame: it fits its kind at every place, so its only fault can be doubt."""
-    faults = () if probability >= CERTAIN else DOUBT
-    return Stretch(start, start + FRAME_LENGTH, True, faults, probability)
+    faults = i64(0) if probability >= CERTAIN else AMBIGUOUS
+    return Stretch(start, start + LENGTH, True, faults, probability)
 
 
-def _believing_neighbours(data: bytes, reading: list[Stretch]) -> list[Stretch]:
-    """The reading with those frames believed that stand in step between others.
+def _believe_neighbours(data: bytes, reading: list[Stretch], following: Stretch | None) -> None:
+    """Believe those frames that stand in step between others.
 
     Where a frame follows a certain one, and another one follows it, it takes two faults that
     cancel each other out to make a better reading; that is rarer than the weights say, unless
     the frame could be divided into two truncated ones.
     """
-    for number in range(1, len(reading) - 1):
+    for number in range(i64(1), i64(len(reading))):
         frame = reading[number]
-        if frame.faults != DOUBT or frame.probability < LIKELY:
+        if frame.faults != AMBIGUOUS or frame.probability < LIKELY:
             continue
-        in_step = reading[number - 1].certain and reading[number + 1].probability
-        if in_step and PLAIN_FRAME.match(data, frame.start):
-            reading[number] = frame._replace(faults=())
-    return reading
+        behind = reading[number + 1] if number + 1 < len(reading) else following
+        if behind is None or behind.probability == 0.0 or not reading[number - 1].certain:
+            continue
+        if plain(data, frame.start):
+            reading[number] = frame.called(0)
 
 
 def calmly(weighing: Weighing, reading: list[Stretch]) -> list[Stretch]:
@@ -108,32 +121,35 @@ def calmly(weighing: Weighing, reading: list[Stretch]) -> list[Stretch]:
     weigh more, as where a payload imitates a tail and a header, the frame is shown, and doubted.
     """
     believed: list[Stretch] = []
-    rest = iter(reading)
-    for part in rest:
+    number: i64 = 0
+    while number < len(reading):
+        part = reading[number]
         if not part.framed:
-            whole = _whole_of_two(weighing, part, next(rest, None))
+            second = reading[number + 1] if number + 1 < len(reading) else None
+            whole = _whole_of_two(weighing, part, second)
             if whole is None:
                 break
             part = whole
+            number += 1
         believed.append(_believed(weighing, part))
-    covered = believed[-1].stop if believed else 0
-    return believed + [part for part in reading if part.start >= covered]
+        number += 1
+    return believed + reading[number:]
 
 
 def _whole_of_two(weighing: Weighing, first: Stretch, second: Stretch | None) -> Stretch | None:
     """The one frame that two damaged ones in a row are together; None where they are none."""
-    if second is None or second.framed or second.stop - first.start != FRAME_LENGTH:
+    if second is None or second.framed or second.stop - first.start != LENGTH:
         return None
-    if not STRICT.match(weighing.window.data, first.start):
+    if not strict(weighing.window.data, first.start):
         return None
-    return Stretch(first.start, second.stop, True, DOUBT, 0.0)
+    return Stretch(first.start, second.stop, True, AMBIGUOUS, 0.0)
 
 
 def _believed(weighing: Weighing, frame: Stretch) -> Stretch:
     """The frame without its doubt, if only two truncated ones could stand there instead."""
-    if frame.faults != DOUBT or frame.probability < LIKELY:
+    if frame.faults != AMBIGUOUS or frame.probability < LIKELY:
         return frame
-    if not UNDIVIDED_FRAME.match(weighing.window.data, frame.start):
+    if not undivided(weighing.window.data, frame.start):
         return frame
-    certain = min(map(weighing.boundary, (frame.start, frame.stop))) >= CERTAIN
-    return frame._replace(faults=()) if certain else frame
+    before, behind = weighing.boundary(frame.start), weighing.boundary(frame.stop)
+    return frame.called(0) if min(before, behind) >= CERTAIN else frame

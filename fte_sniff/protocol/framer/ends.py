@@ -4,236 +4,224 @@ It must not know of windows, nor where in them an end stands. A damaged frame is
 frame of one kind, as long as it still fits, and its *rest*, as long as it fits again. Everything
 between them is lost, put in or changed; its weight is the sum over all ways to divide it so.
 
-All bytes that no table of `likelihood` tells apart weigh the same. So ends are looked up by their
-bytes made `CANONICAL`, and each is reckoned once only, as long as it is remembered.
+Weights of heads and rests are cumulative: entry x is that of the first (or last) x bytes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
-from itertools import accumulate
-from operator import add, getitem, mul
-from types import MappingProxyType
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, final
+
+from librt.vecs import vec
+from mypy_extensions import i64
 
 from fte_sniff.protocol.framer.likelihood import (
     BROKEN,
     CHANGED,
     FOREIGN_FRAME,
     HEADER_WEIGHT,
-    KIND_SHARE,
     LOST,
-    PLACE_WEIGHTS,
     PUT_IN,
     UNUSUAL,
     WHOLE,
     WIDEST_CHANGE,
 )
-from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG
-from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, NUM_PLACE, TAIL
+from fte_sniff.protocol.framer.places import COUNT, HEADERS, LENGTH, NO_KIND, SHARES, WEIGHTS
+from fte_sniff.protocol.framer.shapes import kind_named
+from fte_sniff.protocol.structure import LONGEST_OVERLONG
+from fte_sniff.protocol.table import FRAME_LENGTH, NUM_PLACE
 
-Weights: TypeAlias = Sequence[float]
-"""Cumulative: entry x is the weight of the first (or last) x bytes fitting their places."""
+LONGEST: Final[i64] = LONGEST_OVERLONG
+"""Bytes that a damaged frame has at most."""
 
-_PLACES = tuple(PLACE_WEIGHTS[kind.name] for kind in KINDS)
-_NUMBER: Mapping[tuple[int, int], int] = MappingProxyType(
-    {(kind.header, cmd): number for number, kind in enumerate(KINDS) for cmd in kind.cmds}
-)
-_PLACES_BACKWARDS = tuple(places[::-1] for places in _PLACES)
-_SHARES = tuple(KIND_SHARE[kind.name] for kind in KINDS)
-_WITH_HEADER: Mapping[int, tuple[int, ...]] = MappingProxyType(
-    {
-        header: tuple(number for number, kind in enumerate(KINDS) if kind.header == header)
-        for header in HEADER_BYTES
-    }
-)
-_LEAST_LEFT = FRAME_LENGTH - WIDEST_CHANGE
-_TAIL_ALONE: Weights = (1.0, _PLACES[0][-1][TAIL])
-"""How far bytes fit of which the tail does, and nothing before it."""
-_CUT_FRONT = (0.0, *(BROKEN + weight for weight in LOST[1:]))
-"""By length left: the weight of a frame having lost its first bytes."""
-_CHANGED_FRONT = CHANGED[:0:-1]
-"""By length left, from `_LEAST_LEFT` on: that of its first bytes being wrong, or its last."""
-_NONE_CUT = (0.0,) * (LONGEST_OVERLONG - FRAME_LENGTH)
-_CHANGED_CMD = tuple(
-    CHANGED[FRAME_LENGTH - 1 - left] for left in range(_LEAST_LEFT - 1, FRAME_LENGTH - 1)
-)
-"""By length left, from `_LEAST_LEFT - 1` on: the weight of all between it and the header wrong."""
-_NO_CMD = tuple(share * 256 for share in _SHARES)
-"""By kind: the weight of its header alone."""
-_REMEMBERED: Final = 1 << 14
-"""Ends of each sort that are remembered; a few megabytes at most."""
+_LEAST_LEFT: Final[i64] = FRAME_LENGTH - WIDEST_CHANGE
+_LOST: Final[vec[float]] = vec[float](LOST)
+_CHANGED: Final[vec[float]] = vec[float](CHANGED)
+_NAMED: Final[i64] = NUM_PLACE + 1
+_ROW: Final[i64] = LENGTH + 1
+"""Entries of a head or a rest."""
 
 
-def _canonical() -> bytes:
-    """By byte value: the least value that weighs the same at every place of every kind."""
-    least: dict[tuple[float, ...], int] = {}
-    alike = (tuple(place[value] for places in _PLACES for place in places) for value in range(256))
-    return bytes(least.setdefault(weights, value) for value, weights in enumerate(alike))
-
-
-CANONICAL: Final = _canonical()
-"""For `bytes.translate`: makes alike what weighs alike."""
-
-
-class Front(NamedTuple):
+@final
+class Front:
     """Up to ten bytes from a header on: what a frame that begins so weighs."""
 
-    header: int
-    kind: int | None
-    """Number of the kind that header and CMD name."""
-    head: Weights
-    """How far the bytes fit that kind; where there is none, the header alone."""
-    truncated: tuple[float, ...]
-    """By length from 1: the weight of a frame cut off there, all of it fitting."""
-    whole: float
-    """The weight of a whole frame that fits its kind at every place; 0 if it is none."""
-    bad_tail: float
-    """The weight of ten bytes of which the last are wrong; 0 if they are not that."""
-
-    @property
-    def length(self) -> int:
+    def __init__(self, data: bytes, at: i64, end: i64) -> None:
+        """`at` is the place of the header, `end` that behind the last byte."""
+        head = vec[float]([0.0] * (LENGTH + 1))
+        head[0], head[1] = 1.0, HEADER_WEIGHT
+        kind, fit = NO_KIND, i64(1)
+        if end - at > 1:
+            kind = kind_named(data, at)
+        if kind != NO_KIND:
+            fit = _weigh_head(data, at, min(end - at, LENGTH), kind, head)
+        self.header = i64(data[at])
+        self.kind = kind
+        """Number of the kind that header and CMD name; `NO_KIND` where they name none."""
+        self.head = head
+        """The weights of the first bytes fitting that kind; without one, of the header alone."""
+        self.fit = fit
         """How many bytes fit, at most ten."""
-        return len(self.head) - 1
+        self.whole = WHOLE * head[LENGTH] if fit == LENGTH else 0.0
+        """The weight of a whole frame that fits its kind at every place; 0 if it is none."""
+        self.bad_tail = 0.0
+        """The weight of ten bytes of which the last are wrong; 0 if they are not that."""
+        if fit < LENGTH and end - at >= LENGTH:
+            self.bad_tail = _weigh_bad_tail(head, fit)
+        self.cut_to = min(fit, LENGTH - 1)
+        """The longest length of a frame cut off, all of it fitting."""
+
+    def truncated(self, length: i64) -> float:
+        """The weight of the frame cut off at that length, from 1 to `cut_to`."""
+        return _LOST[length] * self.head[length]
 
 
-class Back:
-    """Up to ten bytes that end with a tail: what a frame that ends so weighs."""
-
-    __slots__ = ("headless", "rests")
-
-    def __init__(self, ending: bytes) -> None:
-        """`ending` are the bytes, the tail the last of them."""
-        backwards = ending[::-1]
-        last = backwards[1] if len(backwards) > 1 else TAIL
-        self.rests: tuple[Weights, ...] = tuple(
-            [
-                _fitting(places, backwards) if places[1][last] else _TAIL_ALONE
-                for places in _PLACES_BACKWARDS
-            ]
-        )
-        """By kind, how far the bytes fit its last places."""
-        self.headless = _headless(self.rests)[:0:-1]
-        """From the longest length down to 1: the weight of a frame whose first bytes are gone or
-        wrong. Entry -n is that of length n."""
-
-    def rest(self, length: int) -> float:
-        """The weight of the last `length` bytes being the rest of a frame of any kind."""
-        return sum(
-            share * rest[length]
-            for rest, share in zip(self.rests, _SHARES, strict=True)
-            if len(rest) > length
-        )
+def _weigh_head(data: bytes, at: i64, length: i64, kind: i64, head: vec[float]) -> i64:
+    """Fill in what the first bytes weigh; returns how many of them fit."""
+    weight = SHARES[kind]
+    row = kind * LENGTH * 256
+    for place in range(length):
+        own = WEIGHTS[row + place * 256 + i64(data[at + place])]
+        if own == 0.0:
+            return place
+        weight *= own
+        if place > 0:
+            head[place + 1] = weight
+    return length
 
 
-@lru_cache(_REMEMBERED)
-def front_of(own: bytes) -> Front:
-    """The front that these bytes are: ten of them, or as many as there are; a header first."""
-    header = own[0]
-    kind = _NUMBER.get((header, own[1])) if len(own) > 1 else None
-    head: Weights = (1.0, HEADER_WEIGHT)
-    if kind is not None:
-        share = _SHARES[kind]
-        head = (*head, *_fitting(_PLACES[kind], own, share)[2:])
-    fit = len(head) - 1
-    truncated = tuple(map(mul, LOST[1:], head[1:FRAME_LENGTH]))
-    whole = WHOLE * head[FRAME_LENGTH] if fit == FRAME_LENGTH else 0.0
-    bad_tail = 0.0
-    if not whole and len(own) == FRAME_LENGTH:
-        bad_tail = sum(map(mul, _CHANGED_FRONT, head[_LEAST_LEFT:]))
-    return Front(header, kind, head, truncated, whole, bad_tail)
-
-
-@lru_cache(_REMEMBERED)
-def back_of(ending: bytes) -> Back:
-    """The back that these bytes are: ten of them, or as many as there are; a tail last."""
-    return Back(ending)
-
-
-def between(front: Front, back: Back, length: int) -> float:
-    """The weight of a damaged frame of `length` bytes (2-14) with this front and this back."""
-    weight = back.headless[-length] + _only_header(length, front.header, back.rests)
-    if length == FRAME_LENGTH:
-        weight += _unusual(front.head)
-    if front.kind is not None:
-        rest = back.rests[front.kind]
-        weight += _damaged(length, front.head, rest) + _broken(length, front.head, rest)
+def _weigh_bad_tail(head: vec[float], fit: i64) -> float:
+    weight = 0.0
+    for left in range(_LEAST_LEFT, fit + 1):
+        weight += _CHANGED[LENGTH - left] * head[left]
     return weight
 
 
-def _fitting(places: Iterable[Weights], raw: bytes, before: float = 1.0) -> Weights:
-    """How far the bytes fit the places, on top of a weight that was there before."""
-    weights = list(accumulate(map(getitem, places, raw), mul, initial=before))
-    return weights if weights[-1] else weights[: weights.index(0.0)]
+@final
+class Back:
+    """Up to ten bytes that end with a tail: what a frame that ends so weighs."""
+
+    def __init__(self, data: bytes, start: i64, end: i64) -> None:
+        """The bytes from `start` to `end`; the last of them is the tail."""
+        rests = vec[float]([0.0] * (_ROW * COUNT))
+        fits = vec[i64]([i64(0)] * COUNT)
+        for kind in range(COUNT):
+            fits[kind] = _weigh_rest(data, start, end, kind, rests)
+        self.rests = rests
+        """By kind * 11 + length: the weight of the last bytes fitting its last places."""
+        self.fits = fits
+        """By kind: how many of them fit, at most ten."""
+        self.headless = _headless(rests, fits)
+        """By length, up to `LONGEST`: the weight of a frame whose first bytes are gone or wrong."""
+
+    def rest(self, length: i64) -> float:
+        """The weight of the last `length` bytes being the rest of a frame of any kind."""
+        weight = 0.0
+        for kind in range(COUNT):
+            if self.fits[kind] >= length:
+                weight += SHARES[kind] * self.rests[kind * _ROW + length]
+        return weight
 
 
-def _headless(rests: tuple[Weights, ...]) -> list[float]:
-    """By length: the weight of a frame whose first bytes are gone or wrong."""
-    left = [0.0] * FRAME_LENGTH
-    longer = [0.0] * (LONGEST_OVERLONG + 1)
-    for rest, share in zip(rests, _SHARES, strict=True):
-        fit = len(rest) - 1 if len(rest) < FRAME_LENGTH else FRAME_LENGTH - 1
-        longer[fit + 1] += share * rest[fit] * BROKEN
-        if fit > 1:
-            left[: fit + 1] = map(add, left, map(share.__mul__, rest))
-        else:
-            left[1] += share * rest[1]
-    changed = sum(map(mul, _CHANGED_FRONT, left[_LEAST_LEFT:]))
-    return list(map(add, (*map(mul, _CUT_FRONT, left), changed, *_NONE_CUT), accumulate(longer)))
+def _weigh_rest(data: bytes, start: i64, end: i64, kind: i64, rests: vec[float]) -> i64:
+    """Fill in what the last bytes weigh; returns how many of them fit."""
+    length = min(end - start, LENGTH)
+    weight = 1.0
+    rests[kind * _ROW] = weight
+    last = ((kind + 1) * LENGTH - 1) * 256
+    for number in range(length):
+        own = WEIGHTS[last - number * 256 + i64(data[end - 1 - number])]
+        if own == 0.0:
+            return number
+        weight *= own
+        rests[kind * _ROW + number + 1] = weight
+    return length
 
 
-def _only_header(length: int, header: int, rests: tuple[Weights, ...]) -> float:
+def _headless(rests: vec[float], fits: vec[i64]) -> vec[float]:
+    left = vec[float]([0.0] * LENGTH)
+    weights = vec[float]([0.0] * (LONGEST + 1))
+    for kind in range(COUNT):
+        fit, share, row = min(fits[kind], LENGTH - 1), SHARES[kind], kind * _ROW
+        weights[fit + 1] += share * rests[row + fit] * BROKEN
+        for length in range(1, fit + 1):
+            left[length] += share * rests[row + length]
+    longer = 0.0
+    for length in range(1, LONGEST + 1):
+        longer += weights[length]
+        weights[length] = longer
+        if length < LENGTH:
+            weights[length] += (BROKEN + _LOST[length]) * left[length]
+    for length in range(_LEAST_LEFT, LENGTH):
+        weights[LENGTH] += _CHANGED[LENGTH - length] * left[length]
+    return weights
+
+
+def between(front: Front, back: Back, length: i64) -> float:
+    """The weight of a damaged frame of `length` bytes (2-14) with this front and this back."""
+    weight = back.headless[length] + _only_header(length, front.header, back)
+    if length == LENGTH:
+        weight += _unusual(front)
+    if front.kind != NO_KIND:
+        weight += _damaged(length, front, back) + _broken(length, front, back)
+    return weight
+
+
+def _only_header(length: i64, header: i64, back: Back) -> float:
     """The weight of a frame of that length of which the header is left, and not the CMD."""
     weight = 0.0
-    if length == FRAME_LENGTH:
-        for number in _WITH_HEADER[header]:
-            left = rests[number][_LEAST_LEFT - 1 : FRAME_LENGTH - 1]
-            weight += _NO_CMD[number] * sum(map(mul, _CHANGED_CMD, left))
-        return weight
-    behind = min(length, FRAME_LENGTH) - 1
-    for number in _WITH_HEADER[header]:
-        rest = rests[number]
-        if len(rest) > behind:
-            weight += _NO_CMD[number] * rest[behind]
-    return weight * _one_damage(length)
+    rests, fits = back.rests, back.fits
+    behind = min(length, LENGTH) - 1
+    for kind in range(COUNT):
+        if i64(HEADERS[kind]) != header:
+            continue
+        row, share = kind * _ROW, SHARES[kind] * 256
+        if length == LENGTH:
+            for left in range(_LEAST_LEFT - 1, min(fits[kind] + 1, LENGTH - 1)):
+                weight += share * _CHANGED[LENGTH - 1 - left] * rests[row + left]
+        elif fits[kind] >= behind:
+            weight += share * rests[row + behind]
+    return weight if length == LENGTH else weight * _one_damage(length)
 
 
-def _one_damage(length: int) -> float:
+def _one_damage(length: i64) -> float:
     """The weight of bytes lost, or put in, at one certain place, for a frame of that length."""
-    return LOST[length] if length < FRAME_LENGTH else PUT_IN
+    return _LOST[length] if length < LENGTH else PUT_IN
 
 
-def _damaged(length: int, head: Weights, rest: Weights) -> float:
+def _damaged(length: i64, front: Front, back: Back) -> float:
     """One damage between header and CMD, or more of the head, and the rest: every way to divide."""
-    if length == FRAME_LENGTH:
-        return _changed(head, rest)
-    left = min(length, FRAME_LENGTH)
-    first, behind = max(2, left - len(rest) + 1), min(len(head), left)
-    if first >= behind:
-        return 0.0
-    total: float = sum(map(mul, head[first:behind], rest[left - first : left - behind : -1]))
+    head, rests = front.head, back.rests
+    row, fit = front.kind * _ROW, back.fits[front.kind]
+    if length == LENGTH:
+        return _changed(head, front.fit, rests, row, fit)
+    left = min(length, LENGTH)
+    total = 0.0
+    for own in range(max(i64(2), left - fit), min(front.fit + 1, left)):
+        total += head[own] * rests[row + left - own]
     return total * _one_damage(length)
 
 
-def _changed(head: Weights, rest: Weights) -> float:
+def _changed(head: vec[float], fit: i64, rests: vec[float], row: i64, rest_fit: i64) -> float:
     """Adjacent bytes changed behind header and CMD."""
     total = 0.0
-    for x in range(2, min(len(head), FRAME_LENGTH - 1)):
-        y = max(1, _LEAST_LEFT - x)
-        widths = _CHANGED_FRONT[x + y - _LEAST_LEFT :]
-        total += head[x] * sum(map(mul, widths, rest[y : FRAME_LENGTH - x]))
+    for own in range(i64(2), min(fit + 1, LENGTH - 1)):
+        weight = 0.0
+        most = min(rest_fit, LENGTH - 1 - own)
+        for left in range(max(i64(1), _LEAST_LEFT - own), most + 1):
+            weight += _CHANGED[LENGTH - own - left] * rests[row + left]
+        total += head[own] * weight
     return total
 
 
-def _unusual(head: Weights) -> float:
+def _unusual(front: Front) -> float:
     """Ten bytes framed, whatever they hold."""
-    named = len(head) - 1 > NUM_PLACE
-    return FOREIGN_FRAME + (UNUSUAL * head[NUM_PLACE + 1] * 256 if named else 0.0)
+    named = front.fit >= _NAMED
+    return FOREIGN_FRAME + (UNUSUAL * front.head[_NAMED] * 256 if named else 0.0)
 
 
-def _broken(length: int, head: Weights, rest: Weights) -> float:
+def _broken(length: i64, front: Front, back: Back) -> float:
     """Something else happened to the bytes between the head and the rest."""
-    left = min(len(head) - 1, length - 1, FRAME_LENGTH - 2)
-    ending = min(len(rest) - 1, length - left, FRAME_LENGTH - 1 - left)
-    return BROKEN * head[left] * rest[ending]
+    left = min(front.fit, min(length - 1, LENGTH - 2))
+    fit = back.fits[front.kind]
+    ending = min(fit, min(length - left, LENGTH - 1 - left))
+    return BROKEN * front.head[left] * back.rests[front.kind * _ROW + ending]

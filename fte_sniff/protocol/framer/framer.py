@@ -33,105 +33,72 @@ evidence for a boundary where readings compete.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import Final, final
 
+from mypy_extensions import i64
+
+from fte_sniff.protocol.framer.carry import Carry, joined, lost, settled, trusted
 from fte_sniff.protocol.framer.choice import calmly, chosen
-from fte_sniff.protocol.framer.decided import Decided
-from fte_sniff.protocol.framer.due import (
-    WIDEST,
-    lead,
-    next_due,
-    next_promised,
-    settled_part,
-)
-from fte_sniff.protocol.framer.enclosed import firm_frame, read_by_itself
-from fte_sniff.protocol.framer.ends import CANONICAL, front_of
-from fte_sniff.protocol.framer.keeping import Keeper
-from fte_sniff.protocol.framer.patterns import (
-    ANCHOR_REACH,
-    ANCHOR_TAIL,
-    CALM,
-    FIRM,
-    LONG_RUN,
-    PLAIN_RUN,
-    UNDIVIDED_RUN,
-)
+from fte_sniff.protocol.framer.due import WIDEST, lead, next_due, next_promised, settled_part
+from fte_sniff.protocol.framer.enclosed import read_by_itself
+from fte_sniff.protocol.framer.ends import Front
+from fte_sniff.protocol.framer.fault_sets import NOISE, TRUNCATED
+from fte_sniff.protocol.framer.keeping import Decided, Kept
+from fte_sniff.protocol.framer.line import Line
+from fte_sniff.protocol.framer.noise import BOUNDARY, CLOSED, OPEN
 from fte_sniff.protocol.framer.pieces import Window
+from fte_sniff.protocol.framer.places import LENGTH
 from fte_sniff.protocol.framer.reading import Stretch
-from fte_sniff.protocol.framer.tiling import NOISE, Tiler, Tiles
+from fte_sniff.protocol.framer.shapes import (
+    ANCHOR_REACH,
+    BEHIND,
+    anchor_from,
+    doubtless_frame,
+    is_calm,
+    is_firm,
+    run_end,
+)
 from fte_sniff.protocol.framer.timeline import SETTLING_NS, Pauses, Timeline
 from fte_sniff.protocol.framer.undisputed import undisputed
-from fte_sniff.protocol.framer.weighing import (
-    Carry,
-    Ending,
-    Weighing,
-    joined,
-    lost,
-    trusted,
-)
-from fte_sniff.protocol.rows import Chunk, Fault, Row
-from fte_sniff.protocol.structure import LONGEST_OVERLONG
-from fte_sniff.protocol.table import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
+from fte_sniff.protocol.framer.weighing import Weighing
+from fte_sniff.protocol.rows import Chunk, Row
+from fte_sniff.protocol.table import DEFAULT_BAUD, byte_time_ns
 
-GIVING_UP_NS = 500_000_000
+GIVING_UP_NS: Final = 500_000_000
 """Silence after which the beginning of a frame is held no longer."""
 
-_IN_STEP = trusted()
-
-Skip: TypeAlias = Callable[[int], int]
-"""Counts frames in step, from a place in some bytes on, that are as `PLAIN_RUN` has them; it may
-stop early. Places rise."""
-
-Scout: TypeAlias = Callable[[bytes], Skip | None]
-"""Looks through bytes at once for what is a quicker way through them; None where there is none."""
+_IN_STEP: Final = trusted()
+_NOWHERE: Final[i64] = -1
 
 
+@final
 class Framer:
     """Turns the chunks of one port into rows that tile its stream exactly."""
 
     def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
         """A framer for the port of that name, whose line has `baud` bits per second."""
         self._timeline = Timeline(byte_time_ns(baud))
-        self._tiler = Tiler(port, self._timeline.marks)
-        self._tiles: Tiles = self._tiler
-        self._decided = Decided(self._tiler)
-        self._scout: Scout | None = None
-        self._skip: Skip | None = None
-        """Through `_data`."""
+        self._line = Line()
+        self._kept = Kept(port, self._timeline.marks)
         self._data = b""
-        self._base = 0
+        self._base: i64 = 0
         """Offset in the stream of the first byte of `_data`."""
-        self._at = 0
+        self._at: i64 = 0
         """Place in `_data` up to which all is decided."""
         self._carry: Carry | None = joined()
         """What the past says of the places from `_at` on; None where the stream is in step."""
-        self._lost_from: int | None = None
-        """Place in `_data` where long noise was found to go on; None where it does not."""
+        self._lost_from = _NOWHERE
+        """Place in `_data` where long noise was found to go on; `_NOWHERE` where it does not."""
         self._passing = False
         """Whether the long noise is already being passed over."""
-        self._not_before = 0
+        self._not_before: i64 = 0
         """Place in `_data` before which weighing again would tell nothing new."""
-        self._weighed_to = 0
+        self._weighed_to: i64 = 0
         """Place in `_data` up to which readings have been weighed."""
-        self._firm_from = 0
+        self._firm_from: i64 = 0
         """Place in `_data` before which frames that fit are in doubt after all."""
         self._pauses = Pauses(baud)
         self._settled = False
-
-    @classmethod
-    def keeping(cls, port: str, scout: Scout) -> tuple[Framer, Keeper]:
-        """A framer for much at once, for `pour` and `end`, and what keeps all that it decides.
-
-        Args:
-            port: as for any framer.
-            scout: looks through the bytes of each chunk before the framer does.
-        """
-        framer = cls(port)
-        framer._scout = scout
-        keeper = Keeper(port, framer._timeline.marks)
-        framer._tiles, framer._decided = keeper, Decided(keeper)
-        return framer, keeper
 
     def pace(self, baud: int) -> None:
         """The line has `baud` bits per second from the next chunk on."""
@@ -141,12 +108,22 @@ class Framer:
     def feed(self, chunk: Chunk) -> list[Row]:
         """The rows that this chunk completes; never raises on wire data."""
         self.pour(chunk)
-        return self._tiler.take()
+        return self._rows()
 
     def flush(self) -> list[Row]:
         """The rows of whatever is still held; the stream ends here."""
         self.end()
-        return self._tiler.take()
+        return self._rows()
+
+    def _rows(self) -> list[Row]:
+        """The rows since the last time."""
+        if self._line.tiles.end == self._kept.start:
+            return []
+        return self.take().rows()
+
+    def take(self) -> Decided:
+        """All that was decided since the last time, for who wants more at once than rows."""
+        return self._kept.take(self._line.take())
 
     def cut(self) -> list[Row]:
         """As `flush`, but the stream goes on: what comes next joins nothing that came before.
@@ -155,7 +132,7 @@ class Framer:
         """
         rows = self.flush()
         self._carry = joined()
-        self._decided.join(self._base)
+        self._line.join(self._base)
         return rows
 
     def set_back(self) -> None:
@@ -168,8 +145,8 @@ class Framer:
     @property
     def waits_since_ns(self) -> int | None:
         """When the first byte that stands in no row yet began; None where there is none."""
-        offset = self._tiles.noise_offset
-        if offset is None:
+        offset = self._line.tiles.noise_from
+        if offset < 0:
             offset = self._base + self._at
             if self._at == len(self._data):
                 return None
@@ -177,18 +154,16 @@ class Framer:
 
     def pour(self, chunk: Chunk) -> None:
         """Decide what this chunk decides."""
-        if not chunk.data:
+        if chunk.data:
+            silence = self._timeline.add(chunk)
+            if silence >= self._pauses.least_ns:
+                self._be_silent(silence)
+                self._pauses.add(self._base + len(self._data))
+            self._data += chunk.data
+            self._settled = False
+            self._advance()
+        else:
             self._be_silent(self._timeline.silence_at(chunk.t_ns))
-            return
-        silence = self._timeline.add(chunk)
-        if silence >= self._pauses.least_ns:
-            self._be_silent(silence)
-            self._pauses.add(self._base + len(self._data))
-        self._data += chunk.data
-        self._settled = False
-        self._skip = self._scout and self._scout(self._data)
-        self._advance()
-        self._skip = None
         if self._at:
             self._drop_decided()
 
@@ -202,7 +177,7 @@ class Framer:
     def _advance(self) -> None:
         """Decide all that the bytes so far decide."""
         while True:
-            if self._lost_from is not None:
+            if self._lost_from >= 0:
                 moved = self._pass_noise()
             elif self._carry is None:
                 moved = self._follow_run()
@@ -213,135 +188,116 @@ class Framer:
 
     def _follow_run(self) -> bool:
         """In step: take the frames that leave no doubt; False where more bytes are needed."""
-        if len(self._data) - self._at < FRAME_LENGTH:
+        data, at, end = self._data, self._at, i64(len(self._data))
+        if end - at < LENGTH:
             return False
-        count = self._frames_in_step()
-        sure = count - 1
-        last = self._at + sure * FRAME_LENGTH
-        calm = CALM if self._decided.calm(sure) else FIRM
-        if count and calm.match(self._data, last):
-            sure = count
-        if sure > 0:
-            self._take_run(sure)
-        waiting = 2 if sure < count else 1
-        if len(self._data) - self._at < waiting * FRAME_LENGTH:
+        run = run_end(data, at, end, calm=self._line.calm())
+        sure = run - LENGTH
+        calm = self._line.calm((sure - at) // LENGTH)
+        if run > at and (is_calm(data, sure) if calm else is_firm(data, sure, end)):
+            sure = run
+        if sure > at:
+            self._line.run(self._base + at, self._base + sure)
+            self._at = sure
+        waiting = 2 * LENGTH if sure < run else LENGTH
+        if end - self._at < waiting:
             return False
         self._carry = _IN_STEP
         self._not_before = 0
         return True
 
-    def _frames_in_step(self) -> int:
-        """How many frames that fit follow each other from here."""
-        end = self._at
-        in_step = UNDIVIDED_RUN if self._decided.calm() else PLAIN_RUN
-        while True:
-            if self._skip is not None:
-                end += self._skip(end) * FRAME_LENGTH
-            match = in_step.match(self._data, end)
-            run = 0 if match is None else match.end() - end
-            end += run
-            if run < LONG_RUN:
-                return (end - self._at) // FRAME_LENGTH
-
-    def _take_run(self, count: int) -> None:
-        stop = self._at + count * FRAME_LENGTH
-        self._decided.run(self._base + self._at, self._data, self._at, stop)
-        self._at = stop
-
     def _weigh_if_due(self) -> bool:
         """Disputed: decide what is beyond doubt before a frame, or weigh the readings once enough
         bytes are there; False before that."""
         data, at = self._data, self._at
-        if len(data) - at < LONGEST_OVERLONG:
+        if len(data) - at < LENGTH + BEHIND:
             return False
-        firm = None
+        firm = _NOWHERE
         if not self._pauses.behind(self._base + at):
-            plain = undisputed(data, at) if self._carry is _IN_STEP else None
-            if plain is not None:
-                self._decide([plain])
-                self._carry = None
-                return True
-            firm = firm_frame(data, max(at, self._firm_from), at + WIDEST)
-        due = None
-        if firm is None or firm - at >= FRAME_LENGTH:
-            due = next_due(data, at, self._not_before, self._weighed_to)
-        if firm is not None and (due is None or firm + LONGEST_OVERLONG <= due[0]):
+            if self._carry is _IN_STEP:
+                damage = undisputed(data, at)
+                if damage is not None:
+                    self._decide([damage])
+                    self._carry = None
+                    return True
+            firm = doubtless_frame(data, max(at, self._firm_from), at + WIDEST)
+        due, end = _NOWHERE, _NOWHERE
+        if firm < 0 or firm - at >= LENGTH:
+            due, end = next_due(data, at, self._not_before, self._weighed_to)
+        if firm >= 0 and (due < 0 or firm + LENGTH + BEHIND <= due):
             if not self._read_before(firm):
-                self._firm_from = firm + FRAME_LENGTH
+                self._firm_from = firm + LENGTH
             return True
-        if due is None:
+        if due < 0:
             return False
-        self._weigh_to(due[1])
+        self._weigh_to(end)
         return True
 
-    def _weigh_to(self, end: int) -> None:
+    def _weigh_to(self, end: i64) -> None:
         """Weigh the readings of all bytes up to there, and decide what leaves no doubt."""
-        weighing = self._weigh(end, Ending.OPEN)
+        weighing = self._weigh(end, OPEN)
         reading = self._read(weighing)
         self._weighed_to = end
         if len(reading) > 1 and reading[-1].certain and reading[-2].certain:
             self._decide(reading[:-1])
             self._carry = None
             return
-        settled = settled_part(reading, self._data, self._at, end)
-        if not settled:
-            self._not_before = min(end + FRAME_LENGTH, self._at + WIDEST)
+        parts = settled_part(reading, self._data, self._at, end)
+        if not parts:
+            self._not_before = min(end + LENGTH, self._at + WIDEST)
             return
-        last = settled[-1]
+        last = parts[-1]
         noise = last.faults == NOISE
         noisy = noise and end - self._at >= WIDEST
         self._carry = _IN_STEP if last.certain else weighing.carry(last.stop, ends_frame=not noise)
-        self._decide(settled)
+        self._decide(parts)
         self._not_before = 0
         if noisy:
             self._lost_from, self._passing = self._at, False
 
-    def _read_before(self, firm: int) -> bool:
+    def _read_before(self, firm: i64) -> bool:
         """Decide all before a frame beyond doubt; False where that is in doubt after all."""
-        parts: Sequence[Stretch] | None = None
+        parts: list[Stretch] | None = None
         if self._carry is _IN_STEP:
-            calm = self._decided.calm()
-            parts = read_by_itself(self._data, self._at, firm, calm=calm)
+            parts = read_by_itself(self._data, self._at, firm, calm=self._line.calm())
         if parts is None:
-            reading = self._read(self._weigh(firm + FRAME_LENGTH, Ending.BOUNDARY))
-            if not reading[-1].certain:
+            parts = self._read(self._weigh(firm + LENGTH, BOUNDARY))
+            if not parts.pop().certain:
                 return False
-            parts = reading[:-1]
         self._decide(parts)
         self._carry = None
         self._not_before = 0
         return True
 
-    def _weigh(self, end: int, ending: Ending) -> Weighing:
+    def _weigh(self, end: i64, ending: i64) -> Weighing:
         pauses = self._pauses.within(self._base + self._at, self._base + end)
         window = Window(self._data[self._at : end], pauses)
         return Weighing(window, self._carry or _IN_STEP, ending)
 
     def _read(self, weighing: Weighing) -> list[Stretch]:
         reading = chosen(weighing)
-        return calmly(weighing, reading) if self._decided.calm() else reading
+        return calmly(weighing, reading) if self._line.calm() else reading
 
     def _pass_noise(self) -> bool:
         """Lost: pass over the noise to the next anchor; False where none has come yet."""
-        assert self._lost_from is not None
         data = self._data
-        anchor = ANCHOR_TAIL.search(data, self._at + FRAME_LENGTH - 1)
-        known = anchor.end() - FRAME_LENGTH if anchor else len(data) - ANCHOR_REACH
+        anchor = anchor_from(data, self._at)
+        known = anchor if anchor >= 0 else len(data) - ANCHOR_REACH
         enough = self._lost_from + WIDEST
         if not self._passing:
-            limit = min(len(data), enough + ANCHOR_REACH)
+            limit = min(i64(len(data)), enough + ANCHOR_REACH)
             promised = next_promised(data, self._at, self._weighed_to, limit)
-            if promised is not None and (anchor is None or promised <= anchor.end() + FRAME_LENGTH):
-                self._lost_from = None
+            if promised >= 0 and (anchor < 0 or promised <= anchor + 2 * LENGTH):
+                self._lost_from = _NOWHERE
                 return True
         if self._passing or known >= enough:
             self._passing = True
             self._carry = lost()
             self._take_noise(lead(data, self._at, known))
-        if anchor:
-            self._lost_from = None
+        if anchor >= 0:
+            self._lost_from = _NOWHERE
             self._not_before = 0
-        return anchor is not None
+        return anchor >= 0
 
     # Silence
 
@@ -354,52 +310,49 @@ class Framer:
 
     def _settle(self, *, hold: bool) -> None:
         """Decide everything up to here; `hold` the beginning of a frame that may go on."""
-        size = len(self._data) - self._at
-        if size:
-            reading = self._read(self._weigh(len(self._data), Ending.CLOSED))
+        if self._at < len(self._data):
+            reading = self._read(self._weigh(len(self._data), CLOSED))
             last = reading[-1]
             held = hold and not last.framed and self._can_go_on(last)
             self._decide(reading[:-1] if held else reading)
             in_step = held or last.certain
-            self._carry = None if in_step else Carry([1.0], [], 0.05)
-            self._lost_from = None
+            self._carry = None if in_step else settled()
+            self._lost_from = _NOWHERE
             self._not_before = 0
-        self._tiles.end_noise()
+        self._line.tiles.end_noise()
 
     def _can_go_on(self, last: Stretch) -> bool:
         """Whether the pending bytes end with the beginning of a frame."""
-        if Fault.TRUNCATED not in last.faults:
+        if last.faults & TRUNCATED == 0:
             return False
-        begin = self._data[self._at + last.start : self._at + last.start + FRAME_LENGTH]
-        return front_of(begin.translate(CANONICAL)).length >= last.stop - last.start
+        start = self._at + last.start
+        front = Front(self._data, start, min(i64(len(self._data)), start + LENGTH))
+        return front.fit >= last.stop - last.start
 
     # Decided bytes become rows
 
-    def _decide(self, reading: Sequence[Stretch]) -> None:
+    def _decide(self, reading: list[Stretch]) -> None:
         if reading:
-            stop = self._at + reading[-1].stop
-            self._decided.parts(self._base + self._at, self._data[self._at : stop], reading)
-            self._at = stop
+            self._line.parts(self._base + self._at, reading)
+            self._at += reading[-1].stop
         self._firm_from = 0
 
-    def _take_noise(self, stop: int) -> None:
+    def _take_noise(self, stop: i64) -> None:
         """Take the bytes up to `stop` as noise, which may go on."""
         if stop > self._at:
-            self._tiles.noise(self._base + self._at, self._data[self._at : stop])
+            self._line.tiles.noise(self._base + self._at, self._base + stop)
             self._at = stop
 
     def _drop_decided(self) -> None:
         """Forget the bytes that are decided."""
         done = self._at
+        self._kept.add(self._data, done)
         self._data = self._data[done:]
         self._base += done
         self._at = 0
-        if self._not_before:
-            self._not_before = max(0, self._not_before - done)
-        if self._weighed_to:
-            self._weighed_to = max(0, self._weighed_to - done)
-        if self._firm_from:
-            self._firm_from = max(0, self._firm_from - done)
-        if self._lost_from is not None:
+        self._not_before = max(i64(0), self._not_before - done)
+        self._weighed_to = max(i64(0), self._weighed_to - done)
+        self._firm_from = max(i64(0), self._firm_from - done)
+        if self._lost_from >= 0:
             self._lost_from -= done
         self._pauses.forget(self._base)

@@ -6,108 +6,131 @@ lies in such a gap is damaged frames and noise; it begins and ends where a frame
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeAlias
+from typing import Final, final
 
-from fte_sniff.protocol.codec import frame_faults
-from fte_sniff.protocol.framer.likelihood import (
-    JUNK,
-    LONGEST_JUNK,
-    NOISE_BEGINS,
-    NOISE_ENDS,
-    NOISE_STAYS,
-)
-from fte_sniff.protocol.framer.pieces import Piece, Start, Window
+from librt.vecs import vec
+from mypy_extensions import i64
+
+from fte_sniff.protocol.framer.fault_sets import BAD_HEADER, BAD_TAIL, NOISE, OVERLONG, TRUNCATED
+from fte_sniff.protocol.framer.noise import noise_run
+from fte_sniff.protocol.framer.pieces import Start, Window
+from fte_sniff.protocol.framer.places import ENDING, HEADER, LENGTH, MARKS
 from fte_sniff.protocol.framer.reading import Stretch
-from fte_sniff.protocol.rows import Fault
-from fte_sniff.protocol.structure import HEADER_BYTES
-from fte_sniff.protocol.table import FRAME_LENGTH, TAIL
+from fte_sniff.protocol.framer.shapes import faults_of_framed
 
-_Best: TypeAlias = dict[int, tuple[float, int, Piece | None]]
-"""By place: the weight of the best reading up to it, where its last part begins, and the piece
-that this is; None for noise."""
-
-_NOTHING = (0.0, 0, None)
-"""A place that no reading has reached."""
+_NOISE: Final = -1.0
+"""Stands for the weight of a piece where the last part is noise."""
 
 
+@final
 class Gap:
     """What lies between two shown frames, or behind the last."""
 
-    def __init__(self, window: Window, start: int, stop: int) -> None:
+    def __init__(self, window: Window, start: i64, stop: i64) -> None:
         """From `start` to `stop` in the window."""
         self._window = window
-        self._start, self._stop = start, stop
-        self._headers = [header.place for header in window.starts if start < header.place < stop]
-        self._best: _Best = {start: (1.0, start, None)}
-        for place in range(start, stop):
-            if place in self._best:
-                self._extend(place)
+        self._start = start
+        self._stop = stop
+        size = stop - start + 1
+        self._best = vec[float]([0.0] * size)
+        """By place from the start on: the weight of the best reading up to it; 0 where none is."""
+        self._begins = vec[i64]([i64(0)] * size)
+        """Where the last part of that reading begins."""
+        self._pieces = vec[float]([0.0] * size)
+        """What the piece weighs that this part is; `_NOISE` where it is none."""
+        self._best[0] = 1.0
+        self._begins[0] = start
+        self._extend_all()
 
-    def end_with_cut_off(self, cut_off: Callable[[Start], float]) -> None:
-        """Let the gap end with a frame that goes on behind it, where that is best.
+    def _extend_all(self) -> None:
+        window = self._window
+        first_header: i64 = 0
+        headers: i64 = len(window.starts)
+        for place in range(self._start, self._stop):
+            while first_header < headers and window.starts[first_header].place < place:
+                first_header += 1
+            if self._best[place - self._start] > 0.0:
+                self._extend(place, first_header)
 
-        `cut_off` weighs such a frame by its header.
-        """
-        for start in self._window.starts:
-            place, own = start.place, cut_off(start)
-            if place in self._best:
-                weight = self._best[place][0] * own
-                if weight > self._best.get(self._stop, _NOTHING)[0]:
-                    self._best[self._stop] = weight, place, (self._stop, own, False)
+    def _extend(self, place: i64, number: i64) -> None:
+        """Go on from a place with all that can begin there; `number` is that of the next header."""
+        at = place - self._start
+        weight, window = self._best[at], self._window
+        behind_noise = self._pieces[at] == _NOISE
+        meeting = weight if behind_noise else weight * window.meeting(place)
+        if MARKS[window.data[place]] == HEADER:
+            self._extend_from_header(window.starts[number], meeting)
+            number += 1
+        else:
+            self._extend_to_tails(place, meeting)
+        if behind_noise:
+            return
+        while number < len(window.starts) and window.starts[number].place < self._stop:
+            stop = window.starts[number].place
+            self._reach(stop, place, weight * noise_run(stop - place), _NOISE)
+            number += 1
+        self._reach(self._stop, place, weight * noise_run(self._stop - place), _NOISE)
 
-    def parts(self) -> list[tuple[Stretch, float]]:
-        """The parts from left to right, and the weight of each piece among them."""
-        parts: list[tuple[Stretch, float]] = []
+    def _extend_from_header(self, start: Start, weight: float) -> None:
+        front, place = start.front, start.place
+        for length in range(i64(1), front.cut_to + 1):
+            own = start.truncated[length]
+            self._reach(place + length, place, weight * own, own)
+        first: i64 = 1 if front.whole > 0.0 else 0
+        for number in range(first, start.count):
+            own = start.weights[number]
+            self._reach(start.stops[number], place, weight * own, own)
+
+    def _extend_to_tails(self, place: i64, weight: float) -> None:
+        for stop in self._window.stops:
+            if stop.first <= place < stop.place:
+                own = stop.weights[place - stop.first]
+                self._reach(stop.place, place, weight * own, own)
+
+    def _reach(self, stop: i64, begin: i64, weight: float, piece: float) -> None:
+        """A reading that reaches `stop` with a part from `begin` on."""
+        if stop > self._stop:
+            return
+        at = stop - self._start
+        if weight > self._best[at]:
+            self._best[at], self._begins[at], self._pieces[at] = weight, begin, piece
+
+    def end_with_cut_off(self, start: Start, own: float) -> None:
+        """Let the gap end with a frame that begins there and goes on, where that is best."""
+        if start.place >= self._start and own > 0.0:
+            weight = self._best[start.place - self._start] * own
+            self._reach(self._stop, start.place, weight, own)
+
+    def parts(self) -> list[Stretch]:
+        """The parts from left to right; the probability of each is the weight of its piece."""
+        parts: list[Stretch] = []
         place = self._stop
         while place > self._start:
-            _, begin, piece = self._best[place]
-            raw = self._window.data[begin:place]
-            parts.append((_part(begin, raw, piece), piece[1] if piece else 0.0))
-            place = begin
-        return parts[::-1]
-
-    def _extend(self, place: int) -> None:
-        best, end = self._best, self._stop
-        weight, begin, last = best[place]
-        window = self._window
-        meeting = weight if last is None and begin != place else weight * window.meeting(place)
-        for piece in window.pieces_at(place):
-            stop, own, whole = piece
-            if stop <= end and not whole and meeting * own > best.get(stop, _NOTHING)[0]:
-                best[stop] = meeting * own, place, piece
-        if last is None and begin != place:
-            return
-        for stop in (*self._headers, end):
-            if place < stop:
-                noise = weight * _NOISE_WEIGHT[stop - place]
-                if noise > best.get(stop, _NOTHING)[0]:
-                    best[stop] = noise, place, None
+            at = place - self._start
+            parts.append(_part(self._window.data, self._begins[at], place, self._pieces[at]))
+            place = self._begins[at]
+        parts.reverse()
+        return parts
 
 
-def _part(start: int, raw: bytes, piece: Piece | None) -> Stretch:
-    """What these bytes are, as the piece or, without one, as noise."""
-    fault = _named(raw) if piece else Fault.NOISE
-    framed = fault is None
-    return Stretch(start, start + len(raw), framed, (fault,) if fault else frame_faults(raw), 0.0)
+def _part(data: bytes, start: i64, stop: i64, piece: float) -> Stretch:
+    """What these bytes are, as the piece or as noise."""
+    if piece == _NOISE:
+        return Stretch(start, stop, False, NOISE, 0.0)
+    fault = _named(data, start, stop)
+    if fault:
+        return Stretch(start, stop, False, fault, piece)
+    return Stretch(start, stop, True, faults_of_framed(data, start), piece)
 
 
-def _named(raw: bytes) -> Fault | None:
-    """What is wrong with the bytes of a piece; None where they are framed."""
-    if len(raw) != FRAME_LENGTH:
-        if raw[0] not in HEADER_BYTES:
-            return Fault.NOISE
-        return Fault.TRUNCATED if len(raw) < FRAME_LENGTH else Fault.OVERLONG
-    if raw[0] not in HEADER_BYTES:
-        return Fault.BAD_HEADER
-    return None if raw[-1] == TAIL else Fault.BAD_TAIL
-
-
-def _noise_weight(length: int) -> float:
-    if length <= LONGEST_JUNK:
-        return JUNK
-    return NOISE_BEGINS * NOISE_ENDS * NOISE_STAYS ** (length - 1)
-
-
-_NOISE_WEIGHT = tuple(_noise_weight(length) for length in range(512))
-"""By length in bytes: the weight of one run of noise."""
+def _named(data: bytes, start: i64, stop: i64) -> i64:
+    """What is wrong with the bytes of a piece; 0 where they are framed."""
+    size = stop - start
+    headed = MARKS[data[start]] == HEADER
+    if size != LENGTH:
+        if not headed:
+            return NOISE
+        return TRUNCATED if size < LENGTH else OVERLONG
+    if not headed:
+        return BAD_HEADER
+    return i64(0) if MARKS[data[stop - 1]] == ENDING else BAD_TAIL

@@ -1,94 +1,112 @@
-"""Owns decided bytes as tiles: kept as they come, for whoever makes of them what serves best.
+"""Owns what was decided of a stream, with its bytes and times, until somebody takes it.
 
 It must not decide anything, nor know columns. Runs of frames stay in one piece, so that much can be
-handed on at once; the rows that a tile stands for are those that the framer gives elsewhere.
+handed on at once; whoever wants rows gets them one by one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import final
 
-from fte_sniff.protocol.framer.tiling import Tiler, Tiles
+from mypy_extensions import i64
+
+from fte_sniff.protocol.framer.fault_sets import FAULT_SETS
+from fte_sniff.protocol.framer.places import LENGTH
+from fte_sniff.protocol.framer.tiling import Tiles
 from fte_sniff.protocol.framer.timeline import Mark, Marks
-from fte_sniff.protocol.rows import Fault, Row
-from fte_sniff.protocol.table import FRAME_LENGTH
+from fte_sniff.protocol.rows import Damage, Fault, Frame, Row
 
 
-class Tile(NamedTuple):
-    """Decided bytes: one row, or frames in step with nothing wrong."""
-
-    offset: int
-    """Of the first byte in the stream."""
-    data: bytes
-    """Holds the bytes, from `start` to `stop`."""
-    start: int
-    stop: int
-    faults: tuple[Fault, ...] | None
-    """Of the one row; None where they are frames in step."""
-    framed: bool
-    """Whether the one row is a frame."""
-
-
-@dataclass(frozen=True, slots=True)
+@final
 class Decided:
-    """What was decided of one port's stream, from one offset to another, as tiles."""
+    """What was decided of one port's stream, from one offset to another."""
 
-    port: str
-    tiles: Sequence[Tile]
-    marks: Sequence[Mark]
-    """Of all of their bytes."""
+    def __init__(self, port: str, data: bytes, start: i64, tiles: Tiles, marks: Sequence[Mark]):
+        self.port = port
+        self.data = data
+        """All of its bytes, and perhaps more behind them."""
+        self.start = start
+        """Offset of the first of them in the stream."""
+        self.tiles = tiles
+        """What they are."""
+        self.marks = marks
+        """When they were read."""
 
     def __len__(self) -> int:
         """How many rows they are."""
-        return sum(
-            1 if tile.faults is not None else (tile.stop - tile.start) // FRAME_LENGTH
-            for tile in self.tiles
-        )
+        count: i64 = 0
+        for own in self.tiles.counts:
+            count += own
+        return int(count)
+
+    def last(self) -> tuple[int, bool, tuple[Fault, ...]] | None:
+        """How long the last row is, whether it is a frame, and its faults; None without rows."""
+        number = i64(len(self.tiles.starts)) - 1
+        if number < 0:
+            return None
+        code = self.tiles.codes[number]
+        length = (self.tiles.end - self.tiles.starts[number]) // self.tiles.counts[number]
+        return int(length), code & 1 == 1, FAULT_SETS[code >> 1]
 
     def rows(self) -> list[Row]:
-        """The rows, as the framer would have given them."""
-        tiler = Tiler(self.port, Marks(self.marks))
-        for offset, data, start, stop, faults, framed in self.tiles:
-            if faults is None:
-                tiler.run(offset, data, start, stop)
-            else:
-                tiler.row(offset, data, faults, framed=framed)
-        return tiler.take()
+        """The rows one by one, each with its time."""
+        rows: list[Row] = []
+        starts, counts, codes = self.tiles.starts, self.tiles.counts, self.tiles.codes
+        size: i64 = len(starts)
+        marks = Marks(self.marks)
+        for number in range(size):
+            at, code = starts[number], codes[number]
+            stop = starts[number + 1] if number + 1 < size else self.tiles.end
+            length = (stop - at) // counts[number]
+            make = Frame if code & 1 == 1 else Damage
+            faults = FAULT_SETS[code >> 1]
+            while at < stop:
+                raw = self.data[at - self.start : at - self.start + length]
+                t_ns, delay = marks.mark(at).time_and_delay(at)
+                rows.append(make(self.port, int(at), raw, t_ns, faults, delay))
+                at += length
+        return rows
 
     def headers(self) -> Iterator[tuple[int, int]]:
         """The offset of each frame, and its header."""
-        for offset, data, start, stop, faults, framed in self.tiles:
-            if faults is None:
-                for place in range(start, stop, FRAME_LENGTH):
-                    yield offset + place - start, data[place]
-            elif framed:
-                yield offset, data[start]
+        starts, counts, codes = self.tiles.starts, self.tiles.counts, self.tiles.codes
+        for number in range(i64(len(starts))):
+            if codes[number] & 1 == 1:
+                for count in range(counts[number]):
+                    at = starts[number] + count * LENGTH
+                    yield int(at), self.data[at - self.start]
 
 
-class Keeper(Tiles):
-    """Keeps tiles as they come, for whoever makes of them what serves best."""
+@final
+class Kept:
+    """The decided bytes of one port that nobody has taken yet."""
 
     def __init__(self, port: str, marks: Marks) -> None:
-        super().__init__()
         self._port = port
         self._marks = marks
-        self._tiles: list[Tile] = []
+        self.start: i64 = 0
+        """Offset of the first of them."""
+        self._pieces: list[bytes] = []
+        self._size: i64 = 0
+        """Of the last piece."""
 
-    def row(self, offset: int, raw: bytes, faults: tuple[Fault, ...], *, framed: bool) -> None:
-        """One row."""
-        self._tiles.append(Tile(offset, raw, 0, len(raw), faults, framed))
+    def add(self, data: bytes, size: i64) -> None:
+        """The next decided bytes: so many of these. (They are not copied if they stay alone.)"""
+        if self._pieces:
+            self._pieces[-1] = self._pieces[-1][: self._size]
+        self._pieces.append(data)
+        self._size = size
 
-    def run(self, offset: int, data: bytes, start: int, stop: int) -> None:
-        """Frames in step."""
-        self._tiles.append(Tile(offset, data, start, stop, None, True))
-
-    def take(self) -> Decided:
-        """What was decided since the last time."""
-        tiles, self._tiles = self._tiles, []
-        if not tiles:
-            return Decided(self._port, (), ())
-        last = tiles[-1]
-        end = last.offset + last.stop - last.start
-        return Decided(self._port, tiles, self._marks.before(end))
+    def take(self, tiles: Tiles) -> Decided:
+        """What stands in these tiles."""
+        start, size = self.start, tiles.end - self.start
+        if len(self._pieces) > 1:
+            self._pieces[-1] = self._pieces[-1][: self._size]
+            self._pieces = [b"".join(self._pieces)]
+            self._size = len(self._pieces[0])
+        data = self._pieces[0] if self._pieces else b""
+        self._pieces = [data[size : self._size]] if size < self._size else []
+        self._size = max(i64(0), self._size - size)
+        self.start = tiles.end
+        return Decided(self._port, data, start, tiles, self._marks.before(tiles.end))

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Final
 
 from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG, legal_bytes
 from fte_sniff.protocol.table import (
@@ -34,54 +35,54 @@ from fte_sniff.protocol.table import (
     FrameKind,
 )
 
-DAMAGED = 0.1
+DAMAGED: Final = 0.1
 """Share of frames that are damaged."""
 
-WHOLE = 1 - DAMAGED
+WHOLE: Final = 1 - DAMAGED
 """Share of frames that arrive as they were sent."""
 
-_EACH_HARM = DAMAGED / 5
+_EACH_HARM: Final = DAMAGED / 5
 
-LONGEST_JUNK = 30
+LONGEST_JUNK: Final = 30
 """Bytes that junk before a frame has at most; more is long noise."""
 
-JUNK = _EACH_HARM / LONGEST_JUNK
+JUNK: Final = _EACH_HARM / LONGEST_JUNK
 """Weight of junk of one certain length."""
 
-NOISE_BEGINS = 1e-5
+NOISE_BEGINS: Final = 1e-5
 """Weight of long noise beginning at a boundary."""
 
-NOISE_ENDS = 1 / 500
+NOISE_ENDS: Final = 1 / 500
 """Weight of long noise ending at a header."""
 
-NOISE_STAYS = 1 - NOISE_ENDS
+NOISE_STAYS: Final = 1 - NOISE_ENDS
 
-FOREIGN = 0.002
+FOREIGN: Final = 0.002
 """Share of frames with a header, a tail and content that this protocol does not have."""
 
-PAUSE_WITHIN = 1 / 64
+PAUSE_WITHIN: Final = 1 / 64
 """Weight of a pause within a frame, against one between frames."""
 
-UNPAUSED = 1 / 64
+UNPAUSED: Final = 1 / 64
 """Weight of two pieces meeting without a pause, where other pauses show that the line has them."""
 
-CERTAIN = 0.9995
+CERTAIN: Final = 0.9995
 """A frame that is at least so probable is believed; a less probable one is `ambiguous`."""
 
-SHOWN = 0.03
+SHOWN: Final = 0.03
 """A frame that is at least so probable is shown as a frame, if no other claims its bytes."""
 
 
 def _uneven(shares: Mapping[int, float]) -> tuple[float, ...]:
     """Weights of a byte's values, where some have a share of their own and the rest is even."""
-    even = (1 - sum(shares.values())) / (256 - len(shares))
+    even = (1.0 - sum(shares.values(), 0.0)) / (256 - len(shares))
     return tuple(256 * shares.get(byte, even) for byte in range(256))
 
 
-_IMITATING = dict.fromkeys([*HEADER_BYTES, TAIL], 0.03)
-_PAYLOAD = _uneven({0x00: 0.25, 0xFF: 0.08, **dict.fromkeys((1, 2, 3), 0.03), **_IMITATING})
-_UNUSED_NUM = _uneven({0x00: 0.5})
-_USUAL_FLAGS = 0.9
+_IMITATING: Final = dict.fromkeys([*HEADER_BYTES, TAIL], 0.03)
+_PAYLOAD: Final = _uneven({0x00: 0.25, 0xFF: 0.08, **dict.fromkeys((1, 2, 3), 0.03), **_IMITATING})
+_UNUSED_NUM: Final = _uneven({0x00: 0.5})
+_USUAL_FLAGS: Final = 0.9
 """Share of flag bytes that have the value of the protocol's examples."""
 
 
@@ -118,19 +119,19 @@ KIND_SHARE: Mapping[str, float] = MappingProxyType(
 )
 """The share of a kind among all frames: every header is equally likely, and every CMD under it."""
 
-HEADER_WEIGHT = 256 / len(HEADER_BYTES)
+HEADER_WEIGHT: Final = 256 / len(HEADER_BYTES)
 """Weight of a header byte at the first place of a frame."""
 
-BROKEN = 1e-5
+BROKEN: Final = 1e-5
 """Weight of a frame damaged twice or in some other way, its tail left, of one certain length."""
 
-UNUSUAL = 0.003
+UNUSUAL: Final = 0.003
 """Share of frames with reserve bytes or flags that the document does not show."""
 
-LIKELY = 0.5
+LIKELY: Final = 0.5
 """A frame that does not fit its kind at every place is `ambiguous` if it is less probable."""
 
-FOREIGN_FRAME = FOREIGN * HEADER_WEIGHT * 256
+FOREIGN_FRAME: Final = FOREIGN * HEADER_WEIGHT * 256
 """Weight of ten bytes between a header and a tail, whatever they are."""
 
 
@@ -142,7 +143,7 @@ def _lost(length: int) -> float:
 LOST: tuple[float, ...] = (0.0, *(_lost(length) for length in range(1, FRAME_LENGTH)))
 """By length left: weight of one certain run of bytes having been lost."""
 
-PUT_IN = _EACH_HARM / (LONGEST_OVERLONG - FRAME_LENGTH) / (FRAME_LENGTH - 1)
+PUT_IN: Final = _EACH_HARM / (LONGEST_OVERLONG - FRAME_LENGTH) / (FRAME_LENGTH - 1)
 """Weight of one certain number of bytes having been put in at one certain place."""
 
 
@@ -152,7 +153,7 @@ def _changed(width: int) -> float:
     return _EACH_HARM / 5 / (FRAME_LENGTH + 1 - width)
 
 
-WIDEST_CHANGE = 6
+WIDEST_CHANGE: Final = 6
 """Bytes that one replacement changes at most."""
 
 CHANGED: tuple[float, ...] = (0.0, *(_changed(width) for width in range(1, WIDEST_CHANGE + 1)))

@@ -13,136 +13,150 @@ its back, and both together. So a window is told by its headers and its tails:
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Final, final
 
-from fte_sniff.protocol.framer.ends import CANONICAL, Back, Front, back_of, between, front_of
+from librt.vecs import vec
+from mypy_extensions import i64
+
+from fte_sniff.protocol.framer.ends import LONGEST, Back, Front, between
 from fte_sniff.protocol.framer.likelihood import PAUSE_WITHIN, UNPAUSED
-from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG
-from fte_sniff.protocol.table import FRAME_LENGTH, TAIL
+from fte_sniff.protocol.framer.places import HEADER, LENGTH, MARKS
 
-Piece: TypeAlias = tuple[int, float, bool]
-"""Where it stops, its weight, and whether it is a frame that fits its kind at every place."""
+_MOST_ENDS: Final[i64] = 1 + LONGEST
+"""Pieces that begin with one header and are not truncated: ten bytes, and one for each tail."""
 
 
-class Start(NamedTuple):
+@final
+class Start:
     """A header in a window, and the pieces that begin with it."""
 
-    place: int
-    front: Front
-    truncated: Sequence[float]
-    """By length from 1: the weight of the frame going on no further."""
-    ends: list[Piece]
-    """All other pieces, a whole frame first."""
+    def __init__(self, place: i64, front: Front) -> None:
+        self.place = place
+        self.front = front
+        self.truncated = vec[float]([0.0] * LENGTH)
+        """By length from 1 to what the front is cut to: the weight of the frame going on no
+        further."""
+        for length in range(1, front.cut_to + 1):
+            self.truncated[length] = front.truncated(length)
+        self.count: i64 = 0
+        """How many other pieces there are; a whole frame is the first."""
+        self.stops = vec[i64]([i64(0)] * _MOST_ENDS)
+        """Where each of them stops."""
+        self.weights = vec[float]([0.0] * _MOST_ENDS)
+        """What each of them weighs."""
+
+    def add(self, stop: i64, weight: float) -> None:
+        """One more piece."""
+        self.stops[self.count], self.weights[self.count] = stop, weight
+        self.count += 1
 
 
-class Stop(NamedTuple):
+@final
+class Stop:
     """A tail in a window, and the pieces that reach it from places where no header stands."""
 
-    place: int
-    """Behind the tail."""
-    first: int
-    """The first place from which one can reach it."""
-    headless: Sequence[float]
-    """By place from `first` to the tail: the weight of the piece; 0 where a header stands."""
-    back: Back
+    def __init__(self, place: i64, back: Back) -> None:
+        self.place = place
+        """Behind the tail."""
+        self.back = back
+        self.first = max(i64(0), place - LONGEST)
+        """The first place from which one can reach it."""
+        self.weights = vec[float]([0.0] * LONGEST)
+        """By place from `first` to the tail: the weight of the piece; 0 where a header stands."""
+        for start in range(self.first, place):
+            self.weights[start - self.first] = back.headless[place - start]
 
 
-_MARK = re.compile(b"[%b%b]" % (re.escape(HEADER_BYTES), re.escape(bytes([TAIL]))))
+@final
+class Mark:
+    """A header or a tail in a window."""
+
+    def __init__(self, start: Start | None, stop: Stop | None) -> None:
+        self.start = start
+        self.stop = stop
 
 
+@final
 class Window:
     """A stretch of bytes, and the pieces that can stand in it."""
 
-    def __init__(self, data: bytes, pauses: Sequence[int] = ()) -> None:
+    def __init__(self, data: bytes, pauses: Sequence[i64] = ()) -> None:
         """`pauses` are the places in `data` before which the line was silent for a while."""
         self.data = data
         self.pauses = pauses
-        own = data.translate(CANONICAL)
+        self.paused = len(pauses) > 0
+        self.size: i64 = len(data)
         self.starts: list[Start] = []
         """Every header, from left to right."""
         self.stops: list[Stop] = []
         """Every tail, from left to right."""
-        self.marks: list[Start | Stop] = []
+        self.marks: list[Mark] = []
         """Both, in the order of their places; where a tail ends and a header stands, the tail."""
-        for mark in _MARK.finditer(data):
-            place = mark.start()
-            if data[place] != TAIL:
-                self._add_start(place, front_of(own[place : place + FRAME_LENGTH]))
-            else:
-                first = max(0, place + 1 - FRAME_LENGTH)
-                self._add_stop(place + 1, back_of(own[first : place + 1]))
+        for place in range(self.size):
+            mark = MARKS[data[place]]
+            if mark == HEADER:
+                self._add_start(place)
+            elif mark != 0:
+                self._add_stop(place + 1)
 
-    def _add_start(self, place: int, front: Front) -> None:
-        ends: list[Piece] = []
-        truncated: Sequence[float] = front.truncated
-        if front.whole:
-            ends.append((place + FRAME_LENGTH, front.whole, True))
-        elif front.bad_tail:
-            ends.append((place + FRAME_LENGTH, front.bad_tail, False))
-        if self.pauses:
-            ends = [(stop, self._paused(place, stop, own), whole) for stop, own, whole in ends]
-            truncated = [
-                self._paused(place, stop, own)
-                for stop, own in enumerate(truncated, start=place + 1)
-            ]
-        start = Start(place, front, truncated, ends)
+    def _add_start(self, place: i64) -> None:
+        start = Start(place, Front(self.data, place, min(self.size, place + LENGTH)))
+        front = start.front
+        if front.whole > 0.0:
+            start.add(place + LENGTH, self._paused(place, place + LENGTH, front.whole))
+        elif front.bad_tail > 0.0:
+            start.add(place + LENGTH, self._paused(place, place + LENGTH, front.bad_tail))
+        if self.paused:
+            for length in range(1, front.cut_to + 1):
+                own = start.truncated[length]
+                start.truncated[length] = self._paused(place, place + length, own)
         self.starts.append(start)
-        self.marks.append(start)
+        self.marks.append(Mark(start, None))
 
-    def _add_stop(self, place: int, back: Back) -> None:
-        first = max(0, place - LONGEST_OVERLONG)
-        headless = list(back.headless[first - place :])
-        for start in reversed(self.starts):
-            at, front, _, ends = start
-            length = place - at
-            if length > LONGEST_OVERLONG:
+    def _add_stop(self, place: i64) -> None:
+        stop = Stop(place, Back(self.data, max(i64(0), place - LENGTH), place))
+        number: i64 = len(self.starts) - 1
+        while number >= 0:
+            start = self.starts[number]
+            length = place - start.place
+            if length > LONGEST:
                 break
-            headless[at - first] = 0.0
-            if length > 1 and not (front.whole and length == FRAME_LENGTH):
-                own = between(front, back, length)
-                if self.pauses:
-                    own = self._paused(at, place, own)
-                ends.append((place, own, False))
-        if self.pauses:
-            headless = [
-                self._paused(start, place, own) * self.meeting(start)
-                for start, own in enumerate(headless, start=first)
-            ]
-        stop = Stop(place, first, headless, back)
+            stop.weights[start.place - stop.first] = 0.0
+            if length > 1 and not (length == LENGTH and start.front.whole > 0.0):
+                own = between(start.front, stop.back, length)
+                start.add(place, self._paused(start.place, place, own))
+            number -= 1
+        if self.paused:
+            for at in range(stop.first, place):
+                own = self._paused(at, place, stop.weights[at - stop.first]) * self.meeting(at)
+                stop.weights[at - stop.first] = own
         self.stops.append(stop)
-        self.marks.append(stop)
+        self.marks.append(Mark(None, stop))
 
-    def _paused(self, start: int, stop: int, weight: float) -> float:
+    def _paused(self, start: i64, stop: i64, weight: float) -> float:
         """The weight of a piece, seeing where the line paused within."""
-        within = sum(start < pause < stop for pause in self.pauses)
-        return weight * PAUSE_WITHIN**within
+        if not self.paused:
+            return weight
+        for pause in self.pauses:
+            if start < pause < stop:
+                weight *= PAUSE_WITHIN
+        return weight
 
-    def meeting(self, place: int) -> float:
+    def meeting(self, place: i64) -> float:
         """The weight of two pieces meeting there, of which the second begins with a header.
 
         (It is within the weight of one that begins with none. Noise meets a frame for nothing: junk
         stands right before it.)
         """
-        return UNPAUSED if self.pauses and place and place not in self.pauses else 1.0
+        if not self.paused or place == 0 or place in self.pauses:
+            return 1.0
+        return UNPAUSED
 
-    def pieces_at(self, place: int) -> list[Piece]:
-        """Every piece that can begin at `place`."""
-        if self.data[place] in HEADER_BYTES:
-            start = next(start for start in self.starts if start.place == place)
-            cut = enumerate(start.truncated, start=place + 1)
-            return [*((stop, own, False) for stop, own in cut), *start.ends]
-        return [
-            (stop, headless[place - first], False)
-            for stop, first, headless, _ in self.stops
-            if first <= place < stop
-        ]
-
-    def rests_from_first(self, longest: int) -> list[float]:
-        """By length, from 1 to `longest`: the weight of the first bytes being a frame's last."""
-        weights = [0.0] * min(longest, len(self.data))
-        for place, _, _, back in self.stops:
-            if place <= longest:
-                weights[place - 1] = self._paused(0, place, back.rest(place))
+    def rests_from_first(self, longest: i64) -> vec[float]:
+        """By length, up to `longest`: the weight of the first bytes being a frame's last."""
+        weights = vec[float]([0.0] * (longest + 1))
+        for stop in self.stops:
+            if stop.place <= longest:
+                weights[stop.place] = self._paused(0, stop.place, stop.back.rest(stop.place))
         return weights

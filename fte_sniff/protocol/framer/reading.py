@@ -5,22 +5,31 @@ It must not know how a reading was found.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import final
 
-from fte_sniff.protocol.rows import Fault
+from mypy_extensions import i64
 
 
-class Stretch(NamedTuple):
+@final
+class Stretch:
     """A part of the chosen reading: what becomes one row (neighbouring noise becomes one)."""
 
-    start: int
-    stop: int
-    framed: bool
-    faults: tuple[Fault, ...]
-    probability: float
-    """That of a whole frame; 0 for anything else."""
+    def __init__(
+        self, start: i64, stop: i64, framed: bool, faults: i64, probability: float
+    ) -> None:
+        self.start = start
+        self.stop = stop
+        self.framed = framed
+        self.faults = faults
+        """A number of `fault_sets`."""
+        self.probability = probability
+        """That of a whole frame; 0 for anything else."""
 
     @property
     def certain(self) -> bool:
         """Whether it is a whole frame, and is to be believed."""
-        return self.framed and not self.faults
+        return self.framed and self.faults == 0
+
+    def called(self, faults: i64) -> Stretch:
+        """The same with other faults."""
+        return Stretch(self.start, self.stop, self.framed, faults, self.probability)

@@ -1,89 +1,77 @@
-"""Owns how decided bytes become rows: their times, and noise that goes on.
+"""Owns decided bytes as tiles: which stretches of the stream are one row each, and which are runs.
 
-It must not decide anything: the framer says what each stretch of bytes is, in stream order and
-without gaps.
+It must not decide anything, nor hold bytes or times: the framer says what each stretch is, in
+stream order and without gaps, and a tile is where it starts and what it is.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from typing import Final, final
 
-from fte_sniff.protocol.framer.timeline import Marks
-from fte_sniff.protocol.rows import Damage, Fault, Frame, Row
-from fte_sniff.protocol.table import FRAME_LENGTH
+from librt.vecs import append, vec
+from mypy_extensions import i64
 
-LONGEST_ROW = 1024
+from fte_sniff.protocol.framer.fault_sets import NOISE
+from fte_sniff.protocol.framer.places import LENGTH
+
+LONGEST_ROW: Final[i64] = 1024
 """Bytes in a row of noise."""
 
-NOISE = (Fault.NOISE,)
-"""The faults of a row of noise."""
+_NONE: Final[i64] = -1
 
 
-class Tiles(ABC):
-    """Takes what is decided, row by row; runs of frames with nothing wrong as a whole."""
+@final
+class Tiles:
+    """What was decided since the last time, side by side: a number in each list for every tile."""
 
-    def __init__(self) -> None:
-        self._noise = b""
-        """Noise that has not become a row yet: more may follow."""
-        self._noise_offset = 0
+    def __init__(self, start: i64 = 0) -> None:
+        """Tiles of a stream from that offset on."""
+        self.starts = vec[i64]()
+        """Offsets of the first bytes."""
+        self.counts = vec[i64]()
+        """How many rows each one is."""
+        self.codes = vec[i64]()
+        """What each row of it is: twice a number of `fault_sets`, and one more for a frame."""
+        self.end = start
+        """Offset behind the last tile."""
+        self.noise_from: i64 = _NONE
+        """Where the noise begins that is in no tile yet: more may follow;
+        -1 where there is none."""
+        self._noise_to: i64 = _NONE
 
-    @property
-    def noise_offset(self) -> int | None:
-        """Where the noise begins that is in no row yet; None where there is none."""
-        return self._noise_offset if self._noise else None
+    def run(self, start: i64, stop: i64) -> None:
+        """Frames in step with nothing wrong."""
+        self._add(start, (stop - start) // LENGTH, 1)
+        self.end = stop
 
-    def noise(self, offset: int, raw: bytes) -> None:
+    def row(self, start: i64, stop: i64, faults: i64, framed: bool) -> None:
+        """One row, behind whatever noise has been ended."""
+        self._add(start, 1, 2 * faults + (1 if framed else 0))
+        self.end = stop
+
+    def noise(self, start: i64, stop: i64) -> None:
         """Noise, which goes on what noise stood before; it may go on behind."""
-        if not self._noise:
-            self._noise_offset = offset
-        noise, at = self._noise + raw, 0
-        while len(noise) - at > LONGEST_ROW:
-            self.row(self._noise_offset + at, noise[at : at + LONGEST_ROW], NOISE, framed=False)
-            at += LONGEST_ROW
-        self._noise, self._noise_offset = noise[at:], self._noise_offset + at
+        if self.noise_from == _NONE:
+            self.noise_from = start
+        self._noise_to = stop
+        while stop - self.noise_from > LONGEST_ROW:
+            cut = self.noise_from + LONGEST_ROW
+            self.row(self.noise_from, cut, NOISE, False)
+            self.noise_from = cut
 
     def end_noise(self) -> None:
         """Noise that follows is another row, as anything else is."""
-        if self._noise:
-            self.row(self._noise_offset, self._noise, NOISE, framed=False)
-            self._noise = b""
+        if self.noise_from != _NONE:
+            self.row(self.noise_from, self._noise_to, NOISE, False)
+            self.noise_from = _NONE
 
-    @abstractmethod
-    def row(self, offset: int, raw: bytes, faults: tuple[Fault, ...], *, framed: bool) -> None:
-        """One row, behind whatever noise has been ended."""
+    def following(self) -> Tiles:
+        """Where the tiles behind these go to, and the noise that is in none."""
+        behind = Tiles(self.end)
+        behind.noise_from, behind._noise_to = self.noise_from, self._noise_to
+        return behind
 
-    @abstractmethod
-    def run(self, offset: int, data: bytes, start: int, stop: int) -> None:
-        """Frames in step with nothing wrong, from `start` to `stop` in `data`."""
-
-
-class Tiler(Tiles):
-    """Makes the rows of one port."""
-
-    def __init__(self, port: str, marks: Marks) -> None:
-        super().__init__()
-        self._port = port
-        self._marks = marks
-        self._out: list[Row] = []
-
-    def row(self, offset: int, raw: bytes, faults: tuple[Fault, ...], *, framed: bool) -> None:
-        """One row, with its time."""
-        t_ns, delay = self._marks.mark(offset).time_and_delay(offset)
-        make = Frame if framed else Damage
-        self._out.append(make(self._port, offset, raw, t_ns, faults, delay))
-
-    def run(self, offset: int, data: bytes, start: int, stop: int) -> None:
-        """The frames one by one, each with its time."""
-        port, append, mark_of = self._port, self._out.append, self._marks.mark
-        mark = mark_of(offset)
-        for place in range(start, stop, FRAME_LENGTH):
-            if offset >= mark.stop:
-                mark = mark_of(offset)
-            t_ns, delay = mark.time_and_delay(offset)
-            append(Frame(port, offset, data[place : place + FRAME_LENGTH], t_ns, (), delay))
-            offset += FRAME_LENGTH
-
-    def take(self) -> list[Row]:
-        """The rows made since the last time."""
-        out, self._out = self._out, []
-        return out
+    def _add(self, start: i64, count: i64, code: i64) -> None:
+        self.starts = append(self.starts, start)
+        self.counts = append(self.counts, count)
+        self.codes = append(self.codes, code)

@@ -16,7 +16,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import final
+
+from mypy_extensions import i64
 
 from fte_sniff.protocol.rows import Chunk
 from fte_sniff.protocol.table import byte_time_ns
@@ -28,30 +30,35 @@ SETTLING_NS = 20_000_000
 """Silence that settles what is pending."""
 
 
-class Mark(NamedTuple):
+@final
+class Mark:
     """The bytes of one chunk in their port's stream, and when they were read."""
 
-    start: int
-    """Offset of the first byte."""
-    stop: int
-    """Offset behind the last byte."""
-    t_ns: int | None
-    """When they were read, nanoseconds since 1970 UTC."""
-    floor_ns: int
-    """No byte of them began before this time."""
-    byte_ns: int
+    def __init__(
+        self, start: i64, stop: i64, t_ns: int | None, floor_ns: int, byte_ns: int
+    ) -> None:
+        self.start = start
+        """Offset of the first byte."""
+        self.stop = stop
+        """Offset behind the last byte."""
+        self.t_ns = t_ns
+        """When they were read, nanoseconds since 1970 UTC."""
+        self.floor_ns = floor_ns
+        """No byte of them began before this time."""
+        self.byte_ns = byte_ns
 
-    def time_and_delay(self, offset: int) -> tuple[int | None, int | None]:
+    def time_and_delay(self, offset: i64) -> tuple[int | None, int | None]:
         """When the byte at `offset` began on the wire, and how long before its read that was."""
-        _, stop, t_ns, floor_ns, byte_ns = self
+        t_ns, floor_ns = self.t_ns, self.floor_ns
         if t_ns is None:
             return None, None
-        delay = (stop - offset) * byte_ns
+        delay = int(self.stop - offset) * self.byte_ns
         if t_ns - delay >= floor_ns:
             return t_ns - delay, delay
         return floor_ns, t_ns - floor_ns if t_ns > floor_ns else 0
 
 
+@final
 class Marks:
     """The marks of one port's latest bytes, asked for from left to right."""
 
@@ -62,13 +69,13 @@ class Marks:
         """The next bytes have this mark."""
         self._marks.append(mark)
 
-    def mark(self, offset: int) -> Mark:
+    def mark(self, offset: i64) -> Mark:
         """The mark of the byte at `offset`; earlier offsets must not be asked for again."""
         while self._marks[0].stop <= offset:
             self._marks.popleft()
         return self._marks[0]
 
-    def before(self, offset: int) -> list[Mark]:
+    def before(self, offset: i64) -> list[Mark]:
         """Those of all bytes before `offset`; they must not be asked for again."""
         found: list[Mark] = []
         while self._marks and self._marks[0].stop <= offset:
@@ -78,13 +85,14 @@ class Marks:
         return found
 
 
+@final
 class Timeline:
     """How the times of one port's bytes go on, chunk by chunk."""
 
     def __init__(self, byte_ns: int) -> None:
         self._byte_ns = byte_ns
         self.marks = Marks()
-        self._size = 0
+        self._size: i64 = 0
         self._floor = 0
         self._silent_since: int | None = None
 
@@ -116,31 +124,33 @@ class Timeline:
         return max(0, t_ns - self._silent_since)
 
 
+@final
 class Pauses:
     """Where the line paused, by the offset of the byte behind."""
 
     def __init__(self, baud: int) -> None:
-        self._offsets: list[int] = []
+        self._offsets: list[i64] = []
+        self.least_ns = 0
+        """Silence that counts as a pause, nanoseconds."""
         self.pace(baud)
 
     def pace(self, baud: int) -> None:
         """The line has `baud` bits per second from now on."""
         self.least_ns = min(SETTLING_NS, round(PAUSE_BYTES * byte_time_ns(baud)))
-        """Silence that counts as a pause, nanoseconds."""
 
-    def add(self, offset: int) -> None:
+    def add(self, offset: i64) -> None:
         """The line paused before that byte."""
         self._offsets.append(offset)
 
-    def behind(self, offset: int) -> bool:
+    def behind(self, offset: i64) -> bool:
         """Whether there is a pause behind that byte."""
         return bool(self._offsets) and self._offsets[-1] > offset
 
-    def within(self, start: int, stop: int) -> list[int]:
+    def within(self, start: i64, stop: i64) -> list[i64]:
         """The pauses between those offsets, counted from `start`."""
         return [offset - start for offset in self._offsets if start < offset < stop]
 
-    def forget(self, offset: int) -> None:
+    def forget(self, offset: i64) -> None:
         """Pauses up to that byte are asked for no more."""
         while self._offsets and self._offsets[0] <= offset:
             del self._offsets[0]

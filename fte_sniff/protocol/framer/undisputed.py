@@ -12,140 +12,159 @@ weighing.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from functools import lru_cache
+from typing import Final
 
-from fte_sniff.protocol.codec import frame_faults
-from fte_sniff.protocol.framer.ends import CANONICAL
+from mypy_extensions import i64
+
+from fte_sniff.protocol.framer.fault_sets import BAD_HEADER, BAD_TAIL, NOISE, OVERLONG, TRUNCATED
 from fte_sniff.protocol.framer.likelihood import LONGEST_JUNK, WIDEST_CHANGE
-from fte_sniff.protocol.framer.patterns import FIRM_FRAME
+from fte_sniff.protocol.framer.places import (
+    COUNT,
+    HEADER,
+    HEADERS,
+    LENGTH,
+    MARKS,
+    NAMES_CMD,
+    NO_KIND,
+)
 from fte_sniff.protocol.framer.reading import Stretch
-from fte_sniff.protocol.rows import Fault
-from fte_sniff.protocol.structure import (
-    HEADER_BYTES,
-    LONGEST_OVERLONG,
+from fte_sniff.protocol.framer.shapes import (
+    BEHIND,
+    faults_of_framed,
     head_fit,
-    kinds_of,
-    legal_bytes,
-    places_regex,
+    is_doubtless,
+    kind_named,
     rest_fit,
 )
-from fte_sniff.protocol.table import FRAME_LENGTH, KINDS, TAIL, FrameKind
+from fte_sniff.protocol.structure import LONGEST_OVERLONG
+from fte_sniff.protocol.table import FRAME_LENGTH
 
-_HEADER = b"[%b]" % re.escape(HEADER_BYTES)
-_TAIL = re.escape(bytes([TAIL]))
-_CALM = b"[^%b%b]" % (re.escape(HEADER_BYTES), _TAIL)
-
-
-def _calm_places(kind: FrameKind) -> list[bytes]:
-    """By place, what fits the kind there and is no second header or tail."""
-    return [_CALM if legal is None else b"[%b]" % re.escape(legal) for legal in legal_bytes(kind)]
-
-
-def _cut_off(kind: FrameKind) -> bytes:
-    """The first bytes of a frame, at least `_ALONE` of them and not all."""
-    places, more = _calm_places(kind)[:-1], b""
-    for place in reversed(places[_ALONE:]):
-        more = b"(?:%b%b)?" % (place, more)
-    return b"".join(places[:_ALONE]) + more
-
-
-_ALONE = LONGEST_OVERLONG - FRAME_LENGTH + 1
+_ALONE: Final[i64] = LONGEST_OVERLONG - FRAME_LENGTH + 1
 """Bytes that are too many for one overlong frame together with a whole one."""
-_LEAST_LEFT = FRAME_LENGTH - WIDEST_CHANGE
-_BEGINNING = b"|".join(places_regex(legal_bytes(kind)[:_LEAST_LEFT]) for kind in KINDS)
-_ENDING = b"|".join(places_regex(legal_bytes(kind)[-_LEAST_LEFT:]) for kind in KINDS)
 
-_NO_FRONT = b"%b(?![%b])" % (
-    _HEADER,
-    re.escape(bytes({cmd for kind in KINDS for cmd in kind.cmds})),
-)
-"""A header that no CMD follows, which begins nothing."""
-
-_NOISE = b"%b{1,%d}+|%b(?:%b|%b){1,%d}%b{%d}|%b{%d,%d}+%b" % (
-    *(_CALM, LONGEST_JUNK),
-    *(_CALM, _CALM, _NO_FRONT, LONGEST_JUNK - _ALONE, _CALM, _ALONE - 1),
-    *(_CALM, _ALONE - 1, FRAME_LENGTH - 2, _TAIL),
-)
-_STUB = b"%b%b?" % (_HEADER, _CALM)
+_LEAST_LEFT: Final[i64] = FRAME_LENGTH - WIDEST_CHANGE
+_LONGEST: Final[i64] = LONGEST_OVERLONG
+_JUNK: Final[i64] = LONGEST_JUNK
+_STUB: Final[i64] = 2
 """Too few bytes to be alone, if the frame behind them can be the rest of theirs."""
-_TRUNCATED = b"|".join(_cut_off(kind) for kind in KINDS)
-_BAD_TAIL = b"(?=%b)%b%b{%d}" % (_BEGINNING, _HEADER, _CALM, FRAME_LENGTH - 1)
-_BAD_HEADER = b"%b{%d}%b(?<=%b)" % (_CALM, FRAME_LENGTH - 1, _TAIL, _ENDING)
-_BOTH = b"%b%b{%d,%d}+%b" % (_HEADER, _CALM, _ALONE - 2, LONGEST_OVERLONG - 2, _TAIL)
-"""A header and a tail, with anything between them."""
 
 
-def _shape(group: str, regex: bytes) -> bytes:
-    return b"(?P<%b>%b)" % (group.encode(), regex)
-
-
-_SHAPE = re.compile(
-    b"(?:%b)%b"
-    % (
-        b"|".join(
-            (
-                _shape(Fault.NOISE, _NOISE),
-                _shape("stub", _STUB),
-                _shape(Fault.TRUNCATED, _TRUNCATED),
-                _shape(Fault.BAD_TAIL, _BAD_TAIL),
-                _shape(Fault.BAD_HEADER, _BAD_HEADER),
-                _shape("both", _BOTH),
-            )
-        ),
-        FIRM_FRAME,
-    ),
-    re.DOTALL,
-)
-_FAULTS: Mapping[str, tuple[Fault, ...]] = {
-    fault.value: (fault,)
-    for fault in (Fault.NOISE, Fault.TRUNCATED, Fault.BAD_TAIL, Fault.BAD_HEADER)
-}
-"""By shape, where it tells what the damage is."""
-_LEAST = 1 + LONGEST_OVERLONG
-
-
-def undisputed(data: bytes, at: int) -> Stretch | None:
+def undisputed(data: bytes, at: i64) -> Stretch | None:
     """The damage at `at`, where a frame ended beyond doubt; None if it needs weighing.
 
     Behind it another one begins. It is counted from `at`, as all parts of a reading are.
     """
-    if len(data) - at < _LEAST:
+    end: i64 = len(data)
+    if end - at < 1 + LENGTH + BEHIND:
         return None
-    match = _SHAPE.match(data, at)
-    if match is None:
+    mark = _next_mark(data, at + 1, end)
+    if mark == end:
         return None
-    shape = match.lastgroup
-    assert shape is not None
-    size = match.end(shape) - at
-    faults = _FAULTS.get(shape)
-    if faults is None:
-        raw = data[at : at + size]
-        behind = data[at + size : at + size + FRAME_LENGTH]
-        faults = _stub_faults(raw, behind) if shape == "stub" else _faults(raw.translate(CANONICAL))
-        if not faults:
+    if MARKS[data[at]] == HEADER:
+        return _headed(data, at, mark)
+    return _headless(data, at, mark) if MARKS[data[at]] == 0 else None
+
+
+def _next_mark(data: bytes, at: i64, end: i64) -> i64:
+    """Where the next header or tail stands."""
+    while at < end and MARKS[data[at]] == 0:
+        at += 1
+    return at
+
+
+def _before_frame(
+    data: bytes, at: i64, stop: i64, faults: i64, *, framed: bool = False
+) -> Stretch | None:
+    """The bytes up to `stop` with these faults, if there are any and a frame stands behind them."""
+    if faults == 0 or not is_doubtless(data, stop, i64(len(data))):
+        return None
+    return Stretch(0, stop - at, framed, faults, 0.0)
+
+
+def _headed(data: bytes, at: i64, mark: i64) -> Stretch | None:
+    """Damage that begins with a header; `mark` is what comes next."""
+    size = mark - at
+    if MARKS[data[mark]] != HEADER:
+        stop = mark + 1
+        if not _ALONE <= size + 1 <= _LONGEST:
             return None
-    return Stretch(0, size, size == FRAME_LENGTH and shape == "both", faults, 0.0)
+        return _before_frame(
+            data, at, stop, _faults_of_both(data, at, stop), framed=size + 1 == LENGTH
+        )
+    if size <= _STUB:
+        faults = _faults_of_stub(data, at, mark)
+    elif size < _ALONE or size > LENGTH:
+        return None
+    elif size == LENGTH:
+        faults = BAD_TAIL if _begins(data, at) else i64(0)
+    else:
+        kind = kind_named(data, at)
+        whole = kind != NO_KIND and head_fit(data, at, mark, kind) == size
+        faults = TRUNCATED if whole else i64(0)
+    return _before_frame(data, at, mark, faults)
 
 
-def _stub_faults(stub: bytes, behind: bytes) -> tuple[Fault, ...]:
+def _headless(data: bytes, at: i64, mark: i64) -> Stretch | None:
+    """Damage that begins with neither a header nor a tail; `mark` is the first of them."""
+    size = mark - at
+    if MARKS[data[mark]] != HEADER:
+        if size == LENGTH - 1:
+            faults = BAD_HEADER if _ends(data, mark + 1) else i64(0)
+        else:
+            faults = NOISE if _ALONE - 1 <= size < LENGTH - 1 else i64(0)
+        return _before_frame(data, at, mark + 1, faults)
+    stop = mark
+    while MARKS[data[stop]] == HEADER and stop + 1 < len(data) and NAMES_CMD[data[stop + 1]] == 0:
+        # A header that no CMD follows begins nothing.
+        stop = _next_mark(data, stop + 1, i64(len(data)))
+        if stop == len(data):
+            return None
+    if stop - at > _JUNK or MARKS[data[stop]] != HEADER:
+        return None
+    if stop > mark:
+        for place in range(stop - _ALONE + 1, stop):
+            if place <= at or MARKS[data[place]] != 0:
+                return None
+    return _before_frame(data, at, stop, NOISE)
+
+
+def _begins(data: bytes, at: i64) -> bool:
+    """Whether a frame can begin there that is changed behind."""
+    kind = kind_named(data, at)
+    return kind != NO_KIND and head_fit(data, at, at + _LEAST_LEFT, kind) == _LEAST_LEFT
+
+
+def _ends(data: bytes, stop: i64) -> bool:
+    """Whether a frame can end there that is changed before."""
+    for kind in range(COUNT):
+        if rest_fit(data, stop - _LEAST_LEFT, stop, kind) == _LEAST_LEFT:
+            return True
+    return False
+
+
+def _faults_of_stub(data: bytes, at: i64, stop: i64) -> i64:
     """Truncated; none where the frame behind a stub can be the rest of one overlong frame."""
-    missing = FRAME_LENGTH - len(stub)
-    kinds = kinds_of(stub)
-    if any(rest_fit(kind, behind) >= missing for kind in kinds):
-        return ()
-    return (Fault.TRUNCATED,) if len(stub) == 1 or len(kinds) == 1 else ()
+    size = stop - at
+    named = kind_named(data, at) if size > 1 else NO_KIND
+    for kind in range(COUNT):
+        if named == kind or (named == NO_KIND and HEADERS[kind] == data[at]):
+            if rest_fit(data, stop, stop + LENGTH, kind) >= LENGTH - size:
+                return 0
+    return TRUNCATED if size == 1 or named != NO_KIND else i64(0)
 
 
-@lru_cache(1 << 12)
-def _faults(own: bytes) -> tuple[Fault, ...]:
-    """What is wrong with bytes, made canonical, between a header and a tail; none if unclear."""
-    if len(own) == FRAME_LENGTH:
-        return frame_faults(own)
-    kinds = kinds_of(own)
-    head = head_fit(kinds[0], own[:-1]) if len(kinds) == 1 else 1
-    whole = min(len(own), FRAME_LENGTH)
-    if not any(min(head, whole - 1) + rest_fit(kind, own) >= whole for kind in kinds):
-        return ()
-    return (Fault.TRUNCATED,) if len(own) < FRAME_LENGTH else (Fault.OVERLONG,)
+def _faults_of_both(data: bytes, at: i64, stop: i64) -> i64:
+    """What is wrong with bytes between a header and a tail; none if unclear."""
+    size = stop - at
+    if size == LENGTH:
+        return faults_of_framed(data, at)
+    named = kind_named(data, at)
+    whole = min(size, LENGTH)
+    head: i64 = 1
+    if named != NO_KIND:
+        head = min(head_fit(data, at, stop - 1, named), whole - 1)
+    for kind in range(COUNT):
+        if named == kind or (named == NO_KIND and HEADERS[kind] == data[at]):
+            if head + rest_fit(data, at, stop, kind) >= whole:
+                return TRUNCATED if size < LENGTH else OVERLONG
+    return 0

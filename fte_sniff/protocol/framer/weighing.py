@@ -12,10 +12,12 @@ the stretch, which the framer bounds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from enum import Enum
-from operator import add, mul
+from typing import Final, final
 
+from librt.vecs import vec
+from mypy_extensions import i64
+
+from fte_sniff.protocol.framer.carry import Carry, trusted
 from fte_sniff.protocol.framer.likelihood import (
     JUNK,
     LONGEST_JUNK,
@@ -24,233 +26,228 @@ from fte_sniff.protocol.framer.likelihood import (
     NOISE_STAYS,
     WHOLE,
 )
-from fte_sniff.protocol.framer.pieces import Start, Stop, Window
-from fte_sniff.protocol.table import FRAME_LENGTH
-
-_LONGEST = 512
-"""Bytes of the longest stretch that is weighed; the framer never asks for as many."""
-
-_STAYING = tuple(NOISE_STAYS**length for length in range(_LONGEST, -1, -1))
-"""The weight of noise going on for so many bytes, from `_LONGEST` down to 0."""
-
-_TO_HEADER = tuple(
-    (JUNK if length <= LONGEST_JUNK else 0.0)
-    + NOISE_BEGINS * NOISE_STAYS ** (length - 1) * NOISE_ENDS
-    for length in range(_LONGEST, 0, -1)
+from fte_sniff.protocol.framer.noise import (
+    BOUNDARY,
+    OPEN,
+    noise_to_end,
+    noise_to_header,
+    staying,
+    unending,
 )
-"""The weight of noise, short or long, up to a header, from `_LONGEST` bytes down to 1."""
+from fte_sniff.protocol.framer.pieces import Start, Stop, Window
+from fte_sniff.protocol.framer.places import LENGTH
+
+_JUNK_REACH: Final[i64] = LONGEST_JUNK
+_TRUSTED: Final = trusted()
 
 
-class Ending(Enum):
-    """What is known of the line behind a stretch."""
+@final
+class Passed:
+    """What the pieces and the noise before some end lay on every place of a window."""
 
-    OPEN = "bytes may follow at once"
-    CLOSED = "silence, or the end of the stream"
-    BOUNDARY = "no frame goes on behind it"
-
-
-@dataclass(slots=True)
-class Carry:
-    """What the bytes before a place say about the places from there on."""
-
-    after_piece: list[float] = field(default_factory=lambda: [1.0])
-    """By place: the weight of all readings of the bytes before it whose last piece ends there."""
-    after_noise: list[float] = field(default_factory=list)
-    """The same for readings that end there with noise."""
-    in_noise: float = 0.0
-    """The weight of readings with long noise going on at the first place."""
-    ends_frame: bool = False
-    """Whether the rows so far end here with a frame, or with something else of known length."""
-    within: float = 0.0
-    """The weight of the first place being anywhere within a frame; only where a stream begins."""
+    def __init__(self, size: i64) -> None:
+        self.after_piece = vec[float]([0.0] * (size + 1))
+        """By place: the weight of all readings of the bytes before it whose last piece ends
+        there."""
+        self.after_noise = vec[float]([0.0] * (size + 1))
+        """The same for readings that end there with noise."""
+        self.in_noise = 0.0
+        """The weight of those that are in long noise at the end."""
 
 
-def trusted() -> Carry:
-    """A frame ends here beyond doubt."""
-    return Carry()
-
-
-def joined() -> Carry:
-    """The stream begins here: between two frames, or anywhere within one, or in noise."""
-    return Carry([0.5], [], 0.01, within=0.5)
-
-
-def lost() -> Carry:
-    """Long noise is going on."""
-    return Carry([], [], 1.0)
-
-
+@final
 class Weighing:
     """The readings of a window, weighed; places are counted from the window's first byte."""
 
-    def __init__(self, window: Window, carry: Carry, ending: Ending) -> None:
+    def __init__(self, window: Window, carry: Carry, ending: i64) -> None:
+        """`ending` is one of those that `noise` names."""
         self.window = window
-        self.size = len(window.data)
+        self.size = window.size
         self.ending = ending
-        self._carried = _joining(window, carry) if carry.within else carry
-        self._after_piece, self._after_noise, _ = self._forward(self._carried, self.size)
-        self._to_end, self._at_header = self._backward()
+        self._carried = carry.joining(window) if carry.within else carry
+        self._passed = self._forward(self._carried, self.size)
+        self._to_end = vec[float]([0.0] * (self.size + 1))
+        """By place: the weight of all readings from there on."""
+        self._at_header = vec[float]([0.0] * len(window.starts))
+        """By header: that of those that begin with a frame there."""
+        self._backward()
         self._total = self._in_all(self._carried)
 
     # The two passes
 
-    def _forward(self, carry: Carry, end: int) -> tuple[list[float], list[float], float]:
+    def _forward(self, carry: Carry, end: i64) -> Passed:
         """The weights that the pieces and the noise before `end` lay on every place."""
-        after_piece = _padded(carry.after_piece, self.size)
-        after_noise = _padded(carry.after_noise, self.size)
-        noise, noisy_to = carry.in_noise, 0
+        passed = Passed(self.size)
+        after_piece, after_noise = passed.after_piece, passed.after_noise
+        _fill(after_piece, carry.after_piece)
+        _fill(after_noise, carry.after_noise)
+        noise, noisy_to = carry.in_noise, i64(0)
         for mark in self.window.marks:
-            if isinstance(mark, Stop):
-                place, first, headless, _ = mark
-                till = place if place < end else end
-                after_piece[place] += sum(map(mul, after_piece[first:till], headless))
+            stop = mark.stop
+            if stop is not None:
+                after_piece[stop.place] += _reaching(stop, after_piece, end)
                 continue
-            place, _, truncated, ends = mark
-            before = place - LONGEST_JUNK if place > LONGEST_JUNK else 0
+            start = mark.start
+            assert start is not None
+            place = start.place
+            junk = _junk_up_to(place, min(place, end), after_piece)
             if place >= end:
-                after_noise[place] += sum(after_piece[before:end]) * JUNK
+                after_noise[place] += junk
                 continue
-            noise = _gone_on(noise, after_piece[noisy_to:place])
-            noisy_to = place
-            after_noise[place] += sum(after_piece[before:place]) * JUNK + noise * NOISE_ENDS
+            while noisy_to < place:
+                noise = noise * NOISE_STAYS + NOISE_BEGINS * after_piece[noisy_to]
+                noisy_to += 1
+            after_noise[place] += junk + noise * NOISE_ENDS
             weight = after_piece[place] * self.window.meeting(place) + after_noise[place]
-            if weight:
-                first, last = place + 1, place + 1 + len(truncated)
-                more = map(weight.__mul__, truncated)
-                after_piece[first:last] = map(add, after_piece[first:last], more)
-                for at, own, _ in ends:
-                    after_piece[at] += weight * own
-        return after_piece, after_noise, _gone_on(noise, after_piece[noisy_to:end])
+            if weight > 0.0:
+                _lay(start, weight, after_piece)
+        while noisy_to < end:
+            noise = noise * NOISE_STAYS + NOISE_BEGINS * after_piece[noisy_to]
+            noisy_to += 1
+        passed.in_noise = noise
+        return passed
 
-    def _backward(self) -> tuple[list[float], list[tuple[int, float]]]:
-        """The weights of all readings from a place on: by place; and of those that begin with a
-        frame there, at every header."""
-        size = self.size
-        to_end = list(_TO_END[self.ending][-size - 1 :])
-        at_header: list[tuple[int, float]] = []
-        for mark in reversed(self.window.marks):
-            if isinstance(mark, Stop):
-                place, first, others, _ = mark
-                weight = to_end[place]
-            else:
-                place, _, truncated, ends = mark
-                weight = sum(map(mul, truncated, to_end[place + 1 : place + FRAME_LENGTH]))
-                for at, own, _ in ends:
-                    weight += own * to_end[at]
-                if place > size - FRAME_LENGTH:
-                    weight += self.cut_off(mark)
-                to_end[place] += weight * self.window.meeting(place)
-                at_header.append((place, weight))
-                first, others = 0, _TO_HEADER[_LONGEST - place :]
-            to_end[first:place] = map(add, to_end[first:place], map(weight.__mul__, others))
-        return to_end, at_header
+    def _backward(self) -> None:
+        """The weights of all readings from each place on."""
+        to_end, size, window = self._to_end, self.size, self.window
+        for place in range(size + 1):
+            to_end[place] = noise_to_end(self.ending, size - place)
+        number: i64 = len(window.marks) - 1
+        header: i64 = len(window.starts) - 1
+        while number >= 0:
+            mark = window.marks[number]
+            number -= 1
+            stop, start = mark.stop, mark.start
+            if stop is not None:
+                weight = to_end[stop.place]
+                for at in range(stop.first, stop.place):
+                    to_end[at] += weight * stop.weights[at - stop.first]
+            elif start is not None:
+                weight = self._from_header(start)
+                to_end[start.place] += weight * window.meeting(start.place)
+                self._at_header[header] = weight
+                header -= 1
+                for at in range(start.place):
+                    to_end[at] += weight * noise_to_header(start.place - at)
+
+    def _from_header(self, start: Start) -> float:
+        """The weight of all readings that begin with a frame there."""
+        to_end, place, weight = self._to_end, start.place, 0.0
+        for length in range(i64(1), min(start.front.cut_to, self.size - place) + 1):
+            weight += start.truncated[length] * to_end[place + length]
+        for number in range(start.count):
+            weight += start.weights[number] * to_end[start.stops[number]]
+        if place > self.size - LENGTH:
+            weight += self.cut_off(start)
+        return weight
 
     def _in_all(self, carry: Carry) -> float:
         """The weight of all readings, if this was before them."""
-        total: float = sum(map(mul, carry.after_piece, self._to_end))
-        if carry.in_noise:
-            noise = NOISE_STAYS**self.size * _NOISE_GOES_ON[self.ending]
-            for place, weight in self._at_header:
-                noise += NOISE_STAYS**place * NOISE_ENDS * weight
-            total += carry.in_noise * noise
-        if carry.after_noise:
-            for place, weight in self._at_header:
-                if place < len(carry.after_noise):
-                    total += carry.after_noise[place] * weight
-        return total
+        total = 0.0
+        for place in range(min(i64(len(carry.after_piece)), self.size + 1)):
+            total += carry.after_piece[place] * self._to_end[place]
+        noise = staying(self.size) * unending(self.ending)
+        number: i64 = 0
+        for start in self.window.starts:
+            weight = self._at_header[number]
+            noise += staying(start.place) * NOISE_ENDS * weight
+            if start.place < len(carry.after_noise):
+                total += carry.after_noise[start.place] * weight
+            number += 1
+        return total + carry.in_noise * noise
 
     def cut_off(self, start: Start) -> float:
         """The weight of a frame that begins there and goes on behind the window's end."""
         length = self.size - start.place
-        if length >= FRAME_LENGTH or start.front.length < length or self.ending is Ending.BOUNDARY:
+        if length >= LENGTH or start.front.fit < length or self.ending == BOUNDARY:
             return 0.0
         left = start.front.head[length] * WHOLE
-        return left if self.ending is Ending.OPEN else left / FRAME_LENGTH
+        return left if self.ending == OPEN else left / float(LENGTH)
 
     # What they tell
 
-    def probability(self, start: int, stop: int, weight: float) -> float:
+    def probability(self, start: i64, stop: i64, weight: float) -> float:
         """The probability (0-1) of a piece of that weight at `start`."""
-        before = self._after_piece[start] * self.window.meeting(start) + self._after_noise[start]
-        return before * weight * self._to_end[stop] / self._total
+        return self._before(self._passed, start) * weight * self._to_end[stop] / self._total
 
-    def boundary(self, place: int) -> float:
+    def _before(self, passed: Passed, place: i64) -> float:
+        """The weight of all readings of what is before a place at which a piece begins."""
+        meeting = self.window.meeting(place)
+        return passed.after_piece[place] * meeting + passed.after_noise[place]
+
+    def boundary(self, place: i64) -> float:
         """The probability (0-1) that no frame, whole or damaged, goes on over that place."""
-        before = self._after_piece[place] + self._after_noise[place]
+        before = self._passed.after_piece[place] + self._passed.after_noise[place]
         return before * self._to_end[place] / self._total
 
-    def whole_frames(self) -> dict[int, float]:
-        """Where whole frames can stand, from left to right, and how probable they are (0-1)."""
-        return self._whole_frames(self._after_piece, self._after_noise, self._total)
+    def whole_frames(self) -> vec[float]:
+        """By header: how probable a whole frame there is (0-1); 0 where none can stand."""
+        return self._whole_frames(self._passed, self._total)
 
-    def whole_frames_behind_rows(self) -> dict[int, float] | None:
-        """The same, if all rows so far are taken for granted; None where that is no matter."""
+    def whole_frames_behind_rows(self) -> vec[float]:
+        """The same, if all rows so far are taken for granted, where that is a matter."""
         if not self._carried.ends_frame:
-            return None
-        after_piece, after_noise, _ = self._forward(_TRUSTED, self.size)
-        return self._whole_frames(after_piece, after_noise, self._in_all(_TRUSTED))
+            return self.whole_frames()
+        return self._whole_frames(self._forward(_TRUSTED, self.size), self._in_all(_TRUSTED))
 
-    def _whole_frames(
-        self, after_piece: list[float], after_noise: list[float], total: float
-    ) -> dict[int, float]:
-        to_end, meeting = self._to_end, self.window.meeting
-        return {
-            place: (after_piece[place] * meeting(place) + after_noise[place])
-            * ends[0][1]
-            * to_end[place + FRAME_LENGTH]
-            / total
-            for place, front, _, ends in self.window.starts
-            if front.whole
-        }
+    def _whole_frames(self, passed: Passed, total: float) -> vec[float]:
+        starts = self.window.starts
+        probable = vec[float]([0.0] * len(starts))
+        number: i64 = 0
+        for start in starts:
+            if start.front.whole > 0.0:
+                weight = self._before(passed, start.place) * start.weights[0]
+                probable[number] = weight * self._to_end[start.place + LENGTH] / total
+            number += 1
+        return probable
 
-    def carry(self, place: int, *, ends_frame: bool) -> Carry:
+    def carry(self, place: i64, *, ends_frame: bool) -> Carry:
         """What the bytes before `place`, where a row ends, say of those behind it."""
-        after_piece, after_noise, in_noise = self._forward(self._carried, place)
-        after_piece, after_noise = after_piece[place:], after_noise[place:]
-        total = sum(after_piece) + sum(after_noise) + in_noise
+        passed = self._forward(self._carried, place)
+        total = passed.in_noise
+        for at in range(place, self.size + 1):
+            total += passed.after_piece[at] + passed.after_noise[at]
         return Carry(
-            [weight / total for weight in after_piece],
-            [weight / total for weight in after_noise],
-            in_noise / total,
-            ends_frame=ends_frame,
+            _share(passed.after_piece, place, total),
+            _share(passed.after_noise, place, total),
+            passed.in_noise / total,
+            ends_frame,
         )
 
 
-def _to_end(ending: Ending) -> tuple[float, ...]:
-    """By place, from `_LONGEST` bytes before the end up to it: noise to the end, or nothing."""
-
-    def weight(length: int) -> float:
-        lengths = LONGEST_JUNK + 1 - length if ending is Ending.OPEN else 1
-        junk = JUNK * lengths if length <= LONGEST_JUNK else 0.0
-        return junk + NOISE_BEGINS * NOISE_STAYS ** (length - 1) * _NOISE_GOES_ON[ending]
-
-    return (*(weight(length) for length in range(_LONGEST, 0, -1)), 1.0)
+def _fill(places: vec[float], known: vec[float]) -> None:
+    for place in range(min(i64(len(known)), i64(len(places)))):
+        places[place] = known[place]
 
 
-_NOISE_GOES_ON = {Ending.OPEN: 1.0, Ending.CLOSED: NOISE_ENDS, Ending.BOUNDARY: NOISE_ENDS}
-"""The weight of long noise at the end of a stretch."""
-
-_TO_END = {ending: _to_end(ending) for ending in Ending}
-
-
-def _gone_on(noise: float, after_piece: list[float]) -> float:
-    """The weight of long noise behind some places, where it may have begun at each of them."""
-    length = len(after_piece)
-    begun: float = sum(map(mul, after_piece, _STAYING[_LONGEST + 1 - length :]))
-    return noise * _STAYING[_LONGEST - length] + NOISE_BEGINS * begun
+def _reaching(stop: Stop, after_piece: vec[float], end: i64) -> float:
+    """What the pieces that begin before `end` lay on the place behind a tail."""
+    weight, weights, first = 0.0, stop.weights, stop.first
+    for at in range(first, min(stop.place, end)):
+        weight += after_piece[at] * weights[at - first]
+    return weight
 
 
-def _joining(window: Window, carry: Carry) -> Carry:
-    """What is before the window, where its first piece may be the rest of a frame begun before."""
-    rests = window.rests_from_first(FRAME_LENGTH - 1)
-    weights = _padded(carry.after_piece, len(rests))
-    for place, rest in enumerate(rests, start=1):
-        weights[place] += carry.within / (FRAME_LENGTH - 1) * rest
-    return replace(carry, after_piece=weights)
+def _junk_up_to(header: i64, end: i64, after_piece: vec[float]) -> float:
+    """What junk that begins before `end` lays on the place of a header."""
+    weight = 0.0
+    for at in range(max(i64(0), header - _JUNK_REACH), end):
+        weight += after_piece[at]
+    return weight * JUNK
 
 
-def _padded(weights: list[float], size: int) -> list[float]:
-    return weights + [0.0] * (size + 1 - len(weights))
+def _lay(start: Start, weight: float, after_piece: vec[float]) -> None:
+    """Lay what all readings up to a header weigh on where its pieces end."""
+    truncated, place = start.truncated, start.place
+    for length in range(i64(1), start.front.cut_to + 1):
+        after_piece[place + length] += weight * truncated[length]
+    for number in range(start.count):
+        after_piece[start.stops[number]] += weight * start.weights[number]
 
 
-_TRUSTED = trusted()
+def _share(weights: vec[float], start: i64, total: float) -> vec[float]:
+    """The weights from `start` on, as shares of the total."""
+    shares = vec[float]([0.0] * (len(weights) - start))
+    for place in range(start, i64(len(weights))):
+        shares[place - start] = weights[place] / total
+    return shares

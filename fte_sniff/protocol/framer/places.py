@@ -1,0 +1,159 @@
+"""Owns the frame table as the framer looks it up: by kind, place and byte, in flat tables.
+
+It must not know of streams, nor decide anything. A kind is a number here, its place in `KINDS`. All
+tables are derived from the frame table and from `likelihood`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from librt.vecs import vec
+from mypy_extensions import i64
+
+from fte_sniff.protocol.codec import frame_faults
+from fte_sniff.protocol.framer.fault_sets import set_of
+from fte_sniff.protocol.framer.likelihood import KIND_SHARE, PLACE_WEIGHTS
+from fte_sniff.protocol.structure import HEADER_BYTES, legal_bytes
+from fte_sniff.protocol.table import (
+    FRAME_LENGTH,
+    KIND_BY_HEADER_AND_CMD,
+    KINDS,
+    MOTORS,
+    NUM_PLACE,
+    TAIL,
+    FrameKind,
+)
+
+LENGTH: Final[i64] = FRAME_LENGTH
+"""Bytes in every frame."""
+
+COUNT: Final[i64] = len(KINDS)
+"""How many kinds there are."""
+
+NO_KIND: Final[i64] = 255
+"""Stands in `KIND_OF` where header and CMD name no kind."""
+
+# What a byte can be in a stream
+
+HEADER: Final[i64] = 1
+ENDING: Final[i64] = 2
+
+MARKS: Final = bytes(
+    HEADER if value in HEADER_BYTES else ENDING if value == TAIL else 0 for value in range(256)
+)
+"""By byte: whether it is a header, the tail (`ENDING`), or neither (0)."""
+
+
+def _kind_of() -> bytes:
+    numbers = {kind.name: number for number, kind in enumerate(KINDS)}
+    found = bytearray([NO_KIND]) * (1 << 16)
+    for (header, cmd), kind in KIND_BY_HEADER_AND_CMD.items():
+        found[header << 8 | cmd] = numbers[kind.name]
+    return bytes(found)
+
+
+KIND_OF: Final = _kind_of()
+"""By header * 256 + CMD: the kind that they name."""
+
+
+def _cmds(kinds: Iterator[FrameKind]) -> bytes:
+    cmds = {cmd for kind in kinds for cmd in kind.cmds}
+    return bytes(value in cmds for value in range(256))
+
+
+NAMES_CMD: Final = _cmds(kind for kind in KINDS)
+"""By byte: 1 where it is the CMD of a frame."""
+
+BRINGS_VALUES: Final = _cmds(kind for kind in KINDS if kind.fields)
+"""By byte: 1 where it is the CMD of a frame that brings values."""
+
+NAMES_MOTOR: Final = bytes(value == 0 or value in MOTORS for value in range(256))
+"""By byte: 1 where it can be the NUM behind a CMD: a motor, or 00."""
+
+# What fits where
+
+
+LEGAL: Final = b"".join(
+    bytes(legal is None or value in legal for value in range(256))
+    for kind in KINDS
+    for legal in legal_bytes(kind)
+)
+"""By (kind * 10 + place) * 256 + byte: 1 where the byte fits."""
+
+WEIGHTS: Final[vec[float]] = vec[float](
+    [weight for kind in KINDS for place in PLACE_WEIGHTS[kind.name] for weight in place]
+)
+"""By (kind * 10 + place) * 256 + byte: the weight of it if that kind was sent; 0 where it cannot
+be."""
+
+SHARES: Final[vec[float]] = vec[float]([KIND_SHARE[kind.name] for kind in KINDS])
+"""By kind: its share among all frames."""
+
+HEADERS: Final = bytes(kind.header for kind in KINDS)
+"""By kind: its header."""
+
+
+def _free(kind: FrameKind) -> list[int]:
+    """The places of the payload that may be anything."""
+    legal = legal_bytes(kind)
+    return [place for place in range(NUM_PLACE + 1, FRAME_LENGTH) if legal[place] is None]
+
+
+def _rows(lists: Iterator[list[int]]) -> bytes:
+    """Lists of places, each on a row of ten; 0 is behind the last."""
+    return b"".join(bytes(places).ljust(FRAME_LENGTH, b"\0") for places in lists)
+
+
+CHECKED: Final = _rows(
+    [place for place in range(NUM_PLACE, FRAME_LENGTH - 1) if legal_bytes(kind)[place]]
+    for kind in KINDS
+)
+"""By kind * 10: the places behind header and CMD, and before the tail, that must be something."""
+
+FREE: Final = _rows(_free(kind) for kind in KINDS)
+"""By kind * 10: the places of the payload that may be anything."""
+
+FREE_NUM: Final = bytes(legal_bytes(kind)[NUM_PLACE] is None for kind in KINDS)
+"""By kind: 1 where NUM means nothing."""
+
+# How frames end
+
+
+def _usual_flags(kind: FrameKind) -> bytes:
+    """The flags that nearly every frame of a kind has, with which it ends; empty if it has none."""
+    return bytes(field.default for field in kind.fields if field.default is not None)
+
+
+USUAL_FLAGS: Final = tuple({flags: None for kind in KINDS if (flags := _usual_flags(kind))})
+"""What nearly every frame with flags ends with, before its tail."""
+
+MAY_END_SO: Final = bytes(
+    0 if legal_bytes(kind)[-2] is not None else 1 if kind.names_motor else 2 for kind in KINDS
+)
+"""By kind: whether its payload can end with what are another one's flags: not at all (0), or it can
+and tells nothing (1), or it can and a NUM that is 00, as usual, speaks for the frame (2)."""
+
+# What is wrong with ten framed bytes
+
+
+def _fault_at(number: int, place: int) -> int:
+    """The fault that a frame has if what stands at that place does not fit."""
+    kind = KINDS[number]
+    sound = [0 if legal is None else legal[0] for legal in legal_bytes(kind)]
+    legal = legal_bytes(kind)[place]
+    if legal is None or len(legal) == 256:
+        return 0
+    sound[place] = next(value for value in reversed(range(256)) if value not in legal)
+    return set_of(frame_faults(bytes(sound)))
+
+
+PLACE_FAULTS: Final[vec[i64]] = vec[i64](
+    [
+        _fault_at(number, place) if NUM_PLACE <= place < FRAME_LENGTH - 1 else 0
+        for number in range(len(KINDS))
+        for place in range(FRAME_LENGTH)
+    ]
+)
+"""By kind * 10 + place: the faults of a frame in which that place does not fit."""
