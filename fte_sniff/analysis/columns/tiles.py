@@ -25,10 +25,11 @@ from fte_sniff.protocol.framer.fault_sets import FAULT_SETS
 from fte_sniff.protocol.framer.keeping import Decided
 from fte_sniff.protocol.framer.timeline import Mark
 
-_HALVES: Final = (("front", "<u8", 0), ("back", "<u2", 8))
-"""The first ten bytes of a row, as two numbers: their names, forms and places."""
+_TEN: Final = np.dtype(f"V{FRAME_LENGTH}")
+"""The first ten bytes of a row, as one thing."""
 
-_TEN: Final = np.dtype([(name, form) for name, form, _ in _HALVES])
+_SOUND_FRAME: Final = 1
+"""The code of tiles that are frames with nothing wrong."""
 
 _KEPT: Final = np.tri(FRAME_LENGTH, k=-1, dtype=np.uint8) * np.uint8(0xFF)
 """By length of a short row: which bits of ten bytes are its own."""
@@ -65,39 +66,40 @@ def tile_columns(decided: Decided) -> TileColumns:
         np.frombuffer(memoryview(numbers), np.int64)
         for numbers in (tiles.starts, tiles.counts, tiles.codes)
     )
-    sizes = np.diff(starts, append=np.int64(tiles.end))
-    length = np.repeat((sizes // counts).astype(np.uint32), counts)
-    if len(length) * FRAME_LENGTH == tiles.end - starts[0] and (length == FRAME_LENGTH).all():
-        offset = np.arange(starts[0], tiles.end, FRAME_LENGTH)
-        raw = np.frombuffer(
-            decided.data, np.uint8, len(length) * FRAME_LENGTH, int(starts[0]) - decided.start
-        ).reshape(-1, FRAME_LENGTH)
-    else:
-        offset = np.cumsum(length, dtype=np.int64)
-        offset += starts[0] - length
-        raw = _first_bytes(decided.data, offset - decided.start, length)
-    return TileColumns(
-        raw,
-        offset,
-        length,
-        np.repeat((codes & 1).astype(np.bool_), counts),
-        np.repeat((codes >> 1).astype(np.uint16), counts),
+    firsts = np.cumsum(counts)
+    rows = int(firsts[-1])
+    odd = (codes != _SOUND_FRAME).nonzero()[0]
+    places, codes = firsts[odd] - 1, codes[odd]
+    sizes = np.diff(starts, append=np.int64(tiles.end))[odd]
+    length, framed, faults = (
+        np.full(rows, FRAME_LENGTH, np.uint32),
+        np.ones(rows, np.bool_),
+        np.zeros(rows, np.uint16),
     )
+    length[places], framed[places], faults[places] = sizes, codes & 1, codes >> 1
+    offset = np.arange(starts[0], starts[0] + rows * FRAME_LENGTH, FRAME_LENGTH)
+    data, at = decided.data, int(starts[0]) - decided.start
+    if (sizes == FRAME_LENGTH).all():
+        raw = np.frombuffer(data, np.uint8, rows * FRAME_LENGTH, at).reshape(-1, FRAME_LENGTH)
+    else:
+        excess = np.zeros(rows, np.int64)
+        excess[places] = sizes - FRAME_LENGTH
+        offset += np.cumsum(excess) - excess
+        raw = _first_bytes(data, offset - decided.start, length)
+    return TileColumns(raw, offset, length, framed, faults)
 
 
 def _first_bytes(data: bytes, places: Array, length: Array) -> Array:
     """The first ten bytes of every row, zeros behind shorter ones."""
-    rows = np.zeros(len(places), _TEN)
+    rows = np.empty(len(places), _TEN)
     reach = len(data) - FRAME_LENGTH + 1
     whole = len(places) if reach > places[-1] else int(np.searchsorted(places, max(reach, 0)))
     if whole:
-        for name, form, start in _HALVES:
-            halves = np.ndarray((reach,), form, data, start, (1,))
-            rows[name][:whole] = halves[places[:whole]]
+        rows[:whole] = np.ndarray((reach,), _TEN, data, 0, (1,))[places[:whole]]
     raw = rows.view(np.uint8).reshape(-1, FRAME_LENGTH)
     for row in range(whole, len(places)):
-        last = data[places[row] :][:FRAME_LENGTH]
-        raw[row, : len(last)] = np.frombuffer(last, np.uint8)
+        last = data[places[row] :].ljust(FRAME_LENGTH, b"\0")
+        raw[row] = np.frombuffer(last, np.uint8, FRAME_LENGTH)
     short = (length < FRAME_LENGTH).nonzero()[0]
     if len(short):
         raw[short] &= _KEPT[length[short]]

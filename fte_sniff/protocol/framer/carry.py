@@ -8,13 +8,14 @@ from __future__ import annotations
 from typing import final
 
 from librt.vecs import vec
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from fte_sniff.protocol.framer.pieces import Window
 from fte_sniff.protocol.framer.places import LENGTH
 
 
 @final
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Carry:
     """The weights of the readings so far, by where they end."""
 

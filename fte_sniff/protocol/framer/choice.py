@@ -30,7 +30,8 @@ def chosen(weighing: Weighing, following: Stretch | None = None) -> list[Stretch
     `following` is known to stand behind it.
     """
     window = weighing.window
-    probable, behind_rows = weighing.whole_frames(), weighing.whole_frames_behind_rows()
+    probable = weighing.whole_frames()
+    behind_rows = weighing.whole_frames_behind_rows() if weighing.behind_rows else probable
     reading: list[Stretch] = []
     at: i64 = 0
     for number in _shown_frames(weighing, behind_rows):

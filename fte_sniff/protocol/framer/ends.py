@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Final, final
 
 from librt.vecs import vec
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from fte_sniff.protocol.framer.likelihood import (
     BROKEN,
@@ -35,6 +35,8 @@ LONGEST: Final[i64] = LONGEST_OVERLONG
 
 _LEAST_LEFT: Final[i64] = FRAME_LENGTH - WIDEST_CHANGE
 _LOST: Final[vec[float]] = vec[float](LOST)
+_CUT: Final[vec[float]] = vec[float]([BROKEN + weight for weight in LOST])
+"""By length left: the weight of a frame having lost its first bytes."""
 _CHANGED: Final[vec[float]] = vec[float](CHANGED)
 _NAMED: Final[i64] = NUM_PLACE + 1
 _ROW: Final[i64] = LENGTH + 1
@@ -42,18 +44,20 @@ _ROW: Final[i64] = LENGTH + 1
 
 
 @final
+@mypyc_attr(acyclic=True)
 class Front:
     """Up to ten bytes from a header on: what a frame that begins so weighs."""
 
     def __init__(self, data: bytes, at: i64, end: i64) -> None:
         """`at` is the place of the header, `end` that behind the last byte."""
-        head = vec[float]([0.0] * (LENGTH + 1))
+        head = vec[float]([0.0] * _ROW)
         head[0], head[1] = 1.0, HEADER_WEIGHT
         kind, fit = NO_KIND, i64(1)
         if end - at > 1:
             kind = kind_named(data, at)
         if kind != NO_KIND:
-            fit = _weigh_head(data, at, min(end - at, LENGTH), kind, head)
+            fit = _weigh_head(data, at, end - at, kind, head)
+        self.place = at
         self.header = i64(data[at])
         self.kind = kind
         """Number of the kind that header and CMD name; `NO_KIND` where they name none."""
@@ -97,21 +101,47 @@ def _weigh_bad_tail(head: vec[float], fit: i64) -> float:
 
 
 @final
+@mypyc_attr(acyclic=True)
 class Back:
     """Up to ten bytes that end with a tail: what a frame that ends so weighs."""
 
     def __init__(self, data: bytes, start: i64, end: i64) -> None:
         """The bytes from `start` to `end`; the last of them is the tail."""
-        rests = vec[float]([0.0] * (_ROW * COUNT))
-        fits = vec[i64]([i64(0)] * COUNT)
-        for kind in range(COUNT):
-            fits[kind] = _weigh_rest(data, start, end, kind, rests)
-        self.rests = rests
+        self.rests = vec[float]([0.0] * (_ROW * COUNT))
         """By kind * 11 + length: the weight of the last bytes fitting its last places."""
-        self.fits = fits
+        self.fits = vec[i64]([i64(0)] * COUNT)
         """By kind: how many of them fit, at most ten."""
-        self.headless = _headless(rests, fits)
+        self.headless = vec[float]([0.0] * (LONGEST + 1))
         """By length, up to `LONGEST`: the weight of a frame whose first bytes are gone or wrong."""
+        longer = vec[float]([0.0] * (LONGEST + 1))
+        for kind in range(COUNT):
+            fit = self._weigh_kind(data, end, min(end - start, LENGTH), kind)
+            self.fits[kind] = fit
+            most = min(fit, LENGTH - 1)
+            longer[most + 1] += SHARES[kind] * self.rests[kind * _ROW + most] * BROKEN
+        weight, headless = 0.0, self.headless
+        for length in range(1, LONGEST + 1):
+            weight += longer[length]
+            headless[length] += weight
+
+    def _weigh_kind(self, data: bytes, end: i64, length: i64, kind: i64) -> i64:
+        """Fill in what the last bytes weigh as those of a kind; returns how many of them fit."""
+        rests, headless, row = self.rests, self.headless, kind * _ROW
+        weight, share = 1.0, SHARES[kind]
+        rests[row] = weight
+        last = ((kind + 1) * LENGTH - 1) * 256
+        for number in range(length):
+            own = WEIGHTS[last - number * 256 + i64(data[end - 1 - number])]
+            if own == 0.0:
+                return number
+            weight *= own
+            left = number + 1
+            rests[row + left] = weight
+            if left < LENGTH:
+                headless[left] += _CUT[left] * share * weight
+                if left >= _LEAST_LEFT:
+                    headless[LENGTH] += _CHANGED[LENGTH - left] * share * weight
+        return length
 
     def rest(self, length: i64) -> float:
         """The weight of the last `length` bytes being the rest of a frame of any kind."""
@@ -122,42 +152,11 @@ class Back:
         return weight
 
 
-def _weigh_rest(data: bytes, start: i64, end: i64, kind: i64, rests: vec[float]) -> i64:
-    """Fill in what the last bytes weigh; returns how many of them fit."""
-    length = min(end - start, LENGTH)
-    weight = 1.0
-    rests[kind * _ROW] = weight
-    last = ((kind + 1) * LENGTH - 1) * 256
-    for number in range(length):
-        own = WEIGHTS[last - number * 256 + i64(data[end - 1 - number])]
-        if own == 0.0:
-            return number
-        weight *= own
-        rests[kind * _ROW + number + 1] = weight
-    return length
-
-
-def _headless(rests: vec[float], fits: vec[i64]) -> vec[float]:
-    left = vec[float]([0.0] * LENGTH)
-    weights = vec[float]([0.0] * (LONGEST + 1))
-    for kind in range(COUNT):
-        fit, share, row = min(fits[kind], LENGTH - 1), SHARES[kind], kind * _ROW
-        weights[fit + 1] += share * rests[row + fit] * BROKEN
-        for length in range(1, fit + 1):
-            left[length] += share * rests[row + length]
-    longer = 0.0
-    for length in range(1, LONGEST + 1):
-        longer += weights[length]
-        weights[length] = longer
-        if length < LENGTH:
-            weights[length] += (BROKEN + _LOST[length]) * left[length]
-    for length in range(_LEAST_LEFT, LENGTH):
-        weights[LENGTH] += _CHANGED[LENGTH - length] * left[length]
-    return weights
-
-
 def between(front: Front, back: Back, length: i64) -> float:
-    """The weight of a damaged frame of `length` bytes (2-14) with this front and this back."""
+    """The weight of a damaged frame of `length` bytes (1-14) with this front and this back; it is 0
+    where the front is the back."""
+    if length < 2:
+        return 0.0
     weight = back.headless[length] + _only_header(length, front.header, back)
     if length == LENGTH:
         weight += _unusual(front)

@@ -9,11 +9,12 @@ from __future__ import annotations
 from typing import Final, final
 
 from librt.vecs import vec
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
+from fte_sniff.protocol.framer.ends import Front
 from fte_sniff.protocol.framer.fault_sets import BAD_HEADER, BAD_TAIL, NOISE, OVERLONG, TRUNCATED
 from fte_sniff.protocol.framer.noise import noise_run
-from fte_sniff.protocol.framer.pieces import Start, Window
+from fte_sniff.protocol.framer.pieces import Window
 from fte_sniff.protocol.framer.places import ENDING, HEADER, LENGTH, MARKS
 from fte_sniff.protocol.framer.reading import Stretch
 from fte_sniff.protocol.framer.shapes import faults_of_framed
@@ -23,6 +24,7 @@ _NOISE: Final = -1.0
 
 
 @final
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Gap:
     """What lies between two shown frames, or behind the last."""
 
@@ -57,12 +59,12 @@ class Gap:
         at = place - self._start
         weight, window = self._best[at], self._window
         behind_noise = self._pieces[at] == _NOISE
+        headed = MARKS[window.data[place]] == HEADER
         meeting = weight if behind_noise else weight * window.meeting(place)
-        if MARKS[window.data[place]] == HEADER:
+        if headed:
             self._extend_from_header(window.starts[number], meeting)
             number += 1
-        else:
-            self._extend_to_tails(place, meeting)
+        self._extend_to_tails(place, meeting)
         if behind_noise:
             return
         while number < len(window.starts) and window.starts[number].place < self._stop:
@@ -71,15 +73,14 @@ class Gap:
             number += 1
         self._reach(self._stop, place, weight * noise_run(self._stop - place), _NOISE)
 
-    def _extend_from_header(self, start: Start, weight: float) -> None:
-        front, place = start.front, start.place
+    def _extend_from_header(self, front: Front, weight: float) -> None:
+        window, place = self._window, front.place
         for length in range(i64(1), front.cut_to + 1):
-            own = start.truncated[length]
+            own = window.truncated(front, length)
             self._reach(place + length, place, weight * own, own)
-        first: i64 = 1 if front.whole > 0.0 else 0
-        for number in range(first, start.count):
-            own = start.weights[number]
-            self._reach(start.stops[number], place, weight * own, own)
+        own = window.bad_tail(front)
+        if own > 0.0:
+            self._reach(place + LENGTH, place, weight * own, own)
 
     def _extend_to_tails(self, place: i64, weight: float) -> None:
         for stop in self._window.stops:
@@ -95,11 +96,11 @@ class Gap:
         if weight > self._best[at]:
             self._best[at], self._begins[at], self._pieces[at] = weight, begin, piece
 
-    def end_with_cut_off(self, start: Start, own: float) -> None:
+    def end_with_cut_off(self, front: Front, own: float) -> None:
         """Let the gap end with a frame that begins there and goes on, where that is best."""
-        if start.place >= self._start and own > 0.0:
-            weight = self._best[start.place - self._start] * own
-            self._reach(self._stop, start.place, weight, own)
+        if front.place >= self._start and own > 0.0:
+            weight = self._best[front.place - self._start] * own
+            self._reach(self._stop, front.place, weight, own)
 
     def parts(self) -> list[Stretch]:
         """The parts from left to right; the probability of each is the weight of its piece."""

@@ -55,7 +55,11 @@ def _to_end(ending: i64, length: int) -> float:
     return junk + NOISE_BEGINS * NOISE_STAYS ** (length - 1) * _GOES_ON[ending]
 
 
-_TO_HEADER: Final[vec[float]] = vec[float]([_to_header(length) for length in range(_LONGEST + 1)])
+NOISE_TO_HEADER: Final[vec[float]] = vec[float](
+    [_to_header(length) for length in range(_LONGEST + 1)]
+)
+"""By length: the weight of noise, short or long, up to a header."""
+
 _RUNS: Final[vec[float]] = vec[float]([_run(length) for length in range(_LONGEST + 1)])
 _TO_END: Final[vec[float]] = vec[float](
     [
@@ -74,11 +78,6 @@ def staying(length: i64) -> float:
 def unending(ending: i64) -> float:
     """The weight of long noise at the end of a stretch."""
     return _GOES_ON[ending]
-
-
-def noise_to_header(length: i64) -> float:
-    """The weight of noise, short or long, of so many bytes up to a header."""
-    return _TO_HEADER[length]
 
 
 def noise_to_end(ending: i64, length: i64) -> float:

@@ -7,8 +7,9 @@ no piece: it fills what lies between.)
 Three things give a piece its weight, and `ends` knows them: the header at its front, the tail at
 its back, and both together. So a window is told by its headers and its tails:
 
-    at a header   pieces cut off behind it (truncated, or the tail wrong), and those to each tail
-    at a tail     pieces that reach it from places where no header stands
+    at a header   pieces that end behind it where no tail need be: truncated, or the tail wrong;
+                  and the whole frame
+    at a tail     all other pieces that reach it: from headers, and from places without one
 """
 
 from __future__ import annotations
@@ -16,45 +17,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, final
 
-from librt.vecs import vec
-from mypy_extensions import i64
+from librt.vecs import append, vec
+from mypy_extensions import i64, mypyc_attr
 
 from fte_sniff.protocol.framer.ends import LONGEST, Back, Front, between
 from fte_sniff.protocol.framer.likelihood import PAUSE_WITHIN, UNPAUSED
 from fte_sniff.protocol.framer.places import HEADER, LENGTH, MARKS
 
-_MOST_ENDS: Final[i64] = 1 + LONGEST
-"""Pieces that begin with one header and are not truncated: ten bytes, and one for each tail."""
-
 
 @final
-class Start:
-    """A header in a window, and the pieces that begin with it."""
-
-    def __init__(self, place: i64, front: Front) -> None:
-        self.place = place
-        self.front = front
-        self.truncated = vec[float]([0.0] * LENGTH)
-        """By length from 1 to what the front is cut to: the weight of the frame going on no
-        further."""
-        for length in range(1, front.cut_to + 1):
-            self.truncated[length] = front.truncated(length)
-        self.count: i64 = 0
-        """How many other pieces there are; a whole frame is the first."""
-        self.stops = vec[i64]([i64(0)] * _MOST_ENDS)
-        """Where each of them stops."""
-        self.weights = vec[float]([0.0] * _MOST_ENDS)
-        """What each of them weighs."""
-
-    def add(self, stop: i64, weight: float) -> None:
-        """One more piece."""
-        self.stops[self.count], self.weights[self.count] = stop, weight
-        self.count += 1
-
-
-@final
+@mypyc_attr(acyclic=True)
 class Stop:
-    """A tail in a window, and the pieces that reach it from places where no header stands."""
+    """A tail in a window, and the pieces that reach it."""
 
     def __init__(self, place: i64, back: Back) -> None:
         self.place = place
@@ -63,21 +37,15 @@ class Stop:
         self.first = max(i64(0), place - LONGEST)
         """The first place from which one can reach it."""
         self.weights = vec[float]([0.0] * LONGEST)
-        """By place from `first` to the tail: the weight of the piece; 0 where a header stands."""
-        for start in range(self.first, place):
-            self.weights[start - self.first] = back.headless[place - start]
+        """By place from `first` to the tail: the weight of the piece that is no whole frame."""
+
+
+AT_TAIL: Final[i64] = 1
+"""In a mark: it is a tail, not a header."""
 
 
 @final
-class Mark:
-    """A header or a tail in a window."""
-
-    def __init__(self, start: Start | None, stop: Stop | None) -> None:
-        self.start = start
-        self.stop = stop
-
-
-@final
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Window:
     """A stretch of bytes, and the pieces that can stand in it."""
 
@@ -87,57 +55,64 @@ class Window:
         self.pauses = pauses
         self.paused = len(pauses) > 0
         self.size: i64 = len(data)
-        self.starts: list[Start] = []
+        self.starts: list[Front] = []
         """Every header, from left to right."""
         self.stops: list[Stop] = []
         """Every tail, from left to right."""
-        self.marks: list[Mark] = []
-        """Both, in the order of their places; where a tail ends and a header stands, the tail."""
+        self.marks = vec[i64]()
+        """Both, in the order of their places; where a tail ends and a header stands, the tail. Each
+        is twice its number among its like, and `AT_TAIL`."""
         for place in range(self.size):
             mark = MARKS[data[place]]
             if mark == HEADER:
-                self._add_start(place)
+                self.marks = append(self.marks, 2 * i64(len(self.starts)))
+                self.starts.append(Front(data, place, min(self.size, place + LENGTH)))
             elif mark != 0:
-                self._add_stop(place + 1)
+                self.marks = append(self.marks, 2 * i64(len(self.stops)) + AT_TAIL)
+                self.stops.append(self._stop(place + 1))
 
-    def _add_start(self, place: i64) -> None:
-        start = Start(place, Front(self.data, place, min(self.size, place + LENGTH)))
-        front = start.front
-        if front.whole > 0.0:
-            start.add(place + LENGTH, self._paused(place, place + LENGTH, front.whole))
-        elif front.bad_tail > 0.0:
-            start.add(place + LENGTH, self._paused(place, place + LENGTH, front.bad_tail))
-        if self.paused:
-            for length in range(1, front.cut_to + 1):
-                own = start.truncated[length]
-                start.truncated[length] = self._paused(place, place + length, own)
-        self.starts.append(start)
-        self.marks.append(Mark(start, None))
-
-    def _add_stop(self, place: i64) -> None:
-        stop = Stop(place, Back(self.data, max(i64(0), place - LENGTH), place))
+    def _stop(self, place: i64) -> Stop:
+        """A tail, with all that reaches the place behind it."""
+        back = Back(self.data, max(i64(0), place - LENGTH), place)
+        stop = Stop(place, back)
+        weights, first, headless = stop.weights, stop.first, back.headless
+        for at in range(first, place):
+            weights[at - first] = headless[place - at]
         number: i64 = len(self.starts) - 1
-        while number >= 0:
-            start = self.starts[number]
-            length = place - start.place
-            if length > LONGEST:
-                break
-            stop.weights[start.place - stop.first] = 0.0
-            if length > 1 and not (length == LENGTH and start.front.whole > 0.0):
-                own = between(start.front, stop.back, length)
-                start.add(place, self._paused(start.place, place, own))
+        while number >= 0 and self.starts[number].place >= first:
+            front = self.starts[number]
+            length = place - front.place
+            whole = length == LENGTH and front.whole > 0.0
+            weights[front.place - first] = 0.0 if whole else between(front, back, length)
             number -= 1
         if self.paused:
-            for at in range(stop.first, place):
-                own = self._paused(at, place, stop.weights[at - stop.first]) * self.meeting(at)
-                stop.weights[at - stop.first] = own
-        self.stops.append(stop)
-        self.marks.append(Mark(None, stop))
+            for at in range(first, place):
+                weights[at - first] *= self.unpaused(at, place)
+                if MARKS[self.data[at]] != HEADER:
+                    weights[at - first] *= self.meeting(at)
+        return stop
 
-    def _paused(self, start: i64, stop: i64, weight: float) -> float:
-        """The weight of a piece, seeing where the line paused within."""
-        if not self.paused:
-            return weight
+    def truncated(self, front: Front, length: i64) -> float:
+        """The weight of a frame cut off at that length."""
+        weight = front.truncated(length)
+        return weight * self.unpaused(front.place, front.place + length) if self.paused else weight
+
+    def whole(self, front: Front) -> float:
+        """The weight of a whole frame; 0 where none stands."""
+        return self._ten(front, front.whole)
+
+    def bad_tail(self, front: Front) -> float:
+        """The weight of ten bytes of which the last are wrong; 0 where none stand."""
+        return self._ten(front, front.bad_tail)
+
+    def _ten(self, front: Front, weight: float) -> float:
+        if self.paused and weight > 0.0:
+            return weight * self.unpaused(front.place, front.place + LENGTH)
+        return weight
+
+    def unpaused(self, start: i64, stop: i64) -> float:
+        """What a piece weighs the less, seeing where the line paused within."""
+        weight = 1.0
         for pause in self.pauses:
             if start < pause < stop:
                 weight *= PAUSE_WITHIN
@@ -158,5 +133,5 @@ class Window:
         weights = vec[float]([0.0] * (longest + 1))
         for stop in self.stops:
             if stop.place <= longest:
-                weights[stop.place] = self._paused(0, stop.place, stop.back.rest(stop.place))
+                weights[stop.place] = stop.back.rest(stop.place) * self.unpaused(0, stop.place)
         return weights

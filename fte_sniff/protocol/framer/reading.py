@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from typing import final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 
 @final
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Stretch:
     """A part of the chosen reading: what becomes one row (neighbouring noise becomes one)."""
 

@@ -15,9 +15,10 @@ from __future__ import annotations
 from typing import Final, final
 
 from librt.vecs import vec
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from fte_sniff.protocol.framer.carry import Carry, trusted
+from fte_sniff.protocol.framer.ends import Front
 from fte_sniff.protocol.framer.likelihood import (
     JUNK,
     LONGEST_JUNK,
@@ -28,20 +29,21 @@ from fte_sniff.protocol.framer.likelihood import (
 )
 from fte_sniff.protocol.framer.noise import (
     BOUNDARY,
+    NOISE_TO_HEADER,
     OPEN,
     noise_to_end,
-    noise_to_header,
     staying,
     unending,
 )
-from fte_sniff.protocol.framer.pieces import Start, Stop, Window
-from fte_sniff.protocol.framer.places import LENGTH
+from fte_sniff.protocol.framer.pieces import AT_TAIL, Stop, Window
+from fte_sniff.protocol.framer.places import HEADER, LENGTH, MARKS
 
 _JUNK_REACH: Final[i64] = LONGEST_JUNK
 _TRUSTED: Final = trusted()
 
 
 @final
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Passed:
     """What the pieces and the noise before some end lay on every place of a window."""
 
@@ -56,6 +58,7 @@ class Passed:
 
 
 @final
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Weighing:
     """The readings of a window, weighed; places are counted from the window's first byte."""
 
@@ -77,91 +80,113 @@ class Weighing:
 
     def _forward(self, carry: Carry, end: i64) -> Passed:
         """The weights that the pieces and the noise before `end` lay on every place."""
-        passed = Passed(self.size)
+        passed, window = Passed(self.size), self.window
         after_piece, after_noise = passed.after_piece, passed.after_noise
         _fill(after_piece, carry.after_piece)
         _fill(after_noise, carry.after_noise)
         noise, noisy_to = carry.in_noise, i64(0)
-        for mark in self.window.marks:
-            stop = mark.stop
-            if stop is not None:
-                after_piece[stop.place] += _reaching(stop, after_piece, end)
+        for mark in window.marks:
+            if mark & AT_TAIL:
+                self._reach(window.stops[mark >> 1], passed, end)
                 continue
-            start = mark.start
-            assert start is not None
-            place = start.place
+            front = window.starts[mark >> 1]
+            place = front.place
             junk = _junk_up_to(place, min(place, end), after_piece)
             if place >= end:
                 after_noise[place] += junk
                 continue
-            while noisy_to < place:
-                noise = noise * NOISE_STAYS + NOISE_BEGINS * after_piece[noisy_to]
-                noisy_to += 1
+            noise = _gone_on(noise, after_piece, noisy_to, place)
+            noisy_to = place
             after_noise[place] += junk + noise * NOISE_ENDS
-            weight = after_piece[place] * self.window.meeting(place) + after_noise[place]
-            if weight > 0.0:
-                _lay(start, weight, after_piece)
-        while noisy_to < end:
-            noise = noise * NOISE_STAYS + NOISE_BEGINS * after_piece[noisy_to]
-            noisy_to += 1
-        passed.in_noise = noise
+            self._lay(front, self._before(passed, place), after_piece)
+        passed.in_noise = _gone_on(noise, after_piece, noisy_to, end)
         return passed
+
+    def _reach(self, stop: Stop, passed: Passed, end: i64) -> None:
+        """Lay what the readings before `end` weigh on the place behind a tail that they reach."""
+        after_piece, after_noise = passed.after_piece, passed.after_noise
+        weights, first, paused = stop.weights, stop.first, self.window.paused
+        reached = 0.0
+        for at in range(first, min(stop.place, end)):
+            before = after_piece[at] + after_noise[at]
+            if paused and MARKS[self.window.data[at]] == HEADER:
+                before = self._before(passed, at)
+            reached += before * weights[at - first]
+        after_piece[stop.place] += reached
+
+    def _lay(self, front: Front, weight: float, after_piece: vec[float]) -> None:
+        """Lay what all readings up to a header weigh on where its own pieces end."""
+        window, place = self.window, front.place
+        for length in range(i64(1), front.cut_to + 1):
+            after_piece[place + length] += weight * window.truncated(front, length)
+        ten = window.whole(front) + window.bad_tail(front)
+        if ten > 0.0:
+            after_piece[place + LENGTH] += weight * ten
 
     def _backward(self) -> None:
         """The weights of all readings from each place on."""
         to_end, size, window = self._to_end, self.size, self.window
         for place in range(size + 1):
             to_end[place] = noise_to_end(self.ending, size - place)
-        number: i64 = len(window.marks) - 1
         header: i64 = len(window.starts) - 1
+        number: i64 = len(window.marks) - 1
         while number >= 0:
             mark = window.marks[number]
             number -= 1
-            stop, start = mark.stop, mark.start
-            if stop is not None:
-                weight = to_end[stop.place]
-                for at in range(stop.first, stop.place):
-                    to_end[at] += weight * stop.weights[at - stop.first]
-            elif start is not None:
-                weight = self._from_header(start)
-                to_end[start.place] += weight * window.meeting(start.place)
-                self._at_header[header] = weight
-                header -= 1
-                for at in range(start.place):
-                    to_end[at] += weight * noise_to_header(start.place - at)
+            if mark & AT_TAIL:
+                self._leave(window.stops[mark >> 1], header)
+                continue
+            front = window.starts[mark >> 1]
+            header = (mark >> 1) - 1
+            weight = self._at_header[mark >> 1] + self._from_header(front)
+            self._at_header[mark >> 1] = weight
+            place = front.place
+            to_end[place] += weight * window.meeting(place)
+            for at in range(place):
+                to_end[at] += weight * NOISE_TO_HEADER[place - at]
 
-    def _from_header(self, start: Start) -> float:
-        """The weight of all readings that begin with a frame there."""
-        to_end, place, weight = self._to_end, start.place, 0.0
-        for length in range(i64(1), min(start.front.cut_to, self.size - place) + 1):
-            weight += start.truncated[length] * to_end[place + length]
-        for number in range(start.count):
-            weight += start.weights[number] * to_end[start.stops[number]]
-        if place > self.size - LENGTH:
-            weight += self.cut_off(start)
-        return weight
+    def _leave(self, stop: Stop, header: i64) -> None:
+        """Lay what the readings from behind a tail weigh on all places from which it is reached;
+        `header` is the number of the last header before it."""
+        window, to_end, first = self.window, self._to_end, stop.first
+        data, weights, weight = window.data, stop.weights, to_end[stop.place]
+        for at in range(first, stop.place):
+            if MARKS[data[at]] != HEADER:
+                to_end[at] += weight * weights[at - first]
+        while header >= 0 and window.starts[header].place >= first:
+            at = window.starts[header].place
+            self._at_header[header] += weight * weights[at - first]
+            header -= 1
+
+    def _from_header(self, front: Front) -> float:
+        """The weight of all readings that begin with a piece of the header's own."""
+        to_end, place, weight, window = self._to_end, front.place, 0.0, self.window
+        for length in range(i64(1), front.cut_to + 1):
+            weight += window.truncated(front, length) * to_end[place + length]
+        ten = window.whole(front) + window.bad_tail(front)
+        if ten > 0.0:
+            weight += ten * to_end[place + LENGTH]
+        return weight + self.cut_off(front)
 
     def _in_all(self, carry: Carry) -> float:
         """The weight of all readings, if this was before them."""
-        total = 0.0
-        for place in range(min(i64(len(carry.after_piece)), self.size + 1)):
-            total += carry.after_piece[place] * self._to_end[place]
-        noise = staying(self.size) * unending(self.ending)
-        number: i64 = 0
-        for start in self.window.starts:
+        total, noise = 0.0, staying(self.size) * unending(self.ending)
+        known, to_end = carry.after_piece, self._to_end
+        for place in range(min(i64(len(known)), self.size + 1)):
+            total += known[place] * to_end[place]
+        for number, front in enumerate(self.window.starts):
             weight = self._at_header[number]
-            noise += staying(start.place) * NOISE_ENDS * weight
-            if start.place < len(carry.after_noise):
-                total += carry.after_noise[start.place] * weight
-            number += 1
+            noise += staying(front.place) * NOISE_ENDS * weight
+            if front.place < len(carry.after_noise):
+                total += carry.after_noise[front.place] * weight
         return total + carry.in_noise * noise
 
-    def cut_off(self, start: Start) -> float:
+    def cut_off(self, front: Front) -> float:
         """The weight of a frame that begins there and goes on behind the window's end."""
-        length = self.size - start.place
-        if length >= LENGTH or start.front.fit < length or self.ending == BOUNDARY:
+        length = self.size - front.place
+        if length >= LENGTH or front.fit < length or self.ending == BOUNDARY:
             return 0.0
-        left = start.front.head[length] * WHOLE
+        left = front.head[length] * WHOLE
         return left if self.ending == OPEN else left / float(LENGTH)
 
     # What they tell
@@ -184,21 +209,22 @@ class Weighing:
         """By header: how probable a whole frame there is (0-1); 0 where none can stand."""
         return self._whole_frames(self._passed, self._total)
 
+    @property
+    def behind_rows(self) -> bool:
+        """Whether it matters that rows so far are not taken for granted."""
+        return self._carried.ends_frame
+
     def whole_frames_behind_rows(self) -> vec[float]:
-        """The same, if all rows so far are taken for granted, where that is a matter."""
-        if not self._carried.ends_frame:
-            return self.whole_frames()
+        """As `whole_frames`, if all rows so far are taken for granted."""
         return self._whole_frames(self._forward(_TRUSTED, self.size), self._in_all(_TRUSTED))
 
     def _whole_frames(self, passed: Passed, total: float) -> vec[float]:
-        starts = self.window.starts
-        probable = vec[float]([0.0] * len(starts))
-        number: i64 = 0
-        for start in starts:
-            if start.front.whole > 0.0:
-                weight = self._before(passed, start.place) * start.weights[0]
-                probable[number] = weight * self._to_end[start.place + LENGTH] / total
-            number += 1
+        window = self.window
+        probable = vec[float]([0.0] * len(window.starts))
+        for number, front in enumerate(window.starts):
+            if front.whole > 0.0:
+                weight = self._before(passed, front.place) * window.whole(front)
+                probable[number] = weight * self._to_end[front.place + LENGTH] / total
         return probable
 
     def carry(self, place: i64, *, ends_frame: bool) -> Carry:
@@ -220,12 +246,11 @@ def _fill(places: vec[float], known: vec[float]) -> None:
         places[place] = known[place]
 
 
-def _reaching(stop: Stop, after_piece: vec[float], end: i64) -> float:
-    """What the pieces that begin before `end` lay on the place behind a tail."""
-    weight, weights, first = 0.0, stop.weights, stop.first
-    for at in range(first, min(stop.place, end)):
-        weight += after_piece[at] * weights[at - first]
-    return weight
+def _gone_on(noise: float, after_piece: vec[float], start: i64, end: i64) -> float:
+    """The weight of long noise at `end`, where it may have begun at each place from `start` on."""
+    for at in range(start, end):
+        noise = noise * NOISE_STAYS + NOISE_BEGINS * after_piece[at]
+    return noise
 
 
 def _junk_up_to(header: i64, end: i64, after_piece: vec[float]) -> float:
@@ -234,15 +259,6 @@ def _junk_up_to(header: i64, end: i64, after_piece: vec[float]) -> float:
     for at in range(max(i64(0), header - _JUNK_REACH), end):
         weight += after_piece[at]
     return weight * JUNK
-
-
-def _lay(start: Start, weight: float, after_piece: vec[float]) -> None:
-    """Lay what all readings up to a header weigh on where its pieces end."""
-    truncated, place = start.truncated, start.place
-    for length in range(i64(1), start.front.cut_to + 1):
-        after_piece[place + length] += weight * truncated[length]
-    for number in range(start.count):
-        after_piece[start.stops[number]] += weight * start.weights[number]
 
 
 def _share(weights: vec[float], start: i64, total: float) -> vec[float]:
