@@ -15,7 +15,7 @@ The rooms, from the top of the import order down; each imports only from those b
     recording  MCAP out and in                                 } do not know
     formats    other people's logs in; tables out              } each
     analysis   columns, filter, tally, row store               } other
-    protocol   what the bytes mean: the frame table, codec, framer; standard library only
+    protocol   what the bytes mean: the frame table, codec, framer (compiled); no I/O
     errors     the exceptions, their tree, and the exit code of each
     said       sentences that keep their values, for the screen to say in its language
 

@@ -1,15 +1,48 @@
 """How all tests are run: Hypothesis times nothing, since a busy machine would fail what is right.
 
 What it tries stays random, so that runs find what earlier ones did not; a failure prints how to
-repeat it. `--hypothesis-profile thorough` tries twenty times as much.
+repeat it. `--hypothesis-profile thorough` tries twenty times as much. The framer is tested in the
+form that is installed, `--interpreted` tests its source.
 """
 
 from __future__ import annotations
 
+import os
+
+import pytest
 from hypothesis import settings
 
 from tests.examples import HOUSE
+from tests.framer_form import complaint, interpret
 
 settings.register_profile("house", deadline=None, print_blob=True, max_examples=HOUSE)
 settings.register_profile("thorough", settings.get_profile("house"), max_examples=20 * HOUSE)
 settings.load_profile("house")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--interpreted", action="store_true", help="run the framer's source")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--interpreted"):
+        interpret()
+    elif not hasattr(config, "workerinput"):
+        wrong = complaint(os.environ)
+        if wrong is not None:
+            raise pytest.UsageError(wrong)
+
+
+def pytest_report_header() -> str:
+    from fte_sniff.protocol.framer import COMPILED
+
+    return f"framer: {'compiled' if COMPILED else 'interpreted'}"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    from fte_sniff.protocol.framer import COMPILED
+
+    if COMPILED:
+        for item in items:
+            if item.get_closest_marker("interpreted"):
+                item.add_marker(pytest.mark.skip("--interpreted runs it; so does test_compiled"))

@@ -1,7 +1,7 @@
 """What the bytes mean: the frame table, encoding and decoding one frame, and the framer.
 
-This package does no I/O, reads no clock and needs the standard library alone. To read it, in this
-order:
+This package does no I/O, reads no clock and needs the standard library alone; the framer, which is
+compiled, its compiler's types too (`mypy_extensions`, `librt`). To read it, in this order:
 
     table        the frame table, from which all else here is derived
     rows         the vocabulary: Chunk in, Frame and Damage (a row) out, PortEvent beside them

@@ -20,8 +20,15 @@ says:
     decided      what becomes of decided parts, and what they tell of the line
     tiling       decided bytes to rows
     keeping      decided bytes as tiles, for much at once
+
+All but this file is compiled where fte-sniff is installed with a C compiler at hand (`setup.py`);
+elsewhere the same source is interpreted.
 """
 
+from fte_sniff.protocol.framer import framer as _framer
 from fte_sniff.protocol.framer.framer import Framer
 
-__all__ = ["Framer"]
+__all__ = ["COMPILED", "Framer"]
+
+COMPILED: bool = not _framer.__file__.endswith((".py", ".pyc"))
+"""Whether what runs here was compiled."""

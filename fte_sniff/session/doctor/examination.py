@@ -31,7 +31,12 @@ from fte_sniff.capture.checks.machine import (
 from fte_sniff.capture.ports.listing import list_ports, listing_of
 from fte_sniff.capture.ports.opening import PortSettings
 from fte_sniff.capture.sources.listening import Listener
-from fte_sniff.session.doctor.surroundings import terminal_findings, working_folder_finding
+from fte_sniff.protocol.framer import COMPILED
+from fte_sniff.session.doctor.surroundings import (
+    framer_finding,
+    terminal_findings,
+    working_folder_finding,
+)
 from fte_sniff.session.doctor.verdicts import probe_finding, verdict_finding
 
 ENOUGH = 4000
@@ -58,9 +63,10 @@ class Examination:
 
 
 def look_around() -> Iterator[Finding]:
-    """What can be told of the machine, the folder and the terminal."""
+    """What can be told of the machine, the folder, the terminal and this installation."""
     yield working_folder_finding()
     yield from terminal_findings(os.environ, sys.stdout.encoding)
+    yield framer_finding(compiled=COMPILED)
     yield clock_finding(clock_state())
     yield from machine_findings()
 

@@ -1,4 +1,4 @@
-"""Owns what can be wrong around a capture: the folder it records to, the terminal it shows on.
+"""Owns what can be wrong around a capture: the folder, the terminal, how the program is installed.
 
 It must not know ports.
 """
@@ -62,3 +62,15 @@ def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator
     if encoding.lower().replace("-", "") != "utf8":
         what = f"its encoding is {encoding}: some signs cannot be shown"
         yield warn("terminal", what, "export LC_ALL=C.UTF-8")
+
+
+def framer_finding(*, compiled: bool) -> Finding:
+    """Whether the framer runs as fast as it can."""
+    if compiled:
+        return ok("framer", "compiled")
+    return warn(
+        "framer",
+        "interpreted, so large files take longer; no row is different",
+        "install a C compiler and Python's headers (Debian, Ubuntu: sudo apt install gcc "
+        "python3-dev), then fte-sniff again: pip install .",
+    )

@@ -95,6 +95,7 @@ def rows_of(stream: bytes) -> list[Row]:
     return framer.feed(Chunk("p", None, stream)) + framer.flush()
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize(
     ("share", "payload"), [(0.05, "ordinary"), (0.2, "ordinary"), (0.2, "hostile")]
 )

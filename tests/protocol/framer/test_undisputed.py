@@ -15,6 +15,7 @@ def rows_of(stream: bytes) -> list[Row]:
     return framer.feed(Chunk("p", None, stream)) + framer.flush()
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("share", [0.05, 0.2])
 def test_without_the_short_cut_the_rows_are_the_same(
     share: float, monkeypatch: pytest.MonkeyPatch

@@ -6,7 +6,11 @@ import pytest
 
 from fte_sniff.analysis.line.verdict import Condition, Setting, Verdict
 from fte_sniff.protocol import Direction
-from fte_sniff.session.doctor.surroundings import folder_finding, terminal_findings
+from fte_sniff.session.doctor.surroundings import (
+    folder_finding,
+    framer_finding,
+    terminal_findings,
+)
 from fte_sniff.session.doctor.verdicts import probe_finding, verdict_finding
 from tests.recording.privilege import unprivileged
 
@@ -78,3 +82,10 @@ def test_a_terminal_that_cannot_show_the_screen_is_told(
     environment: dict[str, str], encoding: str, levels: list[str]
 ) -> None:
     assert [finding.level for finding in terminal_findings(environment, encoding)] == levels
+
+
+def test_a_framer_that_could_be_faster_is_told_with_what_makes_it_so() -> None:
+    assert framer_finding(compiled=True).way_out is None
+    told = framer_finding(compiled=False)
+    assert told.level == "warn"
+    assert "C compiler" in (told.way_out or "")
