@@ -15,6 +15,7 @@ import sys
 from hashlib import sha256
 from pathlib import Path
 from sysconfig import get_config_var
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -53,7 +54,8 @@ def interpreted(reason: object) -> None:
     Raises:
         SystemExit: it has to be.
     """
-    line = f"fte-sniff: the framer is not compiled and runs interpreted, slower: {reason}"
+    why = shorten(str(reason), 150, placeholder=" ...")
+    line = f"fte-sniff: the framer is not compiled, and will be interpreted, which is slower: {why}"
     if os.environ.get(CHOICE) == "1":
         raise SystemExit(line)
     print(line, file=sys.stderr)
@@ -92,7 +94,7 @@ def build() -> None:
             try:
                 super().build_extensions()
             except (BaseError, CCompilerError) as error:
-                interpreted(f"{error}; it takes a C compiler and the headers of Python")
+                interpreted(f"it takes a C compiler and the headers of Python; {error}")
                 forget(Path(self.build_lib, FRAMER))
                 self.extensions = []
 
