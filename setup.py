@@ -55,9 +55,9 @@ def interpreted(reason: object) -> None:
         SystemExit: it has to be.
     """
     why = shorten(str(reason), 150, placeholder=" ...")
-    line = f"fte-sniff: the framer is not compiled, and will be interpreted, which is slower: {why}"
     if os.environ.get(CHOICE) == "1":
-        raise SystemExit(line)
+        raise SystemExit(f"fte-sniff: the framer cannot be compiled: {why}")
+    line = f"fte-sniff: the framer is not compiled, and will be interpreted, which is slower: {why}"
     print(line, file=sys.stderr)
 
 
