@@ -2,10 +2,12 @@
 
     python tests/fuzz/fuzz_framer.py [corpus folder] [-max_total_time=300]
 
-It needs atheris. The input is read as: one byte that says how to cut, then the stream. Broken is:
-an exception, rows that do not tile the stream, rows that depend on how the stream was cut, a
-frame that is not ten bytes between a header and a tail, a frame called `ok` that does not fit its
-kind, a frame that waited for more than two further ones, or columns that are not the rows.
+It needs atheris, and the framer interpreted (`FTE_SNIFF_COMPILED=0 pip install -e .`): the search
+is not guided by what is compiled. The input is read as: one byte that says how to cut, then the
+stream. Broken is: an exception, rows that do not tile the stream, rows that depend on how the
+stream was cut, a frame that is not ten bytes between a header and a tail, a frame called `ok` that
+does not fit its kind, a frame that waited for more than two further ones, or columns that are not
+the rows.
 """
 
 from __future__ import annotations
