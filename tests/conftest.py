@@ -8,12 +8,19 @@ form that is installed, `--interpreted` tests its source.
 from __future__ import annotations
 
 import os
+import sys
 
 import pytest
 from hypothesis import settings
 
 from tests.examples import HOUSE
-from tests.framer_form import complaint, interpret
+from tests.framer_form import INTERPRETED, complaint, interpret
+
+# The conftest.py files of the folders load the framer before pytest has read its options.
+if "--interpreted" in sys.argv:
+    os.environ[INTERPRETED] = "1"
+if INTERPRETED in os.environ:
+    interpret()
 
 settings.register_profile("house", deadline=None, print_blob=True, max_examples=HOUSE)
 settings.register_profile("thorough", settings.get_profile("house"), max_examples=20 * HOUSE)

@@ -18,6 +18,8 @@ from types import ModuleType
 ROOM = "fte_sniff.protocol.framer"
 CHOICE = "FTE_SNIFF_COMPILED"
 """As `setup.py` has it: 1, the framer must be compiled; 0, it need not be. In CI it must."""
+INTERPRETED = "FTE_SNIFF_TESTS_INTERPRETED"
+"""Set by `--interpreted` for the workers of pytest-xdist."""
 SETUP = Path(__file__).parents[1] / "setup.py"
 MENDS = "pip install -e . mends it"
 
@@ -35,6 +37,8 @@ class SourceFinder(MetaPathFinder):
 
 def interpret() -> None:
     """Load the framer's source, not what was compiled of it, from now on in this process."""
+    if any(isinstance(finder, SourceFinder) for finder in sys.meta_path):
+        return
     assert ROOM not in sys.modules, "too late: the framer is already loaded"
     sys.meta_path.insert(0, SourceFinder())
 
