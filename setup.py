@@ -68,7 +68,7 @@ def extensions() -> list[Extension]:
     try:
         from mypyc.build import mypycify
 
-        return mypycify(
+        made: list[Extension] = mypycify(
             ["--config-file=setup.cfg", *(str(path.relative_to(ROOT)) for path in sources())],
             opt_level="3",
             debug_level="0",
@@ -76,9 +76,14 @@ def extensions() -> list[Extension]:
         )
     except ImportError as error:
         interpreted(f"{error}; it takes mypy[mypyc]")
+        return []
     except SystemExit:
         interpreted("mypy refuses it")  # and has said why
-    return []
+        return []
+    for extension in made if os.name == "posix" else ():
+        # Its functions are called by no other library: the compiler may put one into another.
+        extension.extra_compile_args += ["-fvisibility=hidden", "-fno-semantic-interposition"]
+    return made
 
 
 def build() -> None:

@@ -5,22 +5,28 @@ once; the rest, a disputed stretch, is weighed as a whole. From what the framer 
 says:
 
     framer       Framer: the bytes at hand, and what is done with them next
-    patterns     the regular expressions that find frames
     timeline     the times of bytes, and silence
+    places       the frame table as it is looked up: by kind, place and byte
+    shapes       what stands at a place: ten framed bytes, a frame that fits, one beyond doubt
     undisputed   damage that has one reading only
     enclosed     what stands before a frame beyond doubt
     due          when a disputed stretch is weighed, and how much of it is decided then
     likelihood   the cost model: how likely frames, damage and noise are
+    noise        what noise weighs, by its length
     ends         what the front and the back of a damaged frame weigh
     pieces       what can begin at a place of a disputed stretch
+    carry        what the bytes before a stretch say about it
     weighing     how probable frames are in it
     choice       which reading of it is chosen, and what doubt remains
     gap          how what lies between its frames is divided
     reading      a decided stretch, in parts
-    decided      what becomes of decided parts, and what they tell of the line
-    tiling       decided bytes to rows
-    keeping      decided bytes as tiles, for much at once
+    fault_sets   the faults of a part, as a number
+    line         what becomes of decided parts, and what they tell of the line
+    tiling       decided bytes as tiles: which are one row each, and which are runs of frames
+    keeping      what was decided, with its bytes and times, until somebody takes it as rows or more
 
+Numbers are machine numbers here (`i64`, and `vec[float]` for many), and loops go byte by byte: what
+reads slow in Python is what compiles to the fewest instructions.
 All but this file is compiled where fte-sniff is installed with a C compiler at hand (`setup.py`);
 elsewhere the same source is interpreted.
 """

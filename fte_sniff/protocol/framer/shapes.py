@@ -192,9 +192,10 @@ def anchor_from(data: bytes, start: i64) -> i64:
     """Where what can end long noise begins: a strict frame that ten bytes follow, or ten framed
     bytes before ten others; -1 if there is none yet."""
     for at in range(start, i64(len(data)) - 2 * LENGTH + 1):
-        if MARKS[data[at + LENGTH - 1]] == ENDING and MARKS[data[at]] == HEADER:
-            if framed(data, at + LENGTH) or strict(data, at):
-                return at
+        if MARKS[data[at]] != HEADER or MARKS[data[at + LENGTH - 1]] != ENDING:
+            continue
+        if framed(data, at + LENGTH) or strict(data, at):
+            return at
     return -1
 
 

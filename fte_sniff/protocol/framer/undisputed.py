@@ -147,9 +147,10 @@ def _faults_of_stub(data: bytes, at: i64, stop: i64) -> i64:
     size = stop - at
     named = kind_named(data, at) if size > 1 else NO_KIND
     for kind in range(COUNT):
-        if named == kind or (named == NO_KIND and HEADERS[kind] == data[at]):
-            if rest_fit(data, stop, stop + LENGTH, kind) >= LENGTH - size:
-                return 0
+        if not _can_be(data, at, named, kind):
+            continue
+        if rest_fit(data, stop, stop + LENGTH, kind) >= LENGTH - size:
+            return 0
     return TRUNCATED if size == 1 or named != NO_KIND else i64(0)
 
 
@@ -164,7 +165,11 @@ def _faults_of_both(data: bytes, at: i64, stop: i64) -> i64:
     if named != NO_KIND:
         head = min(head_fit(data, at, stop - 1, named), whole - 1)
     for kind in range(COUNT):
-        if named == kind or (named == NO_KIND and HEADERS[kind] == data[at]):
-            if head + rest_fit(data, at, stop, kind) >= whole:
-                return TRUNCATED if size < LENGTH else OVERLONG
+        if _can_be(data, at, named, kind) and head + rest_fit(data, at, stop, kind) >= whole:
+            return TRUNCATED if size < LENGTH else OVERLONG
     return 0
+
+
+def _can_be(data: bytes, at: i64, named: i64, kind: i64) -> bool:
+    """Whether bytes from a header on can be of a kind: that which is named, or any with it."""
+    return kind == named or (named == NO_KIND and HEADERS[kind] == data[at])
