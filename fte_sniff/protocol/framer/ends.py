@@ -35,8 +35,11 @@ LONGEST: Final[i64] = LONGEST_OVERLONG
 
 _LEAST_LEFT: Final[i64] = FRAME_LENGTH - WIDEST_CHANGE
 _LOST: Final[vec[float]] = vec[float](LOST)
-_CUT: Final[vec[float]] = vec[float]([BROKEN + weight for weight in LOST])
-"""By length left: the weight of a frame having lost its first bytes."""
+_CUT: Final[vec[float]] = vec[float](
+    [BROKEN + weight for weight in LOST] + [0.0] * (LONGEST_OVERLONG + 1 - FRAME_LENGTH)
+)
+"""By length left, up to `LONGEST`: the weight of a frame having lost its first bytes; 0 where none
+is lost."""
 _CHANGED: Final[vec[float]] = vec[float](CHANGED)
 _NAMED: Final[i64] = NUM_PLACE + 1
 _ROW: Final[i64] = LENGTH + 1
@@ -113,35 +116,38 @@ class Back:
         """By kind: how many of them fit, at most ten."""
         self.headless = vec[float]([0.0] * (LONGEST + 1))
         """By length, up to `LONGEST`: the weight of a frame whose first bytes are gone or wrong."""
-        longer = vec[float]([0.0] * (LONGEST + 1))
+        left = vec[float]([0.0] * (LONGEST + 1))
+        broken = vec[float]([0.0] * (LONGEST + 1))
         for kind in range(COUNT):
-            fit = self._weigh_kind(data, end, min(end - start, LENGTH), kind)
+            fit = self._weigh_kind(data, end, min(end - start, LENGTH), kind, left)
             self.fits[kind] = fit
             most = min(fit, LENGTH - 1)
-            longer[most + 1] += SHARES[kind] * self.rests[kind * _ROW + most] * BROKEN
-        weight, headless = 0.0, self.headless
-        for length in range(1, LONGEST + 1):
-            weight += longer[length]
-            headless[length] += weight
+            broken[most + 1] += SHARES[kind] * self.rests[kind * _ROW + most]
+        self._weigh_headless(left, broken)
 
-    def _weigh_kind(self, data: bytes, end: i64, length: i64, kind: i64) -> i64:
-        """Fill in what the last bytes weigh as those of a kind; returns how many of them fit."""
-        rests, headless, row = self.rests, self.headless, kind * _ROW
-        weight, share = 1.0, SHARES[kind]
-        rests[row] = weight
+    def _weigh_kind(self, data: bytes, end: i64, length: i64, kind: i64, left: vec[float]) -> i64:
+        """Fill in what the last bytes weigh as those of a kind, and add it to what all kinds weigh
+        by length; returns how many bytes fit."""
+        rests, row, share = self.rests, kind * _ROW, SHARES[kind]
         last = ((kind + 1) * LENGTH - 1) * 256
+        weight = rests[row] = 1.0
         for number in range(length):
-            own = WEIGHTS[last - number * 256 + i64(data[end - 1 - number])]
-            if own == 0.0:
+            weight *= WEIGHTS[last - number * 256 + i64(data[end - 1 - number])]
+            if weight == 0.0:
                 return number
-            weight *= own
-            left = number + 1
-            rests[row + left] = weight
-            if left < LENGTH:
-                headless[left] += _CUT[left] * share * weight
-                if left >= _LEAST_LEFT:
-                    headless[LENGTH] += _CHANGED[LENGTH - left] * share * weight
+            rests[row + number + 1] = weight
+            left[number + 1] += share * weight
         return length
+
+    def _weigh_headless(self, left: vec[float], broken: vec[float]) -> None:
+        """Fill in what frames without their front weigh, from what is left of them, by length, and
+        what fits no longer than that."""
+        headless, longer = self.headless, 0.0
+        for length in range(i64(1), LONGEST + 1):
+            longer += broken[length]
+            headless[length] = longer * BROKEN + _CUT[length] * left[length]
+        for length in range(_LEAST_LEFT, LENGTH):
+            headless[LENGTH] += _CHANGED[LENGTH - length] * left[length]
 
     def rest(self, length: i64) -> float:
         """The weight of the last `length` bytes being the rest of a frame of any kind."""
