@@ -2,7 +2,7 @@
 
 It must not do I/O or read a clock; the times come with the chunks. How likely things are stands in
 `likelihood`, how readings are weighed in `weighing`, when in `due`, how bytes get their times in
-`timeline`, what becomes of decided ones in `decided`.
+`timeline`, what becomes of decided ones in `line`.
 
 The stream is decided from left to right, each decision final. Every decision depends on the bytes
 up to a place that those bytes themselves determine, and on silence; never on how the stream was

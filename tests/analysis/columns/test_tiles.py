@@ -1,9 +1,8 @@
-"""What the framer keeps, piece by piece, side by side: the rows that it gives elsewhere."""
+"""What the framer has decided, piece by piece, side by side: the rows that it gives elsewhere."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from random import Random
 
 import pytest
@@ -11,14 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
-from fte_sniff.analysis.columns.bulk import scout
 from fte_sniff.analysis.columns.packing import PackedRows
 from fte_sniff.analysis.columns.tiles import packed_tiles
 from fte_sniff.protocol import Chunk, Framer, Row
 from fte_sniff.protocol.framer.keeping import Decided
 from tests.protocol.streams import raw_bytes
 
-THREADS = ThreadPoolExecutor(2)
 TIMES = st.none() | st.integers(0, 2**62) | st.integers(10**18, 10**18 + 10**9)
 
 
@@ -41,14 +38,13 @@ def one_by_one(chunks: Sequence[Chunk]) -> list[Row]:
 
 def kept(chunks: Sequence[Chunk], taken_after: int) -> list[Decided]:
     """The same in portions, each taken after so many chunks."""
-    framer, keeper = Framer.keeping("p", scout(THREADS))
-    found = []
+    framer, found = Framer("p"), []
     for count, chunk in enumerate(chunks):
         framer.pour(chunk)
         if count % taken_after == 0:
-            found.append(keeper.take())
+            found.append(framer.take())
     framer.end()
-    return [*found, keeper.take()]
+    return [*found, framer.take()]
 
 
 def told(rows: Sequence[Row]) -> list[tuple[object, ...]]:
@@ -101,14 +97,6 @@ def test_noise_goes_on_from_piece_to_piece() -> None:
     check([Chunk("p", None, piece) for piece in pieces(noise, [7, 4000])], 1)
 
 
-@given(raw_bytes)
-def test_headers_are_those_of_the_frames(data: bytes) -> None:
-    portions = kept([Chunk("p", None, data)] if data else [], 1)
-    found = [pair for portion in portions for pair in portion.headers()]
-    rows = [row for portion in portions for row in portion.rows()]
-    assert found == [(row.offset, row.raw[0]) for row in rows if hasattr(row, "kind")]
-
-
 def test_nothing_decided_is_no_rows() -> None:
-    _, keeper = Framer.keeping("p", lambda _: None)
-    assert list(packed_tiles(keeper.take())) == keeper.take().rows() == []
+    framer = Framer("p")
+    assert list(packed_tiles(framer.take())) == framer.take().rows() == []

@@ -1,62 +1,94 @@
-"""What is remembered of the ends of frames is what would be reckoned anew."""
+"""What damaged frames weigh is what the oracle says, which writes out every way to damage one."""
 
 from __future__ import annotations
 
+from math import prod
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import frame_faults
-from fte_sniff.protocol.framer.choice import chosen
-from fte_sniff.protocol.framer.ends import CANONICAL, back_of, between, front_of
-from fte_sniff.protocol.framer.pieces import Window
-from fte_sniff.protocol.framer.weighing import Ending, Weighing, joined, trusted
-from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG
+from benchmarks.faults import damaged_stream
+from fte_sniff.protocol import FRAME_LENGTH, Fault
+from fte_sniff.protocol.framer.likelihood import (
+    JUNK,
+    LONGEST_JUNK,
+    NOISE_BEGINS,
+    NOISE_ENDS,
+    NOISE_STAYS,
+)
+from tests.examples import examples
+from tests.protocol import oracle
+from tests.protocol.framer import inside
+from tests.protocol.framer.near_frames import near_frames
 
 some = st.one_of(
     st.sampled_from([0xAA, 0x55, 0xEE, 0, 1, 2, 3, 4, 5, 0x0E, 0x0F, 0x10, 0x7F, 0xFE, 0xFF]),
     st.integers(0, 255),
 )
+stretches = st.one_of(
+    st.lists(some, min_size=1, max_size=40).map(bytes),
+    near_frames.map(lambda data: data[:40]),
+    st.integers(0, 10_000).map(lambda seed: damaged_stream(seed, 4, 0.9, "hostile")[0][:40]),
+).filter(bool)
 
 
-@given(st.sampled_from([0xAA, 0x55]), st.lists(some, max_size=9))
-def test_a_front_weighs_what_its_canonical_bytes_weigh(header: int, behind: list[int]) -> None:
-    own = bytes([header, *behind])
-    reckon = front_of.__wrapped__
-    assert reckon(own) == reckon(own.translate(CANONICAL)) == front_of(own.translate(CANONICAL))
+def _oracles(data: bytes) -> dict[tuple[int, int], float]:
+    return {
+        (start, piece.stop): piece.weight
+        for start in range(len(data))
+        for piece in oracle.pieces(data, start)
+    }
 
 
-@given(st.lists(some, max_size=9))
-def test_a_back_weighs_what_its_canonical_bytes_weigh(before: list[int]) -> None:
-    own = bytes([*before, 0xEE])
-    reckon = back_of.__wrapped__
-    for back in (reckon(own.translate(CANONICAL)), back_of(own.translate(CANONICAL))):
-        assert back.rests == reckon(own).rests
-        assert back.headless == reckon(own).headless
-        for header in HEADER_BYTES:
-            front = front_of(bytes([header]))
-            for length in range(2, LONGEST_OVERLONG + 1):
-                assert between(front, back, length) == between(front, reckon(own), length)
+@examples(150)
+@given(stretches)
+def test_pieces_weigh_what_the_oracle_says(data: bytes) -> None:
+    assert inside.piece_weights(data) == pytest.approx(_oracles(data), rel=1e-9, abs=0)
 
 
-@given(st.lists(some, min_size=1, max_size=64), st.booleans())
-def test_a_stretch_is_read_as_its_canonical_bytes_are(values: list[int], begins: bool) -> None:
-    data = bytes(values)
-    carry = joined() if begins else trusted()
-    first, second = (
-        chosen(Weighing(Window(raw), carry, Ending.CLOSED))
-        for raw in (data, data.translate(CANONICAL))
+def _noise(length: int) -> float:
+    """What a run of noise weighs, if it is the likelier of short and long."""
+    if length <= LONGEST_JUNK:
+        return JUNK
+    return NOISE_BEGINS * NOISE_ENDS * NOISE_STAYS ** (length - 1)
+
+
+def _best(data: bytes) -> float:
+    """The weight of these bytes divided into damaged frames and noise, from left to right: at each
+    place goes on what weighs most up to there. (Noise goes on as noise only as one run.)"""
+    size = len(data)
+    best, noisy = [1.0, *[0.0] * size], [False] * (size + 1)
+
+    def reach(stop: int, weight: float, noise: bool) -> None:
+        if weight > best[stop]:
+            best[stop], noisy[stop] = weight, noise
+
+    for start in range(size):
+        for piece in oracle.pieces(data, start):
+            if not piece.whole:
+                reach(piece.stop, best[start] * piece.weight, False)
+        for stop in range(start + 1, size + 1):
+            if not noisy[start] and (stop == size or data[stop] in oracle.IS_HEADER):
+                reach(stop, best[start] * _noise(stop - start), True)
+    return best[size]
+
+
+@examples(150)
+@given(stretches)
+def test_what_lies_between_frames_is_divided_as_well_as_can_be(data: bytes) -> None:
+    if any(oracle.is_whole(data[at : at + FRAME_LENGTH]) for at in range(len(data))):
+        return
+    weights = _oracles(data)
+    parts = inside.gap_of(data)
+    assert [part.start for part in parts] == [0, *(part.stop for part in parts[:-1])]
+    assert parts[-1].stop == len(data)
+    told = prod(
+        # What begins with no header, and is not ten bytes, is called noise, though it is a frame.
+        max(
+            weights.get((part.start, part.stop), 0.0),
+            _noise(part.stop - part.start) if part.faults == (Fault.NOISE,) else 0.0,
+        )
+        for part in parts
     )
-    assert first == second
-
-
-@given(st.lists(some, min_size=8, max_size=8))
-def test_canonical_bytes_show_the_same_faults(inside: list[int]) -> None:
-    raw = bytes([0x55, *inside, 0xEE])
-    assert frame_faults(raw) == frame_faults(raw.translate(CANONICAL))
-
-
-def test_what_is_remembered_is_bounded() -> None:
-    for remembered in (front_of, back_of):
-        limit = remembered.cache_info().maxsize
-        assert limit is not None
-        assert limit <= 1 << 14
+    assert told == pytest.approx(_best(data))

@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 
 from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, Row
-from fte_sniff.protocol.framer.patterns import USUAL_FLAGS
+from tests.protocol.framer.patterns import USUAL_FLAGS
 
 SPEED = "AA 01 01 03 E8 00 00 00 00 EE"
 POSITION = "AA 02 02 03 E8 00 00 27 10 EE"

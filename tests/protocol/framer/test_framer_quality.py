@@ -9,9 +9,8 @@ import pytest
 from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
 from benchmarks.score import labels, score
 from fte_sniff.protocol import FRAME_LENGTH, Chunk, Frame, Framer, Row
-from fte_sniff.protocol.framer.pieces import Window
-from fte_sniff.protocol.framer.weighing import Ending, Weighing, trusted
 from tests.protocol import oracle
+from tests.protocol.framer.inside import CLOSED, trusted, whole_frames
 
 
 def rows_of(stream: bytes) -> list[Row]:
@@ -68,8 +67,8 @@ def test_joining_in_mid_stream_invents_nothing() -> None:
 def test_the_weights_of_a_window_are_the_oracles(seed: int) -> None:
     stream, _ = damaged_stream(seed, 8, 0.5, "hostile")
     stream = stream[:100]
-    weighing = Weighing(Window(stream), trusted(), Ending.CLOSED)
-    assert weighing.whole_frames() == pytest.approx(oracle.weigh(stream), rel=1e-5, abs=1e-9)
+    probable = whole_frames(stream, trusted(), CLOSED)
+    assert probable == pytest.approx(oracle.weigh(stream), rel=1e-5, abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(6))

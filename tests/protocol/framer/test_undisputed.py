@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import pytest
+from itertools import pairwise
 
-import fte_sniff.protocol.framer.framer as framer_module
-from benchmarks.faults import damaged_stream
-from fte_sniff.protocol import Chunk, Fault, Framer, Row
-from fte_sniff.protocol.framer.undisputed import undisputed
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.faults import PAYLOADS, damaged_stream
+from fte_sniff.protocol import Chunk, Fault, Frame, Framer, Row
+from tests.examples import examples
+from tests.protocol.framer.firm_frames import firm
+from tests.protocol.framer.inside import BOUNDARY, reading_of, trusted, undisputed_at
 
 
 def rows_of(stream: bytes) -> list[Row]:
@@ -17,22 +22,35 @@ def rows_of(stream: bytes) -> list[Row]:
 
 @pytest.mark.interpreted
 @pytest.mark.parametrize("share", [0.05, 0.2])
-def test_without_the_short_cut_the_rows_are_the_same(
-    share: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_rows_have_what_the_short_cut_and_weighing_say(share: float) -> None:
     stream, _ = damaged_stream(7, 3000, share, "ordinary")
     taken = []
-
-    def counted(data: bytes, at: int) -> object:
-        damage = undisputed(data, at)
-        taken.append(damage is not None)
-        return damage
-
-    monkeypatch.setattr(framer_module, "undisputed", counted)
-    quick = rows_of(stream)
-    monkeypatch.setattr(framer_module, "undisputed", lambda *_: None)
-    assert quick == rows_of(stream)
+    for before, row in pairwise(rows_of(stream)):
+        if not row.faults or before.faults or not isinstance(before, Frame):
+            continue
+        at = row.offset
+        part = undisputed_at(stream, at)
+        taken.append(part is not None)
+        if part is None:
+            continue
+        assert (len(row.raw), isinstance(row, Frame), row.faults) == part[1:]
+        weighed = reading_of(stream[at : at + part.stop + 10], trusted(), BOUNDARY)
+        assert weighed == [part, (part.stop, part.stop + 10, True, ())]
     assert sum(taken) > len(taken) / 3
+
+
+@examples(400)
+@given(st.integers(0, 100_000), st.sampled_from(sorted(PAYLOADS)), st.integers(0, 10_000))
+def test_damage_with_one_reading_is_read_as_weighing_reads_it(
+    seed: int, payload: str, behind: int
+) -> None:
+    data = damaged_stream(seed, 1, 1.0, payload)[0] + firm(behind)
+    part = undisputed_at(data, 0)
+    if part is None:
+        return
+    first, *others = reading_of(data[: part.stop + 10], trusted(), BOUNDARY)
+    assert [other.certain for other in others] == [True]
+    assert first == part
 
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
@@ -48,14 +66,16 @@ FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
         ("AA 01 01 03 E8 17 00 00 00 00 EE", Fault.OVERLONG),
         ("12 01 01 03 E8 00 00 00 00 EE", Fault.BAD_HEADER),
         ("AA 01 01 03 E8 00 00 00 00 12", Fault.BAD_TAIL),
+        ("AA 42 01 03 E8 00 00 00 00 EE", Fault.UNKNOWN_CMD),
+        ("AA 01 07 03 E8 00 00 00 00 EE", Fault.BAD_MOTOR),
     ],
 )
 def test_plain_damage_needs_no_weighing(damage: str, fault: Fault) -> None:
     raw = bytes.fromhex(damage)
-    part = undisputed(FRAME + raw + FRAME * 2, len(FRAME))
-    assert part is not None
-    assert (part.start, part.stop, part.faults) == (0, len(raw), (fault,))
-    assert undisputed(raw + FRAME + FRAME[:3], 0) is None
+    framed = fault in (Fault.UNKNOWN_CMD, Fault.BAD_MOTOR)
+    part = undisputed_at(FRAME + raw + FRAME * 2, len(FRAME))
+    assert part == (0, len(raw), framed, (fault,))
+    assert undisputed_at(raw + FRAME + FRAME[:3], 0) is None
 
 
 @pytest.mark.parametrize(
@@ -71,4 +91,4 @@ def test_plain_damage_needs_no_weighing(damage: str, fault: Fault) -> None:
     ],
 )
 def test_doubtful_damage_is_left_to_weighing(damage: str) -> None:
-    assert undisputed(bytes.fromhex(damage) + FRAME * 2, 0) is None
+    assert undisputed_at(bytes.fromhex(damage) + FRAME * 2, 0) is None
