@@ -4,7 +4,8 @@
 
 All decoders get the same bytes in the same run (the slow ones a part of them); each number is the
 best of three, in seconds of a core, so that other programs do not count: the bulk path, which uses
-all cores for columns, is a little quicker on an idle machine. The framer is measured as it is installed, compiled or not. The memory copy is that of the same bytes; small
+all cores for columns, is a little quicker on an idle machine. The framer is measured as it is
+installed, compiled or not. The memory copy is that of the same bytes; small
 ones stay in the processor's cache, so compare `--megabytes 2` with `--megabytes 100`. Needs
 `construct` and `kaitaistruct`.
 """

@@ -88,7 +88,7 @@ class Framer:
         self._carry: Carry | None = joined()
         """What the past says of the places from `_at` on; None where the stream is in step."""
         self._lost_from = _NOWHERE
-        """Place in `_data` where long noise was found to go on; `_NOWHERE` where it does not."""
+        """Offset in the stream where long noise goes on; `_NOWHERE` where none was found to."""
         self._passing = False
         """Whether the long noise is already being passed over."""
         self._not_before: i64 = 0
@@ -253,7 +253,7 @@ class Framer:
         self._decide(parts)
         self._not_before = 0
         if noisy:
-            self._lost_from, self._passing = self._at, False
+            self._lost_from, self._passing = self._base + self._at, False
 
     def _read_before(self, firm: i64) -> bool:
         """Decide all before a frame beyond doubt; False where that is in doubt after all."""
@@ -283,7 +283,7 @@ class Framer:
         data = self._data
         anchor = anchor_from(data, self._at)
         known = anchor if anchor >= 0 else len(data) - ANCHOR_REACH
-        enough = self._lost_from + WIDEST
+        enough = self._lost_from - self._base + WIDEST
         if not self._passing:
             limit = min(i64(len(data)), enough + ANCHOR_REACH)
             promised = next_promised(data, self._at, self._weighed_to, limit)
@@ -353,6 +353,4 @@ class Framer:
         self._not_before = max(i64(0), self._not_before - done)
         self._weighed_to = max(i64(0), self._weighed_to - done)
         self._firm_from = max(i64(0), self._firm_from - done)
-        if self._lost_from >= 0:
-            self._lost_from -= done
         self._pauses.forget(self._base)
