@@ -118,6 +118,56 @@ FREE: Final = _rows(_free(kind) for kind in KINDS)
 FREE_NUM: Final = bytes(legal_bytes(kind)[NUM_PLACE] is None for kind in KINDS)
 """By kind: 1 where NUM means nothing."""
 
+# The eight bytes from NUM to the tail as one number, the first byte the lowest
+
+
+def _bits_of(legal: bytes | None) -> tuple[int, int] | None:
+    """What to take from a byte, and which bits must not be set then, so that just these are left;
+    None where bits do not tell. (What is less borrows from the bytes behind, and is none of them.)
+    """
+    if legal is None:
+        return 0, 0
+    first, used = min(legal), 0
+    for value in legal:
+        used |= value - first
+    mask = 0xFF ^ used
+    fitting = bytes(value for value in range(256) if (value - first) & 0xFF & mask == 0)
+    return (first, mask) if fitting == bytes(sorted(legal)) else None
+
+
+def _word_of(kind: FrameKind) -> tuple[int, int, int]:
+    """The same for all places from NUM to before the tail; and whether bits tell all of them."""
+    first = mask = 0
+    tells = 1
+    for number, legal in enumerate(legal_bytes(kind)[NUM_PLACE:-1]):
+        bits = _bits_of(legal)
+        if bits is None:
+            tells = 0
+            continue
+        first |= bits[0] << 8 * number
+        mask |= bits[1] << 8 * number
+    return first, mask, tells
+
+
+_WORDS: Final = [_word_of(kind) for kind in KINDS]
+WORD_FIRST: Final[vec[i64]] = vec[i64]([first for first, _, _ in _WORDS])
+"""By kind: what to take from that number,"""
+WORD_FORBIDDEN: Final[vec[i64]] = vec[i64]([mask for _, mask, _ in _WORDS])
+"""and which bits must not be set in what is left, if the frame fits;"""
+WORD_TELLS: Final = bytes(tells for _, _, tells in _WORDS)
+"""1 where it fits if none of them is."""
+
+
+def _repeated(value: int) -> int:
+    """A byte in each place from NUM to before the tail."""
+    return int.from_bytes(bytes([value]) * (FRAME_LENGTH - 1 - NUM_PLACE), "little")
+
+
+EVERY_LOW_BIT: Final[i64] = _repeated(0x01)
+EVERY_HIGH_BIT: Final[i64] = _repeated(0x80)
+HEADER_WORDS: Final[vec[i64]] = vec[i64]([_repeated(header) for header in HEADER_BYTES])
+"""Each header, in all of these places."""
+
 # How frames end
 
 

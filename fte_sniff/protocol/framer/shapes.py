@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from librt.strings import read_i64_le
 from mypy_extensions import i64
 
 from fte_sniff.protocol.framer.fault_sets import UNKNOWN_CMD
@@ -24,9 +25,12 @@ from fte_sniff.protocol.framer.places import (
     BRINGS_VALUES,
     CHECKED,
     ENDING,
+    EVERY_HIGH_BIT,
+    EVERY_LOW_BIT,
     FREE,
     FREE_NUM,
     HEADER,
+    HEADER_WORDS,
     KIND_OF,
     LEGAL,
     LENGTH,
@@ -36,6 +40,9 @@ from fte_sniff.protocol.framer.places import (
     NO_KIND,
     PLACE_FAULTS,
     USUAL_FLAGS,
+    WORD_FIRST,
+    WORD_FORBIDDEN,
+    WORD_TELLS,
 )
 from fte_sniff.protocol.structure import LONGEST_OVERLONG
 from fte_sniff.protocol.table import FRAME_LENGTH, NUM_PLACE
@@ -128,9 +135,34 @@ def run_end(data: bytes, at: i64, end: i64, *, calm: bool) -> i64:
     """Where the run of plain frames that begins at `at` ends, at `end` at the latest; on a calm
     line, that of undivided ones."""
     last = end - LENGTH
-    while at <= last and undivided(data, at) and (calm or not _ends_as_flags(data, at)):
+    while at <= last and _goes_on(data, at, calm):
         at += LENGTH
     return at
+
+
+def _goes_on(data: bytes, at: i64, calm: bool) -> bool:
+    """Whether the frame there is plain, or, on a calm line, undivided. Most frames are told by
+    eight of their bytes at once: they fit, and hold no header, without which nothing divides."""
+    kind = kind_named(data, at)
+    if kind == NO_KIND or MARKS[data[at + LENGTH - 1]] != ENDING:
+        return False
+    word = read_i64_le(data, at + _NUM)
+    if (word - WORD_FIRST[kind]) & WORD_FORBIDDEN[kind] != 0:
+        return False
+    marked = WORD_TELLS[kind] == 0 or (FREE_NUM[kind] == 1 and MARKS[data[at + _NUM]] != 0)
+    if (marked or _holds_header(word)) and not undivided(data, at):
+        return False
+    return calm or MAY_END_SO[kind] == 0 or not _ends_as_flags(data, at)
+
+
+def _holds_header(word: i64) -> bool:
+    """Whether a header is among the bytes from NUM to before the tail."""
+    for header in HEADER_WORDS:
+        other = word ^ header
+        # A byte that is 0 borrows, and so gets the high bit that it did not have.
+        if (other - EVERY_LOW_BIT) & ~other & EVERY_HIGH_BIT != 0:
+            return True
+    return False
 
 
 def is_calm(data: bytes, at: i64) -> bool:
