@@ -36,8 +36,10 @@ class Line:
         if self.piece.lines == 1:
             yield self
             return
+        # Plain lines hold no mark of a comment: they lie in one as a whole, or not at all.
+        blank = self.text != self.piece.text
         for piece in self.piece.each():
-            yield replace(self, piece=piece, text=piece.text)
+            yield replace(self, piece=piece, text=" " * len(piece.text) if blank else piece.text)
 
     def without_text_beside(self) -> Line:
         """The same without the text behind its bytes that shows them.

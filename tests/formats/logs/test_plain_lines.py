@@ -80,6 +80,14 @@ def test_many_at_once_are_read_as_one_by_one(text: str) -> None:
     assert told(pieces) == told(alone)
 
 
+def test_plain_lines_in_a_comment_are_no_bytes_of_decimals_either() -> None:
+    line = "AA 01 01 03 E8 00 00 00 00 EE\n"
+    text = f"170\n170\n/* a comment\n{line * 2}its end */\n1, 1, 3"
+    pieces = list(TextPieces(io.BytesIO(text.encode()), "f"))
+    data, _, _, error = told(pieces)
+    assert (data, error) == (b"\xaa\xaa\x01\x01\x03", "")
+
+
 def test_plain_lines_come_together() -> None:
     text = b"AA 01\nBB 02\r\nCC 03\n\nDD 04\nEE 05"
     pieces = list(TextPieces(io.BytesIO(text), "f"))
