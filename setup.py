@@ -26,6 +26,9 @@ FRAMER = Path("fte_sniff/protocol/framer")
 CHOICE = "FTE_SNIFF_COMPILED"
 NOTHING_BUILT = {"egg_info", "dist_info", "sdist", "clean"}
 """Commands that need no extension."""
+FLAGS = ("-Wno-error", "-fvisibility=hidden", "-fno-semantic-interposition")
+"""For the C compiler: warnings are none of the user's business; and since no other library calls
+the functions, one may be put into another."""
 IN_PLACE = {"editable_wheel", "develop", "--inplace", "-i"}
 
 
@@ -81,8 +84,7 @@ def extensions() -> list[Extension]:
         interpreted("mypy refuses it")  # and has said why
         return []
     for extension in made if os.name == "posix" else ():
-        # Its functions are called by no other library: the compiler may put one into another.
-        extension.extra_compile_args += ["-fvisibility=hidden", "-fno-semantic-interposition"]
+        extension.extra_compile_args = [*extension.extra_compile_args, *FLAGS]
     return made
 
 

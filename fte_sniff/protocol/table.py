@@ -51,7 +51,13 @@ BITS_PER_BYTE = 10
 
 
 def byte_time_ns(baud: int) -> int:
-    """Nanoseconds that one byte takes on an 8N1 line of `baud` bits per second."""
+    """Nanoseconds that one byte takes on an 8N1 line of `baud` bits per second.
+
+    Raises:
+        ValueRangeError: there is no such baud.
+    """
+    if baud < 1:
+        raise ValueRangeError(f"baud {baud} is out of range: 1 or more bits per second")
     return round(BITS_PER_BYTE * 1_000_000_000 / baud)
 
 

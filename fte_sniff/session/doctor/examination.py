@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from fte_sniff.analysis.line.verdict import (
     COMMON_BAUDS,
@@ -31,7 +32,7 @@ from fte_sniff.capture.checks.machine import (
 from fte_sniff.capture.ports.listing import list_ports, listing_of
 from fte_sniff.capture.ports.opening import PortSettings
 from fte_sniff.capture.sources.listening import Listener
-from fte_sniff.protocol.framer import COMPILED
+from fte_sniff.protocol import framer
 from fte_sniff.session.doctor.surroundings import (
     framer_finding,
     terminal_findings,
@@ -66,7 +67,7 @@ def look_around() -> Iterator[Finding]:
     """What can be told of the machine, the folder, the terminal and this installation."""
     yield working_folder_finding()
     yield from terminal_findings(os.environ, sys.stdout.encoding)
-    yield framer_finding(compiled=COMPILED)
+    yield framer_finding(Path(framer.__file__).parent, compiled=framer.COMPILED)
     yield clock_finding(clock_state())
     yield from machine_findings()
 

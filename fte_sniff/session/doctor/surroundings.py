@@ -64,13 +64,32 @@ def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator
         yield warn("terminal", what, "export LC_ALL=C.UTF-8")
 
 
-def framer_finding(*, compiled: bool) -> Finding:
-    """Whether the framer runs as fast as it can."""
-    if compiled:
+def framer_finding(room: Path, *, compiled: bool) -> Finding:
+    """Whether the framer runs as fast as it can, and is what its source says.
+
+    Args:
+        room: the folder of its source, beside which lies what was compiled of it.
+        compiled: whether that is what runs.
+    """
+    if not compiled:
+        return warn(
+            "framer",
+            "interpreted, so large files take longer; no row is different",
+            "install a C compiler and Python's headers (Debian, Ubuntu: sudo apt install gcc "
+            "python3-dev), then fte-sniff again: pip install .",
+        )
+    edited = _edited_since_compiled(room)
+    if edited is None:
         return ok("framer", "compiled")
     return warn(
         "framer",
-        "interpreted, so large files take longer; no row is different",
-        "install a C compiler and Python's headers (Debian, Ubuntu: sudo apt install gcc "
-        "python3-dev), then fte-sniff again: pip install .",
+        f"compiled before {edited} was changed: what runs is not what the source says",
+        "install fte-sniff again: pip install -e . (or pip install .)",
     )
+
+
+def _edited_since_compiled(room: Path) -> str | None:
+    """A source that is younger than what was compiled of all of them; None where none is."""
+    made = [path.stat().st_mtime for path in room.glob("*__mypyc.*")]
+    younger = (path for path in sorted(room.glob("*.py")) if path.stat().st_mtime > max(made))
+    return next((path.name for path in younger), None) if made else None

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from random import Random
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.errors import ValueRangeError
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -29,6 +31,14 @@ HOSTILE = bytes.fromhex("AA 02 03 EE 55 02 01 03 E8 EE")
 
 def _byte_by_byte(framer: Framer, data: bytes) -> list[list[Row]]:
     return [framer.feed(Chunk("p", None, bytes([byte]))) for byte in data]
+
+
+@pytest.mark.parametrize("baud", [0, -115_200])
+def test_a_line_without_speed_is_refused(baud: int) -> None:
+    with pytest.raises(ValueRangeError, match=f"baud {baud} is out of range"):
+        Framer("p", baud)
+    with pytest.raises(ValueRangeError, match=f"baud {baud} is out of range"):
+        Framer("p").pace(baud)
 
 
 def test_on_a_calm_line_a_frame_is_out_with_its_last_byte() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -84,8 +85,21 @@ def test_a_terminal_that_cannot_show_the_screen_is_told(
     assert [finding.level for finding in terminal_findings(environment, encoding)] == levels
 
 
-def test_a_framer_that_could_be_faster_is_told_with_what_makes_it_so() -> None:
-    assert framer_finding(compiled=True).way_out is None
-    told = framer_finding(compiled=False)
+def test_a_framer_that_could_be_faster_is_told_with_what_makes_it_so(tmp_path: Path) -> None:
+    assert framer_finding(tmp_path, compiled=True).way_out is None
+    told = framer_finding(tmp_path, compiled=False)
     assert told.level == "warn"
     assert "C compiler" in (told.way_out or "")
+
+
+def test_a_framer_that_was_compiled_before_its_source_was_changed_is_told(tmp_path: Path) -> None:
+    source, library = tmp_path / "gap.py", tmp_path / "sources_0__mypyc.so"
+    for path, changed in ((source, 1000), (library, 2000)):
+        path.touch()
+        os.utime(path, (changed, changed))
+    assert framer_finding(tmp_path, compiled=True).level == "ok"
+    os.utime(source, (3000, 3000))
+    told = framer_finding(tmp_path, compiled=True)
+    assert told.level == "warn"
+    assert "gap.py" in told.what
+    assert "pip install" in (told.way_out or "")
