@@ -19,7 +19,7 @@ from fte_sniff.analysis.columns.tiles import tile_columns
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Chunk, Fault, Framer
 from fte_sniff.protocol.framer.fault_sets import FAULT_SETS
 
-SLAB: Final = 100_000
+_SLAB: Final = 100_000
 """Rows that one thread turns into columns at once."""
 
 _BLOCK: Final = 1 << 14
@@ -94,7 +94,7 @@ def _decoded(frames: Array, threads: Executor) -> tuple[Array, Mapping[str, Arra
     values = {
         name: np.empty(rows, wire.newbyteorder("=")) for name, (wire, _) in _FIELD_PLACES.items()
     }
-    slabs = range(0, rows, SLAB)
+    slabs = range(0, rows, _SLAB)
     for _ in threads.map(lambda at: _decode(frames, at, kinds, values), slabs):
         pass
     return kinds, MappingProxyType(values)
@@ -102,8 +102,8 @@ def _decoded(frames: Array, threads: Executor) -> tuple[Array, Mapping[str, Arra
 
 def _decode(frames: Array, first: int, kinds: Array, values: Mapping[str, Array]) -> None:
     """Fill one slab of the columns."""
-    for at in range(first, min(first + SLAB, len(frames)), _BLOCK):
-        block = slice(at, min(at + _BLOCK, first + SLAB))
+    for at in range(first, min(first + _SLAB, len(frames)), _BLOCK):
+        block = slice(at, min(at + _BLOCK, first + _SLAB))
         own = frames[block]
         kind = KIND_OF.take(_read(own, 0, _HEADER_AND_CMD), mode="clip")
         kinds[block] = kind

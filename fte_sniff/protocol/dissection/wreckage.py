@@ -16,8 +16,9 @@ from fte_sniff.protocol.dissection.anatomy import (
     part_of,
     tail_part,
 )
+from fte_sniff.protocol.dissection.splitting import Split, split_damaged
 from fte_sniff.protocol.rows import Damage, Fault
-from fte_sniff.protocol.structure import HEADER_BYTES, Split, split_damaged
+from fte_sniff.protocol.structure import HEADER_BYTES
 from fte_sniff.protocol.table import (
     CMD_PLACE,
     DIRECTION_OF_HEADER,

@@ -65,22 +65,24 @@ def framed(data: bytes, at: i64) -> bool:
 
 def strict(data: bytes, at: i64) -> bool:
     """Whether a frame stands there that fits its kind at every place."""
+    return _kind_fitting(data, at) != NO_KIND
+
+
+def _kind_fitting(data: bytes, at: i64) -> i64:
+    """The kind of the strict frame there; `NO_KIND` where none stands."""
     if MARKS[data[at + LENGTH - 1]] != ENDING:
-        return False
+        return NO_KIND
     kind = kind_named(data, at)
-    return kind != NO_KIND and _fits(data, at, kind)
-
-
-def _fits(data: bytes, at: i64, kind: i64) -> bool:
-    """Whether all that must be something behind header and CMD fits."""
+    if kind == NO_KIND:
+        return NO_KIND
     row = kind * LENGTH
     number = row
     while True:
         place = i64(CHECKED[number])
         if place == 0:
-            return True
+            return kind
         if LEGAL[(row + place) * 256 + i64(data[at + place])] == 0:
-            return False
+            return NO_KIND
         number += 1
 
 
@@ -97,12 +99,8 @@ def dividing(data: bytes, at: i64) -> bool:
 
 def undivided(data: bytes, at: i64) -> bool:
     """Whether a strict frame stands there that could hardly be two truncated ones."""
-    if MARKS[data[at + LENGTH - 1]] != ENDING:
-        return False
-    kind = kind_named(data, at)
-    if kind == NO_KIND or not _fits(data, at, kind):
-        return False
-    if FREE_NUM[kind] == 1 and MARKS[data[at + _NUM]] != 0:
+    kind = _kind_fitting(data, at)
+    if kind == NO_KIND or (FREE_NUM[kind] == 1 and MARKS[data[at + _NUM]] != 0):
         return False
     number = kind * LENGTH
     while True:

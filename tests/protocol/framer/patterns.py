@@ -105,3 +105,29 @@ FIRM = _compiled(_CALM + _NO_TAIL_BEHIND)
 DOUBTLESS = _compiled(b"(?=%b%b)%b" % (_CALM, _NO_TAIL_BEHIND, _USUAL_NUM))
 DIVIDING = _compiled(_DIVIDING)
 ANCHOR = _compiled(b"(?:%b.{%d}|%b%b)" % (_STRICT, FRAME_LENGTH, _FRAMED, _FRAMED))
+
+
+def _as_far_as(places: Iterable[bytes | None]) -> re.Pattern[bytes]:
+    """Matches as many bytes as fit these places, one after the other."""
+    pattern = b""
+    for legal in reversed(list(places)):
+        pattern = b"(?:%b%b)?" % (b"." if legal is None else b"[%b]" % re.escape(legal), pattern)
+    return re.compile(pattern, re.DOTALL)
+
+
+_FITTING = {
+    kind.name: (_as_far_as(legal_bytes(kind)), _as_far_as(legal_bytes(kind)[::-1]))
+    for kind in KINDS
+}
+
+
+def head_fit(kind: FrameKind, raw: bytes) -> int:
+    """How many of the first bytes of `raw` (0-10) fit the first places of `kind`."""
+    match = _FITTING[kind.name][0].match(raw)
+    return match.end() if match else 0
+
+
+def rest_fit(kind: FrameKind, raw: bytes) -> int:
+    """How many of the last bytes of `raw` (0-10) fit the last places of `kind`."""
+    match = _FITTING[kind.name][1].match(raw[::-1])
+    return match.end() if match else 0

@@ -210,8 +210,8 @@ def test_bytes_fit_the_ends_of_a_kind_as_far_as_the_structure_says() -> None:
     def same(data: bytes) -> None:
         for at, length, (number, kind) in product(range(len(data)), lengths, enumerate(KINDS)):
             end = min(len(data), at + length)
-            head = structure.head_fit(kind, data[at:end])
-            rest = structure.rest_fit(kind, data[at:end])
+            head = patterns.head_fit(kind, data[at:end])
+            rest = patterns.rest_fit(kind, data[at:end])
             assert shapes.head_fit(data, at, end, number) == head
             assert shapes.rest_fit(data, at, end, number) == rest
             heads[head] += 1
