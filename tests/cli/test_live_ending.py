@@ -178,7 +178,9 @@ def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(
 ) -> None:
     with (
         files_bounded(20_000),
-        started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process,
+        started(
+            environment | {"PYTHONDONTWRITEBYTECODE": "1"}, tmp_path, "live", SIM, "-o", "x.mcap"
+        ) as process,
     ):
         until_told(process, b"recording stopped")
         until(process, b"speed_feedback")

@@ -85,7 +85,8 @@ def test_a_file_that_may_not_grow_is_one_line_and_leaves_nothing(
     """Whatever writes the form, and wherever in the file it is refused."""
     before = sorted(path.name for path in tmp_path.iterdir())
     codes, _, errors = bash(
-        f"(ulimit -f {blocks}; F decode clean.mcap clean.mcap clean.mcap -o rows.{form})"
+        f"(ulimit -f {blocks}; export PYTHONDONTWRITEBYTECODE=1; "
+        f"F decode clean.mcap clean.mcap clean.mcap -o rows.{form})"
     )
     assert codes == "4", errors
     assert errors.count("\n") == 1
