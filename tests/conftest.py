@@ -19,6 +19,7 @@ from tests.framer_form import INTERPRETED, complaint, interpret
 # Tests of full disks limit the size of files. What is first loaded under such a limit would be
 # kept cut off beside its source, and fail whatever loads it next.
 sys.dont_write_bytecode = True
+os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
 
 # The conftest.py files of the folders load the framer before pytest has read its options.
 if "--interpreted" in sys.argv:
