@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, Frame, Row, byte_time_ns, encode
-from fte_sniff.protocol.table import DEFAULT_BAUD
+from fte_sniff.protocol.spec import DEFAULT_BAUD
 
 PORTS = ("/dev/ttyUSB0", "/dev/ttyUSB1")
 START_NS = 1_770_000_000_000_000_000

@@ -1,4 +1,4 @@
-"""The exceptions that a user of fte-sniff can cause, the exit code of each, and their wording.
+"""Exception classes and TranslatableText (a message that is translated when shown).
 
 This module knows no other part of the program but `said`, in which a message keeps its values.
 
@@ -18,9 +18,36 @@ Each message is one line that says what happened, where, and the way out.
 from __future__ import annotations
 
 import errno
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar
 
-from fte_sniff.said import Said
+
+class Said(str):
+    """A text out of a form with named places, `expected {wanted}`, and what stands in them.
+
+    It goes from process to process whole.
+    """
+
+    __slots__ = ("form", "values")
+
+    form: str
+    values: Mapping[str, object]
+    """Those that are `Said` themselves are said in the other language too, and no other text is."""
+
+    def __new__(cls, form: str, **values: object) -> Said:
+        """The form with the values in their places."""
+        made = super().__new__(cls, form.format(**values))
+        made.form, made.values = form, MappingProxyType(values)
+        return made
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _again, (self.form, dict(self.values))
+
+
+def _again(form: str, values: dict[str, object]) -> Said:
+    return Said(form, **values)
+
 
 _MOST_QUOTED = 60
 

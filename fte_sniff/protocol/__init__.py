@@ -1,20 +1,18 @@
-"""What the bytes mean: the frame table, encoding and decoding one frame, and the framer.
+"""What the bytes mean: frame definitions, codec, framer, explanations. No I/O and no clock.
 
-This package does no I/O, reads no clock and needs the standard library alone; the framer, which is
-compiled, its compiler's types too (`mypy_extensions`, `librt`). To read it, in this order:
+Modules:
 
-    table        the frame table, from which all else here is derived
-    rows         the vocabulary: Chunk in, Frame and Damage (a row) out, PortEvent beside them
-    codec        one frame's bytes from its values, and the faults one frame shows alone
-    columns      the row contract: names, order and types of what a row tells
-    structure    what each byte of a frame must be
-    framer/      a port's chunks to rows
-    line_errors  rows marked where the UART reported errors
-    dissection/  one row explained, byte by byte
+    codec       Encode and decode one frame; validate fields.
+    dissect     Explain the bytes of a frame or a damaged segment field by field.
+    framer      The framer: bytes in, rows out.
+    row_schema  Names, types and order of a row's columns; time formats.
+    rows        Chunk, Frame, Damage, PortEvent, Fault, Status.
+    spec        The frame definitions: kinds, fields, constants.
 """
 
 from fte_sniff.protocol.codec import encode, frame_faults
-from fte_sniff.protocol.columns import (
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.row_schema import (
     COLUMN_BY_NAME,
     COLUMNS,
     Column,
@@ -25,8 +23,6 @@ from fte_sniff.protocol.columns import (
     record,
     spaced_hex,
 )
-from fte_sniff.protocol.framer import Framer
-from fte_sniff.protocol.line_errors import LineErrorMarker
 from fte_sniff.protocol.rows import (
     FAULT_MEANINGS,
     SUSPECT_FAULTS,
@@ -35,13 +31,14 @@ from fte_sniff.protocol.rows import (
     Fault,
     Frame,
     LineErrorCounts,
+    LineErrorMarker,
     PortEvent,
     PortEventKind,
     Row,
     Status,
     status_of,
 )
-from fte_sniff.protocol.table import (
+from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
     HEADERS,

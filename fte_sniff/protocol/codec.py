@@ -1,19 +1,19 @@
-"""Owns the way between one frame's bytes and its values, and the faults that one frame shows alone.
-
-It must not know about streams: whether ten bytes are a frame at all is the framer's business.
-"""
+"""Encode and decode one frame; validate fields."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 
 from fte_sniff.errors import ValueRangeError
 from fte_sniff.protocol.rows import Fault
-from fte_sniff.protocol.table import (
+from fte_sniff.protocol.spec import (
     CMD_PLACE,
     FRAME_LENGTH,
+    HEADERS,
     KIND_BY_HEADER_AND_CMD,
     TAIL,
+    Field,
     FrameKind,
 )
 
@@ -63,3 +63,34 @@ def _faults_in(raw: bytes, kind: FrameKind) -> Iterator[Fault]:
             yield Fault.BAD_MOTOR
     if any(raw[place] for place in kind.reserved):
         yield Fault.RESERVED_NONZERO
+
+
+HEADER_BYTES = bytes(HEADERS.values())
+"""Every byte that can begin a frame."""
+
+LONGEST_OVERLONG = 14
+"""Bytes that an overlong frame has at most: four too many."""
+
+
+def _field_bytes(field: Field) -> bytes:
+    """The bytes that a one-byte field may have."""
+    if field.defined_bits is not None:
+        return bytes(value for value in range(256) if not value & ~field.defined_bits)
+    return bytes(range(field.low, field.high + 1))
+
+
+@cache
+def legal_bytes(kind: FrameKind) -> tuple[bytes | None, ...]:
+    """For each of the ten places the bytes that fit it; None where every byte does.
+
+    "Fit" is strict: reserve is 00, and no undefined flag is set (PROTOCOL.md, "What the document
+    leaves open").
+    """
+    places: list[bytes | None] = [None] * FRAME_LENGTH
+    places[0], places[CMD_PLACE], places[-1] = bytes([kind.header]), bytes(kind.cmds), bytes([TAIL])
+    for place in kind.reserved:
+        places[place] = b"\x00"
+    for field in kind.fields:
+        if field.size == 1:
+            places[field.start] = _field_bytes(field)
+    return tuple(places)

@@ -1,32 +1,30 @@
-"""Owns the vocabulary that flows through the program: chunks in, rows and port events out.
+"""Chunk, Frame, Damage, PortEvent, Fault, Status.
 
-It must not know where chunks come from or where rows go. All types are frozen; a row is made once,
-by the framer, and never changed.
-
-    Chunk      the bytes of one read, stamped once
-    Frame      ten bytes between a header and a tail (a row)
-    Damage     bytes that no frame claims (a row)
-    PortEvent  something that happened to the port rather than on the wire
-    LineErrorCounts  how often the UART reported what kind of error
+Chunk      the bytes of one read, stamped once
+Frame      ten bytes between a header and a tail (a row)
+Damage     bytes that no frame claims (a row)
+PortEvent  something that happened to the port rather than on the wire
+LineErrorCounts  how often the UART reported what kind of error
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import reduce
 from types import MappingProxyType
 from typing import TypeAlias
 
-from fte_sniff.protocol.table import (
+from fte_sniff.errors import Said
+from fte_sniff.protocol.spec import (
     CMD_PLACE,
     DIRECTION_OF_HEADER,
     KIND_BY_HEADER_AND_CMD,
     Direction,
     FrameKind,
 )
-from fte_sniff.said import Said
 
 
 class Status(StrEnum):
@@ -265,3 +263,31 @@ class PortEvent:
     count: int = 0
     """What there is to count: bytes of an overrun or not passed on, errors on the line, bits per
     second from here on where the baud changed; else 0."""
+
+
+class LineErrorMarker:
+    """Marks the rows of one port; give it each chunk before the rows that the chunk completes."""
+
+    def __init__(self) -> None:
+        self._offset = 0
+        """In the port's stream, of the next chunk."""
+        self._errors: deque[tuple[int, int]] = deque()
+        """Stretches of the stream with errors in them that rows may yet come for, rising."""
+
+    def heed(self, chunk: Chunk) -> None:
+        """Take in where errors were reported."""
+        self._errors.extend(
+            (self._offset + start, self._offset + stop) for start, stop in chunk.line_errors
+        )
+        self._offset += len(chunk.data)
+
+    def mark(self, rows: Sequence[Row]) -> list[Row]:
+        """These rows, which must follow those marked before, with `line_error` where it is due."""
+        return [self._marked(row) for row in rows] if self._errors else list(rows)
+
+    def _marked(self, row: Row) -> Row:
+        while self._errors and self._errors[0][1] <= row.offset:
+            self._errors.popleft()
+        if not self._errors or self._errors[0][0] >= row.offset + len(row.raw):
+            return row
+        return replace(row, faults=(*row.faults, Fault.LINE_ERROR))

@@ -18,7 +18,7 @@ from fte_sniff.analysis.models.bench import NO_BENCH, Bench
 from fte_sniff.errors import shown
 from fte_sniff.formats.tables.layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
-from fte_sniff.protocol.dissection.dissect import Bit, Part, dissect, explain
+from fte_sniff.protocol.dissect import Bit, Part, dissect, explain
 from fte_sniff.tui.fitting import padded, wrap
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.pane import Pane, Sight

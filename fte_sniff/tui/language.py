@@ -13,8 +13,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Final
 
-from fte_sniff.errors import FteSniffError, UsageError, shown
-from fte_sniff.said import Said
+from fte_sniff.errors import FteSniffError, Said, UsageError, shown
 
 DOMAIN: Final = "fte-sniff"
 """The name of the catalogues."""

@@ -7,15 +7,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.capture.simulator import SimulationParameters, simulate
 from fte_sniff.capture.simulator.host import Host
-from fte_sniff.protocol import (
-    Chunk,
-    Direction,
-    Frame,
-    Framer,
-    Status,
-    byte_time_ns,
-    encode,
-)
+from fte_sniff.protocol import Chunk, Direction, Frame, Framer, Status, byte_time_ns, encode
 from tests.examples import examples
 
 SHARE = st.floats(0, 1)

@@ -30,7 +30,7 @@ with atheris.instrument_imports(include=["fte_sniff.protocol"]):
         byte_time_ns,
         encode,
     )
-    from fte_sniff.protocol.dissection.dissect import dissect
+    from fte_sniff.protocol.dissect import dissect
 
 from fte_sniff.analysis.columns.bulk import bulk_columns
 

@@ -5,16 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.protocol import (
-    KINDS,
-    Damage,
-    Fault,
-    Frame,
-    PortEvent,
-    PortEventKind,
-    Row,
-    encode,
-)
+from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.recording.encoding.facts import PortFacts
 from fte_sniff.recording.writing.writer import RecordingWriter
 

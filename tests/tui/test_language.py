@@ -27,16 +27,16 @@ from fte_sniff.capture.ports.wording import one_line
 from fte_sniff.errors import (
     FilterError,
     FteSniffError,
+    Said,
     UsageError,
     reason_of,
     unreadable,
     unwritable,
 )
 from fte_sniff.protocol import LineErrorCounts, PortEvent, PortEventKind
-from fte_sniff.protocol.dissection.dissect import dissect, explain
+from fte_sniff.protocol.dissect import dissect, explain
 from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.recording.writing.refusals import bound_reached, stopped, taken_away
-from fte_sniff.said import Said
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.fitting import wrap
 from fte_sniff.tui.help import help_text

@@ -17,7 +17,7 @@ import numpy as np
 from fte_sniff.analysis.columns.fields import KIND_OF, NO_KIND, Array
 from fte_sniff.analysis.columns.tiles import tile_columns
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Chunk, Fault, Framer
-from fte_sniff.protocol.framer.fault_sets import FAULT_SETS
+from fte_sniff.protocol.framer.tables import FAULT_SETS
 
 _SLAB: Final = 100_000
 """Rows that one thread turns into columns at once."""

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fte_sniff.analysis.columns.packing import FRAMED, TIMED, Packed
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, FrameKind
-from fte_sniff.protocol.table import CMD_PLACE, NUM_PLACE
+from fte_sniff.protocol.spec import CMD_PLACE, NUM_PLACE
 
 Array: TypeAlias = npt.NDArray[Any]
 Bools: TypeAlias = npt.NDArray[np.bool_]

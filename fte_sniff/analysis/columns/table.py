@@ -36,7 +36,7 @@ from fte_sniff.protocol import (
     Row,
     status_of,
 )
-from fte_sniff.protocol.table import CMD_PLACE
+from fte_sniff.protocol.spec import CMD_PLACE
 
 _NO_DIRECTION: Final = len(Direction)
 

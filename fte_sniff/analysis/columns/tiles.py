@@ -21,9 +21,9 @@ from fte_sniff.analysis.columns.packing import (
     PackedRows,
 )
 from fte_sniff.protocol import FRAME_LENGTH
-from fte_sniff.protocol.framer.fault_sets import FAULT_SETS
-from fte_sniff.protocol.framer.keeping import Decided
-from fte_sniff.protocol.framer.timeline import Mark
+from fte_sniff.protocol.framer.segments import Decided
+from fte_sniff.protocol.framer.tables import FAULT_SETS
+from fte_sniff.protocol.framer.timestamps import Mark
 
 _TEN: Final = np.dtype(f"V{FRAME_LENGTH}")
 """The first ten bytes of a row, as one thing."""

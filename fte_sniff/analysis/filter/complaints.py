@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, UNTYPED, Term, TermType
 from fte_sniff.analysis.filter.tokens import complaint
-from fte_sniff.errors import FilterError
+from fte_sniff.errors import FilterError, Said
 from fte_sniff.protocol import COLUMN_BY_NAME
-from fte_sniff.said import Said
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from fte_sniff.analysis.filter.tokens import Token, TokenType, complaint, tokens
-from fte_sniff.errors import FilterError
-from fte_sniff.said import Said
+from fte_sniff.errors import FilterError, Said
 
 ONE_ROW: Final = Said("a filter looks at one row at a time; statistics are for the stats command")
 """The way out for who asks for more than a row tells."""

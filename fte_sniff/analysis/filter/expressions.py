@@ -16,9 +16,8 @@ from fte_sniff.analysis.filter.joining import Joining
 from fte_sniff.analysis.filter.terms import FUNCTIONS, INT64, Term, TermType, quoted
 from fte_sniff.analysis.filter.tokens import complaint
 from fte_sniff.analysis.filter.values import Values
-from fte_sniff.errors import FilterError
+from fte_sniff.errors import FilterError, Said
 from fte_sniff.protocol import Column, ColumnType
-from fte_sniff.said import Said
 
 _TERM_TYPE: Final = {
     ColumnType.TIME: TermType.TIME,

@@ -24,9 +24,8 @@ from fte_sniff.analysis.filter.expressions import Expressions
 from fte_sniff.analysis.filter.predicates import Predicates
 from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, FUNCTIONS, Term, TermType, quoted
 from fte_sniff.analysis.filter.tokens import Token, TokenType, complaint
-from fte_sniff.errors import FilterError
+from fte_sniff.errors import FilterError, Said
 from fte_sniff.protocol import COLUMN_BY_NAME
-from fte_sniff.said import Said
 
 _MAX_NESTING: Final = 25
 _SQL_SIGNS: Final = ("=", "!=", "<", ">", "<=", ">=")

@@ -10,7 +10,7 @@ from typing import Final
 
 from fte_sniff.analysis.filter.complaints import Complaints
 from fte_sniff.analysis.filter.terms import Term, TermType
-from fte_sniff.said import Said
+from fte_sniff.errors import Said
 
 MAX_DEPTH: Final = 18
 """Brackets inside brackets in the SQL; polars' parser gives up at 23."""

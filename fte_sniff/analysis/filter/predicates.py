@@ -16,8 +16,8 @@ from fte_sniff.analysis.filter.complaints import Complaints, how_to_ask
 from fte_sniff.analysis.filter.joining import Joining
 from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, UNTYPED, Term, TermType, quoted
 from fte_sniff.analysis.filter.values import Values
+from fte_sniff.errors import Said
 from fte_sniff.protocol import ColumnType
-from fte_sniff.said import Said
 
 _MIRRORED: Final = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
 

@@ -36,9 +36,8 @@ from fte_sniff.analysis.columns.side_by_side import SideBySide
 from fte_sniff.analysis.columns.table import table_frame
 from fte_sniff.analysis.columns.wide import packed_frame, row_frame, wide
 from fte_sniff.analysis.filter.grammar import condition
-from fte_sniff.errors import FilterError, shown
+from fte_sniff.errors import FilterError, Said, shown
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
-from fte_sniff.said import Said
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from fte_sniff.errors import FilterError, shown
-from fte_sniff.said import Said
+from fte_sniff.errors import FilterError, Said, shown
 
 MAX_LENGTH: Final = 8_000
 """Characters in a filter; more are an accident, not a question."""

@@ -14,16 +14,9 @@ import polars as pl
 from fte_sniff.analysis.filter.byte_patterns import is_of_whole_bytes
 from fte_sniff.analysis.filter.complaints import Complaints, nearest
 from fte_sniff.analysis.filter.moments import DAY_NS, SECOND_NS, clock_time, time_ns
-from fte_sniff.analysis.filter.terms import (
-    COLUMN_OF_WORD,
-    INT64,
-    UNTYPED,
-    Term,
-    TermType,
-    quoted,
-)
+from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, INT64, UNTYPED, Term, TermType, quoted
+from fte_sniff.errors import Said
 from fte_sniff.protocol import ColumnType
-from fte_sniff.said import Said
 
 HOW_TO_WRITE_TIMES: Final = Said(
     "write UTC as '2026-01-31T12:00:00.5Z' or '2026-01-31 12:00', or "

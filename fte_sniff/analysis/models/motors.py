@@ -19,16 +19,11 @@ from typing import Final
 import numpy as np
 
 from fte_sniff.analysis.accumulators.recent import Recent
-from fte_sniff.analysis.columns.fields import (
-    NO_TIME,
-    Decoded,
-    Ints,
-    subject,
-)
+from fte_sniff.analysis.columns.fields import NO_TIME, Decoded, Ints, subject
 from fte_sniff.analysis.models.addressing import Addressed, addressed
 from fte_sniff.analysis.models.pairing import Moments, Pairing
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
-from fte_sniff.protocol.table import NUM_PLACE
+from fte_sniff.protocol.spec import NUM_PLACE
 
 FLAG_FIELDS: Final = tuple(field.name for field in VALUE_FIELDS if field.defined_bits is not None)
 """The row names of the flag bytes."""

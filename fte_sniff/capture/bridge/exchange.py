@@ -20,8 +20,8 @@ from fte_sniff.capture.bridge.wires import HOST, Wires
 from fte_sniff.capture.ports.opening import BAUD_RANGE
 from fte_sniff.capture.ports.reading import reader_of
 from fte_sniff.capture.ports.wording import one_line
+from fte_sniff.errors import Said
 from fte_sniff.protocol import PortEventKind
-from fte_sniff.said import Said
 
 
 class Exchange:

@@ -28,8 +28,8 @@ from fte_sniff.capture.sources.items import Item
 from fte_sniff.capture.sources.lateness import lateness_ns
 from fte_sniff.capture.sources.returning import Opened, Reopen, way_back
 from fte_sniff.capture.sources.threaded import ThreadedSource
+from fte_sniff.errors import Said
 from fte_sniff.protocol import PortEventKind
-from fte_sniff.said import Said
 
 
 class BridgeSource(ThreadedSource):

@@ -12,8 +12,8 @@ from math import inf
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.sources.backlog import CAPACITY, Backlog
 from fte_sniff.capture.sources.items import Item
+from fte_sniff.errors import Said
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
-from fte_sniff.said import Said
 
 HOST = "host"
 """What the wire from the host program is called; the other is called as the port is."""

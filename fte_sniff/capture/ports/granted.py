@@ -12,7 +12,7 @@ import serial
 from fte_sniff.capture.ports.latency import LowLatency, ask_low_latency, is_usb, latency_timer_ms
 from fte_sniff.capture.ports.line_errors import LineWatch, line_watch_of
 from fte_sniff.capture.ports.opening import device_of
-from fte_sniff.said import Said
+from fte_sniff.errors import Said
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fte_sniff.errors import shown
-from fte_sniff.said import Said
+from fte_sniff.errors import Said, shown
 
 _PROC = Path("/proc")
 

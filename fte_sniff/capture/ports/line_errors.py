@@ -28,8 +28,8 @@ from typing import Final, Protocol, TypeAlias
 
 import serial
 
+from fte_sniff.errors import Said
 from fte_sniff.protocol import FRAME_LENGTH, LineErrorCounts
-from fte_sniff.said import Said
 
 Counters: TypeAlias = Callable[[], LineErrorCounts]
 """Reads what the driver has counted so far; each count is a 32-bit number that wraps."""

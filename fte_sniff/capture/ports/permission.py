@@ -11,7 +11,7 @@ import pwd
 import stat
 from pathlib import Path
 
-from fte_sniff.said import Said
+from fte_sniff.errors import Said
 
 _GROUP_MAY = stat.S_IRGRP | stat.S_IWGRP
 

@@ -16,7 +16,7 @@ import serial
 from serial.urlhandler import protocol_socket
 
 from fte_sniff.capture.ports.opening import READ_TIMEOUT_S
-from fte_sniff.said import Said
+from fte_sniff.errors import Said
 
 Read: TypeAlias = Callable[[], bytes]
 

@@ -21,8 +21,7 @@ import serial
 from fte_sniff.capture.ports.holders import have_open, holders_of
 from fte_sniff.capture.ports.permission import way_in
 from fte_sniff.capture.ports.wording import one_line, worded
-from fte_sniff.errors import PortError, shown
-from fte_sniff.said import Said
+from fte_sniff.errors import PortError, Said, shown
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 _OWN_TERMINAL = "/dev/tty"

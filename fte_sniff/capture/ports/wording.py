@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import re
 
-from fte_sniff.errors import reason_of, shown
-from fte_sniff.said import Said
+from fte_sniff.errors import Said, reason_of, shown
 
 _SYSTEM = re.compile(
     r"(?:\[Errno (?P<number>\d+)\] (?P<reason>[^:]*)(?P<about>: .*)?"

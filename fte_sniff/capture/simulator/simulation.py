@@ -19,14 +19,7 @@ from fte_sniff.capture.simulator.controller import Controller
 from fte_sniff.capture.simulator.faults import Faults
 from fte_sniff.capture.simulator.host import Host
 from fte_sniff.capture.simulator.parameters import SimulationParameters
-from fte_sniff.protocol import (
-    DEFAULT_BAUD,
-    FRAME_LENGTH,
-    MOTORS,
-    Direction,
-    byte_time_ns,
-    encode,
-)
+from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, MOTORS, Direction, byte_time_ns, encode
 
 _MOST_JITTER_NS = 400_000
 

@@ -11,8 +11,8 @@ import threading
 from collections.abc import Iterator
 
 from fte_sniff.capture.sources.items import Item
+from fte_sniff.errors import Said
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
-from fte_sniff.said import Said
 
 CAPACITY = 32 * 2**20
 """Bytes that may wait for the consumer, its bookkeeping included, before reads are dropped."""

@@ -17,8 +17,7 @@ from serial.tools.list_ports import comports
 from fte_sniff.capture.ports.holders import have_open, holders_of
 from fte_sniff.capture.ports.identity import identity_of
 from fte_sniff.capture.ports.opening import PortSettings, device_of, open_port
-from fte_sniff.errors import PortError
-from fte_sniff.said import Said
+from fte_sniff.errors import PortError, Said
 
 FIRST_WAIT_S = 0.25
 """Seconds before it is looked for at first: as long as a system takes to know an adapter."""

@@ -30,8 +30,8 @@ from fte_sniff.capture.sources.returning import (
     way_back,
 )
 from fte_sniff.capture.sources.threaded import ThreadedSource
+from fte_sniff.errors import Said
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
-from fte_sniff.said import Said
 
 
 class PortSource(ThreadedSource):

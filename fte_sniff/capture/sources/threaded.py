@@ -17,9 +17,8 @@ from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.ports.wording import one_line
 from fte_sniff.capture.sources.items import Item, SourceEnd
 from fte_sniff.capture.sources.returning import FIRST_WAIT_S, Opened, Reopen, Return
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, Said
 from fte_sniff.protocol import PortEventKind
-from fte_sniff.said import Said
 
 _BEAT_S = 0.05
 """Seconds between two signs of life while a port is waited for."""

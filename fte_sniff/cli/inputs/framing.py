@@ -11,7 +11,7 @@ from typing import Final
 from fte_sniff.errors import FileError, FteSniffError
 from fte_sniff.formats.logs.hex_log import at_own_times
 from fte_sniff.protocol import FRAME_LENGTH, Chunk, Fault, Framer
-from fte_sniff.protocol.framer.keeping import Decided
+from fte_sniff.protocol.framer.segments import Decided
 
 PORTION: Final = 1 << 19
 """Bytes that are handed on at once, more or less, where nobody waits for them."""

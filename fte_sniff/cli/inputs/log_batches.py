@@ -12,7 +12,7 @@ from fte_sniff.cli.inputs.batches import LogBatch, RowBatch
 from fte_sniff.cli.inputs.packed_batches import PackedBatch
 
 if TYPE_CHECKING:
-    from fte_sniff.protocol.framer.keeping import Decided
+    from fte_sniff.protocol.framer.segments import Decided
 
 
 FEW: Final = 20_000

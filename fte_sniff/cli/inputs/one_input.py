@@ -19,7 +19,7 @@ from fte_sniff.cli.inputs.packed_batches import ColumnBatch
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.protocol import Chunk, PortEventKind, iso_time
-from fte_sniff.protocol.framer.keeping import Decided
+from fte_sniff.protocol.framer.segments import Decided
 
 if TYPE_CHECKING:
     from fte_sniff.recording.encoding.facts import PortFacts

@@ -19,12 +19,7 @@ from fte_sniff.formats.logs.log_clock import LATEST_NS, LogClock
 from fte_sniff.formats.logs.pastes import Logged, logged_bytes
 from fte_sniff.formats.logs.text_lines import Piece, TextPieces
 from fte_sniff.protocol import Chunk, Framer, Row
-from fte_sniff.protocol.table import (
-    DEFAULT_BAUD,
-    DIRECTION_OF_HEADER,
-    Direction,
-    byte_time_ns,
-)
+from fte_sniff.protocol.spec import DEFAULT_BAUD, DIRECTION_OF_HEADER, Direction, byte_time_ns
 
 MARK_OF_DIRECTION: dict[Direction, Mark] = {
     Direction.CONTROL: Mark.SENT,

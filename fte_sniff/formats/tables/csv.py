@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, TextIO
 
 from fte_sniff.errors import shown
-from fte_sniff.formats.tables.times import TIME_FORMAT
 from fte_sniff.protocol import COLUMN_BY_NAME, Row, Value, faults_text, iso_time, record
+from fte_sniff.protocol.row_schema import TIME_FORMAT
 
 if TYPE_CHECKING:
     import polars as pl

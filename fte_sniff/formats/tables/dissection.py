@@ -17,7 +17,7 @@ import click
 
 from fte_sniff.formats.tables.layout import STATUS_MARK, kind_text, values_text
 from fte_sniff.protocol import Row, Status, faults_text, spaced_hex
-from fte_sniff.protocol.dissection.dissect import Part, dissect, explain
+from fte_sniff.protocol.dissect import Part, dissect, explain
 
 _PLACE, _BYTES, _NAME, _VALUE = 5, 17, 9, 13
 _BYTES_A_LINE = 6

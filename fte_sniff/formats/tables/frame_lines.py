@@ -20,8 +20,8 @@ from fte_sniff.formats.tables.layout import (
     VALUES_WIDTH,
     Layout,
 )
-from fte_sniff.formats.tables.times import TIME_FORMAT
 from fte_sniff.protocol import KINDS, Field, FrameKind
+from fte_sniff.protocol.row_schema import TIME_FORMAT
 
 
 def frame_lines(frame: pl.DataFrame, layout: Layout) -> str:

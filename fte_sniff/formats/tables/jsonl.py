@@ -9,8 +9,8 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, TextIO
 
-from fte_sniff.formats.tables.times import TIME_FORMAT
 from fte_sniff.protocol import Row, iso_time, record
+from fte_sniff.protocol.row_schema import TIME_FORMAT
 
 if TYPE_CHECKING:
     import polars as pl

@@ -14,10 +14,10 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 
+from fte_sniff.errors import Said
 from fte_sniff.recording.container.checksum import RunningChecksum, crc32
 from fte_sniff.recording.container.records import HEAD, LARGEST, MAGIC, RecordError
 from fte_sniff.recording.container.unpacking import packed_part
-from fte_sniff.said import Said
 
 _PASSED_OVER = 0
 """In place of the opcode of a record that was not read; no record of a file has it."""

@@ -17,7 +17,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.writer import MCAP0_MAGIC
 
-from fte_sniff.said import Said
+from fte_sniff.errors import Said
 
 MAGIC = MCAP0_MAGIC
 """The eight bytes that begin and end every MCAP file."""

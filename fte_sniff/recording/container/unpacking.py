@@ -14,9 +14,9 @@ import struct
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
+from fte_sniff.errors import Said
 from fte_sniff.recording.container.checksum import crc32
 from fte_sniff.recording.container.records import LARGEST, RecordError
-from fte_sniff.said import Said
 
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _LENGTH = struct.Struct("<Q")

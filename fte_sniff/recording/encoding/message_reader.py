@@ -13,7 +13,7 @@ from typing import Any
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, Said
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     HEADERS,
@@ -26,13 +26,8 @@ from fte_sniff.protocol import (
     Row,
 )
 from fte_sniff.recording.encoding.layout import Layouts
-from fte_sniff.recording.encoding.schema import (
-    REPEATED,
-    enum_value_name,
-    message_class,
-)
+from fte_sniff.recording.encoding.schema import REPEATED, enum_value_name, message_class
 from fte_sniff.recording.encoding.topics import EVENTS
-from fte_sniff.said import Said
 
 _GREATEST = 2**63 - 1
 """The largest offset and time that the columns of any tool can hold."""

@@ -12,7 +12,7 @@ from functools import lru_cache
 from types import MappingProxyType
 
 from fte_sniff.protocol import KINDS, MOTORS, Frame, FrameKind, Row, Status
-from fte_sniff.protocol.table import CMD_PLACE, KIND_BY_HEADER_AND_CMD, NUM_PLACE
+from fte_sniff.protocol.spec import CMD_PLACE, KIND_BY_HEADER_AND_CMD, NUM_PLACE
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Schema
 from mcap.well_known import MessageEncoding
 
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, Said
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.container.record_stream import RawRecord, RecordStream
 from fte_sniff.recording.container.records import RecordError, parse, records_in
@@ -29,7 +29,6 @@ from fte_sniff.recording.encoding.facts import PROGRAM, PortFacts
 from fte_sniff.recording.encoding.message_reader import MessageReader, reason_in
 from fte_sniff.recording.encoding.topics import TOPIC_BY_NAME
 from fte_sniff.recording.reading.passage import Definitions
-from fte_sniff.said import Said
 
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MOST_LOSSES = 20

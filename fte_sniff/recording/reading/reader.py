@@ -21,7 +21,7 @@ from weakref import finalize
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata
 
-from fte_sniff.errors import FileError, unreadable
+from fte_sniff.errors import FileError, Said, unreadable
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.container.record_stream import RawRecord, RecordStream
 from fte_sniff.recording.container.records import MAGIC, RecordError, parse, records_in
@@ -37,7 +37,6 @@ from fte_sniff.recording.reading.one_by_one import Reading, without_our_topics
 from fte_sniff.recording.reading.passage import Definitions, Passage
 from fte_sniff.recording.reading.route import Route
 from fte_sniff.recording.reading.span import EVERYTHING, Span
-from fte_sniff.said import Said
 
 _MOST_BAUD_DIGITS = 9
 _BUFFER = 128 * 1024

@@ -23,7 +23,7 @@ from fte_sniff.protocol import (
     Status,
     status_of,
 )
-from fte_sniff.protocol.table import CMD_PLACE, NUM_PLACE
+from fte_sniff.protocol.spec import CMD_PLACE, NUM_PLACE
 from fte_sniff.recording.encoding.batch import Batch, message_record
 from fte_sniff.recording.encoding.columns import Array, RowColumns
 from fte_sniff.recording.encoding.messages import class_of, encode_row

@@ -5,8 +5,7 @@ It must not know what stands in the file.
 
 from __future__ import annotations
 
-from fte_sniff.errors import FileError, reason_of
-from fte_sniff.said import Said
+from fte_sniff.errors import FileError, Said, reason_of
 
 
 def no_regular_file(path: object) -> FileError:

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
-from fte_sniff.errors import FileError, unwritable
+from fte_sniff.errors import FileError, Said, unwritable
 from fte_sniff.recording.writing.keeping import DEFAULT_FREE_BYTES, Keeping, OnFull
 from fte_sniff.recording.writing.outlet import is_outlet
 from fte_sniff.recording.writing.place import Existing
-from fte_sniff.said import Said
 
 _ROTATE_BYTES = 512_000_000
 _FILES = 8

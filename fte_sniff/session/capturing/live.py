@@ -18,9 +18,8 @@ from typing import Self
 
 from fte_sniff.analysis.store.feed import FeedUpdate
 from fte_sniff.analysis.store.seams import Seam, shifted
-from fte_sniff.errors import FileError, PortError
+from fte_sniff.errors import FileError, PortError, Said
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.said import Said
 from fte_sniff.session.capturing.messages import DROP, STOP, Batch, Ended, Message, Started
 from fte_sniff.session.capturing.plan import CapturePlan
 from fte_sniff.session.capturing.process import capture

@@ -10,10 +10,9 @@ from functools import reduce
 from pathlib import Path
 
 from fte_sniff.analysis.store.feed import FeedState
-from fte_sniff.errors import FteSniffError
+from fte_sniff.errors import FteSniffError, Said
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.writing.recorder import Change, Outcome
-from fte_sniff.said import Said
 from fte_sniff.session.capturing.messages import Batch, Ended, Message, Started
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from fte_sniff.errors import Said
 from fte_sniff.protocol import Direction, Frame, PortEvent, PortEventKind, Row
-from fte_sniff.said import Said
 
 SETTLED = 10
 """Sound frames of one direction that make a wire that direction's."""

@@ -14,9 +14,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
+from fte_sniff.errors import FileError, FteSniffError, Said, UsageError, reason_of
 from fte_sniff.protocol import Row
-from fte_sniff.said import Said
 from fte_sniff.session.saving.origin import Origin
 from fte_sniff.session.saving.sinks import SINKS, Sink
 

@@ -15,7 +15,7 @@ from fte_sniff.formats.logs.line_head import Mark
 from fte_sniff.formats.logs.pastes import bytes_of_text, logged_bytes
 from fte_sniff.formats.logs.text_lines import Piece
 from fte_sniff.protocol import iso_time
-from fte_sniff.protocol.table import DEFAULT_BAUD, byte_time_ns
+from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 
 CONTROL = bytes.fromhex("AA020203E800002710EE")
 FEEDBACK = bytes.fromhex("5502010000 2710000FEE")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from fte_sniff.errors import FileError, FteSniffError, InputTextError
 from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.formats.logs.pastes import bytes_of_text
-from fte_sniff.protocol.table import DEFAULT_BAUD, byte_time_ns
+from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 from tests.examples import examples
 from tests.formats.forms import FORMS, bytes_in
 

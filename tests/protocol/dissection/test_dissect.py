@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
 from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, frame_faults
-from fte_sniff.protocol.dissection.dissect import Part, dissect, explain
+from fte_sniff.protocol.dissect import Part, dissect, explain
 
 
 def frame(text: str) -> list[Part]:

@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from fte_sniff.protocol import Fault
-from fte_sniff.protocol.framer import enclosed, shapes
-from fte_sniff.protocol.framer.carry import Carry, joined, lost, settled, trusted
-from fte_sniff.protocol.framer.choice import calmly, chosen
-from fte_sniff.protocol.framer.fault_sets import FAULT_SETS
-from fte_sniff.protocol.framer.gap import Gap
-from fte_sniff.protocol.framer.noise import BOUNDARY, CLOSED, OPEN
-from fte_sniff.protocol.framer.pieces import Window
-from fte_sniff.protocol.framer.reading import Stretch
-from fte_sniff.protocol.framer.undisputed import undisputed
-from fte_sniff.protocol.framer.weighing import Weighing
+from fte_sniff.protocol.framer import decoder as enclosed
+from fte_sniff.protocol.framer import predicates as shapes
+from fte_sniff.protocol.framer.candidates import Window
+from fte_sniff.protocol.framer.decoder import Gap, calmly, chosen, undisputed
+from fte_sniff.protocol.framer.likelihood import BOUNDARY, CLOSED, OPEN
+from fte_sniff.protocol.framer.posterior import Carry, Weighing, joined, lost, settled, trusted
+from fte_sniff.protocol.framer.segments import Stretch
+from fte_sniff.protocol.framer.tables import FAULT_SETS
 
 __all__ = [
     "BOUNDARY",

@@ -11,8 +11,8 @@ from random import Random
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS
-from fte_sniff.protocol.structure import legal_bytes
-from fte_sniff.protocol.table import NUM_PLACE
+from fte_sniff.protocol.codec import legal_bytes
+from fte_sniff.protocol.spec import NUM_PLACE
 
 IMITATING = bytes.fromhex("AA 55 EE 00 01 02 03 04 05 0F 10 7F FF")
 """Values that mean something at some place, and their neighbours."""

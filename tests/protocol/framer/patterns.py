@@ -10,8 +10,8 @@ import re
 from collections.abc import Iterable
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, TAIL, FrameKind
-from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG, legal_bytes
-from fte_sniff.protocol.table import MOTORS, NUM_PLACE
+from fte_sniff.protocol.codec import HEADER_BYTES, LONGEST_OVERLONG, legal_bytes
+from fte_sniff.protocol.spec import MOTORS, NUM_PLACE
 
 _INSIDE = FRAME_LENGTH - 2
 """Bytes between the header and the tail."""

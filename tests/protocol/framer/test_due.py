@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import FRAME_LENGTH
-from fte_sniff.protocol.framer import due
-from fte_sniff.protocol.structure import LONGEST_OVERLONG
+from fte_sniff.protocol.codec import LONGEST_OVERLONG
+from fte_sniff.protocol.framer import framer as due
 from tests.examples import examples
 from tests.protocol.framer.near_frames import near_frames, near_frames_of
 from tests.protocol.framer.patterns import FRAMED, FRAMED_THREE, STRICT, STRICT_PAIR

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import Fault
-from fte_sniff.protocol.framer import fault_sets
-from fte_sniff.protocol.framer.fault_sets import FAULT_SETS, set_of
+from fte_sniff.protocol.framer import tables as fault_sets
+from fte_sniff.protocol.framer.tables import FAULT_SETS, set_of
 
 GIVEN = [fault for fault in Fault if fault is not Fault.LINE_ERROR]
 """The framer gives all others."""

@@ -10,11 +10,12 @@ from itertools import product
 import pytest
 from hypothesis import given
 
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, TAIL, frame_faults, structure
-from fte_sniff.protocol.framer import shapes
-from fte_sniff.protocol.framer.fault_sets import FAULT_SETS
-from fte_sniff.protocol.structure import HEADER_BYTES, LONGEST_OVERLONG
-from fte_sniff.protocol.table import CMD_PLACE, KIND_BY_HEADER_AND_CMD, NUM_PLACE
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, TAIL, frame_faults
+from fte_sniff.protocol import codec as structure
+from fte_sniff.protocol.codec import HEADER_BYTES, LONGEST_OVERLONG
+from fte_sniff.protocol.framer import predicates as shapes
+from fte_sniff.protocol.framer.tables import FAULT_SETS
+from fte_sniff.protocol.spec import CMD_PLACE, KIND_BY_HEADER_AND_CMD, NUM_PLACE
 from tests.examples import examples
 from tests.protocol.framer import patterns
 from tests.protocol.framer.near_frames import near_frames, near_frames_of

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, Row
-from fte_sniff.protocol.framer.keeping import Decided
+from fte_sniff.protocol.framer.segments import Decided
 from tests.protocol.streams import raw_bytes
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")

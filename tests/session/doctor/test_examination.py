@@ -7,11 +7,7 @@ import pytest
 
 from fte_sniff.analysis.line.verdict import Condition, Setting, Verdict
 from fte_sniff.protocol import Direction
-from fte_sniff.session.doctor.surroundings import (
-    folder_finding,
-    framer_finding,
-    terminal_findings,
-)
+from fte_sniff.session.doctor.surroundings import folder_finding, framer_finding, terminal_findings
 from fte_sniff.session.doctor.verdicts import probe_finding, verdict_finding
 from tests.recording.privilege import unprivileged
 

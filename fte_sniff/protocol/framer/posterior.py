@@ -1,9 +1,4 @@
-"""Owns how probable frames are in one disputed stretch: the weights of all its readings at once.
-
-It must not know of chunks, times or rows, nor choose a reading: `choice` does. Every way to divide
-the stretch into whole frames, damaged ones and noise is a reading; its weight is the product of its
-pieces' weights. Two passes, one from each side, add up the weights of all readings at once, so that
-each frame's probability is that of the readings that contain it.
+"""Forward–backward pass; state carried over a boundary.
 
 The passes go from header to header and from tail to tail, since nothing begins a frame or ends one
 anywhere else; what lies between is reckoned as a whole. They take time and memory in proportion to
@@ -17,26 +12,80 @@ from typing import Final, final
 from librt.vecs import vec
 from mypy_extensions import i64, mypyc_attr
 
-from fte_sniff.protocol.framer.carry import Carry, trusted
-from fte_sniff.protocol.framer.ends import Front
+from fte_sniff.protocol.framer.candidates import AT_TAIL, Front, Stop, Window
 from fte_sniff.protocol.framer.likelihood import (
+    BOUNDARY,
     JUNK,
     LONGEST_JUNK,
     NOISE_BEGINS,
     NOISE_ENDS,
     NOISE_STAYS,
-    WHOLE,
-)
-from fte_sniff.protocol.framer.noise import (
-    BOUNDARY,
     NOISE_TO_HEADER,
     OPEN,
+    WHOLE,
     noise_to_end,
     staying,
     unending,
 )
-from fte_sniff.protocol.framer.pieces import AT_TAIL, Stop, Window
-from fte_sniff.protocol.framer.places import HEADER, LENGTH, MARKS
+from fte_sniff.protocol.framer.tables import HEADER, LENGTH, MARKS
+
+
+@final
+@mypyc_attr(acyclic=True, free_list_len=1)
+class Carry:
+    """The weights of the readings so far, by where they end."""
+
+    def __init__(
+        self,
+        after_piece: vec[float],
+        after_noise: vec[float],
+        in_noise: float,
+        ends_frame: bool = False,
+        within: float = 0.0,
+    ) -> None:
+        self.after_piece = after_piece
+        """By place: the weight of all readings of the bytes before it whose last piece ends
+        there."""
+        self.after_noise = after_noise
+        """The same for readings that end there with noise."""
+        self.in_noise = in_noise
+        """The weight of readings with long noise going on at the first place."""
+        self.ends_frame = ends_frame
+        """Whether the rows so far end here with a frame, or with something else of known length."""
+        self.within = within
+        """The weight of the first place being anywhere within a frame; only where a stream
+        begins."""
+
+    def joining(self, window: Window) -> Carry:
+        """The same for a window whose first piece may be the rest of a frame begun before."""
+        rests = window.rests_from_first(LENGTH - 1)
+        weights = vec[float]([0.0] * (max(len(rests), len(self.after_piece))))
+        for place in range(i64(len(self.after_piece))):
+            weights[place] = self.after_piece[place]
+        for place in range(i64(1), i64(len(rests))):
+            weights[place] += self.within / float(LENGTH - 1) * rests[place]
+        return Carry(weights, self.after_noise, self.in_noise, self.ends_frame, self.within)
+
+
+def trusted() -> Carry:
+    """A frame ends here beyond doubt."""
+    return Carry(vec[float]([1.0]), vec[float](), 0.0)
+
+
+def joined() -> Carry:
+    """The stream begins here: between two frames, or anywhere within one, or in noise."""
+    return Carry(vec[float]([0.5]), vec[float](), 0.01, within=0.5)
+
+
+def settled() -> Carry:
+    """The line was silent here: something ended, or long noise goes on."""
+    return Carry(vec[float]([1.0]), vec[float](), 0.05)
+
+
+def lost() -> Carry:
+    """Long noise is going on."""
+    return Carry(vec[float](), vec[float](), 1.0)
+
 
 _JUNK_REACH: Final[i64] = LONGEST_JUNK
 _TRUSTED: Final = trusted()

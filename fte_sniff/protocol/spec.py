@@ -1,9 +1,4 @@
-"""Owns the frame table: every frame kind, its fields, their places, units and ranges.
-
-It must not know how bytes are found in a stream, who asks, or how anything is shown. Everything
-else in the program that says something about a frame (the framer's pattern, encoding and decoding,
-column names, the schema of recordings, table headers, options and help texts) is derived from
-`KINDS`.
+"""The frame definitions: kinds, fields, constants.
 
 A frame (PROTOCOL.md, "Framing"), ten bytes, big-endian two's complement, no checksum:
 

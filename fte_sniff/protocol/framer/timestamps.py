@@ -1,6 +1,4 @@
-"""Owns the way from the times of chunks to the times of bytes, and to silence on the line.
-
-It must not know of frames. Silence of `PAUSE_BYTES` is a pause.
+"""Arrival time and read delay for a byte offset.
 
 A chunk of n bytes was read at t. Its byte i is taken to have begun n - i byte times before t, but
 not before the read before it: `max(P, t - (n - i) * byte time)`, where P is the latest time at
@@ -21,7 +19,7 @@ from typing import final
 from mypy_extensions import i64
 
 from fte_sniff.protocol.rows import Chunk
-from fte_sniff.protocol.table import byte_time_ns
+from fte_sniff.protocol.spec import byte_time_ns
 
 PAUSE_BYTES = 3.5
 """Byte times of silence that count as a pause."""

@@ -1,7 +1,4 @@
-"""Owns the row contract: the names, order and types of what a row tells, and its text forms.
-
-It must not know of any file format, table or filter: those take the names and the values from here.
-"""
+"""Names, types and order of a row's columns; time formats."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from enum import StrEnum
 from typing import TypeAlias
 
 from fte_sniff.protocol.rows import FAULT_MEANINGS, Fault, Frame, Row, Status
-from fte_sniff.protocol.table import KINDS, VALUE_FIELDS, Direction
+from fte_sniff.protocol.spec import KINDS, VALUE_FIELDS, Direction
 
 Value: TypeAlias = int | str | list[str] | None
 """What a column holds: a number, a text, the list of faults, or nothing."""
@@ -113,3 +110,7 @@ def faults_text(faults: tuple[Fault, ...]) -> str:
 def spaced_hex(raw: bytes) -> str:
     """Bytes as people read them: `AA 01 01 03 E8 00 00 00 00 EE`."""
     return raw.hex(" ").upper()
+
+
+TIME_FORMAT = "%Y-%m-%dT%H:%M:%S%.9fZ"
+"""ISO 8601 in UTC with nine digits: `2026-01-31T12:00:00.000000001Z`."""

@@ -1,4 +1,4 @@
-"""Owns which shapes bytes have: ten framed ones, a frame that fits its kind, one beyond doubt.
+"""Bit-parallel tests: does this window match a frame shape.
 
 It must not decide anything: the framer does. All that is asked about a place looks at the frame
 there, which must be whole; nothing is read behind it unless that is said.
@@ -20,8 +20,8 @@ from typing import Final
 from librt.strings import read_i64_le
 from mypy_extensions import i64
 
-from fte_sniff.protocol.framer.fault_sets import UNKNOWN_CMD
-from fte_sniff.protocol.framer.places import (
+from fte_sniff.protocol.codec import LONGEST_OVERLONG
+from fte_sniff.protocol.framer.tables import (
     BRINGS_VALUES,
     CHECKED,
     ENDING,
@@ -39,13 +39,13 @@ from fte_sniff.protocol.framer.places import (
     NAMES_MOTOR,
     NO_KIND,
     PLACE_FAULTS,
+    UNKNOWN_CMD,
     USUAL_FLAGS,
     WORD_FIRST,
     WORD_FORBIDDEN,
     WORD_TELLS,
 )
-from fte_sniff.protocol.structure import LONGEST_OVERLONG
-from fte_sniff.protocol.table import FRAME_LENGTH, NUM_PLACE
+from fte_sniff.protocol.spec import FRAME_LENGTH, NUM_PLACE
 
 BEHIND: Final[i64] = LONGEST_OVERLONG - FRAME_LENGTH
 """Bytes behind a frame with which it could be an overlong one."""

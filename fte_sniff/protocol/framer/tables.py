@@ -1,22 +1,17 @@
-"""Owns the frame table as the framer looks it up: by kind, place and byte, in flat tables.
-
-It must not know of streams, nor decide anything. A kind is a number here, its place in `KINDS`. All
-tables are derived from the frame table and from `likelihood`.
-"""
+"""Precomputed lookup tables (header/command, fault sets)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from librt.vecs import vec
 from mypy_extensions import i64
 
-from fte_sniff.protocol.codec import frame_faults
-from fte_sniff.protocol.framer.fault_sets import set_of
+from fte_sniff.protocol.codec import HEADER_BYTES, frame_faults, legal_bytes
 from fte_sniff.protocol.framer.likelihood import KIND_SHARE, PLACE_WEIGHTS
-from fte_sniff.protocol.structure import HEADER_BYTES, legal_bytes
-from fte_sniff.protocol.table import (
+from fte_sniff.protocol.rows import Fault
+from fte_sniff.protocol.spec import (
     FRAME_LENGTH,
     KIND_BY_HEADER_AND_CMD,
     KINDS,
@@ -25,6 +20,43 @@ from fte_sniff.protocol.table import (
     TAIL,
     FrameKind,
 )
+
+_ORDER: Final = (
+    Fault.UNKNOWN_CMD,
+    Fault.BAD_MOTOR,
+    Fault.BAD_HEADER,
+    Fault.BAD_TAIL,
+    Fault.TRUNCATED,
+    Fault.OVERLONG,
+    Fault.NOISE,
+    Fault.UNDEFINED_FLAGS,
+    Fault.RESERVED_NONZERO,
+    Fault.AMBIGUOUS,
+)
+"""As a row names them; what the framer does not give is missing."""
+
+_BITS: Final = {fault: 1 << number for number, fault in enumerate(_ORDER)}
+
+
+def set_of(faults: Iterable[Fault]) -> int:
+    """The number of these faults."""
+    return sum(_BITS[fault] for fault in faults)
+
+
+UNKNOWN_CMD: Final[i64] = _BITS[Fault.UNKNOWN_CMD]
+BAD_HEADER: Final[i64] = _BITS[Fault.BAD_HEADER]
+BAD_TAIL: Final[i64] = _BITS[Fault.BAD_TAIL]
+TRUNCATED: Final[i64] = _BITS[Fault.TRUNCATED]
+OVERLONG: Final[i64] = _BITS[Fault.OVERLONG]
+NOISE: Final[i64] = _BITS[Fault.NOISE]
+AMBIGUOUS: Final[i64] = _BITS[Fault.AMBIGUOUS]
+
+FAULT_SETS: Final[list[tuple[Fault, ...]]] = [
+    tuple([fault for fault in _ORDER if number & _BITS[fault]])
+    for number in range(1 << len(_ORDER))
+]
+"""By number: the faults, in the order in which a row names them."""
+
 
 LENGTH: Final[i64] = FRAME_LENGTH
 """Bytes in every frame."""
