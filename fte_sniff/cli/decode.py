@@ -19,7 +19,7 @@ from fte_sniff.cli.options.spans import span_of, span_options
 from fte_sniff.cli.outputs.destination import file_output, form_of, format_option, text_output
 from fte_sniff.cli.outputs.summary import summary
 from fte_sniff.cli.streams.telling import tell
-from fte_sniff.formats.tables.writers import OutputFormat, row_writer
+from fte_sniff.formats.writers import OutputFormat, row_writer
 
 if TYPE_CHECKING:
     from fte_sniff.recording.writing.bulk_writer import Note
@@ -83,7 +83,7 @@ def command(
 def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: bool) -> None:
     if form is OutputFormat.PARQUET:
         from fte_sniff.analysis.columns.table import TABLE_SCHEMA
-        from fte_sniff.formats.tables.parquet import write_parquet
+        from fte_sniff.formats.parquet import write_parquet
 
         with file_output(output, form, force=force) as path:
             write_parquet((batch.frame() for batch in reading), path, dict(TABLE_SCHEMA))

@@ -16,7 +16,7 @@ from fte_sniff.cli.streams.telling import tell
 from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
 from fte_sniff.formats.logs.text_lines import Piece
-from fte_sniff.formats.tables.writers import OutputFormat, RowWriter, row_writer
+from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Frame, Framer, Row
 
 PORT_NAME = "hex"
@@ -53,7 +53,7 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
 def _dissection() -> RowWriter:
     from os import environ
 
-    from fte_sniff.formats.tables.dissection import DissectionWriter
+    from fte_sniff.formats.text_table import DissectionWriter
 
     colored = sys.stdout.isatty() and not environ.get("NO_COLOR")
     width = get_terminal_size().columns if sys.stdout.isatty() else None

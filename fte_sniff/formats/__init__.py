@@ -1,10 +1,12 @@
-"""Other people's logs in, tables out.
+"""Text logs in; tables and exports out.
 
-Nothing here knows a port, a recording or a filter. Import the modules one by one, so that a command
-loads only what it needs:
+Modules:
 
-    kinds      which kind of input a file is, by its name or its first bytes
-    raw        a file of raw bytes, to chunks
-    logs/      hex as people paste it and log it, to chunks with their times
-    tables/    rows out: as lines of text, JSON, CSV, Parquet
+    input_kind   Which format a file has; raw bytes.
+    logs         Logs of other tools, read as rows.
+    parquet      Write Parquet (polars).
+    text_frame   Text rows of a whole DataFrame (polars).
+    text_layout  Column widths and order of a text table; needs no polars.
+    text_table   Aligned text rows and dissection, plain and coloured.
+    writers      Registry and CSV, JSONL, hex writers.
 """

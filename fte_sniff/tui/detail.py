@@ -16,7 +16,7 @@ from rich.text import Text
 
 from fte_sniff.analysis.models.bench import NO_BENCH, Bench
 from fte_sniff.errors import shown
-from fte_sniff.formats.tables.layout import ORDER_MARK
+from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
 from fte_sniff.protocol.dissect import Bit, Part, dissect, explain
 from fte_sniff.tui.fitting import padded, wrap

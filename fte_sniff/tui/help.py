@@ -18,7 +18,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Static
 
 from fte_sniff.analysis.filter.help import EXAMPLES
-from fte_sniff.formats.tables.layout import ORDER_MARK
+from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, Status, status_of
 from fte_sniff.tui.detail import UNCERTAIN_ORDER
 from fte_sniff.tui.fitting import padded, wrap

@@ -100,7 +100,7 @@ DECODE = ("decode", str(SAMPLES / "damaged.mcap"))
         ("polars", (*DECODE, "--filter", "motor = 1")),
         ("numpy", (*DECODE, "-o", "rows.csv")),
         ("numpy.linalg", (*DECODE, "-o", "rows.mcap")),
-        ("fte_sniff.formats.tables.parquet", (*DECODE, "-o", "rows.parquet")),
+        ("fte_sniff.formats.parquet", (*DECODE, "-o", "rows.parquet")),
     ],
 )
 def test_it_ends_in_silence(

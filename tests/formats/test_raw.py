@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, InputTextError
+from fte_sniff.formats.input_kind import raw_stream_chunks
 from fte_sniff.formats.logs import text_lines
 from fte_sniff.formats.logs.hex_log import HexLog
-from fte_sniff.formats.raw import raw_stream_chunks
 
 
 def hex_bytes(text: bytes) -> bytes:

@@ -13,7 +13,7 @@ from rich.style import Style
 
 from fte_sniff.analysis.columns.packing import Codebook, pack
 from fte_sniff.analysis.store.search import Search
-from fte_sniff.formats.tables.layout import ORDER_MARK
+from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMNS,
     KIND_BY_NAME,

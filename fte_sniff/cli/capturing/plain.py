@@ -15,7 +15,7 @@ from fte_sniff.cli.outputs.summary import summary
 from fte_sniff.cli.streams.stdout import abandon_stdout
 from fte_sniff.cli.streams.telling import nobody_reads, tell
 from fte_sniff.errors import FteSniffError
-from fte_sniff.formats.tables.writers import OutputFormat, row_writer
+from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.session.capturing.live import LOOK_EVERY_S, LiveSession
 

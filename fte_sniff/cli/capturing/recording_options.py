@@ -15,7 +15,7 @@ import click
 
 from fte_sniff.cli.options.seconds import Seconds, seconds_of
 from fte_sniff.errors import UsageError
-from fte_sniff.formats.tables.writers import FORM_BY_END, OutputFormat
+from fte_sniff.formats.writers import FORM_BY_END, OutputFormat
 
 if TYPE_CHECKING:
     from fte_sniff.recording.writing.keeping import Keeping, OnFull

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, Self
 
-from fte_sniff.formats.tables.writers import RowWriter
+from fte_sniff.formats.writers import RowWriter
 from fte_sniff.protocol import PortEvent, Row
 
 if TYPE_CHECKING:

@@ -21,10 +21,15 @@ import click
 from fte_sniff.cli.inputs.one_input import STDIN_NAME, Input, LogInput, RecordingInput
 from fte_sniff.cli.options.paths import FileName
 from fte_sniff.errors import FileError, UsageError
-from fte_sniff.formats.kinds import InputKind, kind_of_content, kind_of_file
+from fte_sniff.formats.input_kind import (
+    InputKind,
+    kind_of_content,
+    kind_of_file,
+    raw_chunks,
+    raw_stream_chunks,
+)
 from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.formats.logs.log_clock import LogClock, day_of, zone_of
-from fte_sniff.formats.raw import raw_chunks, raw_stream_chunks
 
 STDIN = Path("-")
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from fte_sniff.formats.tables.writers import FrameWriter, RowWriter
+from fte_sniff.formats.writers import FrameWriter, RowWriter
 from fte_sniff.protocol import PortEvent, Row
 
 if TYPE_CHECKING:

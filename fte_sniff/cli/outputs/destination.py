@@ -15,7 +15,7 @@ import click
 
 from fte_sniff.cli.streams.telling import tell
 from fte_sniff.errors import FileError, UsageError, unwritable
-from fte_sniff.formats.tables.writers import FORM_BY_END, TEXT_FORMS, OutputFormat
+from fte_sniff.formats.writers import FORM_BY_END, TEXT_FORMS, OutputFormat
 
 _IN_SEQUENCE = (OutputFormat.RAW, OutputFormat.MCAP)
 """Forms that are no text and need no seeking."""

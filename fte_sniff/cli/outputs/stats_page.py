@@ -15,7 +15,7 @@ from fte_sniff.cli.outputs.stats_document import COUNTED, Asked, line_use
 from fte_sniff.cli.outputs.summary import rows_in_places
 from fte_sniff.cli.outputs.text_table import HEAD_STYLE, TextTable
 from fte_sniff.errors import shown
-from fte_sniff.formats.tables.layout import STATUS_MARK
+from fte_sniff.formats.text_layout import STATUS_MARK
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
 from fte_sniff.tui.fitting import fit
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text

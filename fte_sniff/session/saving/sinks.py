@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
-from fte_sniff.formats.tables.writers import FORM_BY_END, OutputFormat, row_writer
+from fte_sniff.formats.writers import FORM_BY_END, OutputFormat, row_writer
 from fte_sniff.protocol import Row
 from fte_sniff.session.saving.origin import Origin
 

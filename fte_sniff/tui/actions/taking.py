@@ -16,7 +16,7 @@ from textual.widgets import Input
 
 from fte_sniff.analysis.store.finding import select_rows
 from fte_sniff.errors import FteSniffError, shown
-from fte_sniff.formats.tables.writers import OutputFormat, row_writer
+from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.encoding.selection import Selection
 from fte_sniff.session.saving.origin import Origin

@@ -16,8 +16,8 @@ from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.cli.inputs.batches import Batch, RowBatch
 from fte_sniff.cli.inputs.packed_batches import ColumnBatch, PackedBatch
 from fte_sniff.errors import FileError
-from fte_sniff.formats.tables.parquet import write_parquet
-from fte_sniff.formats.tables.writers import TEXT_FORMS, OutputFormat, row_writer
+from fte_sniff.formats.parquet import write_parquet
+from fte_sniff.formats.writers import TEXT_FORMS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.reading.span import Span

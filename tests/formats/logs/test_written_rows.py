@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
-from fte_sniff.formats.tables.writers import OutputFormat, row_writer
+from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Framer, Row, encode
 from tests.examples import examples
 

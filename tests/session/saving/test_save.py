@@ -14,8 +14,8 @@ import pytest
 
 from fte_sniff.analysis.columns.table import TABLE_SCHEMA, rows_table
 from fte_sniff.errors import FileError, UsageError
+from fte_sniff.formats.input_kind import raw_chunks
 from fte_sniff.formats.logs.hex_log import HexLog
-from fte_sniff.formats.raw import raw_chunks
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     KIND_BY_NAME,

@@ -1,7 +1,4 @@
-"""Owns rows as a Parquet file, with the contract's columns in the types of the frames that come.
-
-It must not know where the rows come from.
-"""
+"""Write Parquet (polars)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Owns a row as a line of text: which cells it has, how wide they are, and what stands in them.
-
-It must not know about colours or about where the line goes.
-"""
+"""Column widths and order of a text table; needs no polars."""
 
 from __future__ import annotations
 

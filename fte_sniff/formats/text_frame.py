@@ -1,15 +1,11 @@
-"""Owns many rows as lines of text at once, from a frame that has the contract's columns.
-
-It must not know which cells a line has or how wide they are: the layout says that, and each line is
-the one that the layout gives of the row.
-"""
+"""Text rows of a whole DataFrame (polars)."""
 
 from __future__ import annotations
 
 import polars as pl
 
 from fte_sniff.errors import shown
-from fte_sniff.formats.tables.layout import (
+from fte_sniff.formats.text_layout import (
     GAP,
     KIND_WIDTH,
     OFFSET_WIDTH,
