@@ -17,9 +17,9 @@ from collections.abc import Callable
 from random import Random
 from time import process_time
 
+from benchmarks.bulk import bulk_columns
 from benchmarks.faults import damaged_stream
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_machine
-from fte_sniff.analysis.columns.bulk import bulk_columns
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, byte_time_ns
 
 SLOW_PART = 200_000

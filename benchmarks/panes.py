@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from time import process_time
 
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.following import Following
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.capture.simulator import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
 from fte_sniff.tui.motors.look import WINDOWS_NS, MotorsLook

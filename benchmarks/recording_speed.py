@@ -27,17 +27,16 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from fte_sniff.analysis.columns.table import table_frame
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.survey import Survey
+from fte_sniff.analysis.dataframe import table_frame
+from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.summary import Survey
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
 from fte_sniff.recording.container.record_stream import RecordStream
 from fte_sniff.recording.container.unpacking import unpack
-from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.encoding.facts import PortFacts
 from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.recording.writing.bulk_writer import write_recording
-from fte_sniff.session.files.packed import packed_rows
+from fte_sniff.row_batch import RowColumns, Words, packed_rows
 
 RUST = Path(__file__).parent / "rust_reader"
 BATCH = 1 << 18

@@ -205,8 +205,8 @@ def _live_line(seconds: float) -> str:
 
 def _screen(rows: int, text: str) -> None:
     """The screen itself, over rows that are there and rows that come."""
+    from fte_sniff.analysis.feed import FeedState, FeedUpdate
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
     from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.opening import Opening

@@ -20,8 +20,7 @@ from babel.messages.catalog import Catalog
 from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
-from fte_sniff.analysis.filter.help import EXAMPLES
-from fte_sniff.analysis.filter.terms import TermType
+from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
 from fte_sniff.capture.ports.latency import LowLatency
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind
 from fte_sniff.tui.keys import SECTIONS

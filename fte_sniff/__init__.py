@@ -1,27 +1,28 @@
 """fte-sniff: a serial protocol analyzer and logger for the FTE four-motor controller.
 
-One way, no back and forth:
+Data flows in one direction:
 
-    port   --Chunk--> capture -+-> Framer --rows--> recording (MCAP)
-                               +-----------rows--> row store -> screen | plain lines
-    file   ---------> reader --rows--> filter -> table | JSON lines | CSV | screen
+    port --Chunk--> capture -+-> Framer --rows--> recording (MCAP)
+                             +-----------rows--> row store -> screen | plain lines
+    file ---------> reader --rows--> filter -> table | JSON lines | CSV | Parquet | screen
 
-The rooms, from the top of the import order down; each imports only from those below it:
+The packages, from the top of the import order to the bottom. A package imports only from those
+below it; capture, recording, formats and analysis do not import each other:
 
-    cli        one file a command; the exit codes
-    tui        the screen; the only room that knows Textual
-    session    the one place that wires capture to recording and to a view
-    capture    bytes in: ports, the reader, the simulator      } these four
-    recording  MCAP out and in                                 } do not know
-    formats    other people's logs in; tables out              } each
-    analysis   columns, filter, tally, row store               } other
-    protocol   what the bytes mean: the frame table, codec, framer (compiled); no I/O
-    errors     the exceptions, their tree, and the exit code of each
-    said       sentences that keep their values, for the screen to say in its language
+    cli        one module per command; exit codes
+    tui        the screen; the only package that imports Textual
+    session    connects capture to recording and view, and inputs to outputs
+    capture    bytes in: serial and network ports, the bridge, the simulator
+    recording  MCAP recordings: write, read, repair, rotate
+    formats    logs of other tools in; tables and exports out
+    analysis   filter, statistics, models, row store
+    row_batch  many rows as numpy columns
+    protocol   what the bytes mean: frame definitions, codec, framer (compiled); no I/O
+    errors     the exceptions and their exit codes; messages that can be translated
 
-Three promises hold everywhere. Every byte that came in stands in exactly one row, in order, and
-damage is labelled with its cause. A recording is complete in itself at every moment. Whatever a
-user can do wrong ends in one line that says what, where, and the way out.
+Three promises hold everywhere. Every received byte is in exactly one row, in order, and damage is
+labelled with its cause. A recording is a valid file at every moment. Every mistake a user can make
+ends in one line that says what, where, and how to fix it.
 """
 
 # Nothing is imported here: `__main__` is to say first what Ctrl-C does.

@@ -1,12 +1,24 @@
-"""What can be asked of rows: columns, filter, running numbers, and the store behind the screen.
+"""Filter, statistics, models and the row store. Knows no screen and no file.
 
-This package knows no screen and no file: rows come in, answers go out. From the bottom up; each
-imports only from those above it:
+Modules:
 
-    line/          whether a line is sound, judged by its bytes
-    columns/       many rows side by side, in numpy arrays and polars frames
-    filter/        which rows are wanted, in one line of text
-    store/         a bounded run of rows with a filter on top, and what is looked for in it
-    accumulators/  one number after another, kept in little memory
-    models/        what rows mean together: motors, answers, rates, faults
+    baud_guess    Is a line at the wrong baud rate.
+    counters      Counters, rates, histograms over batches.
+    dataframe     RowBatch to polars DataFrame.
+    feed          Follow a growing store; gaps and baud changes.
+    fields        Value fields of a frame: names, types, decode from raw.
+    filter        The filter language: SQL boolean expressions over the row
+                  columns.
+    live_models   Models that follow a growing store, with checkpoints of motor
+                  state for any row.
+    motor_stats   Flags seen and answer times.
+    motors        Motor state from commands and replies.
+    row_store     Append-only row store, blocks, paging, filtered view.
+    search        Find next/previous and count hits.
+    search_frame  Search texts with polars.
+    statistics    Counts, rates, faults per port and direction.
+    summary       All statistics over a source (`report` is the HTML page of a
+                  later command).
+    time_text     Parse times and durations that a user types.
+    traces        Min/max envelopes of values over time.
 """

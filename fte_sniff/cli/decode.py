@@ -82,7 +82,7 @@ def command(
 
 def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: bool) -> None:
     if form is OutputFormat.PARQUET:
-        from fte_sniff.analysis.columns.table import TABLE_SCHEMA
+        from fte_sniff.analysis.dataframe import TABLE_SCHEMA
         from fte_sniff.formats.parquet import write_parquet
 
         with file_output(output, form, force=force) as path:
@@ -125,11 +125,11 @@ def _named(output: Path | None) -> str:
 
 
 def _record(output: Path | None, reading: Reading, *, force: bool) -> None:
-    from fte_sniff.recording.encoding.columns import Words
     from fte_sniff.recording.encoding.facts import OF_A_PART
     from fte_sniff.recording.encoding.selection import SELECTION_NAME
     from fte_sniff.recording.encoding.stretches import LEFT_OUT_NAME
     from fte_sniff.recording.writing.bulk_writer import write_recording
+    from fte_sniff.row_batch import Words
 
     words = Words()
     with file_output(output, OutputFormat.MCAP, force=force) as path:

@@ -24,7 +24,7 @@ from fte_sniff.cli.streams.telling import tell
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.models.survey import Survey
+    from fte_sniff.analysis.summary import Survey
     from fte_sniff.recording.encoding.selection import Selection
 
 
@@ -95,8 +95,8 @@ def _selections(reading: Reading) -> list[Selection]:
 
 
 def _surveyed(reading: Reading, baud: int | None) -> Survey:
-    from fte_sniff.analysis.models.bench import Bench
-    from fte_sniff.analysis.models.survey import Survey
+    from fte_sniff.analysis.statistics import Bench
+    from fte_sniff.analysis.summary import Survey
 
     survey = Survey(Bench(baud or DEFAULT_BAUD))
     before = None

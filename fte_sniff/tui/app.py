@@ -23,9 +23,9 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.events import Event, Key
 from textual.filter import LineFilter
 
-from fte_sniff.analysis.accumulators.tally import Tally
-from fte_sniff.analysis.store.feed import Feed
-from fte_sniff.analysis.store.paging import BlockSource
+from fte_sniff.analysis.counters import Tally
+from fte_sniff.analysis.feed import Feed
+from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.session.saving.save import Saving
 from fte_sniff.tui.actions.filtering import Filtering

@@ -15,7 +15,7 @@ from typing import Final
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import Row, Status
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.pane import Pane, Sight

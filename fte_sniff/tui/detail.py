@@ -14,7 +14,7 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.models.bench import NO_BENCH, Bench
+from fte_sniff.analysis.statistics import NO_BENCH, Bench
 from fte_sniff.errors import shown
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of

@@ -17,7 +17,7 @@ from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from fte_sniff.analysis.filter.help import EXAMPLES
+from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, Status, status_of
 from fte_sniff.tui.detail import UNCERTAIN_ORDER

@@ -10,8 +10,8 @@ from functools import partial
 from time import monotonic
 from typing import Final
 
-from fte_sniff.analysis.store.hits import Hits, Standing
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.search import Hits, Standing
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.table.widget import RowTable
 

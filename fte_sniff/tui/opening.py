@@ -12,10 +12,8 @@ from datetime import tzinfo
 from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from fte_sniff.analysis.models.bench import NO_BENCH, Bench
-from fte_sniff.analysis.store.paging import BlockSource
-from fte_sniff.analysis.store.row_run import BLOCK_ROWS, DEFAULT_BOUND, ENDLESS
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, ENDLESS, BlockSource, RowStore
+from fte_sniff.analysis.statistics import NO_BENCH, Bench
 from fte_sniff.session.saving.origin import UNKNOWN, Origin
 from fte_sniff.tui.table.look import ColumnChoice
 

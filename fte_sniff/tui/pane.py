@@ -17,9 +17,9 @@ from textual.containers import VerticalScroll
 from textual.geometry import Size
 from textual.widgets import Static
 
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.following import Following
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.protocol import Row
 from fte_sniff.tui.abstract import AbstractMeta
 from fte_sniff.tui.language import _

@@ -9,10 +9,10 @@ from collections.abc import Iterator, Sequence
 from time import perf_counter
 from typing import Final
 
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.following import Following
-from fte_sniff.analysis.store.row_store import RowStore
-from fte_sniff.analysis.store.seams import Seam
+from fte_sniff.analysis.feed import Seam
+from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.protocol import PortEvent
 from fte_sniff.tui.bytes import BytesPane
 from fte_sniff.tui.detail import DetailPane

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.tui.language import _, later
 
 UNKNOWN: Final = "–"

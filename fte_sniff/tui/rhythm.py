@@ -9,7 +9,7 @@ from collections.abc import Callable
 from time import monotonic_ns
 from typing import Final
 
-from fte_sniff.analysis.store.feed import Feed, RestingFeed, WakingFeed
+from fte_sniff.analysis.feed import Feed, RestingFeed, WakingFeed
 from fte_sniff.tui.waking import Waking
 
 TICK_S: Final = 1 / 20

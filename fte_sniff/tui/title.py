@@ -11,7 +11,7 @@ from rich.cells import cell_len
 from rich.text import Text
 from textual.widget import Widget
 
-from fte_sniff.analysis.store.feed import FeedState
+from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import shown
 from fte_sniff.tui.fitting import fit, fit_path
 from fte_sniff.tui.language import _

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from datetime import tzinfo
 from typing import TYPE_CHECKING
 
-from fte_sniff.analysis.accumulators.counting import count_rows
-from fte_sniff.analysis.accumulators.tally import Rate, Tally
-from fte_sniff.analysis.store.feed import Feed, FeedState, FeedUpdate
-from fte_sniff.analysis.store.finding import find_byte
-from fte_sniff.analysis.store.row_store import RowStore
-from fte_sniff.analysis.store.seams import Seam, shifted
+from fte_sniff.analysis.counters import Rate, Tally, count_rows
+from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate, Seam, shifted
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.search import find_byte
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.language import _
 from fte_sniff.tui.notices import event_words

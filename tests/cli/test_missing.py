@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.following import Following
-from fte_sniff.analysis.store.row_store import RowStore
-from fte_sniff.analysis.store.seams import shifted
+from fte_sniff.analysis.feed import shifted
+from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.cli.inputs.one_input import RecordingInput
 from fte_sniff.cli.inputs.viewing import Viewing
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode, iso_time

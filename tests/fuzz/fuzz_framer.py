@@ -32,7 +32,7 @@ with atheris.instrument_imports(include=["fte_sniff.protocol"]):
     )
     from fte_sniff.protocol.dissect import dissect
 
-from fte_sniff.analysis.columns.bulk import bulk_columns
+from benchmarks.bulk import bulk_columns
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 SILENCES_NS = (0, 3 * BYTE_NS, 5_000_000, 25_000_000, 600_000_000)

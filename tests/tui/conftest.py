@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
-from fte_sniff.analysis.store.seams import Seam
+from fte_sniff.analysis.feed import FeedState, FeedUpdate, Seam
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Damage,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.tui.braille import Canvas
 from fte_sniff.tui.quantities import (
     rate_text,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import Damage, Fault, Frame, Row
 from fte_sniff.tui.bytes import dump, neighbours
 from fte_sniff.tui.table.palette import DARK

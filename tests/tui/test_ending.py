@@ -21,7 +21,7 @@ import pytest
 BOUND_S = 60.0
 
 PROGRAM = """
-from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.tui.app import run_screen
 
 class Idle:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.store.seams import Missing, Pace
+from fte_sniff.analysis.feed import Missing, Pace
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui import rhythm
 from fte_sniff.tui.app import SniffApp

@@ -20,8 +20,8 @@ from serial import SerialException
 from textual.pilot import Pilot
 from textual.widgets import Static
 
+from fte_sniff.analysis.feed import FeedState
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.store.feed import FeedState
 from fte_sniff.capture.ports.refusal import refusal
 from fte_sniff.capture.ports.wording import one_line
 from fte_sniff.errors import (

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from rich.cells import cell_len
 
-from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
+from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind, Row, spaced_hex
 from fte_sniff.tui.detail import Room, detail_text
 from fte_sniff.tui.help import help_text

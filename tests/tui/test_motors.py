@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from rich.style import Style
 
-from fte_sniff.analysis.accumulators.envelope import Spans
-from fte_sniff.analysis.columns.fields import Decoded
-from fte_sniff.analysis.columns.packing import Codebook, pack
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.motors import Motors
-from fte_sniff.analysis.models.traces import Traces
+from fte_sniff.analysis.fields import Decoded
+from fte_sniff.analysis.motors import Motors
+from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.traces import Spans, Traces
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
+from fte_sniff.row_batch import Codebook, pack
 from fte_sniff.tui.motors.look import SECOND_NS, MotorsLook
 from fte_sniff.tui.motors.plot import Curves, Strokes, dots_across, plot
 from fte_sniff.tui.motors.widget import grid

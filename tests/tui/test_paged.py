@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from fte_sniff.analysis.columns.packing import Codebook, Packed, pack
-from fte_sniff.analysis.store.feed import FeedUpdate
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.feed import FeedUpdate
+from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
+from fte_sniff.row_batch import Codebook, Packed, pack
 from fte_sniff.tui import opening, panes
 from fte_sniff.tui.app import SniffApp
 from tests.tui.conftest import ListFeed

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.bytes import BytesPane

@@ -5,9 +5,9 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.following import Following
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.protocol import Damage, Frame, Row
 from fte_sniff.tui.bytes import dump, neighbours
 from fte_sniff.tui.motors.look import WINDOWS_NS, MotorsLook

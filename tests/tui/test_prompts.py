@@ -7,8 +7,8 @@ from datetime import time, timedelta, timezone
 
 import pytest
 
-from fte_sniff.analysis.filter.moments import ClockTime
 from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.time_text import ClockTime
 from fte_sniff.errors import FilterError, InputTextError
 from fte_sniff.tui.prompt.complete import completed
 from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToRow, ToTimeOfDay, parse_goal

@@ -6,12 +6,10 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from fte_sniff.analysis.columns.fields import Decoded
-from fte_sniff.analysis.columns.packing import Codebook, pack
-from fte_sniff.analysis.models.addressing import addressed
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.flags_seen import FlagsSeen
-from fte_sniff.analysis.models.statistics import Statistics
+from fte_sniff.analysis.fields import Decoded
+from fte_sniff.analysis.motor_stats import FlagsSeen
+from fte_sniff.analysis.motors import addressed
+from fte_sniff.analysis.statistics import Bench, Statistics
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Damage,
@@ -22,6 +20,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
+from fte_sniff.row_batch import Codebook, pack
 from fte_sniff.tui.statistics.flags import ALL_IN_ORDER
 from fte_sniff.tui.statistics.page import Told, page
 from fte_sniff.tui.table.palette import DARK

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
 
-from fte_sniff.analysis.columns.packing import Codebook, pack
-from fte_sniff.analysis.store.search import Search
+from fte_sniff.analysis.search import Search
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMNS,
@@ -26,6 +25,7 @@ from fte_sniff.protocol import (
     encode,
     record,
 )
+from fte_sniff.row_batch import Codebook, pack
 from fte_sniff.tui.detail import Room, detail_text
 from fte_sniff.tui.fitting import fit, fit_path, fit_right
 from fte_sniff.tui.table.cells import clock_text, kind_text, span_text, values_text

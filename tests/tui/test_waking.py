@@ -11,7 +11,7 @@ from time import monotonic
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.store.feed import FeedUpdate
+from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.tui import app as screen
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.waking import REST_S, Waking

@@ -1,20 +1,13 @@
-"""The filter: one line of text that says which rows are wanted.
+"""The filter language: SQL boolean expressions over the row columns.
 
-It must not know where rows come from or where they are shown. From the text to the rows:
+Modules:
 
-    tokens          the text cut into words and signs; errors that point at a place
-    cursor          a place among them, and what is said of one out of place
-    terms           what a part of it is
-    complaints      what is said of a part that does not fit
-    byte_patterns   what a pattern of bytes means
-    moments         how people write times, here and elsewhere
-    values          what a value stands for beside a field
-    joining         parts as one, never too deep or too large
-    expressions     what values are made of: fields, numbers, arithmetic, functions
-    predicates      what may be asked of values: comparisons, words, patterns
-    grammar         in what order parts may stand
-    row_filter      RowFilter: all of this, asked of rows
-    help            what people are told of the language
-    cells           filters that the cells of one row stand for
-    completion      what may stand next in a filter being typed
+    cell_filter  Filter made from a table cell; needs no polars.
+    completion   Completions at the cursor.
+    lexer        Tokens and token cursor.
+    operands     Literals, byte patterns, arithmetic.
+    parser       Grammar.
+    predicates   Comparisons to polars expressions.
+    row_filter   RowFilter: compile and apply.
+    terms        Names, types, functions, help and error messages.
 """

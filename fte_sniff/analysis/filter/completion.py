@@ -1,7 +1,4 @@
-"""Owns what may stand next in a filter that is being typed: names, words, signs.
-
-It must not know a screen; a filter it cannot follow so far is simply not completed.
-"""
+"""Completions at the cursor."""
 
 from __future__ import annotations
 
@@ -10,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from fte_sniff.analysis.filter.grammar import COMPARISONS, OPERATOR_WORDS, PATTERN_WORDS
+from fte_sniff.analysis.filter.lexer import Token, TokenType, tokens
+from fte_sniff.analysis.filter.parser import COMPARISONS, OPERATOR_WORDS, PATTERN_WORDS
 from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, FUNCTIONS
-from fte_sniff.analysis.filter.tokens import Token, TokenType, tokens
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType, iso_time
 

@@ -1,8 +1,4 @@
-"""Owns what a filter may ask of values: comparisons, words, patterns, and how answers are joined.
-
-It must not know what the values are made of (`expressions` does), nor any row. Joining checks that
-the parts fit, so that a mistake is told where it stands instead of silently giving no rows.
-"""
+"""Comparisons to polars expressions."""
 
 from __future__ import annotations
 
@@ -11,11 +7,17 @@ from typing import Final
 
 import polars as pl
 
-from fte_sniff.analysis.filter.byte_patterns import whole_bytes
-from fte_sniff.analysis.filter.complaints import Complaints, how_to_ask
-from fte_sniff.analysis.filter.joining import Joining
-from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, UNTYPED, Term, TermType, quoted
-from fte_sniff.analysis.filter.values import Values
+from fte_sniff.analysis.filter.operands import Values, whole_bytes
+from fte_sniff.analysis.filter.terms import (
+    COLUMN_OF_WORD,
+    UNTYPED,
+    Complaints,
+    Joining,
+    Term,
+    TermType,
+    how_to_ask,
+    quoted,
+)
 from fte_sniff.errors import Said
 from fte_sniff.protocol import ColumnType
 

@@ -1,8 +1,4 @@
-"""Owns the filter: one line of text that says which rows are wanted.
-
-It must not know where rows come from or where they are shown. The language is SQL's boolean
-expressions over the names of the row contract; the text is checked as a whole before the first
-row, turned into plain SQL and handed to `polars.sql_expr`.
+"""RowFilter: compile and apply.
 
     motor = 1 AND rpm > 500             AND OR NOT, also && || !; == is =, <> is !=
     kind IN ('speed', 'position')       words are checked; also "speed", and speed without quotes
@@ -30,14 +26,12 @@ from typing import Final
 
 import polars as pl
 
-from fte_sniff.analysis.columns.fields import Bools
-from fte_sniff.analysis.columns.packing import Codebook, Packed
-from fte_sniff.analysis.columns.side_by_side import SideBySide
-from fte_sniff.analysis.columns.table import table_frame
-from fte_sniff.analysis.columns.wide import packed_frame, row_frame, wide
-from fte_sniff.analysis.filter.grammar import condition
+from fte_sniff.analysis.dataframe import packed_frame, row_frame, table_frame, wide
+from fte_sniff.analysis.fields import Bools
+from fte_sniff.analysis.filter.parser import condition
 from fte_sniff.errors import FilterError, Said, shown
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
+from fte_sniff.row_batch import Codebook, Packed, SideBySide
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
-from fte_sniff.analysis.accumulators.tally import Tally
-from fte_sniff.analysis.store.feed import FeedUpdate
+from fte_sniff.analysis.counters import Tally
+from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.cli.outputs.summary import summary
 from fte_sniff.cli.streams.stdout import abandon_stdout
 from fte_sniff.cli.streams.telling import nobody_reads, tell

@@ -32,8 +32,8 @@ from fte_sniff.errors import shown
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.accumulators.tally import Tally
-    from fte_sniff.analysis.models.bench import Bench
+    from fte_sniff.analysis.counters import Tally
+    from fte_sniff.analysis.statistics import Bench
     from fte_sniff.capture.ports.opening import PortSettings
     from fte_sniff.capture.sources.items import Wiring
     from fte_sniff.session.capturing.live import LiveSession

@@ -16,10 +16,10 @@ from fte_sniff.protocol import PortEvent, Row
 if TYPE_CHECKING:
     import polars as pl
 
-    from fte_sniff.analysis.accumulators.tally import Tally
+    from fte_sniff.analysis.counters import Tally
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.recording.encoding.columns import RowColumns, Words
     from fte_sniff.recording.reading.span import Span
+    from fte_sniff.row_batch import RowColumns, Words
 
 
 class Batch(Protocol):
@@ -148,12 +148,12 @@ class RowBatch:
 
     def frame(self) -> pl.DataFrame:
         """As a frame of `analysis.table.TABLE_SCHEMA`."""
-        from fte_sniff.analysis.columns.table import rows_table
+        from fte_sniff.analysis.dataframe import rows_table
 
         return rows_table(self.held)
 
     def columns(self, words: Words) -> RowColumns:
         """Side by side; only rows that have a time can be."""
-        from fte_sniff.recording.encoding.columns import RowColumns
+        from fte_sniff.row_batch import RowColumns
 
         return RowColumns.of_rows(words, self.held)

@@ -36,6 +36,6 @@ def log_batches(portions: Iterable[Decided], few: int = FEW) -> Iterator[LogBatc
         if count < few or rows < min(few, _FEWEST):
             yield RowBatch(portion.rows())
             continue
-        from fte_sniff.analysis.columns.tiles import packed_tiles
+        from fte_sniff.row_batch import packed_tiles
 
         yield PackedBatch(packed_tiles(portion))

@@ -254,7 +254,7 @@ class LogInput:
 
     def _spanned(self, batches: Iterable[LogBatch], span: Span, note: Note) -> Iterator[LogBatch]:
         """Only rows of the span; where there is none, which there are is told."""
-        from fte_sniff.analysis.accumulators.tally import Tally
+        from fte_sniff.analysis.counters import Tally
 
         tally, some = Tally(), False
         for batch in batches:

@@ -16,12 +16,10 @@ from fte_sniff.protocol import PortEvent, Row
 if TYPE_CHECKING:
     import polars as pl
 
-    from fte_sniff.analysis.accumulators.tally import Tally
-    from fte_sniff.analysis.columns.packing import PackedRows
-    from fte_sniff.analysis.columns.side_by_side import SideBySide
+    from fte_sniff.analysis.counters import Tally
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.recording.encoding.columns import RowColumns, Words
     from fte_sniff.recording.reading.span import Span
+    from fte_sniff.row_batch import PackedRows, RowColumns, SideBySide, Words
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +86,7 @@ class PackedBatch:
 
     def columns(self, words: Words) -> RowColumns:
         """In the columns of a recording; only rows that have a time can be."""
-        from fte_sniff.session.files.packed import row_columns
+        from fte_sniff.row_batch import row_columns
 
         return row_columns(words, self.held)
 
@@ -128,7 +126,7 @@ class ColumnBatch:
 
     def sequence(self) -> Sequence[Row]:
         """Packed."""
-        from fte_sniff.session.files.packed import packed_rows
+        from fte_sniff.row_batch import packed_rows
 
         return packed_rows(self.held)
 
@@ -157,7 +155,7 @@ class ColumnBatch:
 
 
 def _count(rows: SideBySide, tally: Tally) -> None:
-    from fte_sniff.analysis.accumulators.counting import count_columns
+    from fte_sniff.analysis.counters import count_columns
 
     count_columns(tally, rows)
 
@@ -170,6 +168,6 @@ def _write(batch: PackedBatch | ColumnBatch, writer: RowWriter) -> None:
 
 
 def _frame(rows: SideBySide) -> pl.DataFrame:
-    from fte_sniff.analysis.columns.table import table_frame
+    from fte_sniff.analysis.dataframe import table_frame
 
     return table_frame(rows)

@@ -37,7 +37,7 @@ class Reading:
             wanted: only rows that it wants; None for all.
             limit: only so many of those; None for all.
         """
-        from fte_sniff.analysis.accumulators.tally import Tally
+        from fte_sniff.analysis.counters import Tally
 
         self.inputs = inputs
         self._span, self._wanted, self._limit = span, wanted, limit

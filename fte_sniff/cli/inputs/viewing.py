@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from fte_sniff.analysis.store.seams import Missing, SeamFinder
+from fte_sniff.analysis.feed import Missing, SeamFinder
 from fte_sniff.cli.inputs.batches import Batch
 from fte_sniff.cli.inputs.holes import ANOTHER, DAMAGED, Holes
 from fte_sniff.cli.inputs.one_input import Input

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def _explain(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
     if text is None or text.strip().lower() != "help":
         return text
-    from fte_sniff.analysis.filter.help import FILTER_HELP
+    from fte_sniff.analysis.filter.terms import FILTER_HELP
 
     click.echo(FILTER_HELP)
     return context.exit()

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.analysis.filter.moments import ClockTime, clock_time, length_ns, time_ns
+from fte_sniff.analysis.time_text import ClockTime, clock_time, length_ns, time_ns
 from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
 from fte_sniff.protocol import iso_time
 

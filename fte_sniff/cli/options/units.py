@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from fte_sniff.analysis.models.bench import Bench
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.cli.options.remembered import Remembered
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD

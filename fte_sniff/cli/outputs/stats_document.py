@@ -13,13 +13,10 @@ from typing import TYPE_CHECKING, Any
 from fte_sniff.protocol import Direction, Fault, PortEventKind, Status, iso_time, status_of
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.accumulators.durations import Durations
-    from fte_sniff.analysis.models.answers import AnswerNumbers
-    from fte_sniff.analysis.models.fault_counts import Count
-    from fte_sniff.analysis.models.flags_seen import FlagNumbers, Seen
-    from fte_sniff.analysis.models.port_run import EventNumbers, PortNumbers
-    from fte_sniff.analysis.models.streams import StreamNumbers
-    from fte_sniff.analysis.models.survey import Survey
+    from fte_sniff.analysis.counters import Durations
+    from fte_sniff.analysis.motor_stats import AnswerNumbers, FlagNumbers, Seen
+    from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
+    from fte_sniff.analysis.summary import Survey
     from fte_sniff.recording.encoding.selection import Selection
     from fte_sniff.recording.encoding.stretches import Stretch
 
@@ -172,7 +169,7 @@ def _motor(answers: AnswerNumbers, flags: FlagNumbers, *, in_order: bool) -> Jso
 
 
 def _none() -> Durations:
-    from fte_sniff.analysis.accumulators.durations import Durations
+    from fte_sniff.analysis.counters import Durations
 
     return Durations()
 

@@ -23,11 +23,9 @@ from fte_sniff.tui.statistics.flags import ALL_IN_ORDER, When, flag_words, from_
 from fte_sniff.tui.table.cells import clock_text
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.models.answers import AnswerNumbers
-    from fte_sniff.analysis.models.fault_counts import Count
-    from fte_sniff.analysis.models.port_run import EventNumbers, PortNumbers
-    from fte_sniff.analysis.models.streams import StreamNumbers
-    from fte_sniff.analysis.models.survey import Survey
+    from fte_sniff.analysis.motor_stats import AnswerNumbers
+    from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
+    from fte_sniff.analysis.summary import Survey
 
 _LABEL: Final = 10
 STREAM: Final = "kind and motor"

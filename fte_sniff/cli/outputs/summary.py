@@ -12,7 +12,7 @@ from fte_sniff.errors import shown
 from fte_sniff.protocol import Status, iso_time, status_of
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.accumulators.tally import Tally
+    from fte_sniff.analysis.counters import Tally
     from fte_sniff.recording.encoding.stretches import Stretch
 
 

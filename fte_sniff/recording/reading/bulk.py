@@ -25,7 +25,6 @@ from fte_sniff.recording.container.memory import keep_freed_memory
 from fte_sniff.recording.container.record_stream import RawRecord, RecordStream
 from fte_sniff.recording.container.records import HEAD, LARGEST, RecordError, records_in
 from fte_sniff.recording.container.unpacking import unpack, unpacked_size
-from fte_sniff.recording.encoding.columns import Array, Room, RowColumns, Words
 from fte_sniff.recording.reading.gather import Gathered, Readers, gather
 from fte_sniff.recording.reading.one_by_one import Reading
 from fte_sniff.recording.reading.passage import Passage, Range, ranges_of
@@ -36,6 +35,7 @@ from fte_sniff.recording.reading.starts import (
     message_starts,
     named_messages,
 )
+from fte_sniff.row_batch import Array, Room, RowColumns, Words
 
 JOB = 8 * 1024 * 1024
 """Unpacked bytes that one batch of columns is made of, more or less: 64 thousand rows at least."""

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from fte_sniff.protocol import PortEvent
-from fte_sniff.recording.encoding.columns import Array, RowColumns
 from fte_sniff.recording.encoding.layout import Layout
 from fte_sniff.recording.encoding.message_reader import MessageReader
 from fte_sniff.recording.reading.side import Side
 from fte_sniff.recording.reading.side_rows import put_side
 from fte_sniff.recording.reading.starts import CHANNEL_PLACE, LOG_TIME_PLACE, MESSAGE_HEAD, Messages
 from fte_sniff.recording.reading.usual import is_usual, put_usual, which_usual
+from fte_sniff.row_batch import Array, RowColumns
 
 Readers = Mapping[int, MessageReader | None]
 

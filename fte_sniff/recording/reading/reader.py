@@ -27,7 +27,6 @@ from fte_sniff.recording.container.record_stream import RawRecord, RecordStream
 from fte_sniff.recording.container.records import MAGIC, RecordError, parse, records_in
 from fte_sniff.recording.container.salvage import next_chunk
 from fte_sniff.recording.container.summary import Summary, read_summary
-from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.encoding.facts import PortFacts
 from fte_sniff.recording.encoding.selection import Selection, selection_of
 from fte_sniff.recording.encoding.stretches import Stretch, stretch_of
@@ -37,6 +36,7 @@ from fte_sniff.recording.reading.one_by_one import Reading, without_our_topics
 from fte_sniff.recording.reading.passage import Definitions, Passage
 from fte_sniff.recording.reading.route import Route
 from fte_sniff.recording.reading.span import EVERYTHING, Span
+from fte_sniff.row_batch import RowColumns, Words
 
 _MOST_BAUD_DIGITS = 9
 _BUFFER = 128 * 1024

@@ -6,9 +6,9 @@ messages too: a port is opened before its first row comes, and closed after its 
 
 from __future__ import annotations
 
-from fte_sniff.recording.encoding.columns import Words
 from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.recording.reading.span import EVERYTHING, Span
+from fte_sniff.row_batch import Words
 
 _LENGTH_NS = 10**9
 _LONGER = 60

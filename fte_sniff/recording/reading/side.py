@@ -13,9 +13,9 @@ from functools import lru_cache
 import numpy as np
 
 from fte_sniff.protocol import FRAME_LENGTH
-from fte_sniff.recording.encoding.columns import Array
 from fte_sniff.recording.encoding.layout import Layout
 from fte_sniff.recording.reading.starts import MESSAGE_HEAD, at_every_byte, numbers
+from fte_sniff.row_batch import Array
 
 RAW = np.dtype(f"V{FRAME_LENGTH}")
 """The bytes of a frame, so that they are copied as one."""

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL
-from fte_sniff.recording.encoding.columns import Array, RowColumns, Words
 from fte_sniff.recording.encoding.layout import Layout
 from fte_sniff.recording.encoding.message_reader import MessageReader
 from fte_sniff.recording.reading.side import RAW, Side
+from fte_sniff.row_batch import Array, RowColumns, Words
 
 
 def put_side(

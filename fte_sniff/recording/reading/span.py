@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.encoding.columns import Array, RowColumns
+from fte_sniff.row_batch import Array, RowColumns
 
 _LATEST = 2**63 - 1
 

@@ -17,7 +17,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from fte_sniff.recording.container.records import HEAD, RecordError
-from fte_sniff.recording.encoding.columns import Array
+from fte_sniff.row_batch import Array
 
 MESSAGE_HEAD = HEAD.size + 2 + 4 + 8 + 8
 """Bytes of a message record before the message: opcode, length, channel, sequence, two times."""

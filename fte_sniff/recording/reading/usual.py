@@ -12,12 +12,12 @@ from functools import lru_cache
 import numpy as np
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL
-from fte_sniff.recording.encoding.columns import Array, RowColumns
 from fte_sniff.recording.encoding.layout import Layout, Layouts
 from fte_sniff.recording.encoding.messages import class_of
 from fte_sniff.recording.encoding.topics import TOPICS
 from fte_sniff.recording.reading.side import RAW, Guard, Side, all_fit, guard, which_fit
 from fte_sniff.recording.reading.starts import FRONT, MESSAGE_HEAD
+from fte_sniff.row_batch import Array, RowColumns
 
 _NUMBER = 8
 _SIGN = 0x80

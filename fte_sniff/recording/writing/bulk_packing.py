@@ -25,11 +25,11 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.spec import CMD_PLACE, NUM_PLACE
 from fte_sniff.recording.encoding.batch import Batch, message_record
-from fte_sniff.recording.encoding.columns import Array, RowColumns
 from fte_sniff.recording.encoding.messages import class_of, encode_row
 from fte_sniff.recording.encoding.model import Columns, Model
 from fte_sniff.recording.encoding.topics import EVENTS, MALFORMED, Topic, topic_of
 from fte_sniff.recording.encoding.wire import SOUND_LACKS
+from fte_sniff.row_batch import Array, RowColumns
 
 ChannelId = Callable[[str, Topic], int]
 

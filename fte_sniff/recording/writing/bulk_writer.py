@@ -23,13 +23,13 @@ from fte_sniff.recording.container.mcap_file import McapFile
 from fte_sniff.recording.container.memory import keep_freed_memory
 from fte_sniff.recording.encoding.batch import Batch
 from fte_sniff.recording.encoding.channels import Channels
-from fte_sniff.recording.encoding.columns import Array, RowColumns
 from fte_sniff.recording.encoding.facts import PortFacts, library_name, recording_facts
 from fte_sniff.recording.encoding.messages import plain
 from fte_sniff.recording.encoding.topics import Topic
 from fte_sniff.recording.writing.ahead import PackingAhead
 from fte_sniff.recording.writing.bulk_packing import ColumnPacker
 from fte_sniff.recording.writing.writer import METADATA_NAME
+from fte_sniff.row_batch import Array, RowColumns
 
 Note = tuple[str, Mapping[str, str]]
 """The name of a metadata record, and what it tells."""

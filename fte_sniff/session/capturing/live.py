@@ -16,8 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from fte_sniff.analysis.store.feed import FeedUpdate
-from fte_sniff.analysis.store.seams import Seam, shifted
+from fte_sniff.analysis.feed import FeedUpdate, Seam, shifted
 from fte_sniff.errors import FileError, PortError, Said
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.session.capturing.messages import DROP, STOP, Batch, Ended, Message, Started

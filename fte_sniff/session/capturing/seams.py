@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fte_sniff.analysis.store.seams import Missing, Seam, SeamFinder
+from fte_sniff.analysis.feed import Missing, Seam, SeamFinder
 from fte_sniff.session.capturing.messages import Batch
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
 
-from fte_sniff.analysis.store.feed import FeedState
+from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import FteSniffError, Said
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.writing.recorder import Change, Outcome

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fte_sniff.analysis.line.verdict import (
+from fte_sniff.analysis.baud_guess import (
     COMMON_BAUDS,
     SURE,
     Condition,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from shlex import quote
 
-from fte_sniff.analysis.line.verdict import SURE, Condition, Setting, Verdict
+from fte_sniff.analysis.baud_guess import SURE, Condition, Setting, Verdict
 from fte_sniff.capture.checks.finding import Finding, bad, ok, warn
 from fte_sniff.protocol import Direction
 

@@ -12,9 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.columns.packing import Codebook, Packed
-from fte_sniff.recording.encoding.columns import RowColumns
-from fte_sniff.session.files.packed import packed_rows
+from fte_sniff.row_batch import Codebook, Packed, RowColumns, packed_rows
 
 MOST_HELD: Final = 4
 """Batches that stay unpacked: a filter works from the cursor up and down, and rows of one block

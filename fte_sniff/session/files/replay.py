@@ -10,11 +10,10 @@ import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from fte_sniff.analysis.columns.packing import Codebook, PackedRows, pack
-from fte_sniff.analysis.store.feed import FeedState, FeedUpdate
-from fte_sniff.analysis.store.seams import Seam, shifted
+from fte_sniff.analysis.feed import FeedState, FeedUpdate, Seam, shifted
 from fte_sniff.errors import FteSniffError, Said
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.row_batch import Codebook, PackedRows, pack
 
 MOST_BATCHES_AHEAD = 6
 """Batches that are read ahead of the view at most."""

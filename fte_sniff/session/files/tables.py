@@ -14,12 +14,12 @@ from pathlib import Path
 import polars as pl
 from polars.io.plugins import register_io_source
 
-from fte_sniff.analysis.columns.table import TABLE_SCHEMA, table_frame
+from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import RecordingWarning, shown
-from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.reading.files import recordings_in, start_of
 from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.recording.reading.span import Span
+from fte_sniff.row_batch import RowColumns, Words
 from fte_sniff.session.files.earliest import earliest_ns
 
 _MOST_LOSSES = 5

@@ -14,7 +14,7 @@ from typing import Final
 
 import polars as pl
 
-from fte_sniff.analysis.columns.table import TABLE_SCHEMA, rows_table
+from fte_sniff.analysis.dataframe import TABLE_SCHEMA, rows_table
 from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.protocol import Row
 from fte_sniff.session.saving.origin import Origin

@@ -61,7 +61,7 @@ class RawSink:
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows' bytes."""
-        from fte_sniff.analysis.columns.packing import PackedRows
+        from fte_sniff.row_batch import PackedRows
 
         if isinstance(rows, PackedRows):
             self.ports.update(rows.words.ports[code] for code in set(rows.port.tolist()))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fte_sniff.analysis.filter.cells import CellFilter, both, cell_filters
+from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
 from fte_sniff.errors import shown
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.language import _

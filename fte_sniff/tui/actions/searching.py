@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from time import monotonic
 
-from fte_sniff.analysis.store.finding import find_step
-from fte_sniff.analysis.store.search import Search
+from fte_sniff.analysis.search import Search, find_step
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.language import _, worded

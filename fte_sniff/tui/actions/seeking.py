@@ -5,7 +5,7 @@ It must not know how rows are found; the watched rows and the store do.
 
 from __future__ import annotations
 
-from fte_sniff.analysis.store.finding import find_raised
+from fte_sniff.analysis.search import find_raised
 from fte_sniff.errors import shown
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.language import _

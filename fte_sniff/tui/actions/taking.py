@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from textual.widgets import Input
 
-from fte_sniff.analysis.store.finding import select_rows
+from fte_sniff.analysis.search import select_rows
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex

@@ -21,9 +21,9 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.columns.fields import subject
-from fte_sniff.analysis.models.motors import MotorState
-from fte_sniff.analysis.models.traces import QUANTITIES
+from fte_sniff.analysis.fields import subject
+from fte_sniff.analysis.motors import MotorState
+from fte_sniff.analysis.traces import QUANTITIES
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Field, FrameKind, Status
 from fte_sniff.tui.fitting import padded
 from fte_sniff.tui.language import _, later

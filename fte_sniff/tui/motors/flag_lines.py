@@ -14,7 +14,7 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.models.motors import Flags, MotorState
+from fte_sniff.analysis.motors import Flags, MotorState
 from fte_sniff.protocol import MOTORS, Status
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.motors.look import MotorsLook

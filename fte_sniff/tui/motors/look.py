@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from typing import Final
 
-from fte_sniff.analysis.columns.fields import subject
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.motors import MotorState
-from fte_sniff.analysis.models.traces import Traces
+from fte_sniff.analysis.fields import subject
+from fte_sniff.analysis.motors import MotorState
+from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.traces import Traces
 from fte_sniff.protocol import Direction
 from fte_sniff.tui.motors.plot import Curves
 

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.accumulators.envelope import Floats, Spans
-from fte_sniff.analysis.columns.fields import Bools, Ints
+from fte_sniff.analysis.fields import Bools, Ints
+from fte_sniff.analysis.traces import Floats, Spans
 from fte_sniff.tui.braille import ACROSS, DOWN, Canvas
 from fte_sniff.tui.fitting import fit_right
 from fte_sniff.tui.quantities import short_number

@@ -11,8 +11,8 @@ from typing import Final
 
 from rich.text import Text
 
-from fte_sniff.analysis.models.motors import Motors, MotorState
-from fte_sniff.analysis.models.traces import Traces
+from fte_sniff.analysis.motors import Motors, MotorState
+from fte_sniff.analysis.traces import Traces
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.motors.card import WORD_LINES, CardSize, compact, plots, words
 from fte_sniff.tui.motors.look import DEFAULT_WINDOW, WINDOWS_NS, MotorsLook, zoomed

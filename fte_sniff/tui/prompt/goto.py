@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from typing import TypeAlias
 
-from fte_sniff.analysis.filter.moments import ClockTime, clock_time, length_ns, time_ns
+from fte_sniff.analysis.time_text import ClockTime, clock_time, length_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Field, Take

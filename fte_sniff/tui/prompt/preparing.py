@@ -13,7 +13,7 @@ from typing import Final
 _NEEDED: Final = (
     "fte_sniff.analysis.filter.row_filter",
     "fte_sniff.analysis.filter.completion",
-    "fte_sniff.analysis.store.search_texts",
+    "fte_sniff.analysis.search_frame",
 )
 
 

@@ -5,7 +5,7 @@ It must not know how a search is meant; `analysis` does.
 
 from __future__ import annotations
 
-from fte_sniff.analysis.store.search import Search
+from fte_sniff.analysis.search import Search
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Field, Take
 from fte_sniff.tui.prompt.preparing import prepare

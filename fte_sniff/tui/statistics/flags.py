@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from fte_sniff.tui.language import _, later
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.models.flags_seen import FlagNumbers, Seen
+    from fte_sniff.analysis.motor_stats import FlagNumbers, Seen
 
 ERROR_BIT: Final = later("motor {motor}: ERROR bit {bit} set in {seen}")
 NOT_ONLINE: Final = later("motor {motor}: not ONLINE in {seen}")

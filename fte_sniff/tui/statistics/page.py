@@ -15,12 +15,9 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.accumulators.counts import OverTime
-from fte_sniff.analysis.accumulators.durations import Durations
-from fte_sniff.analysis.models.flags_seen import FlagNumbers
-from fte_sniff.analysis.models.port_run import PortNumbers
-from fte_sniff.analysis.models.statistics import Statistics
-from fte_sniff.analysis.models.streams import StreamNumbers
+from fte_sniff.analysis.counters import Durations, OverTime
+from fte_sniff.analysis.motor_stats import FlagNumbers
+from fte_sniff.analysis.statistics import PortNumbers, Statistics, StreamNumbers
 from fte_sniff.errors import shown
 from fte_sniff.protocol import Direction, status_of
 from fte_sniff.tui.fitting import fit, fit_path, fit_right

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import UTC, datetime, tzinfo
 
-from fte_sniff.analysis.columns.short_names import short_feedback, value_heads
+from fte_sniff.analysis.fields import short_feedback, value_heads
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KIND_BY_NAME,

@@ -15,7 +15,7 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
-from fte_sniff.analysis.store.search import Search
+from fte_sniff.analysis.search import Search
 from fte_sniff.formats.text_layout import mark_of
 from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, Value, record
 from fte_sniff.tui.table.cells import faulty_text, is_raised, values_text

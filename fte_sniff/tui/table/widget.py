@@ -19,9 +19,8 @@ from textual.geometry import Region, Size
 from textual.message import Message
 from textual.strip import Strip
 
-from fte_sniff.analysis.store.finding import find_fault, find_raised
-from fte_sniff.analysis.store.row_store import RowStore
-from fte_sniff.analysis.store.search import Search
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.search import Search, find_fault, find_raised
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Row
 from fte_sniff.tui.fitting import fit

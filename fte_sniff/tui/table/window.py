@@ -5,7 +5,7 @@ It must not know how they are painted, nor the terminal.
 
 from __future__ import annotations
 
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.tui.table.look import TimeStyle
 from fte_sniff.tui.table.marks import Marks
 from fte_sniff.tui.table.painter import Place, Sign

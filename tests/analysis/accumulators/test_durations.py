@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.accumulators.counts import SLOTS, CountsOverTime
-from fte_sniff.analysis.accumulators.durations import PER_OCTAVE, Durations
+from fte_sniff.analysis.counters import PER_OCTAVE, SLOTS, CountsOverTime, Durations
 
 TIMES = st.lists(st.integers(-(2**61), 2**61) | st.integers(0, 10**10), min_size=1, max_size=30)
 

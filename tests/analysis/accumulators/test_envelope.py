@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.accumulators.envelope import Envelope
+from fte_sniff.analysis.traces import Envelope
 
 TIMES = st.lists(st.integers(-(10**6), 10**6), min_size=1, max_size=60).map(sorted)
 VALUES = st.integers(-(2**31), 2**31 - 1)

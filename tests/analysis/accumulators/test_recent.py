@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.accumulators.recent import Recent
+from fte_sniff.analysis.counters import Recent
 
 SECOND = 1_000_000_000
 

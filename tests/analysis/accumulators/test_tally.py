@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.accumulators.tally import Rate, Tally
+from fte_sniff.analysis.counters import Rate, Tally
 from fte_sniff.protocol import Damage, Fault, Frame, Row, Status
 
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from benchmarks.bulk import bulk_columns
 from benchmarks.faults import damaged_stream
-from fte_sniff.analysis.columns.bulk import bulk_columns
-from fte_sniff.analysis.columns.fields import NO_KIND
+from fte_sniff.analysis.fields import NO_KIND
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Frame, Framer
 
 

@@ -6,10 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.accumulators.counting import count_rows
-from fte_sniff.analysis.accumulators.tally import Tally
-from fte_sniff.analysis.columns.packing import ROW_TYPE, Codebook, PackedRows, pack, unpack
+from fte_sniff.analysis.counters import Tally, count_rows
 from fte_sniff.protocol import Damage, Fault, Frame, Row
+from fte_sniff.row_batch import ROW_TYPE, Codebook, PackedRows, pack, unpack
 
 
 @given(st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12), st.data())

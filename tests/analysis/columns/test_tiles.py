@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
-from fte_sniff.analysis.columns.packing import PackedRows
-from fte_sniff.analysis.columns.tiles import packed_tiles
 from fte_sniff.protocol import Chunk, Framer, Row
 from fte_sniff.protocol.framer.segments import Decided
+from fte_sniff.row_batch import PackedRows, packed_tiles
 from tests.protocol.streams import raw_bytes
 
 TIMES = st.none() | st.integers(0, 2**62) | st.integers(10**18, 10**18 + 10**9)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.wide import SCHEMA, row_frame
+from fte_sniff.analysis.dataframe import SCHEMA, row_frame
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.filter.cells import both, cell_filters
+from fte_sniff.analysis.filter.cell_filter import both, cell_filters
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode, frame_faults
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.filter.completion import completions
-from fte_sniff.analysis.filter.help import EXAMPLES
+from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.protocol import COLUMN_BY_NAME, Direction, Fault, Status
 
 CLOCK, TIME = "'12:00:00.250'", "'2026-01-31T12:00:00.250000007Z'"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.wide import row_frame
+from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMNS, Damage, Fault, Frame, Row

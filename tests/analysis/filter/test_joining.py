@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.filter.joining import MAX_DEPTH, MAX_SQL, Joining
-from fte_sniff.analysis.filter.terms import Term, TermType
+from fte_sniff.analysis.filter.terms import MAX_DEPTH, MAX_SQL, Joining, Term, TermType
 from fte_sniff.errors import FilterError
 
 JOIN = Joining("")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.filter.moments import DAY_NS, SECOND_NS, clock_time, length_ns, time_ns
+from fte_sniff.analysis.time_text import DAY_NS, SECOND_NS, clock_time, length_ns, time_ns
 from fte_sniff.protocol import iso_time
 
 NOON_NS = 1_769_860_800 * SECOND_NS

@@ -11,10 +11,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.packing import Codebook, pack
-from fte_sniff.analysis.columns.wide import row_frame
-from fte_sniff.analysis.filter.help import EXAMPLES, FILTER_HELP
+from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.filter.terms import EXAMPLES, FILTER_HELP
 from fte_sniff.protocol import (
     COLUMNS,
     KIND_BY_NAME,
@@ -28,6 +27,7 @@ from fte_sniff.protocol import (
     frame_faults,
     record,
 )
+from fte_sniff.row_batch import Codebook, pack
 
 NOON = 1_767_268_800_000_000_000
 """2026-01-01T12:00:00Z."""

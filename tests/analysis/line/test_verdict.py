@@ -7,8 +7,16 @@ from hypothesis import strategies as st
 from benchmarks.faults import damaged_stream, draw_frame, ordinary
 from benchmarks.uart import AfterError
 from benchmarks.uart import heard as heard_by_hardware
-from fte_sniff.analysis.line.uart_model import Resync, falls_of, heard, line_levels
-from fte_sniff.analysis.line.verdict import COMMON_BAUDS, Condition, Setting, judge
+from fte_sniff.analysis.baud_guess import (
+    COMMON_BAUDS,
+    Condition,
+    Resync,
+    Setting,
+    falls_of,
+    heard,
+    judge,
+    line_levels,
+)
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
 
 CONTROL = tuple(kind for kind in KINDS if kind.direction is Direction.CONTROL)

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.fields import Decoded
-from fte_sniff.analysis.columns.packing import Codebook, pack
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.following import Following
-from fte_sniff.analysis.models.motors import Motors
-from fte_sniff.analysis.store.row_store import RowStore
-from fte_sniff.analysis.store.seams import Missing, Pace
+from fte_sniff.analysis.feed import Missing, Pace
+from fte_sniff.analysis.fields import Decoded
+from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.motors import Motors
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.statistics import Bench
 from fte_sniff.protocol import KIND_BY_NAME, Direction, Frame, Row, encode
+from fte_sniff.row_batch import Codebook, pack
 
 MILLISECOND = 1_000_000
 

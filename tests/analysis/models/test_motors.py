@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.fields import Decoded
-from fte_sniff.analysis.columns.packing import Codebook, pack
-from fte_sniff.analysis.models.motors import Motors, MotorState
+from fte_sniff.analysis.fields import Decoded
+from fte_sniff.analysis.motors import Motors, MotorState
 from fte_sniff.protocol import KIND_BY_NAME, KINDS, Damage, Direction, Fault, Frame, Row, encode
+from fte_sniff.row_batch import Codebook, pack
 
 SECOND = 1_000_000_000
 SMALL = st.integers(-300, 300)

@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.fields import NO_TIME
-from fte_sniff.analysis.models.pairing import Moments, Pairing
+from fte_sniff.analysis.fields import NO_TIME
+from fte_sniff.analysis.motors import Moments, Pairing
 
 COMMAND, FEEDBACK = True, False
 EVENTS = st.lists(

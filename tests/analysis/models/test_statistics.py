@@ -8,10 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.fields import Decoded
-from fte_sniff.analysis.columns.packing import Codebook, pack
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.statistics import Statistics
+from fte_sniff.analysis.fields import Decoded
+from fte_sniff.analysis.statistics import Bench, Statistics
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KIND_BY_NAME,
@@ -25,6 +23,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     encode,
 )
+from fte_sniff.row_batch import Codebook, pack
 
 SECOND = 1_000_000_000
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=15)

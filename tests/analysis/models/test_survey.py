@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.fields import Decoded
-from fte_sniff.analysis.columns.packing import Codebook, pack
-from fte_sniff.analysis.models.bench import Bench
-from fte_sniff.analysis.models.motors import Motors
-from fte_sniff.analysis.models.survey import Survey
+from fte_sniff.analysis.fields import Decoded
+from fte_sniff.analysis.motors import Motors
+from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.summary import Survey
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     MOTORS,
@@ -29,6 +28,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     encode,
 )
+from fte_sniff.row_batch import Codebook, pack
 
 MS = 1_000_000
 SECOND = 1000 * MS

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from fte_sniff.analysis.columns.packing import Codebook, Packed, pack
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.store.hits import Hits, Standing
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.search import Hits, Standing
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
+from fte_sniff.row_batch import Codebook, Packed, pack
 
 
 def rows(start: int, stop: int) -> Sequence[Row]:

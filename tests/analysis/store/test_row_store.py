@@ -7,11 +7,11 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from fte_sniff.analysis.columns.packing import Codebook, Packed, pack
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.store.finding import Bools, find_byte, find_fault, find_step, select_rows
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.search import Bools, find_byte, find_fault, find_step, select_rows
 from fte_sniff.protocol import Damage, Fault, Frame, Row
+from fte_sniff.row_batch import Codebook, Packed, pack
 from tests.examples import examples
 
 ROW = st.from_type(Frame) | st.from_type(Damage)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.store.seams import Missing, Pace, Seam, SeamFinder, shifted
+from fte_sniff.analysis.feed import Missing, Pace, Seam, SeamFinder, shifted
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
 
 RAW = bytes.fromhex("AA00000000000000 00EE".replace(" ", ""))

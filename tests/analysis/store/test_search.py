@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.packing import Codebook, pack
-from fte_sniff.analysis.store.search import Search
+from fte_sniff.analysis.search import Search
 from fte_sniff.errors import InputTextError
 from fte_sniff.protocol import COLUMN_BY_NAME, KINDS, Damage, Fault, Frame, Row, encode, spaced_hex
+from fte_sniff.row_batch import Codebook, pack
 
 NOON_NS = 1_769_860_800_000_000_000
 

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.store.finding import find_fault, find_raised
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.search import find_fault, find_raised
 from fte_sniff.protocol import Damage, Fault, Frame, Row
 
 TEN_BYTES = RowFilter.parse("length = 10")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import Damage, Fault
-from fte_sniff.recording.encoding.columns import RowColumns, Words
+from fte_sniff.row_batch import RowColumns, Words
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(1, 30)), max_size=30))

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, Row, encode
-from fte_sniff.recording.encoding.columns import Room, RowColumns, Words
 from fte_sniff.recording.encoding.facts import PortFacts
 from fte_sniff.recording.encoding.message_reader import MessageReader
 from fte_sniff.recording.encoding.messages import encode_row
@@ -21,6 +20,7 @@ from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.recording.reading.span import Span
 from fte_sniff.recording.writing.place import Existing
 from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.row_batch import Room, RowColumns, Words
 from tests.examples import examples
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]

@@ -19,7 +19,7 @@ from time import monotonic
 
 import pytest
 
-from fte_sniff.analysis.store.feed import WakingFeed
+from fte_sniff.analysis.feed import WakingFeed
 from fte_sniff.capture.sources.tap import Tap
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fte_sniff.analysis.store.seams import Missing, Pace
+from fte_sniff.analysis.feed import Missing, Pace
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.session.capturing.messages import Batch
 from fte_sniff.session.capturing.seams import BatchSeams

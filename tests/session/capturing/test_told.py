@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.store.feed import FeedState
+from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.writing.recorder import Change, Outcome

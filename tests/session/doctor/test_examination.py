@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.analysis.line.verdict import Condition, Setting, Verdict
+from fte_sniff.analysis.baud_guess import Condition, Setting, Verdict
 from fte_sniff.protocol import Direction
 from fte_sniff.session.doctor.surroundings import folder_finding, framer_finding, terminal_findings
 from fte_sniff.session.doctor.verdicts import probe_finding, verdict_finding

@@ -12,16 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.columns.packing import Codebook, unpack
-from fte_sniff.analysis.store.finding import find_fault
-from fte_sniff.analysis.store.row_store import RowStore
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.search import find_fault
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
-from fte_sniff.recording.encoding.columns import RowColumns, Words
 from fte_sniff.recording.encoding.facts import PortFacts
 from fte_sniff.recording.reading.reader import RecordingReader
 from fte_sniff.recording.reading.span import EVERYTHING, Span
 from fte_sniff.recording.writing.bulk_writer import write_recording
+from fte_sniff.row_batch import Codebook, RowColumns, Words, unpack
 from fte_sniff.session.files.pages import RecordedPages
 from tests.examples import examples
 

@@ -10,8 +10,7 @@ from time import monotonic
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
-from fte_sniff.recording.encoding.columns import RowColumns, Words
-from fte_sniff.session.files.packed import packed_rows
+from fte_sniff.row_batch import RowColumns, Words, packed_rows
 from fte_sniff.session.files.replay import MOST_BATCHES_AHEAD, Read, ReplaySession
 
 FRAME = bytes.fromhex("AA0000000000000000EE")

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import fte_sniff
-from fte_sniff.analysis.columns.table import TABLE_SCHEMA
+from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row, record
 from fte_sniff.recording.reading.reader import RecordingReader

@@ -12,7 +12,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from fte_sniff.analysis.columns.table import TABLE_SCHEMA, rows_table
+from fte_sniff.analysis.dataframe import TABLE_SCHEMA, rows_table
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.input_kind import raw_chunks
 from fte_sniff.formats.logs.hex_log import HexLog

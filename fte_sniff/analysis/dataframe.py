@@ -1,0 +1,248 @@
+"""RowBatch to polars DataFrame.
+
+time                     Datetime("ns", "UTC"), null where the row has no time
+port, raw                String (raw: hex, upper case, no spaces)
+direction, kind, status  Enum of the column's words
+faults                   List(Enum), empty where nothing is wrong
+offset, length           Int64, UInt32
+cmd and the values       as wide as on the wire; null where the row has no such value
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import polars as pl
+
+from fte_sniff.analysis.fields import Bools, Codes, field_values, kind_codes
+from fte_sniff.protocol import (
+    COLUMN_BY_NAME,
+    COLUMNS,
+    FRAME_LENGTH,
+    HEADERS,
+    KINDS,
+    VALUE_FIELDS,
+    ColumnType,
+    Direction,
+    Field,
+    Row,
+    status_of,
+)
+from fte_sniff.protocol.spec import CMD_PLACE
+from fte_sniff.row_batch import Array, Codebook, Packed, PackedRows, SideBySide, pack
+
+_NO_DIRECTION: Final = len(Direction)
+
+
+def _value_type(field: Field) -> pl.DataType:
+    by_form: dict[tuple[bool, int], pl.DataType] = {
+        (False, 1): pl.UInt8(),
+        (True, 2): pl.Int16(),
+        (True, 4): pl.Int32(),
+    }
+    return by_form[field.signed, field.size]
+
+
+def _words_type(words: Sequence[str]) -> pl.Enum:
+    return pl.Enum([str(word) for word in words])
+
+
+_TYPE_OF_NAME: Final[Mapping[str, pl.DataType]] = {
+    "offset": pl.Int64(),
+    "length": pl.UInt32(),
+    "cmd": pl.UInt8(),
+    **{field.name: _value_type(field) for field in VALUE_FIELDS},
+}
+_TYPE: Final[Mapping[ColumnType, Callable[[Sequence[str]], pl.DataType]]] = {
+    ColumnType.TIME: lambda _: pl.Datetime("ns", "UTC"),
+    ColumnType.TEXT: lambda _: pl.String(),
+    ColumnType.WORD: _words_type,
+    ColumnType.WORDS: lambda words: pl.List(_words_type(words)),
+    ColumnType.HEX: lambda _: pl.String(),
+}
+
+TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
+    column.name: _TYPE_OF_NAME.get(column.name) or _TYPE[column.type](column.words)
+    for column in COLUMNS
+}
+"""The polars type of every column of the row contract, in its order."""
+
+
+def table_frame(rows: SideBySide, names: Collection[str] | None = None) -> pl.DataFrame:
+    """The rows as a frame of `TABLE_SCHEMA`.
+
+    Args:
+        rows: the rows.
+        names: only these columns, where not all are needed.
+    """
+    maker = _Maker(rows)
+    wanted = (name for name in COLUMN_BY_NAME if names is None or name in names)
+    return pl.DataFrame([maker.series(name) for name in wanted])
+
+
+def packed_table(
+    packed: Packed,
+    long: Mapping[int, bytes],
+    codebook: Codebook,
+    names: Collection[str] | None = None,
+) -> pl.DataFrame:
+    """The same from packed rows; `long` holds the bytes of long rows by place in `packed`."""
+    return table_frame(PackedRows(packed, long, codebook), names)
+
+
+def rows_table(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
+    """The same from rows that come as objects, of any ports, in any order."""
+    codebook = Codebook()
+    packed, long = pack(rows, codebook)
+    return packed_table(packed, long, codebook, names)
+
+
+def _direction_codes() -> Codes:
+    codes = np.full(256, _NO_DIRECTION, np.uint8)
+    for code, direction in enumerate(Direction):
+        codes[HEADERS[direction]] = code
+    return codes
+
+
+_DIRECTION_CODES: Final = _direction_codes()
+_FIELD_NAMES: Final = frozenset(field.name for field in VALUE_FIELDS)
+_HEX_PAIRS: Final = np.frombuffer(
+    b"".join(f"{byte:02X}".encode() for byte in range(256)), np.uint16
+)
+
+
+class _Maker:
+    """Makes the columns of some rows, each when it is asked for."""
+
+    def __init__(self, rows: SideBySide) -> None:
+        self._rows = rows
+        self._bytes: Array = np.ascontiguousarray(rows.raw)
+        self._kinds: Codes | None = None
+
+    def series(self, name: str) -> pl.Series:
+        """The column of that name."""
+        if name in _FIELD_NAMES:
+            return self._field(name).rename(name)
+        return _MAKERS[name](self).rename(name)
+
+    def _kind_of_row(self) -> Codes:
+        if self._kinds is None:
+            self._kinds = kind_codes(self._bytes, self._rows.framed)
+        return self._kinds
+
+    def _field(self, name: str) -> pl.Series:
+        values, known = field_values(self._bytes, self._kind_of_row(), name)
+        return _known(pl.Series(values), known)
+
+    def _time(self) -> pl.Series:
+        return _known(pl.Series(self._rows.t_ns).cast(TABLE_SCHEMA["time"]), self._rows.timed)
+
+    def _port(self) -> pl.Series:
+        # A device path may hold bytes that are no text; polars takes valid Unicode alone.
+        ports = [port.encode(errors="replace").decode() for port in self._rows.words.ports]
+        return _looked_up(ports, self._rows.port, pl.String())
+
+    def _direction(self) -> pl.Series:
+        codes = _DIRECTION_CODES[self._bytes[:, 0]]
+        codes[~self._rows.framed] = _NO_DIRECTION
+        return _looked_up([*map(str, Direction), None], codes, TABLE_SCHEMA["direction"])
+
+    def _kind(self) -> pl.Series:
+        words = [*(kind.name for kind in KINDS), None]
+        return _looked_up(words, self._kind_of_row(), TABLE_SCHEMA["kind"])
+
+    def _cmd(self) -> pl.Series:
+        return _known(pl.Series(self._bytes[:, CMD_PLACE].copy()), self._rows.framed)
+
+    def _status(self) -> pl.Series:
+        words = [status_of(faults).value for faults in self._rows.words.faults]
+        return _looked_up(words, self._rows.faults, TABLE_SCHEMA["status"])
+
+    def _faults(self) -> pl.Series:
+        words = [[fault.value for fault in faults] for faults in self._rows.words.faults]
+        return _looked_up(words, self._rows.faults, TABLE_SCHEMA["faults"])
+
+    def _raw(self) -> pl.Series:
+        digits = _HEX_PAIRS[self._bytes].view(np.uint8)
+        texts = (
+            pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * FRAME_LENGTH))
+            .cast(pl.List(pl.UInt8()))
+            .cast(pl.Binary())
+            .cast(pl.String())
+        )
+        length = self._rows.length
+        odd = np.flatnonzero(length != FRAME_LENGTH)
+        if not odd.size:
+            return texts
+        return texts.scatter(pl.Series(odd), pl.Series([self._hex(at) for at in odd.tolist()]))
+
+    def _hex(self, at: int) -> str:
+        long = self._rows.long.get(at)
+        raw = self._bytes[at, : self._rows.length[at]].tobytes() if long is None else long
+        return raw.hex().upper()
+
+
+_MAKERS: Final[Mapping[str, Callable[[_Maker], pl.Series]]] = {
+    "time": _Maker._time,
+    "port": _Maker._port,
+    "offset": lambda maker: pl.Series(maker._rows.offset),
+    "length": lambda maker: pl.Series(maker._rows.length),
+    "direction": _Maker._direction,
+    "kind": _Maker._kind,
+    "cmd": _Maker._cmd,
+    "status": _Maker._status,
+    "faults": _Maker._faults,
+    "raw": _Maker._raw,
+}
+
+
+def _known(values: pl.Series, known: Bools) -> pl.Series:
+    """The values, null where they are not known."""
+    if known.all():
+        return values
+    return values.zip_with(pl.Series(known), pl.Series([None], dtype=values.dtype))
+
+
+def _looked_up(words: Sequence[object], codes: Array, dtype: pl.DataType) -> pl.Series:
+    found = pl.Series(words, dtype=dtype)
+    if len(codes) and (codes == codes[0]).all():
+        return found.new_from_index(int(codes[0]), len(codes))
+    return found.gather(pl.Series(codes.astype(np.uint32)))
+
+
+_WIDE: Final[Mapping[ColumnType, pl.DataType]] = {
+    ColumnType.INT: pl.Int64(),
+    ColumnType.WORDS: pl.List(pl.String()),
+}
+
+SCHEMA: Final[Mapping[str, pl.DataType]] = {
+    column.name: _WIDE.get(column.type, TABLE_SCHEMA[column.name]) for column in COLUMNS
+}
+"""The polars type of every column of the row contract, in its order."""
+
+
+def wide(table: pl.DataFrame) -> pl.DataFrame:
+    """The same columns of a frame of `TABLE_SCHEMA`, in the types of `SCHEMA`."""
+    return table.cast({name: SCHEMA[name] for name in table.columns})
+
+
+def row_frame(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
+    """The rows as a frame with the contract's names and types, in the contract's order.
+
+    Args:
+        rows: any rows, of any ports, in any order.
+        names: only these columns, where not all are needed.
+    """
+    return wide(rows_table(rows, names))
+
+
+def packed_frame(
+    packed: Packed,
+    long: Mapping[int, bytes],
+    codebook: Codebook,
+    names: Collection[str] | None = None,
+) -> pl.DataFrame:
+    """The same from packed rows; `long` holds the bytes of long rows by place in `packed`."""
+    return wide(packed_table(packed, long, codebook, names))

@@ -1,0 +1,195 @@
+"""Value fields of a frame: names, types, decode from raw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Direction, Field, FrameKind
+from fte_sniff.protocol.spec import CMD_PLACE, NUM_PLACE
+from fte_sniff.row_batch import FRAMED, TIMED, Packed
+
+Array: TypeAlias = npt.NDArray[Any]
+Bools: TypeAlias = npt.NDArray[np.bool_]
+Codes: TypeAlias = npt.NDArray[np.uint8]
+Ints: TypeAlias = npt.NDArray[np.int64]
+
+NO_KIND: Final = len(KINDS)
+"""The kind code of a row that has no kind."""
+
+
+NO_TIME: Final = -(2**63)
+"""Stands for the time of a row that has none."""
+
+
+def _kind_codes() -> Codes:
+    codes = np.full(1 << 16, NO_KIND, np.uint8)
+    for code, kind in enumerate(KINDS):
+        for cmd in kind.cmds:
+            codes[kind.header | cmd << 8] = code
+    return codes
+
+
+def _field_places() -> dict[str, dict[tuple[int, int, bool], Bools]]:
+    """For every row name: where kinds keep it (start, size, signed), and which kinds those are."""
+    places: dict[str, dict[tuple[int, int, bool], Bools]] = {}
+    for code, kind in enumerate(KINDS):
+        for field in kind.fields:
+            place = (field.start, field.size, field.signed)
+            kinds = places.setdefault(field.name, {}).setdefault(
+                place, np.zeros(len(KINDS) + 1, np.bool_)
+            )
+            kinds[code] = True
+    return places
+
+
+KIND_OF: Final = _kind_codes()
+"""By header and CMD, read as one little-endian number: the kind's place in `KINDS`."""
+
+_FIELD_PLACES: Final = _field_places()
+
+
+def kind_codes(raw: Array, framed: Bools) -> Codes:
+    """The place in `KINDS` of every row's kind, `NO_KIND` where it has none.
+
+    Args:
+        raw: the first ten bytes of every row.
+        framed: which rows are frames.
+    """
+    kinds: Codes = KIND_OF[raw[:, 0] | raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)]
+    kinds[~framed] = NO_KIND
+    return kinds
+
+
+def kinds_of(packed: Packed) -> Codes:
+    """The same of packed rows."""
+    return kind_codes(packed["raw"], (packed["form"] & FRAMED).astype(np.bool_))
+
+
+def timed(packed: Packed) -> Bools:
+    """Which rows have a time."""
+    return (packed["form"] & TIMED).astype(np.bool_)
+
+
+def raised(packed: Packed) -> Bools:
+    """Which rows are frames with a flag byte that tells something else than that all is in order.
+
+    It is `Field.raised` for many rows at once.
+    """
+    raw, kinds = np.ascontiguousarray(packed["raw"]), kinds_of(packed)
+    found: Bools = np.zeros(len(packed), np.bool_)
+    for field in VALUE_FIELDS:
+        if field.defined_bits is not None:
+            values, known = field_values(raw, kinds, field.name)
+            found |= known & (values != field.default)
+    return found
+
+
+def field_values(raw: Array, kinds: Codes, name: str) -> tuple[Array, Bools]:
+    """A field's value in every row, and which rows have it; elsewhere the value means nothing.
+
+    The values are as wide as on the wire.
+    """
+    (place, having), *others = _FIELD_PLACES[name].items()
+    values, known = read_place(raw, *place), having[kinds]
+    for place, having in others:
+        here = having[kinds]
+        np.copyto(values, read_place(raw, *place), where=here)
+        known |= here
+    return values, known
+
+
+def read_place(raw: Array, start: int, size: int, signed: bool) -> Array:
+    """One field in every row; fields are big-endian (PROTOCOL.md, "Framing")."""
+    wire = np.dtype(f">{'i' if signed else 'u'}{size}")
+    if not len(raw):
+        return np.empty(0, wire.newbyteorder("="))
+    found: Array = np.ndarray((len(raw),), wire, np.ascontiguousarray(raw), start, (FRAME_LENGTH,))
+    return found.astype(wire.newbyteorder("="))
+
+
+class Decoded:
+    """Some packed rows, taken apart."""
+
+    def __init__(self, packed: Packed) -> None:
+        self.packed = packed
+        self.raw: npt.NDArray[np.uint8] = np.ascontiguousarray(packed["raw"])
+        """The first ten bytes of every row."""
+        self.kinds = kinds_of(packed)
+        """The place in `KINDS` of every row's kind, `NO_KIND` where it has none."""
+        self.has_time = timed(packed)
+        self.t_ns: Ints = np.where(self.has_time, packed["t_ns"], NO_TIME)
+        """Nanoseconds since 1970 UTC, or `NO_TIME`."""
+        self.cmds = np.ascontiguousarray(self.raw[:, CMD_PLACE])
+        self.nums = np.ascontiguousarray(self.raw[:, NUM_PLACE])
+
+    def __len__(self) -> int:
+        return len(self.packed)
+
+    def value(self, name: str, place: int) -> int:
+        """One field of the row at that place, which has it."""
+        return int(self.values(name, np.array([place]))[0])
+
+    def values(self, name: str, places: Ints) -> Ints:
+        """One field of the rows at those places, which all have it."""
+        values, _ = field_values(self.raw[places], self.kinds[places], name)
+        return values.astype(np.int64)
+
+
+def subject(kind: FrameKind) -> str | None:
+    """The row name of what a frame of this kind is about: its last number that has a unit.
+
+    It is the one that tells a speed from a position; None where the kind has no such number.
+    """
+    numbers = [field.name for field in kind.fields if field.unit]
+    return numbers[-1] if numbers else None
+
+
+FEEDBACK = "fb"
+"""What stands for the word feedback where a kind's name does not fit."""
+
+
+VALUE_FORMS = 4
+"""How many forms `value_heads` has."""
+
+
+def short_feedback(kind: FrameKind, width: int) -> str | None:
+    """A feedback kind's name in at most `width` cells, short; None of a command."""
+    if kind.direction is not Direction.FEEDBACK:
+        return None
+    stem = kind.name.removesuffix(f"_{Direction.FEEDBACK}")
+    return f"{stem[: max(0, width - len(FEEDBACK) - 1)]} {FEEDBACK}"[: max(0, width)]
+
+
+@cache
+def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
+    """What stands before the value of each of a kind's fields, each form shorter than the last."""
+    fields = kind.fields
+    short = _shortest([field.option for field in fields])
+    return (
+        tuple(f"{field.option}=" for field in fields),
+        tuple(_letter(field) or f"{field.option}=" for field in fields),
+        tuple(_letter(field) or f"{short[field.option]}=" for field in fields),
+        tuple(_letter(field) for field in fields),
+    )
+
+
+def _letter(field: Field) -> str:
+    """The first letter of the name of what has no unit."""
+    return "" if field.unit else field.option[0].upper()
+
+
+def _shortest(names: Sequence[str]) -> dict[str, str]:
+    """Of each name so much that no other begins alike."""
+    return {
+        name: next(
+            name[:size]
+            for size in range(1, len(name) + 1)
+            if size == len(name) or sum(other.startswith(name[:size]) for other in names) == 1
+        )
+        for name in names
+    }

@@ -1,0 +1,100 @@
+"""Search texts with polars."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from fte_sniff.analysis.dataframe import packed_frame
+from fte_sniff.analysis.fields import VALUE_FORMS, short_feedback, value_heads
+from fte_sniff.protocol import KINDS, Field, FrameKind
+from fte_sniff.row_batch import Codebook, Packed
+
+_HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
+
+
+def tell(
+    text: str,
+    columns: Collection[str],
+    packed: Packed,
+    long: Mapping[int, bytes],
+    codebook: Codebook,
+) -> npt.NDArray[np.bool_]:
+    """For every packed row whether it tells the text in these columns, or in any.
+
+    Bytes of long rows stand in `long` by place in `packed`.
+    """
+    found = np.zeros(len(packed), np.bool_)
+    for part in _PARTS:
+        if found.all():
+            break
+        if part.signs.issuperset(text) and (part.column is None or part.column in columns):
+            frame = packed_frame(packed, long, codebook, part.names)
+            has = part.text.str.contains(text, literal=True).fill_null(False)
+            found |= frame.select(has=has)["has"].to_numpy()
+    return found
+
+
+def _said(kind: FrameKind, form: int) -> pl.Expr:
+    """A kind with its values as the screen tells them, in the form of that place."""
+    heads = value_heads(kind)[form]
+    short = None if form == 0 else short_feedback(kind, len(kind.name))
+    values = [_value(field, head) for field, head in zip(kind.fields, heads, strict=True)]
+    return pl.concat_str([pl.lit(short or kind.name), *values])
+
+
+def _value(field: Field, head: str) -> pl.Expr:
+    value = pl.col(field.name)
+    if field.defined_bits is None:
+        return pl.format(f" {head.lower()}{{}}", value)
+    digits = value.replace_strict(list(range(256)), _HEX_WORDS, return_dtype=pl.String())
+    told = pl.format(f" {head.lower()}{{}}", digits)
+    return pl.when(value == field.default).then(pl.lit("")).otherwise(told)
+
+
+def _values(form: int) -> pl.Expr:
+    said: pl.Expr = pl.lit(None, pl.String)
+    for kind in KINDS:
+        said = pl.when(pl.col("kind") == kind.name).then(_said(kind, form)).otherwise(said)
+    return said
+
+
+def _field_names() -> Iterator[str]:
+    for kind in KINDS:
+        yield from (field.name for field in kind.fields)
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Something that is told of every row."""
+
+    column: str | None
+    """The only one that tells it; None where several do."""
+    names: frozenset[str]
+    """What it is told from."""
+    signs: frozenset[str]
+    """The characters it can have; a text with another is not in it."""
+    text: pl.Expr
+
+
+_DIGITS: Final = frozenset("0123456789")
+_WORD_SIGNS: Final = _DIGITS | frozenset("abcdefghijklmnopqrstuvwxyz_=- ")
+_PARTS: Final = (
+    *(
+        _Part(None, frozenset({"kind", *_field_names()}), _WORD_SIGNS, _values(form))
+        for form in range(VALUE_FORMS)
+    ),
+    _Part(
+        "time",
+        frozenset({"time"}),
+        _DIGITS | frozenset(":."),
+        pl.col("time").dt.strftime("%H:%M:%S.%f"),
+    ),
+    _Part("offset", frozenset({"offset"}), _DIGITS, pl.col("offset").cast(pl.String())),
+)
+"""What is told of a row, but for its port and faults, which many rows share."""

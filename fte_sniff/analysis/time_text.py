@@ -1,0 +1,124 @@
+"""Parse times and durations that a user types.
+
+2026-01-31T12:00:05.25Z      a time, UTC or with a zone as +08:00
+2026-01-31 12:00, 2026-01-31 the same in fewer words: a date alone is its midnight
+12:00:05.25, 12:00+08:00     a time of day, UTC or with a zone
+10s, 1m30s, 250ms, 1.5h      a length of time: h, m or min, s, ms, us, ns
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from decimal import Decimal
+from typing import Final
+
+SECOND_NS: Final = 1_000_000_000
+DAY_NS: Final = 86_400 * SECOND_NS
+
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_ISO: Final = re.compile(
+    r"([0-9]{4}-[0-9]{2}-[0-9]{2})"
+    r"(?:[T ]([0-9]{2}:[0-9]{2}(?::[0-9]{2})?)(?:\.([0-9]{1,9}))?\ ?(Z|[+-][0-9]{2}:?[0-9]{2})?)?"
+)
+_CLOCK: Final = re.compile(
+    r"([0-9]{1,2}:[0-9]{2})(?:(:[0-9]{2})(?:\.([0-9]{1,9}))?)?\ ?(Z|[+-][0-9]{2}:?[0-9]{2})?"
+)
+_UNITS: Final = {
+    "ms": SECOND_NS // 1000,
+    "us": 1000,
+    "ns": 1,
+    "h": 3600 * SECOND_NS,
+    "min": 60 * SECOND_NS,
+    "m": 60 * SECOND_NS,
+    "s": SECOND_NS,
+}
+_PART: Final = rf"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)({'|'.join(_UNITS)})"
+_PARTS: Final = re.compile(_PART, re.IGNORECASE)
+_LENGTH: Final = re.compile(f"(?:{_PART})+", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class ClockTime:
+    """A time of day, of whatever day."""
+
+    of_day: time
+    """To the second, with its zone where one was written."""
+    fraction_ns: int = 0
+    """What comes on top, 0 to 999,999,999 ns."""
+
+    @property
+    def since_midnight_ns(self) -> int:
+        """Nanoseconds since midnight UTC, on every day the same; without a zone it is UTC."""
+        return self.on_day_of(0, UTC) % DAY_NS
+
+    def on_day_of(self, t_ns: int, zone: tzinfo) -> int:
+        """That time on the day on which `t_ns` is in its zone, nanoseconds since 1970 UTC.
+
+        Args:
+            t_ns: a time on the day, nanoseconds since 1970 UTC.
+            zone: the zone, where none was written.
+        """
+        return self._on(_date_of(t_ns, self.of_day.tzinfo or zone), zone)
+
+    def on_day_after(self, t_ns: int, zone: tzinfo) -> int:
+        """The same on the day after."""
+        return self._on(_date_of(t_ns, self.of_day.tzinfo or zone) + timedelta(days=1), zone)
+
+    def _on(self, day: date, zone: tzinfo) -> int:
+        moment = datetime.combine(day, self.of_day, self.of_day.tzinfo or zone)
+        return _ns_of(moment) + self.fraction_ns
+
+
+def time_ns(text: str, zone: tzinfo = UTC) -> int | None:
+    """A time with its date as nanoseconds since 1970 UTC; None where the text is none.
+
+    Up to nine digits of a second are read.
+
+    Args:
+        text: what somebody wrote.
+        zone: the zone, where none was written.
+    """
+    match = _ISO.fullmatch(text.strip())
+    if match is None:
+        return None
+    day, clock, fraction, own_zone = match.groups()
+    try:
+        moment = datetime.fromisoformat(f"{day}T{clock or '00:00'}{own_zone or ''}")
+    except ValueError:
+        return None
+    return _ns_of(moment if own_zone else moment.replace(tzinfo=zone)) + _fraction_ns(fraction)
+
+
+def clock_time(text: str) -> ClockTime | None:
+    """A time of day; None where the text is none."""
+    match = _CLOCK.fullmatch(text.strip())
+    if match is None:
+        return None
+    minutes, seconds, fraction, zone = match.groups()
+    try:
+        found = time.fromisoformat(f"{minutes:0>5}{seconds or ''}{zone or ''}")
+    except ValueError:
+        return None
+    return ClockTime(found, _fraction_ns(fraction))
+
+
+def length_ns(text: str) -> int | None:
+    """A length of time in nanoseconds; None where the text is none."""
+    if not _LENGTH.fullmatch(text):
+        return None
+    parts = _PARTS.findall(text)
+    return sum(int(Decimal(number) * _UNITS[unit.lower()]) for number, unit in parts)
+
+
+def _date_of(t_ns: int, zone: tzinfo) -> date:
+    return (_EPOCH + timedelta(seconds=t_ns // SECOND_NS)).astimezone(zone).date()
+
+
+def _ns_of(moment: datetime) -> int:
+    return (moment - _EPOCH) // timedelta(seconds=1) * SECOND_NS
+
+
+def _fraction_ns(digits: str | None) -> int:
+    return int((digits or "0").ljust(9, "0"))
