@@ -21,7 +21,7 @@ from pathlib import Path
 from benchmarks.live_program import LiveProgram, Taken, taken
 from benchmarks.paced_line import PacedLine
 from fte_sniff.protocol import FRAME_LENGTH, PortEvent
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.reader import RecordingReader
 
 BAUDS = (115_200, 921_600, 3_000_000)
 KINDS = ("position", "position_feedback")

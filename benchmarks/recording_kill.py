@@ -29,10 +29,10 @@ from pathlib import Path
 from mcap.reader import make_reader
 
 from benchmarks.recorded_rows import PORTS, rows_a_second, rows_of
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.keeping import DEFAULT_MOST_INDEX, Keeping
-from fte_sniff.recording.writing.recorder import Recorder
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.recorder import Recorder
+from fte_sniff.recording.retention import DEFAULT_MOST_INDEX, Keeping
 
 _PACE_S = 0.02
 _LONGEST_S = 5.0

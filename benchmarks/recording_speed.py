@@ -31,11 +31,11 @@ from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.statistics import Bench
 from fte_sniff.analysis.summary import Survey
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
-from fte_sniff.recording.container.record_stream import RecordStream
-from fte_sniff.recording.container.unpacking import unpack
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.bulk_writer import write_recording
+from fte_sniff.recording.bulk_writer import write_recording
+from fte_sniff.recording.mcap.reader import RecordStream
+from fte_sniff.recording.mcap.records import unpack
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import RowColumns, Words, packed_rows
 
 RUST = Path(__file__).parent / "rust_reader"

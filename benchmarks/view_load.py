@@ -21,8 +21,8 @@ from pathlib import Path
 
 from benchmarks.recording_speed import PORTS, batches
 from benchmarks.screen_speed import Terminal
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.bulk_writer import write_recording
+from fte_sniff.recording.bulk_writer import write_recording
+from fte_sniff.recording.reader import RecordingReader
 
 FEW = 1_000
 _ROW = re.compile(rb"[0-9]{2}:[0-9]{2}:[0-9]{2}\.[0-9]{3}")

@@ -29,9 +29,9 @@ from fte_sniff.protocol import (
     record,
     spaced_hex,
 )
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.writer import Existing, RecordingWriter
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import Existing, RecordingWriter
 
 FOLDER = Path(__file__).parent
 START_NS = 1_769_860_800_000_000_000  # 2026-01-31T12:00:00Z

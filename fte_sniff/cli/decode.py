@@ -22,7 +22,7 @@ from fte_sniff.cli.streams.telling import tell
 from fte_sniff.formats.writers import OutputFormat, row_writer
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.writing.bulk_writer import Note
+    from fte_sniff.recording.bulk_writer import Note
 
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -125,10 +125,8 @@ def _named(output: Path | None) -> str:
 
 
 def _record(output: Path | None, reading: Reading, *, force: bool) -> None:
-    from fte_sniff.recording.encoding.facts import OF_A_PART
-    from fte_sniff.recording.encoding.selection import SELECTION_NAME
-    from fte_sniff.recording.encoding.stretches import LEFT_OUT_NAME
-    from fte_sniff.recording.writing.bulk_writer import write_recording
+    from fte_sniff.recording.bulk_writer import write_recording
+    from fte_sniff.recording.metadata import LEFT_OUT_NAME, OF_A_PART, SELECTION_NAME
     from fte_sniff.row_batch import Words
 
     words = Words()

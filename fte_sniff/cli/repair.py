@@ -15,7 +15,7 @@ from fte_sniff.cli.streams.telling import tell
 from fte_sniff.errors import FileError, UsageError
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.mending.repair import Damage
+    from fte_sniff.recording.repair import Damage
 
 _MOST_LOSSES = 20
 
@@ -39,8 +39,8 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     fte-sniff repair cut.mcap
     fte-sniff repair cut.mcap -o mended.mcap
     """
-    from fte_sniff.recording.mending.repair import is_whole, repair
-    from fte_sniff.recording.writing.place import Existing
+    from fte_sniff.recording.output_file import Existing
+    from fte_sniff.recording.repair import is_whole, repair
 
     if not file.name:
         raise FileError(f"{file} is a directory; name a recording in it")

@@ -25,7 +25,7 @@ from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.summary import Survey
-    from fte_sniff.recording.encoding.selection import Selection
+    from fte_sniff.recording.metadata import Selection
 
 
 class Form(StrEnum):

@@ -14,7 +14,7 @@ import pytest
 import serial
 
 from fte_sniff.protocol import byte_time_ns
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.reader import RecordingReader
 from tests.cli.processes import (
     BOUND_S,
     Process,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.reader import RecordingReader
 from tests.cli.processes import BOUND_S, PROGRAM, ended, started, until, until_told
 
 SIM = "sim://?seed=1&rate=500"

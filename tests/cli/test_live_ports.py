@@ -16,7 +16,7 @@ from time import monotonic
 import pytest
 
 from fte_sniff.protocol import PortEventKind
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.reader import RecordingReader
 from tests.cli.processes import (
     BOUND_S,
     FRAME,

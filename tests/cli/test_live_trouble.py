@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.protocol import PortEventKind
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.capturing.outbox import MOST_WAITING
 from tests.cli.processes import (
     ended,

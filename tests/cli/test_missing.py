@@ -15,12 +15,11 @@ from fte_sniff.analysis.statistics import Bench
 from fte_sniff.cli.inputs.one_input import RecordingInput
 from fte_sniff.cli.inputs.viewing import Viewing
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode, iso_time
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.encoding.stretches import Stretch
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.keeping import Keeping, Surroundings
-from fte_sniff.recording.writing.recorder import Recorder
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.metadata import PortFacts, Stretch
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.recorder import Recorder
+from fte_sniff.recording.retention import Keeping, Surroundings
+from fte_sniff.recording.writer import RecordingWriter
 
 START, STEP = 1_770_000_000_000_000_000, 10_000_000
 CHUNK = 6

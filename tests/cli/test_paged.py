@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fte_sniff.protocol import KIND_BY_NAME, encode
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.writing.bulk_writer import write_recording
+from fte_sniff.recording.bulk_writer import write_recording
+from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import RowColumns, Words
 from tests.cli.terminals import terminal
 

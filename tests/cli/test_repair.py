@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.reader import RecordingReader
 
 
 def test_a_whole_file_is_left_alone(run, tmp_path: Path, samples: Path) -> None:

@@ -17,10 +17,10 @@ from rich.cells import cell_len
 
 import fte_sniff
 from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time_ns, encode
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.writing.bulk_writer import write_recording
-from fte_sniff.recording.writing.keeping import Keeping, Surroundings
-from fte_sniff.recording.writing.recorder import Recorder
+from fte_sniff.recording.bulk_writer import write_recording
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.recorder import Recorder
+from fte_sniff.recording.retention import Keeping, Surroundings
 from fte_sniff.row_batch import RowColumns, Words
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started

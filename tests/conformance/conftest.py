@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.writer import RecordingWriter
 from tests.conformance.python_readers import mcap_lines, rerun_lines
 from tests.recording.conftest import START, some_rows
 

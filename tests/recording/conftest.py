@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.writer import RecordingWriter
 
 START = 1_770_000_000_000_000_000
 STEP = 868_000

@@ -17,9 +17,9 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import RecordingWriter
 
 PORTS = ("/dev/ttyUSB0", "loop://", "串口 \x1b[31m[bold]")
 times = st.integers(0, 2**63 - 1) | st.integers(1000, 1020)

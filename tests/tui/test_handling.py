@@ -13,8 +13,8 @@ from textual.pilot import Pilot
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.protocol import Damage, Fault, Row
-from fte_sniff.recording.encoding.stretches import Stretch
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.metadata import Stretch
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.saving.origin import Origin
 from fte_sniff.session.saving.save import Saving
 from fte_sniff.tui.app import SniffApp

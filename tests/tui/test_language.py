@@ -35,8 +35,8 @@ from fte_sniff.errors import (
 )
 from fte_sniff.protocol import LineErrorCounts, PortEvent, PortEventKind
 from fte_sniff.protocol.dissect import dissect, explain
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.refusals import bound_reached, stopped, taken_away
+from fte_sniff.recording.output_file import bound_reached, stopped, taken_away
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.fitting import wrap
 from fte_sniff.tui.help import help_text

@@ -40,7 +40,7 @@ def plan_of(
         UsageError: options contradict each other, or `output` is to hold something else.
         FilterError: the trigger is none.
     """
-    from fte_sniff.recording.writing.place import Existing
+    from fte_sniff.recording.output_file import Existing
     from fte_sniff.session.capturing.plan import CapturePlan
 
     if no_record and output is not None:

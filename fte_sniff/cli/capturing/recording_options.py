@@ -18,7 +18,7 @@ from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.writing.keeping import Keeping, OnFull
+    from fte_sniff.recording.retention import Keeping, OnFull
 
 _BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
@@ -149,7 +149,7 @@ def check_recording(output: Path | None) -> None:
     Raises:
         UsageError: it does.
     """
-    from fte_sniff.recording.writing.outlet import is_outlet
+    from fte_sniff.recording.output_file import is_outlet
 
     if output is None or is_outlet(output):
         return
@@ -178,12 +178,7 @@ def keeping_of(
     Raises:
         UsageError: they contradict each other.
     """
-    from fte_sniff.recording.writing.keeping import (
-        DEFAULT_MOST_INDEX,
-        Keeping,
-        OnFull,
-        Surroundings,
-    )
+    from fte_sniff.recording.retention import DEFAULT_MOST_INDEX, Keeping, OnFull, Surroundings
 
     if trigger is None and (before is not None or after is not None):
         raise UsageError("--before and --after surround a trigger; say which with --trigger")
@@ -215,8 +210,8 @@ def _check_sizes(rotate: int | float | Rotate | None, max_size: int | None) -> N
 
 def _check_sequence(output: Path | None, rotate: int | float | Rotate | None, full: OnFull) -> None:
     """Refuse more than one file where there can be only one."""
-    from fte_sniff.recording.writing.keeping import OnFull
-    from fte_sniff.recording.writing.outlet import is_outlet
+    from fte_sniff.recording.output_file import is_outlet
+    from fte_sniff.recording.retention import OnFull
 
     rotates_oldest = full is OnFull.ROTATE_OLDEST
     if rotate is Rotate.NONE and rotates_oldest:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from fte_sniff.analysis.counters import Tally
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.recording.reading.span import Span
+    from fte_sniff.recording.passages import Span
     from fte_sniff.row_batch import RowColumns, Words
 
 

@@ -5,7 +5,7 @@ It must not know how that is found out, nor what is made of it.
 
 from __future__ import annotations
 
-from fte_sniff.recording.encoding.stretches import Stretch
+from fte_sniff.recording.metadata import Stretch
 
 DAMAGED = "the recording was damaged here"
 ANOTHER = "another recording begins here"

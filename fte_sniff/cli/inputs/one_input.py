@@ -22,11 +22,9 @@ from fte_sniff.protocol import Chunk, PortEventKind, iso_time
 from fte_sniff.protocol.framer.segments import Decided
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.encoding.facts import PortFacts
-    from fte_sniff.recording.encoding.selection import Selection
-    from fte_sniff.recording.encoding.stretches import Stretch
-    from fte_sniff.recording.reading.reader import RecordingReader
-    from fte_sniff.recording.reading.span import Span
+    from fte_sniff.recording.metadata import PortFacts, Selection, Stretch
+    from fte_sniff.recording.passages import Span
+    from fte_sniff.recording.reader import RecordingReader
 
 STDIN_NAME = "stdin"
 """The port of rows that came through standard input."""
@@ -121,7 +119,7 @@ class RecordingInput:
     @property
     def times(self) -> tuple[int, int] | None:
         """First and last time of its rows, for which some of it is read."""
-        from fte_sniff.recording.reading.row_times import row_times
+        from fte_sniff.recording.reader import row_times
 
         return row_times(self.reader)
 
@@ -138,7 +136,7 @@ class RecordingInput:
     @property
     def facts(self) -> Mapping[str, str]:
         """What the file says about itself, but not who wrote it."""
-        from fte_sniff.recording.encoding.facts import PROGRAM
+        from fte_sniff.recording.metadata import PROGRAM
 
         told = self.reader.metadata.get(PROGRAM, {})
         own = ("library", "port.")
@@ -154,7 +152,7 @@ class RecordingInput:
 
         The other has to be read by now.
         """
-        from fte_sniff.recording.encoding.facts import is_next_part
+        from fte_sniff.recording.metadata import is_next_part
 
         if not isinstance(before, RecordingInput):
             return False
@@ -174,7 +172,7 @@ class RecordingInput:
 
     def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
         """Its rows, many thousands side by side; see `Input`."""
-        from fte_sniff.recording.reading.span import EVERYTHING
+        from fte_sniff.recording.passages import EVERYTHING
 
         troubles: Counter[PortEventKind] = Counter()
         some = False
@@ -218,7 +216,7 @@ class LogInput:
     @property
     def ports(self) -> Sequence[PortFacts]:
         """A log names none but itself."""
-        from fte_sniff.recording.encoding.facts import PortFacts
+        from fte_sniff.recording.metadata import PortFacts
 
         return [PortFacts(self.name)]
 

@@ -149,7 +149,7 @@ def opened(files: Sequence[Path], how: HowToRead) -> list[Input]:
     recordings = [one for one in inputs if isinstance(one, RecordingInput)]
     if len(recordings) < len(inputs):
         return inputs
-    from fte_sniff.recording.reading.files import start_of
+    from fte_sniff.recording.reader import start_of
 
     recordings.sort(key=lambda one: start_of(one.reader))
     return [*recordings]
@@ -163,7 +163,7 @@ def meant(named: Path) -> list[Path]:
     """
     if named == STDIN or named.is_file():
         return [named]
-    from fte_sniff.recording.reading.files import files_of
+    from fte_sniff.recording.reader import files_of
 
     return list(files_of(named))
 
@@ -175,7 +175,7 @@ def _opened(path: Path, how: HowToRead) -> Input:
         return _stdin(how)
     chosen = how.kind or kind_of_file(path)
     if chosen is InputKind.MCAP:
-        from fte_sniff.recording.reading.reader import RecordingReader
+        from fte_sniff.recording.reader import RecordingReader
 
         return RecordingInput(RecordingReader(path))
     if chosen is InputKind.RAW:
@@ -186,7 +186,7 @@ def _opened(path: Path, how: HowToRead) -> Input:
 def _topic(path: Path, topic: str) -> Input:
     if path == STDIN or kind_of_file(path) is not InputKind.MCAP:
         raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
-    from fte_sniff.recording.reading.topic import topic_chunks
+    from fte_sniff.recording.foreign_topic import topic_chunks
 
     return LogInput(topic_chunks(path, topic), topic)
 
@@ -195,7 +195,7 @@ def _stdin(how: HowToRead) -> Input:
     stream = BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
     chosen = how.kind or kind_of_content(stream.peek(1))
     if chosen is InputKind.MCAP:
-        from fte_sniff.recording.reading.reader import RecordingReader
+        from fte_sniff.recording.reader import RecordingReader
 
         file = NamedTemporaryFile(prefix="fte-sniff-stdin-", suffix=".mcap")  # noqa: SIM115
         shutil.copyfileobj(stream, file)

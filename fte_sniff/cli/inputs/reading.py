@@ -14,9 +14,8 @@ from fte_sniff.cli.inputs.one_input import Input
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.recording.encoding.selection import Selection
-    from fte_sniff.recording.encoding.stretches import Stretch
-    from fte_sniff.recording.reading.span import Span
+    from fte_sniff.recording.metadata import Selection, Stretch
+    from fte_sniff.recording.passages import Span
 
 
 class Reading:
@@ -74,7 +73,7 @@ class Reading:
     @property
     def selections(self) -> list[Selection]:
         """The filters that chose the rows, those before them included."""
-        from fte_sniff.recording.encoding.selection import Selection
+        from fte_sniff.recording.metadata import Selection
 
         found = [selection for one in self.inputs for selection in one.selections()]
         if self._wanted is not None:

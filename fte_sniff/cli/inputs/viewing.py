@@ -12,8 +12,8 @@ from fte_sniff.cli.inputs.batches import Batch
 from fte_sniff.cli.inputs.holes import ANOTHER, DAMAGED, Holes
 from fte_sniff.cli.inputs.one_input import Input
 from fte_sniff.cli.inputs.packed_batches import ColumnBatch
-from fte_sniff.recording.encoding.stretches import Stretch
-from fte_sniff.recording.reading.span import Span
+from fte_sniff.recording.metadata import Stretch
+from fte_sniff.recording.passages import Span
 from fte_sniff.session.files.pages import RecordedPages
 from fte_sniff.session.files.replay import Read
 from fte_sniff.session.saving.origin import Origin

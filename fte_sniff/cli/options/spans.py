@@ -25,7 +25,7 @@ from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
 from fte_sniff.protocol import iso_time
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.reading.span import Span
+    from fte_sniff.recording.passages import Span
 
 _HELP = (
     "as 2026-01-31T12:00:05Z, 12:00:05, 20:00:05+08:00, +10s (from the first row) "
@@ -67,7 +67,7 @@ def span_of(
     """
     if since is None and until is None:
         return None
-    from fte_sniff.recording.reading.span import Span
+    from fte_sniff.recording.passages import Span
 
     zone = zone or UTC
     bounds = cache(lambda: _bounds(times))

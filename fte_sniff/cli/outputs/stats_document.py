@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.motor_stats import AnswerNumbers, FlagNumbers, Seen
     from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
     from fte_sniff.analysis.summary import Survey
-    from fte_sniff.recording.encoding.selection import Selection
-    from fte_sniff.recording.encoding.stretches import Stretch
+    from fte_sniff.recording.metadata import Selection, Stretch
 
 VERSION = 1
 """Of the object; a reader that knows it can read every object with the same."""

@@ -13,7 +13,7 @@ from fte_sniff.protocol import Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Tally
-    from fte_sniff.recording.encoding.stretches import Stretch
+    from fte_sniff.recording.metadata import Stretch
 
 
 ENOUGH_ROWS = 5

@@ -11,7 +11,7 @@ from typing import Final, TypeAlias
 
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.writing.recorder import Change, Outcome
+from fte_sniff.recording.recorder import Change, Outcome
 
 STOP: Final = "stop"
 """End the capture, and close its file."""

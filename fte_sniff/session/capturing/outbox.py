@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.writing.recorder import Change
+from fte_sniff.recording.recorder import Change
 from fte_sniff.session.capturing.messages import Batch, Ended, Message
 
 MOST_WAITING = 65_536

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from fte_sniff.capture.sources.items import Wiring
-from fte_sniff.recording.writing.keeping import Keeping
-from fte_sniff.recording.writing.place import Existing
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.retention import Keeping
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,8 @@ from fte_sniff.capture.bridge.source import BridgeSource
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.sources.items import Source
 from fte_sniff.errors import FteSniffError
-from fte_sniff.recording.encoding.facts import PROGRAM, PortFacts, host_facts
-from fte_sniff.recording.writing.recorder import Recorder
+from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
+from fte_sniff.recording.recorder import Recorder
 from fte_sniff.session.capturing.messages import DROP, STOP, Ended, Message, Started
 from fte_sniff.session.capturing.outbox import Outbox
 from fte_sniff.session.capturing.plan import CapturePlan

@@ -15,7 +15,7 @@ from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.sources.items import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError, Said
 from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row
-from fte_sniff.recording.writing.recorder import Recorder
+from fte_sniff.recording.recorder import Recorder
 from fte_sniff.session.capturing.messages import Ended
 from fte_sniff.session.capturing.ordering import Entry, Ordering
 from fte_sniff.session.capturing.outbox import Outbox

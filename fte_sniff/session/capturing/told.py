@@ -12,7 +12,7 @@ from pathlib import Path
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import FteSniffError, Said
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.recording.writing.recorder import Change, Outcome
+from fte_sniff.recording.recorder import Change, Outcome
 from fte_sniff.session.capturing.messages import Batch, Ended, Message, Started
 
 

@@ -16,9 +16,8 @@ from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import RecordingWarning, shown
-from fte_sniff.recording.reading.files import recordings_in, start_of
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.reading.span import Span
+from fte_sniff.recording.passages import Span
+from fte_sniff.recording.reader import RecordingReader, recordings_in, start_of
 from fte_sniff.row_batch import RowColumns, Words
 from fte_sniff.session.files.earliest import earliest_ns
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from fte_sniff.recording.encoding.selection import Selection
-from fte_sniff.recording.encoding.stretches import Stretch
+from fte_sniff.recording.metadata import Selection, Stretch
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,9 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.encoding.selection import SELECTION_NAME
-from fte_sniff.recording.encoding.stretches import LEFT_OUT_NAME
-from fte_sniff.recording.writing.place import Existing
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.metadata import LEFT_OUT_NAME, SELECTION_NAME, PortFacts
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.saving.origin import Origin
 
 

@@ -18,7 +18,7 @@ from fte_sniff.analysis.search import select_rows
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
-from fte_sniff.recording.encoding.selection import Selection
+from fte_sniff.recording.metadata import Selection
 from fte_sniff.session.saving.origin import Origin
 from fte_sniff.session.saving.save import Saving, Target
 from fte_sniff.tui.actions.parts import Parts

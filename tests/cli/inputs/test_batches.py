@@ -18,7 +18,7 @@ from fte_sniff.errors import FileError
 from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
-from fte_sniff.recording.reading.span import Span
+from fte_sniff.recording.passages import Span
 from fte_sniff.row_batch import Codebook, PackedRows, RowColumns, Words, pack
 
 PORTS = [

@@ -14,7 +14,7 @@ from fte_sniff.cli.inputs.log_batches import FEW, log_batches
 from fte_sniff.cli.inputs.one_input import LogInput
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.protocol import Chunk, Framer, Row
-from fte_sniff.recording.reading.span import Span
+from fte_sniff.recording.passages import Span
 from tests.protocol.streams import raw_bytes
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")

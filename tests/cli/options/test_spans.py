@@ -9,10 +9,9 @@ import pytest
 from fte_sniff.cli.options.spans import span_of
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, iso_time
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.reading.row_times import row_times
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader, row_times
+from fte_sniff.recording.writer import RecordingWriter
 
 SECOND = 10**9
 FIRST = 1_769_860_800 * SECOND + 500_000_000

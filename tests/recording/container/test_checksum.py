@@ -5,7 +5,7 @@ from zlib import crc32
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.recording.container.checksum import RunningChecksum
+from fte_sniff.recording.mcap.records import RunningChecksum
 
 
 @given(st.lists(st.sampled_from([0, 1, 9, 60_000, 64 * 1024, 70_000]), max_size=30), st.data())

@@ -15,9 +15,9 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
 from fte_sniff.protocol import Row
-from fte_sniff.recording.container import mcap_file
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.mcap import writer as mcap_file
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.writer import RecordingWriter
 
 Rows = Callable[..., list[Row]]
 PORT = PortFacts("/dev/ttyUSB0", 115_200)

@@ -8,10 +8,9 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
-from fte_sniff.recording.encoding.batch import Packer
-from fte_sniff.recording.encoding.messages import encode_event, encode_row
-from fte_sniff.recording.encoding.model import MESSAGE, MESSAGE_HEAD
-from fte_sniff.recording.encoding.topics import EVENTS, Topic, topic_of
+from fte_sniff.recording.messages.codec import encode_event, encode_row
+from fte_sniff.recording.messages.packer import MESSAGE, MESSAGE_HEAD, Packer
+from fte_sniff.recording.messages.schema import EVENTS, Topic, topic_of
 from tests.examples import examples
 from tests.recording.test_round_trip import damage, events, frames
 

@@ -3,10 +3,8 @@
 import pytest
 
 from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
-from fte_sniff.recording.encoding.message_reader import MessageReader
-from fte_sniff.recording.encoding.messages import encode_row
-from fte_sniff.recording.encoding.schema import schema_data, schema_name
-from fte_sniff.recording.encoding.topics import topic_of
+from fte_sniff.recording.messages.codec import MessageReader, encode_row
+from fte_sniff.recording.messages.schema import schema_data, schema_name, topic_of
 
 RAW = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 77})
 ROW = Frame("p", 10, RAW, 1_000, (), 5)

@@ -9,10 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, Fault, Frame, FrameKind, encode
-from fte_sniff.recording.encoding.message_reader import MessageReader
-from fte_sniff.recording.encoding.messages import _encode_by_protobuf, encode_row
-from fte_sniff.recording.encoding.schema import schema_data, schema_name
-from fte_sniff.recording.encoding.topics import MALFORMED, topic_of
+from fte_sniff.recording.messages.codec import MessageReader, _encode_by_protobuf, encode_row
+from fte_sniff.recording.messages.schema import MALFORMED, schema_data, schema_name, topic_of
 
 
 @st.composite

@@ -5,9 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import KINDS, Field, Frame, FrameKind, Row, encode
-from fte_sniff.recording.encoding.messages import encode_row
-from fte_sniff.recording.encoding.schema import message_class, schema_data, schema_name
-from fte_sniff.recording.encoding.topics import TOPICS, Topic, topic_of
+from fte_sniff.recording.messages.codec import encode_row
+from fte_sniff.recording.messages.schema import (
+    TOPICS,
+    Topic,
+    message_class,
+    schema_data,
+    schema_name,
+    topic_of,
+)
 
 ROW = ("offset", "read_delay_ns", "raw", "status", "faults", "time_ns", "kind", "order_uncertain")
 FIELDS = {

@@ -1,5 +1,5 @@
 from fte_sniff.protocol import KINDS, MOTORS, Damage, Fault, Frame, encode
-from fte_sniff.recording.encoding.topics import TOPICS, topic_of
+from fte_sniff.recording.messages.schema import TOPICS, topic_of
 
 
 def _frame(kind_name: str, num: int = 1, faults: tuple[Fault, ...] = ()) -> Frame:

@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.container.memory import keep_freed_memory
-from fte_sniff.recording.container.records import LARGEST
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.mcap.records import LARGEST, keep_freed_memory
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import RecordingWriter
 from tests.examples import examples
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]

@@ -15,13 +15,13 @@ from mcap.stream_reader import StreamReader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.container import mcap_file
-from fte_sniff.recording.container.tail import bytes_of
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.mending.repair import Damage, is_whole, repair
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.place import Existing
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.mcap import writer as mcap_file
+from fte_sniff.recording.mcap.records import bytes_of
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.repair import Damage, is_whole, repair
+from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import some_rows
 
 Spans = list[tuple[int, int, list[Row]]]
@@ -240,8 +240,8 @@ def test_pure_garbage_is_refused_in_one_line(tmp_path: Path) -> None:
 BOUNDED = """
 import resource, sys
 from pathlib import Path
-from fte_sniff.recording.writing.place import Existing
-from fte_sniff.recording.mending.repair import is_whole, repair
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.repair import is_whole, repair
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 path = Path(sys.argv[1])
 whole = is_whole(path)

@@ -10,16 +10,14 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, Row, encode
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.encoding.message_reader import MessageReader
-from fte_sniff.recording.encoding.messages import encode_row
-from fte_sniff.recording.encoding.schema import schema_data, schema_name
-from fte_sniff.recording.encoding.topics import topic_of
-from fte_sniff.recording.reading.bulk import JOB
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.reading.span import Span
-from fte_sniff.recording.writing.place import Existing
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.messages.codec import MessageReader, encode_row
+from fte_sniff.recording.messages.schema import schema_data, schema_name, topic_of
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.parallel import JOB
+from fte_sniff.recording.passages import Span
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.row_batch import Room, RowColumns, Words
 from tests.examples import examples
 

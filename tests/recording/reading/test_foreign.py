@@ -11,8 +11,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 
 from fte_sniff.protocol import Fault, PortEvent, Row
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
-from fte_sniff.recording.container.records import HEAD, RecordError
-from fte_sniff.recording.reading.starts import (
+from fte_sniff.recording.mcap.records import HEAD, RecordError
+from fte_sniff.recording.messages.index import (
     CHANNEL_PLACE,
     FRONT,
     MESSAGE_HEAD,

@@ -13,11 +13,11 @@ from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
-from fte_sniff.recording.container.cores import cores
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.bulk_writer import CHUNK_ROWS, write_recording
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.bulk_writer import CHUNK_ROWS, write_recording
+from fte_sniff.recording.mcap.records import cores
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.row_batch import RowColumns, Words
 
 MakeRows = Callable[..., list[Row]]

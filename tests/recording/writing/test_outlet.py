@@ -13,9 +13,9 @@ from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import RecordingWriter
 
 Rows = Callable[..., list[Row]]
 

@@ -11,10 +11,10 @@ import pytest
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.place import Existing
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import RecordingWriter
 
 Rows = Callable[..., list[Row]]
 PORT = PortFacts("/dev/ttyUSB0", 115_200)

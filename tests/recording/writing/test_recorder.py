@@ -18,13 +18,12 @@ from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.encoding.stretches import GAP_NAME, LEFT_OUT_NAME, Stretch, stretch_of
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing import gaps
-from fte_sniff.recording.writing.keeping import Keeping, OnFull, Surroundings
-from fte_sniff.recording.writing.place import Existing
-from fte_sniff.recording.writing.recorder import NEXT_NAME, Recorder
+from fte_sniff.recording import recorder as gaps
+from fte_sniff.recording.metadata import GAP_NAME, LEFT_OUT_NAME, PortFacts, Stretch, stretch_of
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.recorder import NEXT_NAME, Recorder
+from fte_sniff.recording.retention import Keeping, OnFull, Surroundings
 from tests.examples import examples
 from tests.recording.conftest import START, STEP, some_rows
 
@@ -379,7 +378,7 @@ def test_a_trigger_keeps_exactly_what_surrounds_its_rows(
 def test_what_waits_for_a_trigger_is_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fte_sniff.recording.writing.trigger.MOST_WAITING", 50)
+    monkeypatch.setattr("fte_sniff.recording.trigger.MOST_WAITING", 50)
     rows = some_rows(400)
     keeping = replace(ALL, around=Surroundings(1e6, 0))
     recorder = Recorder(

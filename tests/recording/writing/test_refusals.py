@@ -8,7 +8,7 @@ from mcap.writer import Writer
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.reader import RecordingReader
 from tests.recording.privilege import unprivileged
 
 
@@ -101,7 +101,7 @@ def test_a_pipe_is_read_as_often_as_wanted(
 def test_rows_come_before_the_file_is_read_to_its_end(
     tmp_path: Path, make_rows: Callable[..., list[Row]]
 ) -> None:
-    from fte_sniff.recording.writing.writer import RecordingWriter
+    from fte_sniff.recording.writer import RecordingWriter
 
     path = tmp_path / "long.mcap"
     rows = make_rows(6000)

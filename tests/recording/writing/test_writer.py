@@ -18,12 +18,12 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
-from fte_sniff.recording.container import mcap_file
-from fte_sniff.recording.encoding.facts import PortFacts, host_facts
-from fte_sniff.recording.encoding.topics import TOPICS
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.refusals import stopped
-from fte_sniff.recording.writing.writer import MOST_PENDING, Existing, RecordingWriter
+from fte_sniff.recording.mcap import writer as mcap_file
+from fte_sniff.recording.messages.schema import TOPICS
+from fte_sniff.recording.metadata import PortFacts, host_facts
+from fte_sniff.recording.output_file import stopped
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import MOST_PENDING, Existing, RecordingWriter
 from tests.recording.privilege import unprivileged
 
 Rows = Callable[..., list[Row]]
@@ -307,8 +307,8 @@ ENDLESS = """
 import sys
 from pathlib import Path
 from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.writing.writer import RecordingWriter
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.writer import RecordingWriter
 
 raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
 writer = RecordingWriter(Path(sys.argv[1]), [PortFacts("p")])

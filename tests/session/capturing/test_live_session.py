@@ -23,8 +23,8 @@ from fte_sniff.analysis.feed import WakingFeed
 from fte_sniff.capture.sources.tap import Tap
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.place import Existing
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.capturing import live
 from fte_sniff.session.capturing.live import END_WITHIN_S, LiveSession
 from fte_sniff.session.capturing.messages import Batch, Ended, Started

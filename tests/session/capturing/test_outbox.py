@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind
-from fte_sniff.recording.writing.recorder import Change
+from fte_sniff.recording.recorder import Change
 from fte_sniff.session.capturing.messages import Batch, Ended
 from fte_sniff.session.capturing.outbox import MOST_WAITING, Outbox
 

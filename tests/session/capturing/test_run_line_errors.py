@@ -12,9 +12,9 @@ from fte_sniff.capture.ports.opening import DEFAULT_SETTINGS
 from fte_sniff.capture.sources.items import Item, SourceEnd
 from fte_sniff.capture.sources.tap import Tap
 from fte_sniff.protocol import Chunk, Fault, PortEvent, PortEventKind
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.writing.recorder import Recorder
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.recorder import Recorder
 from fte_sniff.session.capturing.messages import Batch, Ended
 from fte_sniff.session.capturing.outbox import Outbox
 from fte_sniff.session.capturing.plan import CapturePlan

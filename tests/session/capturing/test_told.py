@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.recording.writing.recorder import Change, Outcome
+from fte_sniff.recording.recorder import Change, Outcome
 from fte_sniff.session.capturing.messages import Batch, Ended, Message, Started
 from fte_sniff.session.capturing.told import Told
 

@@ -16,10 +16,10 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import find_fault
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
-from fte_sniff.recording.encoding.facts import PortFacts
-from fte_sniff.recording.reading.reader import RecordingReader
-from fte_sniff.recording.reading.span import EVERYTHING, Span
-from fte_sniff.recording.writing.bulk_writer import write_recording
+from fte_sniff.recording.bulk_writer import write_recording
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.passages import EVERYTHING, Span
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import Codebook, RowColumns, Words, unpack
 from fte_sniff.session.files.pages import RecordedPages
 from tests.examples import examples

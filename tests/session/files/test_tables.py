@@ -16,7 +16,7 @@ import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row, record
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.files.earliest import earliest_ns
 from tests.examples import examples
 
@@ -138,8 +138,8 @@ def test_filters_columns_and_limits_reach_the_reader() -> None:
 def test_a_folder_and_a_pattern_come_in_order_of_time(tmp_path: Path) -> None:
     late, early = tmp_path / "a.mcap", tmp_path / "b.mcap"
     rows = _rows(SAMPLES / "clean.mcap")
-    from fte_sniff.recording.encoding.facts import PortFacts
-    from fte_sniff.recording.writing.writer import RecordingWriter
+    from fte_sniff.recording.metadata import PortFacts
+    from fte_sniff.recording.writer import RecordingWriter
 
     for path, part in ((late, rows[600:]), (early, rows[:600])):
         with RecordingWriter(path, [PortFacts("p")]) as writer:
@@ -169,8 +169,8 @@ def test_what_cannot_be_read_is_told_at_once(tmp_path: Path, name: str, told: st
 
 
 def test_a_recording_without_rows_is_an_empty_table(tmp_path: Path) -> None:
-    from fte_sniff.recording.encoding.facts import PortFacts
-    from fte_sniff.recording.writing.writer import RecordingWriter
+    from fte_sniff.recording.metadata import PortFacts
+    from fte_sniff.recording.writer import RecordingWriter
 
     path = tmp_path / "idle.mcap"
     RecordingWriter(path, [PortFacts("p")]).close()
@@ -306,8 +306,8 @@ def test_chunks_before_the_earliest_time_are_passed_over(tmp_path: Path) -> None
 def test_a_row_that_came_late_is_found_by_its_own_time(tmp_path: Path) -> None:
     """It stands in a chunk whose log times are all later."""
     from fte_sniff.protocol import Frame
-    from fte_sniff.recording.encoding.facts import PortFacts
-    from fte_sniff.recording.writing.writer import RecordingWriter
+    from fte_sniff.recording.metadata import PortFacts
+    from fte_sniff.recording.writer import RecordingWriter
 
     rows = [row for row in _rows(SAMPLES / "clean.mcap") if isinstance(row, Frame)][:40]
     last = rows[-1]
@@ -325,8 +325,8 @@ def test_a_row_that_came_late_is_found_by_its_own_time(tmp_path: Path) -> None:
 
 
 def _recording_by_chunks(folder: Path, rows: list[Row]) -> Path:
-    from fte_sniff.recording.encoding.facts import PortFacts
-    from fte_sniff.recording.writing.writer import RecordingWriter
+    from fte_sniff.recording.metadata import PortFacts
+    from fte_sniff.recording.writer import RecordingWriter
 
     path = folder / "chunks.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:

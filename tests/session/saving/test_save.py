@@ -27,9 +27,8 @@ from fte_sniff.protocol import (
     iso_time,
     spaced_hex,
 )
-from fte_sniff.recording.encoding.selection import Selection
-from fte_sniff.recording.encoding.stretches import Stretch
-from fte_sniff.recording.reading.reader import RecordingReader
+from fte_sniff.recording.metadata import Selection, Stretch
+from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.saving import parquet_sink
 from fte_sniff.session.saving.origin import Origin
 from fte_sniff.session.saving.save import FORMS, Saving, Target

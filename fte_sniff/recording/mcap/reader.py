@@ -1,0 +1,296 @@
+"""Walk records; read summary and indexes."""
+
+from __future__ import annotations
+
+import os
+import struct
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
+
+from fte_sniff.errors import Said
+from fte_sniff.recording.mcap.records import (
+    HEAD,
+    LARGEST,
+    MAGIC,
+    RecordError,
+    RunningChecksum,
+    crc32,
+    packed_part,
+    parse,
+    records_in,
+)
+
+_PASSED_OVER = 0
+"""In place of the opcode of a record that was not read; no record of a file has it."""
+_TELL_CHECKSUM = frozenset({int(Opcode.DATA_END), int(Opcode.FOOTER)})
+_CHUNK_TIMES = struct.Struct("<QQ")
+_CRC_LENGTH = 4
+_BLOCK = 1024 * 1024
+
+_WRONG_DATA = Said("the checksum over the data outside the chunks does not match")
+_WRONG_SUMMARY = Said("the checksum over the summary outside the chunks does not match")
+
+
+class RawRecord(NamedTuple):
+    """One record as it stands in the file; a tuple, because there are very many."""
+
+    position: int
+    """Of its opcode in the file."""
+    opcode: int
+    body: bytes
+
+
+Place = tuple[int, int]
+"""Where a record begins in a file, and its length, head included."""
+
+
+class RecordStream:
+    """The records of a file, one by one, to its end or as far as it can be read."""
+
+    def __init__(
+        self,
+        stream: BinaryIO,
+        starts: Sequence[int] = (),
+        wanted: Callable[[int, int], bool] | None = None,
+        search: Callable[[int], Place | None] | None = None,
+        begin: Place | None = None,
+    ) -> None:
+        """Take the file.
+
+        Args:
+            stream: the file, at its beginning; seekable where `starts` or `wanted` are given.
+            starts: positions where records are known to begin, rising: where reading can go on
+                behind a record that cannot be read.
+            wanted: tells from the first and last log time of a chunk whether it is to be read;
+                the others are passed over. By default all are.
+            search: finds the next whole chunk from a position on, for files of which no starts are
+                known.
+            begin: the chunk to begin with, where what is before it cannot be read.
+        """
+        self._stream = stream
+        self._starts = starts
+        self._wanted = wanted
+        self._search = search
+        self._begin = self._found = begin
+        self._position = 0
+        self._checksum: RunningChecksum | None = RunningChecksum()
+        self._before: int | None = None
+        """The checksum up to the last record that tells one, where all was read that it is of."""
+        self.ending: str = ""
+        """How the file ends, where it does not end as it should; valid after the last record."""
+        self.losses: list[str] = []
+        """What was skipped on the way."""
+
+    @property
+    def cut(self) -> bool:
+        """Whether something may be missing at its beginning or end."""
+        return bool(self.ending or self._begin)
+
+    def __iter__(self) -> Iterator[RawRecord]:
+        if self._begin:
+            self._go_to(self._begin[0])
+        else:
+            self._read(len(MAGIC))
+        while True:
+            position = self._position
+            try:
+                record = self._record()
+            except RecordError as error:
+                if self._skip_to_next_start(position, error.said):
+                    continue
+                self.ending = Said(
+                    "{error} at byte {position}; it ends at byte {end}",
+                    error=error.said,
+                    position=position,
+                    end=self._position,
+                )
+                return
+            if record is None:
+                self.ending = Said(
+                    "it was never closed, its last byte is {position}", position=position
+                )
+                return
+            if record.opcode == _PASSED_OVER:
+                continue
+            if record.opcode == Opcode.DATA_END:
+                self._check_crc(record.body, self._before, _WRONG_DATA)
+                self._checksum = RunningChecksum()
+            yield record
+            if record.opcode == Opcode.FOOTER:
+                self._check_end(record.body)
+                return
+
+    def _record(self) -> RawRecord | None:
+        position = self._position
+        head = self._unsummed(HEAD.size)
+        if not head:
+            return None
+        if head[0] in _TELL_CHECKSUM:
+            self._before = None if self._checksum is None else self._checksum.value()
+        self._sum(head)
+        if len(head) < HEAD.size:
+            raise RecordError(Said("it is cut in the record"))
+        opcode, length = HEAD.unpack(head)
+        if self._found is not None and self._found[0] == position:
+            # Its head need not be whole.
+            opcode, length = int(Opcode.CHUNK), self._found[1] - HEAD.size
+        if opcode == 0:
+            raise RecordError(Said("there is no MCAP record"))
+        if length > LARGEST:
+            raise RecordError(Said("there is a record that claims {length} bytes", length=length))
+        start = self._next_start(position) if self._starts else None
+        if start is not None and start < self._position + length:
+            raise RecordError(Said("there is a record that reaches into the next"))
+        first = b""
+        if self._wanted is not None and opcode == Opcode.CHUNK and length >= _CHUNK_TIMES.size:
+            first = self._read(_CHUNK_TIMES.size)
+            if len(first) == _CHUNK_TIMES.size and not self._wanted(*_CHUNK_TIMES.unpack(first)):
+                return self._pass_over(position, length - len(first))
+        body = first + self._read(length - len(first))
+        if len(body) < length:
+            raise RecordError(Said("it is cut in the record"))
+        if opcode == Opcode.CHUNK and self._search is not None:
+            # One that claims too much would swallow those behind it.
+            packed_part(body)
+        return RawRecord(position, opcode, body)
+
+    def _pass_over(self, position: int, length: int) -> RawRecord:
+        """Go to the end of a record; what is passed over, no checksum can tell anything about."""
+        self._stream.seek(length, os.SEEK_CUR)
+        self._position, self._checksum = self._position + length, None
+        return RawRecord(position, _PASSED_OVER, b"")
+
+    def _read(self, length: int) -> bytes:
+        """Up to `length` bytes, by blocks, so that no claimed length takes memory by itself."""
+        if length <= _BLOCK:
+            return self._block(length)
+        blocks = [self._block(_BLOCK)]
+        while len(blocks[-1]) == _BLOCK and (length := length - _BLOCK):
+            blocks.append(self._block(min(length, _BLOCK)))
+        return b"".join(blocks)
+
+    def _block(self, length: int) -> bytes:
+        block = self._unsummed(length)
+        self._sum(block)
+        return block
+
+    def _unsummed(self, length: int) -> bytes:
+        block = self._stream.read(length)
+        self._position += len(block)
+        return block
+
+    def _sum(self, block: bytes) -> None:
+        if self._checksum is not None:
+            self._checksum.add(block)
+
+    def _next_start(self, position: int) -> int | None:
+        place = bisect_right(self._starts, position)
+        return self._starts[place] if place < len(self._starts) else None
+
+    def _skip_to_next_start(self, position: int, reason: Said) -> bool:
+        start = self._next_start(position)
+        if start is None and self._search is not None:
+            self._found = self._search(position)
+            start = None if self._found is None else self._found[0]
+        if start is None:
+            return False
+        self._go_to(start)
+        told = Said("the head of the chunk at byte {position} is damaged", position=position)
+        if start > position:
+            told = Said(
+                "bytes {position} to {start} were skipped: {reason}",
+                position=position,
+                start=start,
+                reason=reason,
+            )
+        self.losses.append(told)
+        return True
+
+    def _go_to(self, start: int) -> None:
+        """Go on there; of what is left out, no checksum can tell anything."""
+        self._stream.seek(start)
+        self._position, self._checksum = start, None
+
+    def _check_crc(self, body: bytes, found: int | None, what: Said) -> None:
+        expected = int.from_bytes(body[-_CRC_LENGTH:], "little")
+        if expected and found is not None and expected != found:
+            self.ending = what
+
+    def _check_end(self, footer: bytes) -> None:
+        if self._before is not None:
+            length = len(footer)
+            guarded = HEAD.pack(Opcode.FOOTER, length) + footer[:-_CRC_LENGTH]
+            self._check_crc(footer, crc32(guarded, self._before), _WRONG_SUMMARY)
+        self._checksum = None
+        if self._read(len(MAGIC)) != MAGIC:
+            self.ending = Said("its last {count} bytes are damaged or missing", count=len(MAGIC))
+        elif self._stream.read(1):
+            self.ending = Said(
+                "bytes that do not belong to it follow its end at byte {position}",
+                position=self._position,
+            )
+
+
+_FOOTER_LENGTH = 8 + 8 + 4
+_END_LENGTH = HEAD.size + _FOOTER_LENGTH + len(MAGIC)
+_DATA_END_LENGTH = HEAD.size + 4
+
+
+@dataclass(slots=True)
+class Summary:
+    """The part of a summary that reading makes use of."""
+
+    schemas: list[Schema] = field(default_factory=list)
+    channels: list[Channel] = field(default_factory=list)
+    statistics: Statistics | None = None
+    starts: list[int] = field(default_factory=list)
+    """Where chunks and the data's end begin, rising."""
+    guarded: bool = False
+    """Whether a checksum is over it."""
+
+
+def read_summary(stream: BinaryIO) -> Summary | None:
+    """The summary of a seekable file, or None where it has none that can be trusted."""
+    size = stream.seek(0, os.SEEK_END)
+    if size < len(MAGIC) + _END_LENGTH:
+        return None
+    stream.seek(size - _END_LENGTH)
+    end = stream.read(_END_LENGTH)
+    body = end[HEAD.size : -len(MAGIC)]
+    if not end.endswith(MAGIC) or HEAD.unpack_from(end) != (Opcode.FOOTER, len(body)):
+        return None
+    footer = parse(Footer, body)
+    length = size - _END_LENGTH - footer.summary_start
+    if not footer.summary_start or not 0 < length <= LARGEST:
+        return None
+    stream.seek(footer.summary_start)
+    records = stream.read(length)
+    if footer.summary_crc not in (0, crc32(end[: HEAD.size + 16], crc32(records))):
+        return None
+    try:
+        summary = _summary_of(records, footer.summary_start)
+    except RecordError:
+        return None
+    summary.guarded = bool(footer.summary_crc)
+    return summary
+
+
+def _summary_of(records: bytes, start: int) -> Summary:
+    summary = Summary()
+    for opcode, body in records_in(records):
+        if opcode == Opcode.SCHEMA:
+            summary.schemas.append(parse(Schema, body))
+        elif opcode == Opcode.CHANNEL:
+            summary.channels.append(parse(Channel, body))
+        elif opcode == Opcode.STATISTICS:
+            summary.statistics = parse(Statistics, body)
+        elif opcode == Opcode.CHUNK_INDEX:
+            summary.starts.append(parse(ChunkIndex, body).chunk_start_offset)
+    summary.starts.append(start - _DATA_END_LENGTH)
+    summary.starts.sort()
+    return summary

@@ -1,0 +1,254 @@
+"""Protobuf schemas, topics, channel metadata.
+
+All messages of sound frames of one schema are equally long on the wire, whatever their values:
+numbers are fixed32, fixed64, float or double, enum numbers take one byte, and every field has
+presence, so that zeros are written too. Only a row with faults, without read delay, with a time of
+its own or of uncertain order is longer or shorter.
+
+A value that is in every message of its schema is an integer; one that may not apply is a float
+(double beyond two bytes), and NaN where it does not apply: plotters skip NaN, but draw an absent
+field as 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from types import MappingProxyType
+from typing import Any
+
+from google.protobuf.descriptor_pb2 import (
+    DescriptorProto,
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError
+from google.protobuf.message_factory import GetMessageClass
+
+from fte_sniff.protocol import (
+    KINDS,
+    MOTORS,
+    VALUE_FIELDS,
+    Fault,
+    Field,
+    Frame,
+    FrameKind,
+    PortEventKind,
+    Row,
+    Status,
+)
+from fte_sniff.protocol.spec import CMD_PLACE, KIND_BY_HEADER_AND_CMD, NUM_PLACE
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One topic of a recording."""
+
+    name: str
+    schema: str
+    """The name of its messages' schema, without the package."""
+    kinds: tuple[FrameKind, ...] = ()
+    """The kinds of frame that its messages hold; none for damage and events."""
+
+
+MALFORMED = Topic("/fte/malformed", "Malformed", KINDS)
+"""Every Damage, and every Frame that the protocol does not know."""
+
+EVENTS = Topic("/fte/port", "PortEvent")
+"""What happened to the port itself."""
+
+
+def _place(kind: FrameKind) -> tuple[str, tuple[str, ...]]:
+    """The schema of a kind's messages, and the last part of each topic that it may go to."""
+    if kind.names_motor:
+        motors = tuple(f"motor{motor}" for motor in MOTORS)
+        return f"Motor{kind.direction.capitalize()}", motors
+    if kind.fields:
+        return "Chassis", ("chassis",)
+    return kind.name.capitalize(), (kind.name,)
+
+
+def _frame_topics() -> Iterator[Topic]:
+    kinds_of: dict[tuple[str, str], list[FrameKind]] = {}
+    for kind in KINDS:
+        schema, ends = _place(kind)
+        for end in ends:
+            kinds_of.setdefault((schema, f"/fte/{kind.direction}/{end}"), []).append(kind)
+    for (schema, name), kinds in kinds_of.items():
+        yield Topic(name, schema, tuple(kinds))
+
+
+TOPICS: tuple[Topic, ...] = (*_frame_topics(), MALFORMED, EVENTS)
+"""Every topic of a recording."""
+
+TOPIC_BY_NAME: Mapping[str, Topic] = MappingProxyType({topic.name: topic for topic in TOPICS})
+
+
+def _topics_of_kinds() -> Iterator[tuple[tuple[str, int | None], Topic]]:
+    for kind in KINDS:
+        _, ends = _place(kind)
+        nums = MOTORS if kind.names_motor else (None,)
+        for num, end in zip(nums, ends, strict=True):
+            yield (kind.name, num), TOPIC_BY_NAME[f"/fte/{kind.direction}/{end}"]
+
+
+_TOPIC_BY_KIND_AND_MOTOR = MappingProxyType(dict(_topics_of_kinds()))
+
+
+def topic_of(row: Row) -> Topic:
+    """Where a row goes: to its kind's topic if it can be believed, else to `MALFORMED`."""
+    if not isinstance(row, Frame) or (row.faults and row.status is Status.MALFORMED):
+        return MALFORMED
+    return _topic_of_head(row.raw[: NUM_PLACE + 1])
+
+
+@lru_cache(maxsize=1024)
+def _topic_of_head(head: bytes) -> Topic:
+    """Where frames go whose kind is not in doubt, by their bytes up to NUM."""
+    kind = KIND_BY_HEADER_AND_CMD.get((head[0], head[CMD_PLACE]))
+    if kind is None:
+        return MALFORMED
+    motor = head[NUM_PLACE] if kind.names_motor else None
+    return _TOPIC_BY_KIND_AND_MOTOR.get((kind.name, motor), MALFORMED)
+
+
+PACKAGE = "fte"
+"""The protobuf package of every message."""
+
+_TYPE = FieldDescriptorProto
+_ENUMS: dict[str, tuple[str, ...]] = {
+    "Kind": tuple(kind.name for kind in KINDS),
+    "Status": tuple(Status),
+    "Fault": tuple(Fault),
+    "PortEventKind": tuple(PortEventKind),
+}
+_ROW_FIELDS: tuple[tuple[str, int | str], ...] = (
+    ("offset", _TYPE.TYPE_FIXED64),
+    ("read_delay_ns", _TYPE.TYPE_SFIXED64),
+    ("raw", _TYPE.TYPE_BYTES),
+    ("status", "Status"),
+    ("faults", "Fault"),
+    ("time_ns", _TYPE.TYPE_FIXED64),
+    ("kind", "Kind"),
+    ("order_uncertain", _TYPE.TYPE_BOOL),
+)
+_EVENT_FIELDS: tuple[tuple[str, int | str], ...] = (
+    ("kind", "PortEventKind"),
+    ("detail", _TYPE.TYPE_STRING),
+    ("time_ns", _TYPE.TYPE_FIXED64),
+    ("count", _TYPE.TYPE_FIXED64),
+)
+_DAMAGE_FIELDS: tuple[tuple[str, int | str], ...] = (
+    ("framed", _TYPE.TYPE_BOOL),
+    ("length", _TYPE.TYPE_FIXED32),
+)
+REPEATED = frozenset({"faults"})
+"""The fields that hold any number of values."""
+
+
+def enum_value_name(enum: str, word: str) -> str:
+    """The name of a word's enum value, unique within its message: `KIND_SPEED`."""
+    prefix = "".join(f"_{letter}" if letter.isupper() else letter for letter in enum).lstrip("_")
+    return f"{prefix}_{word}".upper()
+
+
+def enum_number(enum: str, word: str) -> int:
+    """The number of a word's enum value; 0 is `..._NONE`."""
+    return _ENUMS[enum].index(word) + 1
+
+
+def value_fields(topic: Topic) -> tuple[Field, ...]:
+    """The table's fields that messages of this topic hold, each name once; none for damage."""
+    if topic is MALFORMED:
+        return ()
+    names = {field.name for kind in topic.kinds for field in kind.fields}
+    return tuple(field for field in VALUE_FIELDS if field.name in names)
+
+
+def may_not_apply(field: Field, kinds: Iterable[FrameKind]) -> bool:
+    """Whether some of these kinds has no field of that name."""
+    return any(kind.field(field.name) is None for kind in kinds)
+
+
+def _value_type(field: Field, topic: Topic) -> int:
+    if may_not_apply(field, topic.kinds):
+        return _TYPE.TYPE_FLOAT if field.size <= 2 else _TYPE.TYPE_DOUBLE
+    return _TYPE.TYPE_SFIXED32 if field.signed else _TYPE.TYPE_FIXED32
+
+
+def _fields(topic: Topic) -> Iterator[tuple[str, int | str]]:
+    if topic is EVENTS:
+        yield from _EVENT_FIELDS
+        return
+    yield from _ROW_FIELDS
+    if topic is MALFORMED:
+        yield from _DAMAGE_FIELDS
+        return
+    yield "cmd", _TYPE.TYPE_FIXED32
+    for field in value_fields(topic):
+        yield field.name, _value_type(field, topic)
+
+
+def _add_field(message: DescriptorProto, name: str, number: int, kind: int | str) -> None:
+    field = message.field.add(name=name, number=number, json_name=name)
+    if isinstance(kind, str):
+        field.type = _TYPE.TYPE_ENUM
+        field.type_name = f".{PACKAGE}.{message.name}.{kind}"
+    else:
+        field.type = kind  # type: ignore[assignment]
+    if name in REPEATED:
+        field.label = _TYPE.LABEL_REPEATED
+        return
+    field.label = _TYPE.LABEL_OPTIONAL
+    field.proto3_optional = True
+    field.oneof_index = len(message.oneof_decl)
+    message.oneof_decl.add(name=f"_{name}")
+
+
+def _add_enum(message: DescriptorProto, enum: str) -> None:
+    added = message.enum_type.add(name=enum)
+    for number, word in enumerate(("none", *_ENUMS[enum])):
+        added.value.add(name=enum_value_name(enum, word), number=number)
+
+
+def _file(topic: Topic) -> FileDescriptorProto:
+    file = FileDescriptorProto(
+        name=f"{PACKAGE}/{topic.schema}.proto", package=PACKAGE, syntax="proto3"
+    )
+    message = file.message_type.add(name=topic.schema)
+    for number, (name, kind) in enumerate(_fields(topic), 1):
+        _add_field(message, name, number, kind)
+        if isinstance(kind, str):
+            _add_enum(message, kind)
+    return file
+
+
+def schema_name(topic: Topic) -> str:
+    """The full name of the topic's messages: `fte.MotorControl`."""
+    return f"{PACKAGE}.{topic.schema}"
+
+
+@cache
+def schema_data(schema: str) -> bytes:
+    """The serialized FileDescriptorSet of a schema, as MCAP wants it."""
+    topic = next(topic for topic in TOPICS if topic.schema == schema)
+    return FileDescriptorSet(file=[_file(topic)]).SerializeToString(deterministic=True)
+
+
+@lru_cache(maxsize=64)
+def message_class(name: str, data: bytes) -> Any:
+    """The message class `name` that a serialized FileDescriptorSet describes.
+
+    Raises:
+        ValueError: the data is no FileDescriptorSet, contradicts itself or lacks the message.
+    """
+    pool = DescriptorPool()
+    try:
+        for file in FileDescriptorSet.FromString(data).file:
+            pool.Add(file)
+        return GetMessageClass(pool.FindMessageTypeByName(name))
+    except (TypeError, KeyError, DecodeError) as error:
+        raise ValueError(f"no usable protobuf schema {name}") from error
