@@ -19,8 +19,8 @@ from pathlib import Path
 from benchmarks.live_program import taken
 from benchmarks.paced_line import frames_of
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.opening import PortSettings
-from fte_sniff.capture.sources.items import Item, SourceEnd
+from fte_sniff.capture.serial_port import PortSettings
+from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 from fte_sniff.session.capturing.live import LiveSession
 from fte_sniff.session.capturing.plan import CapturePlan

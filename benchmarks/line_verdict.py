@@ -19,7 +19,7 @@ from benchmarks.faults import draw_frame, ordinary
 from benchmarks.uart import AfterError
 from benchmarks.uart import heard as heard_by_hardware
 from fte_sniff.analysis.baud_guess import COMMON_BAUDS, Setting, judge
-from fte_sniff.capture.ports.line_errors import Unmarker
+from fte_sniff.capture.uart_errors import Unmarker
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
 
 SEEDS = range(2)

@@ -16,7 +16,7 @@ from time import process_time
 from fte_sniff.analysis.live_models import Following
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import Bench
-from fte_sniff.capture.simulator import parse_parameters, simulate
+from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
 from fte_sniff.tui.motors.look import WINDOWS_NS, MotorsLook
 from fte_sniff.tui.motors.widget import grid

@@ -21,7 +21,7 @@ from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
 from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
-from fte_sniff.capture.ports.latency import LowLatency
+from fte_sniff.capture.serial_port import LowLatency
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.language import CATALOGUES, DOMAIN, LANGUAGES

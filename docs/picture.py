@@ -23,7 +23,7 @@ from rich.cells import cell_len
 from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.capture.simulator import parse_parameters, simulate
+from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.opening import Opening

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fte_sniff.capture.simulator import parse_parameters, simulate
+from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     Chunk,

@@ -1,18 +1,26 @@
-"""Bytes in: ports, the clock they are stamped with, and the simulated line.
+"""Bytes in: serial ports, network ports, the bridge and the simulator.
 
-It must not know of frames, files or screens: it hands on chunks and port events. Importing it makes
-`sim://` known to pyserial, so that whatever opens ports through `serial.serial_for_url` can open
-simulated ones.
+Modules:
 
-    clock            the time that chunks are stamped with
-    ports/           one port: found, opened, had or not, and its driver's habits
-    sources/         ports as iterables of chunks and port events; one or two wires
-    bridge/          a pseudo-terminal in front of a port; every byte passed on both ways
-    simulator/       a host, a controller and a wire as a pure model
-    url_handlers/    sim:// and socket://, as pyserial finds them
-    pseudo_terminal  a device that other programs open, and the link to it
-    controller_pty   a simulated controller as a device for other programs
-    checks/          what can be wrong with the machine and a port that is not open
+    bridge        Bridge command's source and set-up.
+    bridge_io     Forward bytes both ways; chunks of the two wires; writing to the
+                  port.
+    chunk_queue   Bounded queue of chunks between reader thread and consumer.
+    clock         Wall and monotonic clock; detects clock steps.
+    diagnostics   Checks of machine, device and line for `doctor`.
+    discovery     List serial ports and USB identities; who holds a port.
+    multi_source  Several sources as one stream; one or two ports as one line.
+    port_errors   Why a port did not open, in one sentence with the way out.
+    port_source   The source that reads one port.
+    pty           Pseudo-terminals and line speed of their host end.
+    reconnect     Reopen a lost port with backoff.
+    serial_port   Open, configure and read one serial port; driver latency.
+    sim_model     Simulated controller, motors and host.
+    sim_pty       Simulator behind a pseudo-terminal.
+    simulation    Simulated byte stream with faults and its parameters.
+    source        Source interface, thread base class, items of a source.
+    uart_errors   Parity/framing/overrun marks (PARMRK) and counters.
+    url_handlers  sim://, socket:// and rfc2217:// for pyserial.
 """
 
 import serial

@@ -15,8 +15,8 @@ from fte_sniff.cli.options.paths import FileName
 from fte_sniff.cli.options.remembered import remembered
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.bridge.wiring import Bridge
-    from fte_sniff.capture.ports.opening import PortSettings
+    from fte_sniff.capture.bridge import Bridge
+    from fte_sniff.capture.serial_port import PortSettings
 
 
 @click.command(name="bridge", short_help="Sit between a host program and the controller.")
@@ -40,7 +40,7 @@ def command(
     """
 
     def bridge(settings: PortSettings) -> Bridge:
-        from fte_sniff.capture.bridge.wiring import Bridge
+        from fte_sniff.capture.bridge import Bridge
 
         return Bridge(port, settings, link, reconnect=not no_reconnect)
 

@@ -19,7 +19,7 @@ from fte_sniff.errors import UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.checks.finding import Finding
+    from fte_sniff.capture.diagnostics import Finding
 
 EXIT_WRONG = 1
 """Something is wrong."""
@@ -55,7 +55,7 @@ def command(
     """
     if probe and port is None:
         raise UsageError("--probe needs a PORT to probe; 'fte-sniff ports' lists them")
-    from fte_sniff.capture.checks.finding import Level
+    from fte_sniff.capture.diagnostics import Level
 
     wrong = False
     for finding in _findings(port, baud, seconds, probe):
@@ -65,7 +65,7 @@ def command(
 
 
 def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Finding]:
-    from fte_sniff.capture.ports.opening import PortSettings
+    from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.session.doctor.examination import (
         Examination,
         examine,

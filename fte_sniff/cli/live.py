@@ -15,8 +15,8 @@ from fte_sniff.cli.options.remembered import remembered
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.ports.opening import PortSettings
-    from fte_sniff.capture.sources.tap import Tap
+    from fte_sniff.capture.multi_source import Tap
+    from fte_sniff.capture.serial_port import PortSettings
 
 _MOST_PORTS = 2
 
@@ -53,7 +53,7 @@ def command(
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
 
     def tap(settings: PortSettings) -> Tap:
-        from fte_sniff.capture.sources.tap import Tap
+        from fte_sniff.capture.multi_source import Tap
 
         return Tap(ports, settings, reconnect=not no_reconnect)
 

@@ -16,7 +16,7 @@ from fte_sniff.cli.options.listing import list_format_option
 from fte_sniff.cli.streams.telling import tell
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.ports.listing import PortListing
+    from fte_sniff.capture.discovery import PortListing
 
 
 @click.command(name="ports", short_help="List the serial ports.")
@@ -27,7 +27,7 @@ def command(form: str) -> None:
     No port is opened. Which programs have one open is known of your own programs; root is told of
     all.
     """
-    from fte_sniff.capture.ports.listing import list_ports
+    from fte_sniff.capture.discovery import list_ports
 
     found = list_ports()
     lines = map(_json, found) if form == "jsonl" else _table(found)
@@ -64,9 +64,9 @@ _CELLS: Mapping[str, Callable[[PortListing], str]] = {
 
 
 def _hints(ports: Sequence[PortListing]) -> Iterator[str]:
-    from fte_sniff.capture.checks.machine import host_of, missing_adapter_hint, stray_finding
-    from fte_sniff.capture.ports.adapters import stray_adapters
-    from fte_sniff.capture.ports.permission import way_in
+    from fte_sniff.capture.diagnostics import host_of, missing_adapter_hint, stray_finding
+    from fte_sniff.capture.discovery import stray_adapters
+    from fte_sniff.capture.port_errors import way_in
 
     for port in ports:
         if not port.permitted:

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from fte_sniff.capture.simulator.parameters import PARAMETERS, Parameter, SimulationParameters
+from fte_sniff.capture.simulation import PARAMETERS, Parameter, SimulationParameters
 from fte_sniff.cli.options.paths import FileName
 from fte_sniff.cli.streams.signals import signals_call
 from fte_sniff.errors import PortError, UsageError, shown
@@ -33,7 +33,7 @@ def _option(parameter: Parameter) -> click.Option:
 
 
 def _run(link: Path | None, baud: int, **parameters: Any) -> None:
-    from fte_sniff.capture.controller_pty import ControllerPty
+    from fte_sniff.capture.sim_pty import ControllerPty
 
     try:
         asked = SimulationParameters(**parameters)

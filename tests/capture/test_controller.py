@@ -2,8 +2,7 @@ from random import Random
 
 import pytest
 
-from fte_sniff.capture.simulator import Controller
-from fte_sniff.capture.simulator.controller import wheel_speeds
+from fte_sniff.capture.sim_model import Controller, wheel_speeds
 from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Frame, encode, frame_faults
 
 

@@ -4,10 +4,10 @@ from contextlib import closing
 
 import pytest
 
-from fte_sniff.capture.controller_pty import ControllerPty
-from fte_sniff.capture.ports.opening import open_port
-from fte_sniff.capture.pseudo_terminal import PseudoTerminal
-from fte_sniff.capture.simulator import SimulationParameters
+from fte_sniff.capture.pty import PseudoTerminal
+from fte_sniff.capture.serial_port import open_port
+from fte_sniff.capture.sim_pty import ControllerPty
+from fte_sniff.capture.simulation import SimulationParameters
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Chunk, Frame, Framer, encode
 

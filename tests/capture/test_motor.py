@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.capture.simulator.motor import ACCELERATION_RPM_S, TOP_SPEED_RPM, Motor
+from fte_sniff.capture.sim_model import ACCELERATION_RPM_S, TOP_SPEED_RPM, Motor
 
 STEP_S = 0.002
 SPEED = st.integers(-3000, 3000)

@@ -9,12 +9,12 @@ import threading
 import pytest
 import serial
 
-from fte_sniff.capture.bridge.line_speed import speed_of
-from fte_sniff.capture.bridge.source import open_bridge
+from fte_sniff.capture.bridge import open_bridge
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.opening import ControlLine, PortSettings, open_port
-from fte_sniff.capture.sources.items import SourceEnd
-from fte_sniff.capture.sources.source import open_source
+from fte_sniff.capture.port_source import open_source
+from fte_sniff.capture.pty import speed_of
+from fte_sniff.capture.serial_port import ControlLine, PortSettings, open_port
+from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, PortEvent
 from tests.rfc2217_server import DTR_OFF, DTR_ON, RTS_OFF, RTS_ON, serving

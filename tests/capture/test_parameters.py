@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.capture.simulator import (
+from fte_sniff.capture.simulation import (
     PARAMETERS,
     SimulationParameters,
     parameters_help,

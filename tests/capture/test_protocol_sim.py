@@ -8,7 +8,7 @@ import pytest
 import serial
 
 import fte_sniff.capture  # noqa: F401
-from fte_sniff.capture.simulator import SimulationParameters, simulate
+from fte_sniff.capture.simulation import SimulationParameters, simulate
 from fte_sniff.protocol import KIND_BY_NAME, Chunk, Frame, Framer, encode
 
 BOUND_S = 60.0

@@ -10,10 +10,10 @@ from time import monotonic
 import pytest
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.opening import PortSettings, open_port
-from fte_sniff.capture.sources.items import SourceEnd
-from fte_sniff.capture.sources.returning import FIRST_WAIT_S, LONGEST_WAIT_S
-from fte_sniff.capture.sources.source import open_source
+from fte_sniff.capture.port_source import open_source
+from fte_sniff.capture.reconnect import FIRST_WAIT_S, LONGEST_WAIT_S
+from fte_sniff.capture.serial_port import PortSettings, open_port
+from fte_sniff.capture.source import SourceEnd
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 CLOCK = Clock.tied()

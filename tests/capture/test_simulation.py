@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.capture.simulator import SimulationParameters, simulate
-from fte_sniff.capture.simulator.host import Host
+from fte_sniff.capture.sim_model import Host
+from fte_sniff.capture.simulation import SimulationParameters, simulate
 from fte_sniff.protocol import Chunk, Direction, Frame, Framer, Status, byte_time_ns, encode
 from tests.examples import examples
 
@@ -157,7 +157,7 @@ def test_what_a_host_says_can_be_encoded(seed):
 
 
 def test_the_controller_can_be_told_what_to_do_between_two_frames():
-    from fte_sniff.capture.simulator import Simulation
+    from fte_sniff.capture.simulation import Simulation
     from fte_sniff.protocol import KIND_BY_NAME
 
     simulation = Simulation(SimulationParameters(host="off"))

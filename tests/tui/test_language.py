@@ -22,8 +22,7 @@ from textual.widgets import Static
 
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.capture.ports.refusal import refusal
-from fte_sniff.capture.ports.wording import one_line
+from fte_sniff.capture.port_errors import one_line, refusal
 from fte_sniff.errors import (
     FilterError,
     FteSniffError,

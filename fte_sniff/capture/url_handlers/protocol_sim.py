@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException
 
-from fte_sniff.capture.simulator import (
+from fte_sniff.capture.simulation import (
     Simulation,
     SimulationParameters,
     TimedBytes,

@@ -14,7 +14,7 @@ from fte_sniff.cli.options.filtering import row_filter
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.sources.items import Wiring
+    from fte_sniff.capture.source import Wiring
     from fte_sniff.session.capturing.plan import CapturePlan
 
 

@@ -34,8 +34,8 @@ from fte_sniff.protocol import DEFAULT_BAUD
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Tally
     from fte_sniff.analysis.statistics import Bench
-    from fte_sniff.capture.ports.opening import PortSettings
-    from fte_sniff.capture.sources.items import Wiring
+    from fte_sniff.capture.serial_port import PortSettings
+    from fte_sniff.capture.source import Wiring
     from fte_sniff.session.capturing.live import LiveSession
     from fte_sniff.session.capturing.plan import CapturePlan
     from fte_sniff.session.capturing.told import Told
@@ -110,7 +110,7 @@ def run_capture(
     Raises:
         FteSniffError: what went wrong, once all is closed.
     """
-    from fte_sniff.capture.ports.opening import ControlLine, PortSettings
+    from fte_sniff.capture.serial_port import ControlLine, PortSettings
 
     if baud is None:
         baud = settings.defaults(ports, "baud").baud or DEFAULT_BAUD

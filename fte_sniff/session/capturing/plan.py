@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fte_sniff.capture.sources.items import Wiring
+from fte_sniff.capture.source import Wiring
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.retention import Keeping
 

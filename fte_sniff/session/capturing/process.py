@@ -15,9 +15,9 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from fte_sniff.capture.bridge.source import BridgeSource
+from fte_sniff.capture.bridge import BridgeSource
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.sources.items import Source
+from fte_sniff.capture.source import Source
 from fte_sniff.errors import FteSniffError
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.recorder import Recorder

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from itertools import groupby
 
 from fte_sniff.capture.clock import Clock, ClockWatch
-from fte_sniff.capture.sources.items import Source, SourceEnd
+from fte_sniff.capture.source import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError, Said
 from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row
 from fte_sniff.recording.recorder import Recorder

@@ -20,18 +20,24 @@ from fte_sniff.analysis.baud_guess import (
     judge,
     judge_frames,
 )
-from fte_sniff.capture.checks.device import device_findings, granted_findings, holder_findings
-from fte_sniff.capture.checks.finding import Finding, Level, bad, ok, warn
-from fte_sniff.capture.checks.machine import (
+from fte_sniff.capture.diagnostics import (
+    Finding,
+    Level,
+    Listener,
+    bad,
     clock_finding,
     clock_state,
+    device_findings,
+    granted_findings,
+    holder_findings,
     host_of,
     machine_findings,
     missing_adapter_hint,
+    ok,
+    warn,
 )
-from fte_sniff.capture.ports.listing import list_ports, listing_of
-from fte_sniff.capture.ports.opening import PortSettings
-from fte_sniff.capture.sources.listening import Listener
+from fte_sniff.capture.discovery import list_ports, listing_of
+from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.protocol import framer
 from fte_sniff.session.doctor.surroundings import (
     framer_finding,

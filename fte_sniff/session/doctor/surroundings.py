@@ -10,7 +10,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from fte_sniff.capture.checks.finding import Finding, bad, ok, warn
+from fte_sniff.capture.diagnostics import Finding, bad, ok, warn
 from fte_sniff.errors import reason_of
 
 LOW_BYTES = 2**30

@@ -8,7 +8,7 @@ from __future__ import annotations
 from shlex import quote
 
 from fte_sniff.analysis.baud_guess import SURE, Condition, Setting, Verdict
-from fte_sniff.capture.checks.finding import Finding, bad, ok, warn
+from fte_sniff.capture.diagnostics import Finding, bad, ok, warn
 from fte_sniff.protocol import Direction
 
 _WIRE = {

@@ -4,7 +4,7 @@ import termios
 import pytest
 import serial
 
-from fte_sniff.capture.bridge.line_speed import set_speed, speed_of
+from fte_sniff.capture.pty import set_speed, speed_of
 
 
 @pytest.mark.parametrize("baud", [50, 9600, 115200, 250_000, 921_600, 1_234_567, 3_000_000])

@@ -5,12 +5,12 @@ import time
 import pytest
 import serial
 
-from fte_sniff.capture.bridge.line_speed import speed_of
-from fte_sniff.capture.bridge.source import open_bridge
-from fte_sniff.capture.bridge.wires import HOST
+from fte_sniff.capture.bridge import open_bridge
+from fte_sniff.capture.bridge_io import HOST
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.opening import PortSettings
-from fte_sniff.capture.sources.items import SourceEnd
+from fte_sniff.capture.pty import speed_of
+from fte_sniff.capture.serial_port import PortSettings
+from fte_sniff.capture.source import SourceEnd
 from fte_sniff.protocol import Chunk, PortEvent
 
 CLOCK = Clock.tied()

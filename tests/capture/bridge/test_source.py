@@ -14,13 +14,12 @@ from dataclasses import dataclass, field
 import pytest
 import serial
 
-from fte_sniff.capture.bridge.host_end import ROOM, HostEnd
-from fte_sniff.capture.bridge.line_speed import speed_of
-from fte_sniff.capture.bridge.source import BridgeSource, open_bridge
-from fte_sniff.capture.bridge.wires import HOST, MOST_AHEAD, Departures, Wires
+from fte_sniff.capture.bridge import BridgeSource, open_bridge
+from fte_sniff.capture.bridge_io import HOST, MOST_AHEAD, Departures, Wires
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.opening import PortSettings, open_port
-from fte_sniff.capture.sources.items import SourceEnd
+from fte_sniff.capture.pty import ROOM, HostEnd, speed_of
+from fte_sniff.capture.serial_port import PortSettings, open_port
+from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
 

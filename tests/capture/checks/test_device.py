@@ -2,12 +2,10 @@ from dataclasses import replace
 
 import pytest
 
-from fte_sniff.capture.checks.device import device_findings, granted_findings, holder_findings
-from fte_sniff.capture.ports.granted import Granted
-from fte_sniff.capture.ports.holders import Holder
-from fte_sniff.capture.ports.latency import LowLatency
-from fte_sniff.capture.ports.line_errors import BlindWatch, UartWatch
-from fte_sniff.capture.ports.listing import PortListing
+from fte_sniff.capture.diagnostics import device_findings, granted_findings, holder_findings
+from fte_sniff.capture.discovery import Holder, PortListing
+from fte_sniff.capture.serial_port import Granted, LowLatency
+from fte_sniff.capture.uart_errors import BlindWatch, UartWatch
 from fte_sniff.protocol import LineErrorCounts
 
 FREE = PortListing("/dev/x", None, None, None, None, None, "n/a", None, True, ())

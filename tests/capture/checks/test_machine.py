@@ -2,9 +2,9 @@ import os
 
 import pytest
 
-from fte_sniff.capture.checks.finding import Level
-from fte_sniff.capture.checks.machine import (
+from fte_sniff.capture.diagnostics import (
     Host,
+    Level,
     clock_finding,
     clock_state,
     host_of,
@@ -14,7 +14,7 @@ from fte_sniff.capture.checks.machine import (
     running,
     usb_buffering,
 )
-from fte_sniff.capture.ports.adapters import stray_adapters
+from fte_sniff.capture.discovery import stray_adapters
 
 
 def write(root, files):

@@ -3,7 +3,7 @@
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.capture.ports.identity import SameName, UsbIdentity, identity_of
+from fte_sniff.capture.discovery import SameName, UsbIdentity, identity_of
 
 
 def adapter(device, serial_number="A1", location="1-1.2", vid=0x0403, pid=0x6001):

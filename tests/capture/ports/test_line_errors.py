@@ -11,15 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.granted import Granted
-from fte_sniff.capture.ports.latency import (
+from fte_sniff.capture.port_source import PortSource, open_source
+from fte_sniff.capture.serial_port import (
+    Granted,
     LowLatency,
+    PortSettings,
     ask_low_latency,
     has_low_latency,
     latency_timer_ms,
+    open_port,
+    reader_of,
     with_low_latency,
 )
-from fte_sniff.capture.ports.line_errors import (
+from fte_sniff.capture.uart_errors import (
     TELL_EVERY_NS,
     BlindWatch,
     UartWatch,
@@ -30,9 +34,6 @@ from fte_sniff.capture.ports.line_errors import (
     line_watch_of,
     parse_counters,
 )
-from fte_sniff.capture.ports.opening import PortSettings, open_port
-from fte_sniff.capture.ports.reading import reader_of
-from fte_sniff.capture.sources.source import PortSource, open_source
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEventKind
 
 KINDS = ("framing", "parity", "breaks", "overruns", "buffer_overruns")

@@ -3,9 +3,8 @@ import subprocess
 
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.capture.ports.holders import Holder, holders_of
-from fte_sniff.capture.ports.listing import list_ports, listings
-from fte_sniff.capture.ports.permission import way_in
+from fte_sniff.capture.discovery import Holder, holders_of, list_ports, listings
+from fte_sniff.capture.port_errors import way_in
 from fte_sniff.errors import shown
 
 

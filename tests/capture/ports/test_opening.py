@@ -8,9 +8,9 @@ import threading
 import pytest
 import serial
 
-from fte_sniff.capture.ports.holders import Holder, have_open
-from fte_sniff.capture.ports.opening import ControlLine, PortSettings, device_of, open_port
-from fte_sniff.capture.ports.refusal import known_schemes, refusal
+from fte_sniff.capture.discovery import Holder, have_open
+from fte_sniff.capture.port_errors import known_schemes, refusal
+from fte_sniff.capture.serial_port import ControlLine, PortSettings, device_of, open_port
 from fte_sniff.capture.url_handlers import protocol_socket
 from fte_sniff.errors import PortError, ValueRangeError
 

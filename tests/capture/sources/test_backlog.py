@@ -7,8 +7,8 @@ from itertools import islice
 
 import pytest
 
-from fte_sniff.capture.sources.backlog import Backlog
-from fte_sniff.capture.sources.items import Item
+from fte_sniff.capture.chunk_queue import Backlog
+from fte_sniff.capture.source import Item
 from fte_sniff.protocol import Chunk, Damage, Framer, PortEvent, PortEventKind
 
 FRAME = bytes.fromhex("55010100000000000FEE")

@@ -4,14 +4,15 @@ import socket
 
 import pytest
 
-from fte_sniff.capture.ports.opening import PortSettings, open_port
-from fte_sniff.capture.sources.lateness import (
+from fte_sniff.capture.serial_port import (
     FIFO_BYTES,
     HOST_NS,
     NETWORK_NS,
     USB_FRAME_NS,
     USB_UNKNOWN_NS,
+    PortSettings,
     lateness_ns,
+    open_port,
 )
 from fte_sniff.protocol import byte_time_ns
 

@@ -3,11 +3,9 @@ import threading
 
 import pytest
 
-from fte_sniff.capture.ports.granted import Granted
-from fte_sniff.capture.ports.latency import LowLatency
-from fte_sniff.capture.ports.line_errors import UartWatch
-from fte_sniff.capture.ports.opening import PortSettings
-from fte_sniff.capture.sources.listening import Listener
+from fte_sniff.capture.diagnostics import Listener
+from fte_sniff.capture.serial_port import Granted, LowLatency, PortSettings
+from fte_sniff.capture.uart_errors import UartWatch
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import LineErrorCounts
 

@@ -5,9 +5,9 @@ import itertools
 import pytest
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.opening import PortSettings, open_port
-from fte_sniff.capture.sources.items import SourceEnd
-from fte_sniff.capture.sources.tap import Tap
+from fte_sniff.capture.multi_source import Tap
+from fte_sniff.capture.serial_port import PortSettings, open_port
+from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError, UsageError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 

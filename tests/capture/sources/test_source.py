@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.opening import PortSettings, open_port
-from fte_sniff.capture.simulator import SimulationParameters, simulate
-from fte_sniff.capture.sources.items import SourceEnd
-from fte_sniff.capture.sources.source import PortSource, open_source
+from fte_sniff.capture.port_source import PortSource, open_source
+from fte_sniff.capture.serial_port import PortSettings, open_port
+from fte_sniff.capture.simulation import SimulationParameters, simulate
+from fte_sniff.capture.source import SourceEnd
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 from tests.examples import examples
 

@@ -20,7 +20,7 @@ from time import monotonic
 import pytest
 
 from fte_sniff.analysis.feed import WakingFeed
-from fte_sniff.capture.sources.tap import Tap
+from fte_sniff.capture.multi_source import Tap
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
 from fte_sniff.recording.output_file import Existing

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.capture.simulator import SimulationParameters, simulate
+from fte_sniff.capture.simulation import SimulationParameters, simulate
 from fte_sniff.protocol import Chunk, Frame, Framer, PortEvent, PortEventKind, Row
 from fte_sniff.session.capturing.ordering import MOST_HELD_NS, REACH_NS, Entry, Ordering
 

@@ -9,8 +9,8 @@ from multiprocessing import Pipe
 import pytest
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.sources.items import Item, SourceEnd
-from fte_sniff.capture.sources.tap import Tap
+from fte_sniff.capture.multi_source import Tap
+from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, Row
 from fte_sniff.session.capturing.messages import Batch, Ended

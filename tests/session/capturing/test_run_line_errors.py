@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Self
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.opening import DEFAULT_SETTINGS
-from fte_sniff.capture.sources.items import Item, SourceEnd
-from fte_sniff.capture.sources.tap import Tap
+from fte_sniff.capture.multi_source import Tap
+from fte_sniff.capture.serial_port import DEFAULT_SETTINGS
+from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.protocol import Chunk, Fault, PortEvent, PortEventKind
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader

@@ -1,6 +1,4 @@
-"""Owns what a UART reports of bytes that it could not take in well: asking for it, and reading it.
-
-It must not know of frames, nor what time it is.
+"""Parity/framing/overrun marks (PARMRK) and counters.
 
 A UART's driver can tell two things, and both are asked for:
 

@@ -1,4 +1,4 @@
-"""Owns waiting for a port that was lost: looking for it calmly, and opening it again.
+"""Reopen a lost port with backoff.
 
 It must not read it, nor say anything about it. Looking and opening happen in a thread of their own,
 since opening can take seconds; whoever waits is never held up.
@@ -14,9 +14,8 @@ from typing import NamedTuple
 import serial
 from serial.tools.list_ports import comports
 
-from fte_sniff.capture.ports.holders import have_open, holders_of
-from fte_sniff.capture.ports.identity import identity_of
-from fte_sniff.capture.ports.opening import PortSettings, device_of, open_port
+from fte_sniff.capture.discovery import have_open, holders_of, identity_of
+from fte_sniff.capture.serial_port import PortSettings, device_of, open_port
 from fte_sniff.errors import PortError, Said
 
 FIRST_WAIT_S = 0.25

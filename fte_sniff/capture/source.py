@@ -1,24 +1,112 @@
-"""Owns the life of a source that reads in a thread of its own: begun, lost, found again, ended.
+"""Source interface, thread base class, items of a source.
 
-It must not know how a port is read, nor what comes from it.
-
-    opened -> read -> stopped: closed
-                   -> lost:    wait, and read again where it came back
+opened -> read -> stopped: closed
+               -> lost:    wait, and read again where it came back
 """
 
 from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from typing import Protocol, Self
+from collections.abc import Iterator, Mapping
+from enum import StrEnum
+from typing import Protocol, Self, TypeAlias
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.wording import one_line
-from fte_sniff.capture.sources.items import Item, SourceEnd
-from fte_sniff.capture.sources.returning import FIRST_WAIT_S, Opened, Reopen, Return
+from fte_sniff.capture.port_errors import one_line
+from fte_sniff.capture.reconnect import FIRST_WAIT_S, Opened, Reopen, Return
+from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.errors import FileError, Said
-from fte_sniff.protocol import PortEventKind
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+
+Item: TypeAlias = Chunk | PortEvent
+
+
+class SourceEnd(StrEnum):
+    """How a source ended."""
+
+    STOPPED = "stopped"
+    LOST = "lost"
+
+
+class Source(Protocol):
+    """Open ports as one iterable of chunks and events, in order of their times; iterate once.
+
+    Each port's first item is the event `opened`. No port is silent for long: an empty chunk tells
+    some times a second that time has passed. An event `lost` or `overrun` means that the bytes
+    before it and those behind it do not join.
+    """
+
+    @property
+    def end(self) -> SourceEnd | None:
+        """How the reading ended, though items may still wait to be taken; None while it goes on."""
+        ...
+
+    @property
+    def uncertainty_ns(self) -> Mapping[str, int]:
+        """By port: how much earlier than the times say bytes may have been on the wire."""
+        ...
+
+    @property
+    def granted(self) -> Mapping[str, str]:
+        """By port: what its driver granted when it was opened, for people."""
+        ...
+
+    def __iter__(self) -> Iterator[Item]: ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_error: object) -> None: ...
+
+    def stop(self) -> None:
+        """Ask for the end: what has arrived until now is still yielded, then the source ends.
+
+        Returns at once; may be called from any thread and from signal handlers, and repeatedly.
+        """
+        ...
+
+    def stop_at(self, t_ns: float) -> None:
+        """Ask for the end at a time of the chunks' clock, whether or not chunks are taken then."""
+        ...
+
+    @property
+    def waiting(self) -> int:
+        """How many bytes were read and wait to be taken."""
+        ...
+
+    def drop(self) -> None:
+        """Once the reading has ended: yield no more bytes, but an `overrun` that counts them.
+
+        Returns at once; may be called from any thread.
+        """
+        ...
+
+    def close(self) -> None:
+        """Stop, and close the ports. Items left can be read on."""
+        ...
+
+
+class Wiring(Protocol):
+    """How the program gets at a line: which ports, and how they are opened. Can be pickled."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What chunks, rows and events call the ports."""
+        ...
+
+    @property
+    def settings(self) -> PortSettings:
+        """How each of the ports is opened."""
+        ...
+
+    def open(self, clock: Clock) -> Source:
+        """Open the ports and begin to read them.
+
+        Raises:
+            PortError: one of them cannot be opened; none is left open then.
+        """
+        ...
+
 
 _BEAT_S = 0.05
 """Seconds between two signs of life while a port is waited for."""

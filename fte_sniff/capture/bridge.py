@@ -1,9 +1,7 @@
-"""Owns the bridge as a source: an exchange, and another one when a lost port has come back.
+"""Bridge command's source and set-up.
 
-It must not know of frames, nor how bytes are passed on.
-
-    opened -> exchange -> stopped: closed
-                       -> lost:    the pseudo-terminal is hung up; wait, and begin again
+opened -> exchange -> stopped: closed
+                   -> lost:    the pseudo-terminal is hung up; wait, and begin again
 """
 
 from __future__ import annotations
@@ -12,22 +10,26 @@ import fcntl
 import termios
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
 import serial
 
-from fte_sniff.capture.bridge.exchange import Exchange
-from fte_sniff.capture.bridge.host_end import HostEnd
-from fte_sniff.capture.bridge.wires import HOST, Wires
+from fte_sniff.capture.bridge_io import HOST, Exchange, Wires
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.holders import sharing_note
-from fte_sniff.capture.ports.latency import ask_low_latency
-from fte_sniff.capture.ports.opening import PortSettings, device_of, open_port
-from fte_sniff.capture.sources.items import Item
-from fte_sniff.capture.sources.lateness import lateness_ns
-from fte_sniff.capture.sources.returning import Opened, Reopen, way_back
-from fte_sniff.capture.sources.threaded import ThreadedSource
+from fte_sniff.capture.discovery import sharing_note
+from fte_sniff.capture.pty import HostEnd
+from fte_sniff.capture.reconnect import Opened, Reopen, way_back
+from fte_sniff.capture.serial_port import (
+    DEFAULT_SETTINGS,
+    PortSettings,
+    ask_low_latency,
+    device_of,
+    lateness_ns,
+    open_port,
+)
+from fte_sniff.capture.source import Item, ThreadedSource
 from fte_sniff.errors import Said
 from fte_sniff.protocol import PortEventKind
 
@@ -191,3 +193,31 @@ def open_bridge(
         ),
         reopen=way_back(name, settings, port) if reconnect and link is not None else None,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Bridge:
+    """A port, and a pseudo-terminal that a host program opens instead of it."""
+
+    port: str
+    """A device, or a URL that pyserial opens."""
+    settings: PortSettings = DEFAULT_SETTINGS
+    """How it is opened; the baud is the host program's to change."""
+    link: Path | None = None
+    """A link to make to the pseudo-terminal; None for none."""
+    reconnect: bool = True
+    """Whether a port that is lost is waited for, if it can return and there is a link."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The wire from the controller, and that from the host program."""
+        return (self.port, HOST)
+
+    def open(self, clock: Clock) -> BridgeSource:
+        """Open the port; what is passed on waits until the source is entered.
+
+        Raises:
+            PortError: it cannot be opened.
+            FileError: something is in the way of the link, or it cannot be made.
+        """
+        return open_bridge(self.port, self.settings, clock, self.link, reconnect=self.reconnect)

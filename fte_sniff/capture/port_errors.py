@@ -1,4 +1,4 @@
-"""Owns the one line that says why a port cannot be opened, and the way out.
+"""Why a port did not open, in one sentence with the way out.
 
 It must not open anything; it looks at the error, the name and the device file.
 """
@@ -6,8 +6,10 @@ It must not open anything; it looks at the error, the name and the device file.
 from __future__ import annotations
 
 import errno
+import grp
 import os
 import pkgutil
+import pwd
 import re
 import stat
 import termios
@@ -18,10 +20,104 @@ from urllib.parse import urlsplit
 
 import serial
 
-from fte_sniff.capture.ports.holders import have_open, holders_of
-from fte_sniff.capture.ports.permission import way_in
-from fte_sniff.capture.ports.wording import one_line, worded
-from fte_sniff.errors import PortError, Said, shown
+from fte_sniff.capture.discovery import have_open, holders_of
+from fte_sniff.errors import PortError, Said, reason_of, shown
+
+_GROUP_MAY = stat.S_IRGRP | stat.S_IWGRP
+
+
+def way_in(device: str) -> str:
+    """One line that tells how the present user can be let in, from the device's owner and mode."""
+    try:
+        facts = Path(device).stat()
+        group = grp.getgrgid(facts.st_gid)
+    except (OSError, KeyError):
+        return Said("ask the machine's administrator")
+    if group.gr_gid == 0 or facts.st_mode & _GROUP_MAY != _GROUP_MAY:
+        return Said(
+            "its group {group} may not use it: let a group in with a "
+            'udev rule, SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"',
+            group=group.gr_name,
+        )
+    user = _user()
+    if user in group.gr_mem and group.gr_gid not in os.getgroups():
+        return Said(
+            "{user} is in the group {group}, but not since this login: log in again",
+            user=user,
+            group=group.gr_name,
+        )
+    return Said(
+        "it belongs to the group {group}: sudo usermod -aG {group} {user}, then log in again",
+        group=group.gr_name,
+        user=user,
+    )
+
+
+def _user() -> str:
+    try:
+        return pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return "$USER"
+
+
+_SYSTEM = re.compile(
+    r"(?:\[Errno (?P<number>\d+)\] (?P<reason>[^:]*)(?P<about>: .*)?"
+    r"|\((?P<bare_number>\d+), '(?P<bare_reason>[^']*)'\))"
+)
+"""`[Errno 2] No such file or directory: '/dev/x'`, or as termios has it: `(5, 'Input/...')`."""
+
+_WHOLE = {
+    str(said): said
+    for said in (
+        Said(
+            "device reports readiness to read but returned no data"
+            " (device disconnected or multiple access on port?)"
+        ),
+        Said("device reports error (poll)"),
+        Said("socket disconnected"),
+        Said("Write timeout"),
+        Said("Attempting to use a port that is not open"),
+    )
+}
+
+
+def one_line(error: BaseException) -> str:
+    """The error's own text on one line, with nothing that a terminal could obey."""
+    if error.args and isinstance(error.args[0], Said):
+        return error.args[0]
+    return worded(shown(" ".join(str(error).split())))
+
+
+def worded(text: str) -> str:
+    """The same text, as a `Said` where its words are known."""
+    if text in _WHOLE:
+        return _WHOLE[text]
+    if system := _SYSTEM.fullmatch(text):
+        return _of_system(system) or text
+    lead, colon, rest = text.partition(": ")
+    why = worded(rest) if colon else rest
+    if not isinstance(why, Said):
+        return text
+    if lead == "read failed":
+        return Said("read failed: {why}", why=why)
+    if lead == "write failed":
+        return Said("write failed: {why}", why=why)
+    if lead == "Could not configure port":
+        return Said("Could not configure port: {why}", why=why)
+    return text
+
+
+def _of_system(found: re.Match[str]) -> Said | None:
+    number = int(found["number"] or found["bare_number"])
+    words = found["reason"] or found["bare_reason"] or ""
+    reason = reason_of(OSError(number, words))
+    if not isinstance(reason, Said) or reason != words:
+        return None
+    if found["about"]:
+        about = found["about"].removeprefix(": ")
+        return Said("[Errno {number}] {reason}: {about}", number=number, reason=reason, about=about)
+    return Said("[Errno {number}] {reason}", number=number, reason=reason)
+
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 _OWN_TERMINAL = "/dev/tty"

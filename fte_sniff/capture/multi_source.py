@@ -1,16 +1,19 @@
-"""Owns several sources as one: a single time line of their chunks and events.
-
-It must not know what kind of sources they are, nor of frames. Each source's times never fall, and
-none is silent for long; so the earliest item of all is known as soon as each has one to show.
-"""
+"""Several sources as one stream; one or two ports as one line."""
 
 from __future__ import annotations
 
 import heapq
+import os
 from collections import ChainMap
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 
-from fte_sniff.capture.sources.items import Item, Source, SourceEnd
+from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.port_source import open_source
+from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, PortSettings
+from fte_sniff.capture.source import Item, Source, SourceEnd
+from fte_sniff.errors import UsageError, shown
 from fte_sniff.protocol import PortEvent, PortEventKind
 
 
@@ -87,3 +90,45 @@ def _time_of(item: Item) -> int:
 
 def _is_lost(item: Item) -> bool:
     return isinstance(item, PortEvent) and item.kind is PortEventKind.LOST
+
+
+@dataclass(frozen=True, slots=True)
+class Tap:
+    """Ports that are only listened to; nothing is ever written to them."""
+
+    names: tuple[str, ...]
+    """Devices, or URLs that pyserial opens; all different, or UsageError is raised."""
+    settings: PortSettings = DEFAULT_SETTINGS
+    """How each of them is opened."""
+    reconnect: bool = True
+    """Whether a port that is lost is waited for, if it is one that can return."""
+
+    def __post_init__(self) -> None:
+        meant = [_meant_by(name) for name in self.names]
+        if len(set(meant)) < len(meant):
+            twice = shown(max(self.names, key=lambda name: meant.count(_meant_by(name))))
+            raise UsageError(
+                f"{twice} is named twice: name the port of the other wire "
+                "(for simulated ones: 'sim://?wire=control' 'sim://?wire=feedback')"
+            )
+
+    def open(self, clock: Clock) -> Source:
+        """Open the ports and begin to read them.
+
+        Raises:
+            PortError: one of them cannot be opened; none is left open then.
+        """
+        with ExitStack() as opened:
+            sources = [
+                opened.enter_context(
+                    open_source(name, self.settings, clock, reconnect=self.reconnect)
+                )
+                for name in self.names
+            ]
+            opened.pop_all()
+        return sources[0] if len(sources) == 1 else MergedSource(sources)
+
+
+def _meant_by(name: str) -> str:
+    """What a name leads to: a device has many spellings, and links."""
+    return name if "://" in name or "\0" in name else os.path.realpath(name)

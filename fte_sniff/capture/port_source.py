@@ -1,9 +1,6 @@
-"""Owns a port as an iterable: a thread reads, stamps and hands on; nothing is lost in silence.
+"""The source that reads one port.
 
-It must not know of frames: it yields chunks as they came, and port events where they happened. A
-port that was lost and can return is waited for, in the same thread and the same stream.
-
-    reader thread:  read -> stamp -> bounded queue ->  consumer: for item in source
+reader thread:  read -> stamp -> bounded queue ->  consumer: for item in source
 """
 
 from __future__ import annotations
@@ -14,22 +11,21 @@ from math import inf
 
 import serial
 
+from fte_sniff.capture.chunk_queue import CAPACITY, Backlog
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.ports.granted import Granted, ask
-from fte_sniff.capture.ports.holders import sharing_note
-from fte_sniff.capture.ports.line_errors import LineWatch
-from fte_sniff.capture.ports.opening import PortSettings, device_of, open_port
-from fte_sniff.capture.ports.reading import reader_of
-from fte_sniff.capture.sources.backlog import CAPACITY, Backlog
-from fte_sniff.capture.sources.lateness import lateness_ns
-from fte_sniff.capture.sources.returning import (
-    FIRST_WAIT_S,
-    LONGEST_WAIT_S,
-    Opened,
-    Reopen,
-    way_back,
+from fte_sniff.capture.discovery import sharing_note
+from fte_sniff.capture.reconnect import FIRST_WAIT_S, LONGEST_WAIT_S, Opened, Reopen, way_back
+from fte_sniff.capture.serial_port import (
+    Granted,
+    PortSettings,
+    ask,
+    device_of,
+    lateness_ns,
+    open_port,
+    reader_of,
 )
-from fte_sniff.capture.sources.threaded import ThreadedSource
+from fte_sniff.capture.source import ThreadedSource
+from fte_sniff.capture.uart_errors import LineWatch
 from fte_sniff.errors import Said
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
 

@@ -1,8 +1,4 @@
-"""Owns the bounded way from the threads that read a port to the one consumer of what they read.
-
-It must not know where chunks come from. Putting never blocks; what there is no room for is counted
-and told as an overrun, where it happened. So is what nobody wants to wait for at the end.
-"""
+"""Bounded queue of chunks between reader thread and consumer."""
 
 from __future__ import annotations
 
@@ -10,7 +6,7 @@ import queue
 import threading
 from collections.abc import Iterator
 
-from fte_sniff.capture.sources.items import Item
+from fte_sniff.capture.source import Item
 from fte_sniff.errors import Said
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 

@@ -1,7 +1,4 @@
-"""Owns a simulated controller on a pseudo-terminal: a device file for other programs to open.
-
-It must not know how the simulation makes its bytes; it carries them between `sim://` and the pty.
-"""
+"""Simulator behind a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -13,9 +10,9 @@ from urllib.parse import urlencode
 
 import serial
 
-from fte_sniff.capture.ports.opening import PortSettings, open_port
-from fte_sniff.capture.pseudo_terminal import PseudoTerminal
-from fte_sniff.capture.simulator import PARAMETERS, SimulationParameters
+from fte_sniff.capture.pty import PseudoTerminal
+from fte_sniff.capture.serial_port import PortSettings, open_port
+from fte_sniff.capture.simulation import PARAMETERS, SimulationParameters
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import DEFAULT_BAUD
 

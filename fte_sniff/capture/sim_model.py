@@ -1,0 +1,302 @@
+"""Simulated controller, motors and host."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from random import Random
+from typing import TypeAlias
+
+from fte_sniff.protocol import KIND_BY_NAME, KINDS, MOTORS, Direction, FrameKind, encode
+
+PULSES_PER_TURN = 500
+"""Encoder pulses in one turn of a simulated motor. The protocol leaves this to the motor."""
+
+TOP_SPEED_RPM = 3000.0
+"""What a simulated motor reaches at most, however much is asked."""
+
+ACCELERATION_RPM_S = 4000.0
+"""How fast its speed can change, RPM per second."""
+
+SPEED_LAG_S = 0.04
+"""Time constant with which the speed follows what is wanted, seconds."""
+
+POSITION_GAIN = 5.0
+"""RPM-equivalent speed per remaining distance near the target, 1/s."""
+
+_PULSES_PER_S_PER_RPM = PULSES_PER_TURN / 60
+_BRAKING_PULSES_S2 = 0.6 * ACCELERATION_RPM_S * _PULSES_PER_S_PER_RPM
+
+
+def clamp(value: float, bound: float) -> float:
+    """`value`, or the nearest of `-bound` and `bound` where it lies outside."""
+    return max(-bound, min(bound, value))
+
+
+@dataclass(slots=True)
+class Motor:
+    """One motor; `step` lets time pass."""
+
+    rpm: float = 0.0
+    """Present speed."""
+    pulses: float = 0.0
+    """Present position."""
+    online: bool = True
+    """Whether its driver answers; where not, the motor runs down."""
+    _wanted_rpm: float = 0.0
+    _target_pulses: float | None = None
+    _limit_rpm: float = 0.0
+    _holds_zero: bool = False
+
+    def turn(self, rpm: float) -> None:
+        """Go to a speed, and keep it."""
+        self._target_pulses = None
+        self._holds_zero = False
+        self._wanted_rpm = clamp(rpm, TOP_SPEED_RPM)
+
+    def move(self, pulses: float, limit_rpm: float) -> None:
+        """Go to a position, no faster than `limit_rpm` (its sign means nothing), and hold it."""
+        self._holds_zero = False
+        self._target_pulses = pulses
+        self._limit_rpm = min(abs(limit_rpm), TOP_SPEED_RPM)
+
+    def reset(self) -> None:
+        """Stop, and call the place where the motor stops zero."""
+        self.turn(0)
+        self._holds_zero = True
+
+    def step(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass, which must be short against `SPEED_LAG_S`."""
+        wanted = self._speed_wanted()
+        change = clamp((wanted - self.rpm) * dt_s / SPEED_LAG_S, ACCELERATION_RPM_S * dt_s)
+        self.rpm += change
+        if wanted == 0 and abs(self.rpm) < 0.5:
+            self.rpm = 0.0
+        self.pulses += self.rpm * _PULSES_PER_S_PER_RPM * dt_s
+        if self._holds_zero:
+            self.pulses = 0.0
+
+    def _speed_wanted(self) -> float:
+        if not self.online:
+            return 0.0
+        if self._target_pulses is None:
+            return self._wanted_rpm
+        ahead = self._target_pulses - self.pulses
+        if abs(ahead) < 0.25:
+            return 0.0
+        braking = math.sqrt(2 * _BRAKING_PULSES_S2 * abs(ahead))
+        pulses_s = min(braking, POSITION_GAIN * abs(ahead))
+        return math.copysign(min(pulses_s / _PULSES_PER_S_PER_RPM, self._limit_rpm), ahead)
+
+
+WHEEL_RADIUS_CM = 7.6
+GEAR_RATIO = 20
+"""Turns of the motor in one turn of its wheel."""
+
+HALF_TRACK_PLUS_HALF_BASE_CM = 38.0
+"""Half the distance of the wheels sideways plus half of it lengthways: the lever of a rotation."""
+
+STEP_S = 0.002
+"""The step of the simulated physics, seconds."""
+
+OFFLINE_EVERY_S = (12.0, 90.0)
+"""The least and the greatest time between two spells in which one motor is offline."""
+
+OFFLINE_FOR_S = (0.4, 1.6)
+
+_RPM_PER_CM_S = 60 * GEAR_RATIO / (2 * math.pi * WHEEL_RADIUS_CM)
+_FEEDBACK_KIND_BY_CMD = {
+    cmd: kind for kind in KINDS if kind.direction is Direction.FEEDBACK for cmd in kind.cmds
+}
+
+
+def wheel_speeds(vx_cm_s: float, vy_cm_s: float, wz_mrad_s: float) -> tuple[float, ...]:
+    """The RPM of motors 1 to 4 for a motion of the mecanum chassis.
+
+    + is forward, left and counter-clockwise. The protocol does not say which motor sits where; here
+    1 to 4 are front left, front right, rear left, rear right, and + turns every wheel forward.
+    """
+    turn_cm_s = wz_mrad_s / 1000 * HALF_TRACK_PLUS_HALF_BASE_CM
+    wheels_cm_s = (
+        vx_cm_s - vy_cm_s - turn_cm_s,
+        vx_cm_s + vy_cm_s + turn_cm_s,
+        vx_cm_s + vy_cm_s - turn_cm_s,
+        vx_cm_s - vy_cm_s + turn_cm_s,
+    )
+    return tuple(cm_s * _RPM_PER_CM_S for cm_s in wheels_cm_s)
+
+
+class Controller:
+    """Four motors, their modes, and the flags that the feedback carries."""
+
+    def __init__(self, rng: Random) -> None:
+        self.motors = {number: Motor() for number in MOTORS}
+        self._modes = dict.fromkeys(MOTORS, KIND_BY_NAME["speed"])
+        self._rng = rng
+        self._steps = 0
+        self._offline = 0
+        self._change_at_s = self._between(*OFFLINE_EVERY_S)
+
+    def obey(self, kind: FrameKind, values: Mapping[str, int]) -> None:
+        """Do what a control frame says; a frame for no motor of ours changes nothing."""
+        if kind.direction is not Direction.CONTROL:
+            return
+        if kind.name == "reset":
+            for number, motor in self.motors.items():
+                motor.reset()
+                self._modes[number] = KIND_BY_NAME["speed"]
+        elif kind.name == "mecanum":
+            speeds = wheel_speeds(values["vx_cm_s"], values["vy_cm_s"], values["wz_mrad_s"])
+            for number, rpm in zip(MOTORS, speeds, strict=True):
+                self.motors[number].turn(rpm)
+                self._modes[number] = kind
+        elif values["motor"] in self.motors:
+            motor = self.motors[values["motor"]]
+            self._modes[values["motor"]] = kind
+            if kind.name == "position":
+                motor.move(values["pulses"], values["rpm"])
+            else:
+                motor.turn(values["rpm"])
+
+    def advance_to(self, t_s: float) -> None:
+        """Let time pass until `t_s`, seconds since the start."""
+        while self._steps * STEP_S < t_s:
+            self._steps += 1
+            for motor in self.motors.values():
+                motor.step(STEP_S)
+        while t_s >= self._change_at_s:
+            self._change_who_is_online()
+
+    def feedback(self, number: int) -> bytes | None:
+        """The feedback frame of one motor in its present mode; None while it is offline."""
+        motor, cmd = self.motors[number], self._modes[number].cmds[0]
+        if not motor.online:
+            return None
+        kind = _FEEDBACK_KIND_BY_CMD[cmd]
+        values = {"motor": number, "error": self._error, "online": self._online}
+        for field in kind.fields:
+            if field.name == "rpm":
+                values["rpm"] = self._measured(motor.rpm)
+            elif field.name == "pulses":
+                span = field.high - field.low + 1
+                values["pulses"] = (round(motor.pulses) - field.low) % span + field.low
+        return encode(kind, values, cmd)
+
+    @property
+    def _online(self) -> int:
+        return sum(1 << (number - 1) for number, motor in self.motors.items() if motor.online)
+
+    @property
+    def _error(self) -> int:
+        return 1 << (self._offline - 1) if self._offline else 0
+
+    def _measured(self, rpm: float) -> int:
+        jitter = int(self._rng.random() * 3) - 1
+        return round(rpm) + (jitter if abs(rpm) > 20 else 0)
+
+    def _between(self, low: float, high: float) -> float:
+        return low + self._rng.random() * (high - low)
+
+    def _change_who_is_online(self) -> None:
+        if self._offline:
+            self.motors[self._offline].online = True
+            self._offline = 0
+            self._change_at_s += self._between(*OFFLINE_EVERY_S)
+        else:
+            self._offline = MOTORS[int(self._rng.random() * len(MOTORS))]
+            self.motors[self._offline].online = False
+            self._change_at_s += self._between(*OFFLINE_FOR_S)
+
+
+Command: TypeAlias = tuple[FrameKind, dict[str, int]]
+"""A kind of control frame and its values by row name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Commands sent in turn, each at least once, until the time is over; none is a pause."""
+
+    duration_s: float
+    commands: tuple[Command, ...] = ()
+
+
+class Host:
+    """Tells the next command, or that it is silent."""
+
+    def __init__(self, rng: Random) -> None:
+        self._script = _script(rng)
+        self._step = next(self._script)
+        self._until_s = self._step.duration_s
+        self._said = 0
+
+    def command_at(self, t_s: float) -> Command | None:
+        """What is sent at `t_s`, seconds since the start, which must not fall; None is silence."""
+        while t_s >= self._until_s and self._said >= len(self._step.commands):
+            self._step, self._said = next(self._script), 0
+            self._until_s = t_s + self._step.duration_s
+        if not self._step.commands:
+            return None
+        command = self._step.commands[self._said % len(self._step.commands)]
+        self._said += 1
+        return command
+
+
+def _command(name: str, **values: int) -> Command:
+    return KIND_BY_NAME[name], values
+
+
+def _script(rng: Random) -> Iterator[Step]:
+    phases = (_speed_ramps, _position_moves, _drives)
+    while True:
+        yield Step(0.0, (_command("reset"),))
+        yield Step(0.3)
+        for phase in phases:
+            yield from phase(rng)
+            yield Step(_pick(rng, 2, 8) / 10)
+
+
+def _pick(rng: Random, low: int, high: int) -> int:
+    """A whole number from `low` to `high`, both included."""
+    return low + int(rng.random() * (high - low + 1))
+
+
+def _sign(rng: Random) -> int:
+    return 1 if rng.random() < 0.5 else -1
+
+
+def _speed_ramps(rng: Random) -> Iterator[Step]:
+    tops = {motor: _sign(rng) * _pick(rng, 4, 30) * 50 for motor in MOTORS}
+    levels = [*range(1, 11), 10, 10, 10, *range(9, -1, -1)]
+    for level in levels:
+        yield Step(
+            0.15,
+            tuple(_command("speed", motor=m, rpm=top * level // 10) for m, top in tops.items()),
+        )
+
+
+def _position_moves(rng: Random) -> Iterator[Step]:
+    goals = [(m, _sign(rng) * _pick(rng, 4, 40) * 500) for m in MOTORS]
+    for places in (goals, [(m, 0) for m in MOTORS]):
+        limit = _pick(rng, 6, 12) * 100
+        yield Step(
+            0.1,
+            tuple(_command("position", motor=m, rpm=limit, pulses=at) for m, at in places),
+        )
+        yield Step(_pick(rng, 25, 35) / 10)
+
+
+def _drives(rng: Random) -> Iterator[Step]:
+    directions = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (1, 1, 0), (1, 0, -1))
+    for _ in range(_pick(rng, 4, 6)):
+        vx, vy, wz = directions[_pick(rng, 0, len(directions) - 1)]
+        cm_s, mrad_s = _pick(rng, 2, 10) * 5, _pick(rng, 3, 15) * 100
+        for tenths in range(2, 11, 2):
+            yield _drive(0.1, vx * cm_s * tenths // 10, vy * cm_s * tenths // 10,
+                         wz * mrad_s * tenths // 10)  # fmt: skip
+        yield _drive(_pick(rng, 5, 15) / 10, vx * cm_s, vy * cm_s, wz * mrad_s)
+    yield _drive(0.4, 0, 0, 0)
+
+
+def _drive(duration_s: float, vx: int, vy: int, wz: int) -> Step:
+    return Step(duration_s, (_command("mecanum", vx_cm_s=vx, vy_cm_s=vy, wz_mrad_s=wz),))
