@@ -53,7 +53,7 @@ if TYPE_CHECKING:
         encode,
         record,
     )
-    from fte_sniff.session.files.tables import read, scan
+    from fte_sniff.session.scan import read, scan
 
 __all__ = [
     "KINDS",
@@ -85,7 +85,7 @@ def __getattr__(name: str) -> "Any":
     from importlib import import_module
 
     if name in __all__:
-        for room in ("errors", "protocol", "session.files.tables"):
+        for room in ("errors", "protocol", "session.scan"):
             module = import_module(f"{__name__}.{room}")
             if hasattr(module, name):
                 return getattr(module, name)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.inputs.opening import HowToRead, check_inputs, input_arguments, opened
-from fte_sniff.cli.inputs.reading import Reading
 from fte_sniff.cli.options.filtering import filter_option, row_filter
 from fte_sniff.cli.options.paths import FileName
 from fte_sniff.cli.options.spans import span_of, span_options
@@ -20,6 +19,7 @@ from fte_sniff.cli.outputs.destination import file_output, form_of, format_optio
 from fte_sniff.cli.outputs.summary import summary
 from fte_sniff.cli.streams.telling import tell
 from fte_sniff.formats.writers import OutputFormat, row_writer
+from fte_sniff.session.pipeline import Reading
 
 if TYPE_CHECKING:
     from fte_sniff.recording.bulk_writer import Note
@@ -102,8 +102,7 @@ def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: 
 
 
 def _pour(output: Path | None, reading: Reading, *, force: bool) -> None:
-    from fte_sniff.session.saving.origin import UNKNOWN
-    from fte_sniff.session.saving.sinks import RawSink
+    from fte_sniff.session.save import UNKNOWN, RawSink
 
     with file_output(output, OutputFormat.RAW, force=force) as path:
         sink = RawSink(path, UNKNOWN)

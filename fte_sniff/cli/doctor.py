@@ -66,12 +66,7 @@ def command(
 
 def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Finding]:
     from fte_sniff.capture.serial_port import PortSettings
-    from fte_sniff.session.doctor.examination import (
-        Examination,
-        examine,
-        look_around,
-        look_at_ports,
-    )
+    from fte_sniff.session.doctor import Examination, examine, look_around, look_at_ports
 
     if port is None:
         return chain(look_around(), look_at_ports())

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.inputs.opening import HowToRead, check_inputs, input_arguments, opened
-from fte_sniff.cli.inputs.reading import Reading
 from fte_sniff.cli.options.filtering import filter_option, row_filter
 from fte_sniff.cli.options.spans import span_of, span_options
 from fte_sniff.cli.options.units import line_speed_option
@@ -22,6 +21,7 @@ from fte_sniff.cli.outputs.stats_document import Asked, document
 from fte_sniff.cli.outputs.summary import hint
 from fte_sniff.cli.streams.telling import tell
 from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.session.pipeline import Reading
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.summary import Survey

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.inputs.one_input import Input, RecordingInput
 from fte_sniff.cli.inputs.opening import (
     STDIN,
     HowToRead,
@@ -31,9 +30,10 @@ from fte_sniff.cli.streams.signals import signals_call
 from fte_sniff.cli.streams.telling import tell
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.session.inputs import Input, RecordingInput
 
 if TYPE_CHECKING:
-    from fte_sniff.session.files.replay import Read
+    from fte_sniff.session.replay import Read
 
 
 @click.command(name="view", short_help="Look at files on the screen that live has.")
@@ -74,9 +74,8 @@ def command(
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     settings = remembered(config)
     check_inputs(files)
-    from fte_sniff.cli.inputs.viewing import Viewing
-    from fte_sniff.session.files.pages import RecordedPages
-    from fte_sniff.session.files.replay import ReplaySession
+    from fte_sniff.session.pipeline import Viewing
+    from fte_sniff.session.replay import RecordedPages, ReplaySession
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.opening import Opening
 

@@ -1,12 +1,16 @@
-"""The one place that wires a source to a recording and to a view.
+"""Connects inputs to outputs: a capture to its recording and view, files to views and exports.
 
-It must not know what shows the rows, nor how any of the rooms below does its work.
+Modules:
 
-    capturing/   a capture, in a process of its own, and the view's end of it
-    files/       files that are read: as the feed of a view, and as tables
-    saving/      rows of a view to a new file
-    doctor/      a look at machine, folder and ports, and at what one line carries
-
-A capture runs in a process of its own. A slow, stopped or killed view costs it no byte, no
-timestamp and no file; only "stop" goes back up, and a view that is gone means the same.
+    capture_process  Child process: capture, record, send batches.
+    capture_state    Messages of the capture process and the state folded from
+                     them.
+    doctor           Run the checks and judge them.
+    inputs           Open any input (MCAP, log, raw, stdin) as batches.
+    live_session     LiveSession: start, poll, stop.
+    pipeline         Input → filter → view as one iterator.
+    port_merge       Order rows of several ports; detect swapped wiring.
+    replay           ReplaySession over files with paging.
+    save             Save rows of a session in any format.
+    scan             Recordings as polars tables: public scan() and read().
 """

@@ -27,7 +27,7 @@ from fte_sniff.analysis.counters import Tally
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.errors import FteSniffError, shown
-from fte_sniff.session.saving.save import Saving
+from fte_sniff.session.save import Saving
 from fte_sniff.tui.actions.filtering import Filtering
 from fte_sniff.tui.actions.leaving import Leaving
 from fte_sniff.tui.actions.looking import Looking

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, ENDLESS, BlockSource, RowStore
 from fte_sniff.analysis.statistics import NO_BENCH, Bench
-from fte_sniff.session.saving.origin import UNKNOWN, Origin
+from fte_sniff.session.save import UNKNOWN, Origin
 from fte_sniff.tui.table.look import ColumnChoice
 
 if TYPE_CHECKING:

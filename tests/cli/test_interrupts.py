@@ -95,7 +95,7 @@ DECODE = ("decode", str(SAMPLES / "damaged.mcap"))
         ("click", ("live", "sim://")),
         ("fte_sniff.protocol.codec", ("encode", "reset")),
         ("fte_sniff.cli.capturing.running", ("live", "sim://")),
-        ("fte_sniff.session.capturing.live", ("live", "sim://")),
+        ("fte_sniff.session.live_session", ("live", "sim://")),
         ("multiprocessing", ("live", "sim://")),
         ("polars", (*DECODE, "--filter", "motor = 1")),
         ("numpy", (*DECODE, "-o", "rows.csv")),

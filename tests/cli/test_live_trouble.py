@@ -15,7 +15,7 @@ import pytest
 
 from fte_sniff.protocol import PortEventKind
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.capturing.outbox import MOST_WAITING
+from fte_sniff.session.capture_process import MOST_WAITING
 from tests.cli.processes import (
     ended,
     hears,

@@ -12,14 +12,14 @@ from fte_sniff.analysis.feed import shifted
 from fte_sniff.analysis.live_models import Following
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import Bench
-from fte_sniff.cli.inputs.one_input import RecordingInput
-from fte_sniff.cli.inputs.viewing import Viewing
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode, iso_time
 from fte_sniff.recording.metadata import PortFacts, Stretch
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import Keeping, Surroundings
 from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.session.inputs import RecordingInput
+from fte_sniff.session.pipeline import Viewing
 
 START, STEP = 1_770_000_000_000_000_000, 10_000_000
 CHUNK = 6

@@ -15,8 +15,7 @@ from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.protocol import Damage, Fault, Row
 from fte_sniff.recording.metadata import Stretch
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.saving.origin import Origin
-from fte_sniff.session.saving.save import Saving
+from fte_sniff.session.save import Origin, Saving
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.choosing import ColumnChooser
 from fte_sniff.tui.detail import DetailPane

@@ -17,7 +17,7 @@ from fte_sniff.cli.streams.telling import nobody_reads, tell
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
-from fte_sniff.session.capturing.live import LOOK_EVERY_S, LiveSession
+from fte_sniff.session.live_session import LOOK_EVERY_S, LiveSession
 
 _AS_EXPECTED = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 

@@ -15,7 +15,7 @@ from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
     from fte_sniff.capture.source import Wiring
-    from fte_sniff.session.capturing.plan import CapturePlan
+    from fte_sniff.session.capture_state import CapturePlan
 
 
 def plan_of(
@@ -41,7 +41,7 @@ def plan_of(
         FilterError: the trigger is none.
     """
     from fte_sniff.recording.output_file import Existing
-    from fte_sniff.session.capturing.plan import CapturePlan
+    from fte_sniff.session.capture_state import CapturePlan
 
     if no_record and output is not None:
         raise UsageError("-o names a recording and --no-record wants none; leave one of them out")

@@ -36,9 +36,8 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import Bench
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
-    from fte_sniff.session.capturing.live import LiveSession
-    from fte_sniff.session.capturing.plan import CapturePlan
-    from fte_sniff.session.capturing.told import Told
+    from fte_sniff.session.capture_state import CapturePlan, Told
+    from fte_sniff.session.live_session import LiveSession
     from fte_sniff.tui.opening import Opening
 
 _STDOUT = Path("-")
@@ -158,7 +157,7 @@ def _is_stdout(recording: Path | None) -> bool:
 def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
     select = selection(filter_text)
     from fte_sniff.cli.capturing.plain import print_lines
-    from fte_sniff.session.capturing.live import LiveSession
+    from fte_sniff.session.live_session import LiveSession
 
     session = LiveSession(plan)
     with signals_call(session.stop, _ending(plan), session.drop_leftover):
@@ -175,7 +174,7 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
 def _fill_stdout(plan: CapturePlan) -> None:
     """Let standard output have the recording, and nothing else."""
     from fte_sniff.cli.capturing.plain import tell_troubles
-    from fte_sniff.session.capturing.live import LiveSession
+    from fte_sniff.session.live_session import LiveSession
 
     session = LiveSession(plan)
     with signals_call(session.stop, _ending(plan), session.drop_leftover):
@@ -192,7 +191,7 @@ def _fill_stdout(plan: CapturePlan) -> None:
 
 def _show_screen(plan: CapturePlan, opening: Opening) -> None:
     from fte_sniff.cli.capturing.plain import see_out
-    from fte_sniff.session.capturing.live import LiveSession
+    from fte_sniff.session.live_session import LiveSession
 
     code = 0
     seen: list[Tally] = []

@@ -18,7 +18,6 @@ from typing import Any
 
 import click
 
-from fte_sniff.cli.inputs.one_input import STDIN_NAME, Input, LogInput, RecordingInput
 from fte_sniff.cli.options.paths import FileName
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.input_kind import (
@@ -30,6 +29,7 @@ from fte_sniff.formats.input_kind import (
 )
 from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.formats.logs.log_clock import LogClock, day_of, zone_of
+from fte_sniff.session.inputs import STDIN_NAME, Input, LogInput, RecordingInput
 
 STDIN = Path("-")
 

@@ -10,7 +10,7 @@ from abc import abstractmethod
 from textual.app import App
 from textual.worker import WorkType
 
-from fte_sniff.session.saving.save import Saving
+from fte_sniff.session.save import Saving
 from fte_sniff.tui.abstract import AbstractMeta
 from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.opening import Opening

@@ -19,8 +19,7 @@ from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
-from fte_sniff.session.saving.origin import Origin
-from fte_sniff.session.saving.save import Saving, Target
+from fte_sniff.session.save import Origin, Saving, Target
 from fte_sniff.tui.actions.parts import Parts
 from fte_sniff.tui.clips import keep_copy, short_path
 from fte_sniff.tui.language import _, worded

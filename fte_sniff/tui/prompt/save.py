@@ -5,7 +5,7 @@ It must not know which rows, nor how they are written.
 
 from __future__ import annotations
 
-from fte_sniff.session.saving.save import EXAMPLE, FORMS
+from fte_sniff.session.save import EXAMPLE, FORMS
 from fte_sniff.tui.language import _, later
 from fte_sniff.tui.prompt.field import Check, Field, Take
 

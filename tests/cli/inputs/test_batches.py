@@ -12,14 +12,13 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.counters import Tally
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.cli.inputs.batches import Batch, RowBatch
-from fte_sniff.cli.inputs.packed_batches import ColumnBatch, PackedBatch
 from fte_sniff.errors import FileError
 from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.recording.passages import Span
 from fte_sniff.row_batch import Codebook, PackedRows, RowColumns, Words, pack
+from fte_sniff.session.inputs import Batch, ColumnBatch, PackedBatch, RowBatch
 
 PORTS = [
     "/dev/ttyUSB0",

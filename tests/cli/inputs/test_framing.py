@@ -9,12 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fte_sniff.cli.inputs.framing import PORTION, decided
-from fte_sniff.cli.inputs.log_batches import FEW, log_batches
-from fte_sniff.cli.inputs.one_input import LogInput
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.protocol import Chunk, Framer, Row
 from fte_sniff.recording.passages import Span
+from fte_sniff.session.inputs import FEW, PORTION, LogInput, decided, log_batches
 from tests.protocol.streams import raw_bytes
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")

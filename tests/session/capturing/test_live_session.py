@@ -25,11 +25,10 @@ from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.capturing import live
-from fte_sniff.session.capturing.live import END_WITHIN_S, LiveSession
-from fte_sniff.session.capturing.messages import Batch, Ended, Started
-from fte_sniff.session.capturing.plan import CapturePlan
-from fte_sniff.session.capturing.process import capture
+from fte_sniff.session import live_session as live
+from fte_sniff.session.capture_process import capture
+from fte_sniff.session.capture_state import Batch, CapturePlan, Ended, Started
+from fte_sniff.session.live_session import END_WITHIN_S, LiveSession
 from tests.cli.processes import BOUND_S, holding, wait_until
 
 SIM = "sim://?seed=1&rate=1000"

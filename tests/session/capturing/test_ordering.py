@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.capture.simulation import SimulationParameters, simulate
 from fte_sniff.protocol import Chunk, Frame, Framer, PortEvent, PortEventKind, Row
-from fte_sniff.session.capturing.ordering import MOST_HELD_NS, REACH_NS, Entry, Ordering
+from fte_sniff.session.port_merge import MOST_HELD_NS, REACH_NS, Entry, Ordering
 
 MS = 1_000_000
 FRAME = bytes.fromhex("AA0000000000000000EE")

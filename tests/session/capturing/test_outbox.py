@@ -9,8 +9,8 @@ from pathlib import Path
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind
 from fte_sniff.recording.recorder import Change
-from fte_sniff.session.capturing.messages import Batch, Ended
-from fte_sniff.session.capturing.outbox import MOST_WAITING, Outbox
+from fte_sniff.session.capture_process import MOST_WAITING, Outbox
+from fte_sniff.session.capture_state import Batch, Ended
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
 

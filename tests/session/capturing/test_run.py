@@ -13,10 +13,8 @@ from fte_sniff.capture.multi_source import Tap
 from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, Row
-from fte_sniff.session.capturing.messages import Batch, Ended
-from fte_sniff.session.capturing.outbox import Outbox
-from fte_sniff.session.capturing.plan import CapturePlan
-from fte_sniff.session.capturing.run import Run
+from fte_sniff.session.capture_process import Outbox, Run
+from fte_sniff.session.capture_state import Batch, CapturePlan, Ended
 
 MS = 1_000_000
 START_NS = 10**18

@@ -15,10 +15,8 @@ from fte_sniff.protocol import Chunk, Fault, PortEvent, PortEventKind
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
-from fte_sniff.session.capturing.messages import Batch, Ended
-from fte_sniff.session.capturing.outbox import Outbox
-from fte_sniff.session.capturing.plan import CapturePlan
-from fte_sniff.session.capturing.run import Run
+from fte_sniff.session.capture_process import Outbox, Run
+from fte_sniff.session.capture_state import Batch, CapturePlan, Ended
 
 FRAME = bytes.fromhex("AA010103E800000000EE")
 NOW_NS = 1_795_000_000_000_000_000

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from fte_sniff.analysis.feed import Missing, Pace
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
-from fte_sniff.session.capturing.messages import Batch
-from fte_sniff.session.capturing.seams import BatchSeams
+from fte_sniff.session.capture_state import Batch
+from fte_sniff.session.live_session import BatchSeams
 
 
 def rows(*times: int) -> list[Row]:

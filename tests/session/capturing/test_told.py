@@ -14,8 +14,7 @@ from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.recorder import Change, Outcome
-from fte_sniff.session.capturing.messages import Batch, Ended, Message, Started
-from fte_sniff.session.capturing.told import Told
+from fte_sniff.session.capture_state import Batch, Ended, Message, Started, Told
 
 ONE, TWO = Path("one.mcap"), Path("two.mcap")
 FULL = FileError("one.mcap: recording stopped: the disk is full")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from fte_sniff.protocol import Damage, Fault, Frame, PortEvent, PortEventKind
-from fte_sniff.session.capturing.wiring import SETTLED, STRANGE, WiringWatch
+from fte_sniff.session.port_merge import SETTLED, STRANGE, WiringWatch
 
 CONTROL = bytes.fromhex("AA0000000000000000EE")
 FEEDBACK = bytes.fromhex("5501010000000000000FEE")[:9] + b"\xee"

@@ -7,8 +7,13 @@ import pytest
 
 from fte_sniff.analysis.baud_guess import Condition, Setting, Verdict
 from fte_sniff.protocol import Direction
-from fte_sniff.session.doctor.surroundings import folder_finding, framer_finding, terminal_findings
-from fte_sniff.session.doctor.verdicts import probe_finding, verdict_finding
+from fte_sniff.session.doctor import (
+    folder_finding,
+    framer_finding,
+    probe_finding,
+    terminal_findings,
+    verdict_finding,
+)
 from tests.recording.privilege import unprivileged
 
 AT_57600 = (Setting(57_600, False), 0.99)

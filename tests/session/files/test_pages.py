@@ -21,7 +21,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.passages import EVERYTHING, Span
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import Codebook, RowColumns, Words, unpack
-from fte_sniff.session.files.pages import RecordedPages
+from fte_sniff.session.replay import RecordedPages
 from tests.examples import examples
 
 COUNT = 150_000

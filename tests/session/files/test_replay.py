@@ -11,7 +11,7 @@ from time import monotonic
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
 from fte_sniff.row_batch import RowColumns, Words, packed_rows
-from fte_sniff.session.files.replay import MOST_BATCHES_AHEAD, Read, ReplaySession
+from fte_sniff.session.replay import MOST_BATCHES_AHEAD, Read, ReplaySession
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
 

@@ -17,7 +17,7 @@ from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row, record
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.files.earliest import earliest_ns
+from fte_sniff.session.scan import earliest_ns
 from tests.examples import examples
 
 SAMPLES = Path(__file__).parents[3] / "samples"

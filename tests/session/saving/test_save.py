@@ -29,9 +29,8 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.recording.metadata import Selection, Stretch
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.saving import parquet_sink
-from fte_sniff.session.saving.origin import Origin
-from fte_sniff.session.saving.save import FORMS, Saving, Target
+from fte_sniff.session import save as parquet_sink
+from fte_sniff.session.save import FORMS, Origin, Saving, Target
 
 NOON_NS = 1_769_860_800_000_000_000
 PORTS = ("/dev/ttyUSB0", "b")

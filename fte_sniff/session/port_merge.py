@@ -1,6 +1,4 @@
-"""Owns the order of what comes from several ports: one time line, and where it is not certain.
-
-It must not know what the rows are, nor a clock: the times come with them.
+"""Order rows of several ports; detect swapped wiring.
 
 Each port's rows come in order, but late: a frame is known only when its last byte is, or when the
 bytes behind it are. So a row waits until every other port is known to be past it:
@@ -19,11 +17,12 @@ reaches back to a row of another port, which of the two came first is not certai
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias
 
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.errors import Said
+from fte_sniff.protocol import Direction, Frame, PortEvent, PortEventKind, Row
 
 Entry: TypeAlias = Row | PortEvent
 
@@ -145,3 +144,61 @@ def _uncertain(row: Row) -> Row:
     """The row, marked. `dataclasses.replace` would take five times as long."""
     make = type(row)
     return make(row.port, row.offset, row.raw, row.t_ns, row.faults, row.read_delay_ns, True)
+
+
+SETTLED = 10
+"""Sound frames of one direction that make a wire that direction's."""
+
+STRANGE = 3
+"""Sound frames of the other direction upon which it is pointed out: one can be chance."""
+
+
+class WiringWatch:
+    """Points out, once a wire, that it carries what the other one should."""
+
+    def __init__(self, ports: Sequence[str]) -> None:
+        """Watch these ports; where there is only one it may carry anything."""
+        self._counts: dict[str, Counter[Direction]] = {port: Counter() for port in ports}
+        self._own: dict[str, Direction] = {}
+        self._quiet = set(ports) if len(ports) < 2 else set()
+
+    def look(self, port: str, rows: Iterable[Row]) -> list[PortEvent]:
+        """What these rows, all of one port, give cause to point out."""
+        if port in self._quiet:
+            return []
+        counts = self._counts[port]
+        for row in rows:
+            if isinstance(row, Frame) and not row.faults:
+                counts[row.direction] += 1
+                if detail := self._strange(port, row.direction):
+                    self._quiet.add(port)
+                    return [PortEvent(row.t_ns or 0, port, PortEventKind.WIRING, detail)]
+        return []
+
+    def _strange(self, port: str, direction: Direction) -> str | None:
+        """What is strange now that one more frame of that direction came."""
+        counts, own = self._counts[port], self._own.get(port)
+        if own is None:
+            if counts[direction] < SETTLED:
+                return None
+            self._own[port] = direction
+            return self._same_as_another(port, direction)
+        if direction is own or counts[direction] < STRANGE:
+            return None
+        return Said(
+            "{direction} frames on the wire that carries {own} frames: swapped "
+            "or mixed wiring; each adapter's RX belongs on a wire of its own",
+            direction=direction,
+            own=own,
+        )
+
+    def _same_as_another(self, port: str, direction: Direction) -> str | None:
+        for other, own in self._own.items():
+            if other != port and own is direction:
+                return Said(
+                    "{direction} frames here and on {other} too: are both adapters on "
+                    "the same wire? One RX belongs on each",
+                    direction=direction,
+                    other=other,
+                )
+        return None

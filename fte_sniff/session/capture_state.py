@@ -1,19 +1,66 @@
-"""Owns what a view knows of a capture by now: the messages so far, as one value.
-
-It must not know how messages travel, nor how a capture process is started or ended.
-"""
+"""Messages of the capture process and the state folded from them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
+from typing import Final, TypeAlias
 
 from fte_sniff.analysis.feed import FeedState
+from fte_sniff.capture.source import Wiring
 from fte_sniff.errors import FteSniffError, Said
-from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Change, Outcome
-from fte_sniff.session.capturing.messages import Batch, Ended, Message, Started
+from fte_sniff.recording.retention import Keeping
+
+STOP: Final = "stop"
+"""End the capture, and close its file."""
+
+DROP: Final = "drop"
+"""Behind STOP: do not write what still waits to be written, but count it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """The port is open, and so is the recording if there is one."""
+
+    recording: Path | None
+    """Where the recording lies, which may have become another name than the plan's."""
+    device: str | None = None
+    """What a host program is to open, where this is a bridge."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """What has come since the batch before."""
+
+    rows: list[Row]
+    events: list[PortEvent]
+    total_rows: int
+    """All rows captured so far."""
+    not_shown: int
+    """Rows captured and recorded, but dropped on the way because the view was too slow."""
+    recording: tuple[Change, ...] = ()
+    """What became of the recording meanwhile."""
+    leftover: int = 0
+    """Bytes that waited to be written when the reading ended, where these are many."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The capture is over and its file is closed; nothing comes after this."""
+
+    reason: str | None = None
+    """Why, one line for people; None where it was asked to end."""
+    error: FteSniffError | None = None
+    """What went wrong, if something did."""
+    outcome: Outcome | None = None
+    """What there is of the recording, if there is one."""
+
+
+Message: TypeAlias = Started | Batch | Ended
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,3 +170,25 @@ def _away_after(away: frozenset[str], event: PortEvent) -> frozenset[str]:
     if event.kind is PortEventKind.FOUND_AGAIN:
         return away - {event.port}
     return away
+
+
+@dataclass(frozen=True, slots=True)
+class CapturePlan:
+    """One capture."""
+
+    wiring: Wiring
+    """Which ports to open, and how."""
+    recording: Path | None
+    """Where to record to; None to record nothing."""
+    existing: Existing = Existing.REFUSE
+    """What to do when the recording's file is there already."""
+    keeping: Keeping = field(default_factory=Keeping)
+    """What the recording is to keep, and how much of the disk it may take."""
+    trigger: str | None = None
+    """A filter: the rows whose surroundings are kept; None to keep all."""
+    outlives_view: bool = False
+    """Whether to go on when the view is killed or its terminal gone; not when it asks to end."""
+    duration_s: float | None = None
+    """End after so many seconds; None, or infinity, to go on."""
+    count: int | None = None
+    """End after so many rows; None to go on."""

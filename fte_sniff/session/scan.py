@@ -1,8 +1,4 @@
-"""Owns recordings as polars tables: `scan` and `read`, which the package hands out by these names.
-
-It must not know how a recording is laid out, nor what a column means. Here the reader's columns
-become the contract's, batch by batch.
-"""
+"""Recordings as polars tables: public scan() and read()."""
 
 from __future__ import annotations
 
@@ -10,8 +6,10 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Literal
 
 import polars as pl
+from polars.exceptions import PolarsError
 from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
@@ -19,7 +17,52 @@ from fte_sniff.errors import RecordingWarning, shown
 from fte_sniff.recording.passages import Span
 from fte_sniff.recording.reader import RecordingReader, recordings_in, start_of
 from fte_sniff.row_batch import RowColumns, Words
-from fte_sniff.session.files.earliest import earliest_ns
+
+_TIME = "time"
+_CLOSED: tuple[Literal["both", "left", "right", "none"], ...] = ("both", "left", "right", "none")
+_NS: dict[Literal["ns", "us", "ms"], int] = {"ns": 1, "us": 10**3, "ms": 10**6}
+_TIMES = (pl.col(_TIME), *(pl.col(_TIME).cast(pl.Datetime(unit, "UTC")) for unit in _NS))
+"""The column, and as polars rounds it down to compare it with times that are coarser."""
+
+
+def earliest_ns(wanted: pl.Expr) -> int:
+    """Nanoseconds since 1970 UTC: no row of an earlier `time` passes the filter; 0 for no bound."""
+    inputs = wanted.meta.pop()[::-1]
+    if len(inputs) == 3:
+        return _since(inputs[0], inputs[1]) if _is_between(wanted, inputs) else 0
+    if len(inputs) != 2:
+        return 0
+    left, right = inputs
+    if wanted.meta.eq(left & right):
+        return max(earliest_ns(left), earliest_ns(right))
+    if wanted.meta.eq(left | right):
+        return min(earliest_ns(left), earliest_ns(right))
+    if any(map(wanted.meta.eq, (left > right, left >= right, left == right))):
+        return _since(left, right)
+    if any(map(wanted.meta.eq, (left < right, left <= right))):
+        return _since(right, left)
+    return 0
+
+
+def _is_between(wanted: pl.Expr, inputs: list[pl.Expr]) -> bool:
+    column, low, high = inputs
+    return any(wanted.meta.eq(column.is_between(low, high, closed)) for closed in _CLOSED)
+
+
+def _since(column: pl.Expr, bound: pl.Expr) -> int:
+    """The bound in nanoseconds, if it is one of the time."""
+    if not any(map(column.meta.eq, _TIMES)) or bound.meta.root_names():
+        return 0
+    try:
+        found = pl.select(bound).to_series()
+    except PolarsError:
+        return 0
+    kind = found.dtype
+    if not isinstance(kind, pl.Datetime) or kind.time_zone is None or len(found) != 1:
+        return 0
+    count = found.to_physical().item()
+    return 0 if count is None else max(0, count * _NS[kind.time_unit])
+
 
 _MOST_LOSSES = 5
 """Losses that the warning of a file lists; of more it gives the number."""

@@ -1,8 +1,4 @@
-"""Owns the view's end of a capture process: starting it, hearing from it, ending it.
-
-It must not know what shows the rows, what messages mean for a view (`told` does), nor what the
-capture process does inside.
-"""
+"""LiveSession: start, poll, stop."""
 
 from __future__ import annotations
 
@@ -10,20 +6,45 @@ import multiprocessing
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from fte_sniff.analysis.feed import FeedUpdate, Seam, shifted
+from fte_sniff.analysis.feed import FeedUpdate, Missing, Seam, SeamFinder, shifted
 from fte_sniff.errors import FileError, PortError, Said
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.session.capturing.messages import DROP, STOP, Batch, Ended, Message, Started
-from fte_sniff.session.capturing.plan import CapturePlan
-from fte_sniff.session.capturing.process import capture
-from fte_sniff.session.capturing.seams import BatchSeams
-from fte_sniff.session.capturing.told import Told
+from fte_sniff.session.capture_process import capture
+from fte_sniff.session.capture_state import (
+    DROP,
+    STOP,
+    Batch,
+    CapturePlan,
+    Ended,
+    Message,
+    Started,
+    Told,
+)
+
+
+class BatchSeams:
+    """Finds the seams in each batch of a capture, batch by batch."""
+
+    def __init__(self, ports: Sequence[str], baud: int) -> None:
+        """No batch came yet; each port began with so many bits per second."""
+        self._finder = SeamFinder()
+        self._finder.begin(dict.fromkeys(ports, baud))
+        self._not_shown = 0
+
+    def of(self, batch: Batch) -> list[Seam]:
+        """Those of the next batch, by place among its rows."""
+        found = self._finder.seams(batch.rows, batch.events)
+        if batch.not_shown > self._not_shown:
+            self._not_shown = batch.not_shown
+            found.insert(0, Missing(0))
+        return found
+
 
 MOST_ROWS_A_POLL = 16_384
 """Rows that one poll hands over at most, so that a view that was stopped can still breathe."""
