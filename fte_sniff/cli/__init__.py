@@ -1,23 +1,38 @@
-"""The command line: one file a command; heavy imports only inside the command that needs them.
+"""The command line: one module per command; exit codes.
 
-Nothing below may import from here. Data goes to stdout, everything else to stderr; each error is
-one line, and the exceptions carry the exit codes (0 done, 1 a check says no, 2 usage or input
-text, 3 port, 4 file).
+Modules:
 
-    main            the group of commands and the last handler of every error
-    live, bridge    capture, record and watch
-    view            the screen on files
-    decode, stats   files to rows, and to numbers
-    hex, encode     single frames
-    repair, simulate, ports, doctor
-
-What they stand on:
-
-    options/        what commands have in common on the command line and in the settings file
-    capturing/      the run of a capture
-    inputs/         files and standard input, opened and read through a filter
-    outputs/        where rows and numbers go
-    streams/        standard streams and signals: what is said there, how a command hears of its end
+    bridge             `fte-sniff bridge`: sit between a host program and the
+                       controller, record and watch both.
+    capture_command    Run a capture with screen or plain lines.
+    decode             `fte-sniff decode`: recordings, raw bytes and hex text
+                       to rows in a form that others read.
+    doctor             `fte-sniff doctor`: what is wrong with this set-up,
+                       and the command that mends it.
+    encode             `fte-sniff encode`: a frame's bytes from its values,
+                       one subcommand a kind of frame.
+    hex                `fte-sniff hex`: bytes that somebody pasted, taken
+                       apart at once.
+    input_files        Input arguments to session inputs.
+    live               `fte-sniff live`: capture a port, record it, and watch
+                       it.
+    main               The group of commands, and how every error ends: one
+                       line, and an exit code.
+    options            Shared click options and parameter types.
+    output             Output path, format, overwrite, closing summary.
+    ports              `fte-sniff ports`: which serial ports there are.
+    recording_options  Options of a recording and the plan made of them.
+    repair             `fte-sniff repair`: a damaged recording to a whole
+                       one.
+    settings           Settings file and environment.
+    simulate           `fte-sniff simulate`: a controller on a pseudo-
+                       terminal, to develop against.
+    stats              `fte-sniff stats`: the numbers over files, for people
+                       or as one JSON object.
+    stats_json         Statistics as JSON.
+    stats_report       Statistics as text.
+    streams            Signals, stdout, stderr messages.
+    view               `fte-sniff view`: the screen of `live` on files.
 """
 
 from fte_sniff.cli.main import main

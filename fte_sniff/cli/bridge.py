@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.capturing.running import capture_options, run_capture
-from fte_sniff.cli.options.paths import FileName
-from fte_sniff.cli.options.remembered import remembered
+from fte_sniff.cli.capture_command import capture_options, run_capture
+from fte_sniff.cli.options import FileName
+from fte_sniff.cli.settings import remembered
 
 if TYPE_CHECKING:
     from fte_sniff.capture.bridge import Bridge

@@ -11,13 +11,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.inputs.opening import HowToRead, check_inputs, input_arguments, opened
-from fte_sniff.cli.options.filtering import filter_option, row_filter
-from fte_sniff.cli.options.paths import FileName
-from fte_sniff.cli.options.spans import span_of, span_options
-from fte_sniff.cli.outputs.destination import file_output, form_of, format_option, text_output
-from fte_sniff.cli.outputs.summary import summary
-from fte_sniff.cli.streams.telling import tell
+from fte_sniff.cli.input_files import HowToRead, check_inputs, input_arguments, opened
+from fte_sniff.cli.options import FileName, filter_option, row_filter, span_of, span_options
+from fte_sniff.cli.output import file_output, form_of, format_option, summary, text_output
+from fte_sniff.cli.streams import tell
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.session.pipeline import Reading
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.options.listing import list_format_option
-from fte_sniff.cli.options.seconds import Seconds
+from fte_sniff.cli.options import Seconds, list_format_option
 from fte_sniff.errors import UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD
 

@@ -11,8 +11,8 @@ from shutil import get_terminal_size
 
 import click
 
-from fte_sniff.cli.outputs.destination import format_option
-from fte_sniff.cli.streams.telling import tell
+from fte_sniff.cli.output import format_option
+from fte_sniff.cli.streams import tell
 from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
 from fte_sniff.formats.logs.text_lines import Piece

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.capturing.running import capture_options, run_capture
-from fte_sniff.cli.options.remembered import remembered
+from fte_sniff.cli.capture_command import capture_options, run_capture
+from fte_sniff.cli.settings import remembered
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:

@@ -15,9 +15,14 @@ from typing import NoReturn
 
 import click
 
-from fte_sniff.cli.streams.signals import interruptible
-from fte_sniff.cli.streams.stdout import abandon, abandon_stdout, settle_streams, unwritable_stdout
-from fte_sniff.cli.streams.telling import tell
+from fte_sniff.cli.streams import (
+    abandon,
+    abandon_stdout,
+    interruptible,
+    settle_streams,
+    tell,
+    unwritable_stdout,
+)
 from fte_sniff.errors import FteSniffError, unwritable
 
 PROGRAM = "fte-sniff"

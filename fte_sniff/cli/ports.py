@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.options.listing import list_format_option
-from fte_sniff.cli.streams.telling import tell
+from fte_sniff.cli.options import list_format_option
+from fte_sniff.cli.streams import tell
 
 if TYPE_CHECKING:
     from fte_sniff.capture.discovery import PortListing

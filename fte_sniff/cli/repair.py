@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.options.paths import FileName
-from fte_sniff.cli.streams.telling import tell
+from fte_sniff.cli.options import FileName
+from fte_sniff.cli.streams import tell
 from fte_sniff.errors import FileError, UsageError
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from typing import Any
 import click
 
 from fte_sniff.capture.simulation import PARAMETERS, Parameter, SimulationParameters
-from fte_sniff.cli.options.paths import FileName
-from fte_sniff.cli.streams.signals import signals_call
+from fte_sniff.cli.options import FileName
+from fte_sniff.cli.streams import signals_call
 from fte_sniff.errors import PortError, UsageError, shown
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
 

@@ -13,13 +13,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.inputs.opening import HowToRead, check_inputs, input_arguments, opened
-from fte_sniff.cli.options.filtering import filter_option, row_filter
-from fte_sniff.cli.options.spans import span_of, span_options
-from fte_sniff.cli.options.units import line_speed_option
-from fte_sniff.cli.outputs.stats_document import Asked, document
-from fte_sniff.cli.outputs.summary import hint
-from fte_sniff.cli.streams.telling import tell
+from fte_sniff.cli.input_files import HowToRead, check_inputs, input_arguments, opened
+from fte_sniff.cli.options import (
+    filter_option,
+    line_speed_option,
+    row_filter,
+    span_of,
+    span_options,
+)
+from fte_sniff.cli.output import hint
+from fte_sniff.cli.stats_json import Asked, document
+from fte_sniff.cli.streams import tell
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.pipeline import Reading
 
@@ -116,7 +120,7 @@ def _surveyed(reading: Reading, baud: int | None) -> Survey:
 
 
 def _show(survey: Survey, asked: Asked) -> None:
-    from fte_sniff.cli.outputs.stats_page import page
+    from fte_sniff.cli.stats_report import page
 
     if not sys.stdout.isatty():
         lines = page(survey, asked, None)

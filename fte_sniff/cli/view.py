@@ -13,21 +13,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.inputs.opening import (
-    STDIN,
-    HowToRead,
-    check_inputs,
-    input_arguments,
-    meant,
-    opened,
+from fte_sniff.cli.input_files import STDIN, HowToRead, check_inputs, input_arguments, meant, opened
+from fte_sniff.cli.options import (
+    REREAD,
+    filter_option,
+    keep_rows_option,
+    line_speed_option,
+    remembered_bench,
+    row_filter,
+    span_of,
+    span_options,
+    units_options,
 )
-from fte_sniff.cli.options.filtering import filter_option, row_filter
-from fte_sniff.cli.options.keeping import REREAD, keep_rows_option
-from fte_sniff.cli.options.remembered import config_option, lang_option, remembered
-from fte_sniff.cli.options.spans import span_of, span_options
-from fte_sniff.cli.options.units import line_speed_option, remembered_bench, units_options
-from fte_sniff.cli.streams.signals import signals_call
-from fte_sniff.cli.streams.telling import tell
+from fte_sniff.cli.settings import config_option, lang_option, remembered
+from fte_sniff.cli.streams import signals_call, tell
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.inputs import Input, RecordingInput

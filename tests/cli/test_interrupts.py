@@ -94,7 +94,7 @@ DECODE = ("decode", str(SAMPLES / "damaged.mcap"))
         ("fte_sniff.cli", ("encode", "reset")),
         ("click", ("live", "sim://")),
         ("fte_sniff.protocol.codec", ("encode", "reset")),
-        ("fte_sniff.cli.capturing.running", ("live", "sim://")),
+        ("fte_sniff.cli.capture_command", ("live", "sim://")),
         ("fte_sniff.session.live_session", ("live", "sim://")),
         ("multiprocessing", ("live", "sim://")),
         ("polars", (*DECODE, "--filter", "motor = 1")),

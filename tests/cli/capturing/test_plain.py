@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.cli.capturing.plain import PlainLines
+from fte_sniff.cli.capture_command import PlainLines
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind
 

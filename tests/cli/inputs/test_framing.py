@@ -95,7 +95,7 @@ def test_a_span_takes_what_lies_in_it(count: int) -> None:
 
 
 def test_a_large_file_is_read_in_pieces(tmp_path: Path) -> None:
-    from fte_sniff.cli.inputs.opening import HowToRead, opened
+    from fte_sniff.cli.input_files import HowToRead, opened
 
     path = tmp_path / "large.bin"
     path.write_bytes(FRAME * 200_000)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.cli.options.settings_file import read_settings
+from fte_sniff.cli.settings import read_settings
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
 

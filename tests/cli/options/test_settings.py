@@ -5,8 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.cli.options.settings import PortDefaults, ScreenSettings, Settings
-from fte_sniff.cli.options.settings_file import keep_screen, read_settings, settings_path
+from fte_sniff.cli.settings import (
+    PortDefaults,
+    ScreenSettings,
+    Settings,
+    keep_screen,
+    read_settings,
+    settings_path,
+)
 from fte_sniff.errors import FileError
 from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
 from fte_sniff.tui.theme_names import THEMES

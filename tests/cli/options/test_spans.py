@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.cli.options.spans import span_of
+from fte_sniff.cli.options import span_of
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, iso_time
 from fte_sniff.recording.metadata import PortFacts

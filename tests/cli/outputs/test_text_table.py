@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from fte_sniff.cli.outputs.text_table import LEAST_NAME, TextTable
+from fte_sniff.cli.stats_report import LEAST_NAME, TextTable
 
 WORDS = st.text(st.sampled_from("ab/ 测é"), max_size=40)
 CELLS = st.text(st.sampled_from("019.,msµ–"), max_size=12)

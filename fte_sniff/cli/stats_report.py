@@ -1,4 +1,4 @@
-"""Owns the numbers of `stats` as lines for people: the whole, then each port, then the motors.
+"""Statistics as text.
 
 It must not count anything, nor know how wide a terminal is: the width comes with the question.
 """
@@ -9,15 +9,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
+from rich.cells import cell_len
 from rich.text import Text
 
-from fte_sniff.cli.outputs.stats_document import COUNTED, Asked, line_use
-from fte_sniff.cli.outputs.summary import rows_in_places
-from fte_sniff.cli.outputs.text_table import HEAD_STYLE, TextTable
+from fte_sniff.cli.output import rows_in_places
+from fte_sniff.cli.stats_json import COUNTED, Asked, line_use
 from fte_sniff.errors import shown
 from fte_sniff.formats.text_layout import STATUS_MARK
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
-from fte_sniff.tui.fitting import fit
+from fte_sniff.tui.fitting import fit, fit_path, fit_right, padded
 from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text
 from fte_sniff.tui.statistics.flags import ALL_IN_ORDER, When, flag_words, from_to
 from fte_sniff.tui.table.cells import clock_text
@@ -26,6 +26,51 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.motor_stats import AnswerNumbers
     from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
     from fte_sniff.analysis.summary import Survey
+
+
+HEAD_STYLE = "dim"
+LEAST_NAME = 21
+"""Cells that a name is shortened to at most."""
+
+
+class TextTable:
+    """One table."""
+
+    def __init__(self, heads: Sequence[str]) -> None:
+        """No lines yet; the first head is that of the names."""
+        self._lines = [("", list(heads), "")]
+
+    def add(self, cells: Sequence[str], style: str = "", mark: str = "") -> None:
+        """One more line: the name, and as many cells as there are heads for.
+
+        Args:
+            cells: the name first.
+            style: of mark and name.
+            mark: stands left of the name, in a column of its own.
+        """
+        self._lines.append((mark, list(cells), style))
+
+    def lines(self, width: int | None) -> Iterator[Text]:
+        """All lines, in at most so many cells if they can be; None for as many as they take."""
+        marks = max(cell_len(mark) for mark, _, _ in self._lines)
+        names, *widths = (
+            max(map(cell_len, column))
+            for column in zip(*(cells for _, cells, _ in self._lines), strict=True)
+        )
+        if width is not None:
+            room = width - marks
+            names = max(min(names, LEAST_NAME), min(names, room - sum(widths) - 2 * len(widths)))
+            while len(widths) > 1 and names + sum(widths) + 2 * len(widths) > room:
+                widths.pop()
+        for number, (mark, (name, *cells), style) in enumerate(self._lines):
+            told = "".join(
+                f"  {fit_right(cell, room)}" for cell, room in zip(cells, widths, strict=False)
+            )
+            lead = f"{padded(mark, marks)}{padded(fit_path(name, names), names)}"
+            line = Text.assemble((lead, style), told, style="" if number else HEAD_STYLE)
+            line.rstrip()
+            yield line
+
 
 _LABEL: Final = 10
 STREAM: Final = "kind and motor"

@@ -1,4 +1,4 @@
-"""Owns the numbers of `stats` as one JSON object, described in `docs/stats.md`.
+"""Statistics as JSON.
 
 It must not count anything. Names end in their unit; what is not known or does not apply is null.
 Keys are only ever added; what an existing one means never changes.
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
     from fte_sniff.analysis.summary import Survey
     from fte_sniff.recording.metadata import Selection, Stretch
+
 
 VERSION = 1
 """Of the object; a reader that knows it can read every object with the same."""

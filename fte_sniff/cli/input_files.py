@@ -1,7 +1,4 @@
-"""Owns the way from what the user names to inputs: files, folders, patterns or standard input.
-
-It must not know what an input gives (`one_input` does), nor what a command does with that.
-"""
+"""Input arguments to session inputs."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ from typing import Any
 
 import click
 
-from fte_sniff.cli.options.paths import FileName
+from fte_sniff.cli.options import FileName
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.input_kind import (
     InputKind,

@@ -1,24 +1,25 @@
-"""Owns the options of a recording under way: how often it is flushed, and what of it is kept.
-
-It must not know how a recording is made.
-"""
+"""Options of a recording and the plan made of them."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from datetime import UTC, datetime
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.options.seconds import Seconds, seconds_of
+from fte_sniff.cli.options import Seconds, row_filter, seconds_of
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat
 
 if TYPE_CHECKING:
+    from fte_sniff.capture.source import Wiring
     from fte_sniff.recording.retention import Keeping, OnFull
+    from fte_sniff.session.capture_state import CapturePlan
+
 
 _BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
@@ -221,3 +222,54 @@ def _check_sequence(output: Path | None, rotate: int | float | Rotate | None, fu
     sequence = isinstance(rotate, int | float) or rotates_oldest
     if sequence and output is not None and is_outlet(output):
         raise UsageError(f"{output} cannot be rotated: it is no file; leave --rotate out")
+
+
+def plan_of(
+    wiring: Wiring,
+    *,
+    output: Path | None,
+    force: bool,
+    no_record: bool,
+    keep_recording: bool,
+    duration: float | None,
+    count: int | None,
+    trigger: str | None,
+    **recording: Any,
+) -> CapturePlan:
+    """The plan of a capture.
+
+    Args:
+        wiring: what is captured; all else are the options, `recording` those of
+            `recording_options`.
+
+    Raises:
+        UsageError: options contradict each other, or `output` is to hold something else.
+        FilterError: the trigger is none.
+    """
+    from fte_sniff.recording.output_file import Existing
+    from fte_sniff.session.capture_state import CapturePlan
+
+    if no_record and output is not None:
+        raise UsageError("-o names a recording and --no-record wants none; leave one of them out")
+    if no_record and keep_recording:
+        raise UsageError(
+            "--keep-recording and --no-record: there is nothing to keep; leave one out"
+        )
+    check_recording(output)
+    row_filter(trigger)
+    existing = Existing.REPLACE if force else Existing.REFUSE
+    return CapturePlan(
+        wiring=wiring,
+        recording=None if no_record else output or _default_path(),
+        existing=existing if output else Existing.NUMBER,
+        keeping=keeping_of(output, trigger=trigger, **recording),
+        trigger=trigger,
+        outlives_view=keep_recording,
+        duration_s=duration,
+        count=count,
+    )
+
+
+def _default_path() -> Path:
+    """`fte-sniff-<UTC time>.mcap` in the working folder."""
+    return Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")

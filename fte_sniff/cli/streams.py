@@ -1,14 +1,102 @@
-"""Owns how a command that runs on until it is told to end hears of it. It knows no command."""
+"""Signals, stdout, stderr messages."""
 
 from __future__ import annotations
 
 import atexit
+import io
+import os
+import select
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
-from fte_sniff.cli.streams.telling import abandon_blocked
+import click
+
+from fte_sniff.errors import FileError, reason_of, shown
+
+
+class ClosedOutput(io.TextIOBase):
+    """Stands for a standard output that was closed before the program began."""
+
+    def write(self, text: str, /) -> int:
+        """Refuse, in one line."""
+        raise FileError("standard output is closed; let it go somewhere, for example > rows.txt")
+
+
+def settle_streams() -> None:
+    """Make the standard streams usable, whatever the program was started with."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            # Taken by nothing, it would be given to the next file that is opened.
+            os.open(os.devnull, os.O_RDWR)
+    if sys.stdin is None:
+        sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
+    if sys.stdout is None:
+        sys.stdout = ClosedOutput()
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def unwritable_stdout(error: OSError) -> FileError:
+    """What to tell the user when standard output takes nothing; not every command has a `-o`."""
+    return FileError(
+        f"standard output cannot be written: {reason_of(error)}; let it go somewhere else"
+    )
+
+
+def abandon_stdout() -> None:
+    """Let what is still buffered for standard output go nowhere, so that the end stays quiet."""
+    if not isinstance(sys.stdout, ClosedOutput):
+        abandon(sys.stdout.fileno())
+
+
+def abandon(descriptor: int) -> None:
+    """Let all that is and will be written there go nowhere; writes that wait do not wait on."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, descriptor)
+    os.close(nowhere)
+
+
+def tell(line: str) -> None:
+    """Say one line on standard error; where that is refused, it and the lines to come are lost."""
+    try:
+        click.echo(shown(line), err=True)
+    except OSError:
+        abandon(sys.stderr.fileno())
+
+
+def abandon_blocked() -> None:
+    """Abandon standard output and standard error where a write would wait for their reader.
+
+    To be called from a signal handler: the write that waits is then done over, and goes nowhere.
+    """
+    stdout, stderr = 1, 2
+    if _blocked(stderr):
+        abandon(stderr)
+    if _blocked(stdout):
+        abandon(stdout)
+        with suppress(OSError):
+            os.write(stderr, b"nobody takes the output; the rest of it is not printed\n")
+
+
+def _blocked(descriptor: int) -> bool:
+    poll = select.poll()
+    poll.register(descriptor, select.POLLOUT)
+    return not poll.poll(0)
+
+
+def nobody_reads(descriptor: int) -> bool:
+    """Whether a pipe has lost its reader."""
+    poll = select.poll()
+    poll.register(descriptor, 0)
+    return any(event & select.POLLERR for _, event in poll.poll(0))
+
 
 PATIENCE_S = 3.0
 """How long an output that nobody takes may hold up the end once that was asked for, seconds."""

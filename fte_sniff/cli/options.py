@@ -1,0 +1,346 @@
+"""Shared click options and parameter types.
+
+    2026-01-31T12:00:05.25Z      a time, as `analysis.moments` reads it
+    12:00:05  20:00:05+08:00     a time of day on the day of the first row; for `--to` the first
+                                 behind `--from`, which may be on the day after
+    +10s  +1m30s  +250ms         so long behind the first row
+    -10s                         so long before the last row
+
+A time without a zone is of the one that `--zone` names, UTC by default.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, time, tzinfo
+from functools import cache
+from math import isfinite, isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.time_text import ClockTime, clock_time, length_ns, time_ns
+from fte_sniff.cli.settings import Remembered
+from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
+from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.recording.passages import Span
+
+
+_HELP = (
+    "as 2026-01-31T12:00:05Z, 12:00:05, 20:00:05+08:00, +10s (from the first row) "
+    "or -10s (before the last)"
+)
+
+Times = tuple[int, int] | None
+
+
+def span_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options `--from` and `--to`, as every command that reads recordings has them."""
+    first = click.option(
+        "--from", "since", metavar="TIME", help=f"Only rows from then on: {_HELP}. See --zone."
+    )
+    end = click.option(
+        "--to",
+        "until",
+        metavar="TIME",
+        help="Only rows before then; as --from. A time of day is the first one behind --from.",
+    )
+    return first(end(command))
+
+
+def span_of(
+    since: str | None, until: str | None, times: Iterable[Times], zone: tzinfo | None = None
+) -> Span | None:
+    """The span that is asked for; None where none is.
+
+    Args:
+        since: the text of `--from`, if given.
+        until: the text of `--to`, if given.
+        times: first and last time of each input, nanoseconds since 1970 UTC; asked for only where
+            a text is relative to them, as a log has to be read for them.
+        zone: the zone of times that name none; None for UTC.
+
+    Raises:
+        InputTextError: a text is no time.
+        UsageError: a time is relative and the inputs tell no times, or the span is empty.
+    """
+    if since is None and until is None:
+        return None
+    from fte_sniff.recording.passages import Span
+
+    zone = zone or UTC
+    bounds = cache(lambda: _bounds(times))
+    span = Span()
+    first = span.first_ns if since is None else _time(since, "--from", bounds, zone)
+    if first > span.end_ns:
+        raise InputTextError(
+            f"--from: {quoted(since or '')} is after {iso_time(span.end_ns)}, and so after any row"
+        )
+    end = span.end_ns
+    if until is not None:
+        end = _end(until, None if since is None else first, bounds, zone)
+    if since is not None and until is not None and first >= end:
+        raise UsageError(
+            f"--from {shortened(since)} is not before --to {shortened(until)};"
+            f" nothing lies between them{_hint(since, until)}"
+        )
+    return Span(first, min(end, span.end_ns))
+
+
+def _hint(since: str, until: str) -> str:
+    if clock_time(since) is None and clock_time(until) is None:
+        return ""
+    return " (a time of day is one of the first row's day; write another day as 2026-01-31T12:00)"
+
+
+def _bounds(times: Iterable[Times]) -> Times:
+    known = [found for found in times if found is not None]
+    return (min(first for first, _ in known), max(last for _, last in known)) if known else None
+
+
+def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> int:
+    wanted = text.strip()
+    if wanted[:1] in ("+", "-"):
+        first, last = _known(bounds(), option, text)
+        length = _length(wanted[1:], option)
+        return first + length if wanted[0] == "+" else last - length
+    if (clock := clock_time(wanted)) is not None:
+        first, _ = _known(bounds(), option, text)
+        return clock.on_day_of(first, zone)
+    return _absolute(wanted, option, zone)
+
+
+def _end(text: str, since_ns: int | None, bounds: Callable[[], Times], zone: tzinfo) -> int:
+    """The time of `--to`: one of day is the first behind the beginning, if rows reach its day."""
+    clock = clock_time(text)
+    if clock is None:
+        return _time(text, "--to", bounds, zone)
+    first, last = _known(bounds(), "--to", text)
+    begin = first if since_ns is None else since_ns
+    end = clock.on_day_of(begin, zone)
+    midnight = ClockTime(time(tzinfo=clock.of_day.tzinfo)).on_day_after(begin, zone)
+    return clock.on_day_after(begin, zone) if end <= begin and midnight <= last else end
+
+
+def _known(bounds: Times, option: str, text: str) -> tuple[int, int]:
+    if bounds is None:
+        raise UsageError(
+            f"{option} {shortened(text)}: the input tells no times;"
+            " give a recording or a dated log, with rows"
+        )
+    return bounds
+
+
+def _length(text: str, option: str) -> int:
+    length = length_ns(text)
+    if length is None:
+        raise InputTextError(
+            f"{option}: {quoted(text)} is no length of time; write 10s, 1m30s or 250ms"
+        )
+    return length
+
+
+def _absolute(text: str, option: str, zone: tzinfo) -> int:
+    t_ns = time_ns(text, zone)
+    if t_ns is None:
+        raise InputTextError(f"{option}: {quoted(text)} is no time; write it {_HELP}")
+    if t_ns < 0:
+        raise InputTextError(
+            f"{option}: {quoted(text)} is before {iso_time(0)}, and so before any row"
+        )
+    return t_ns
+
+
+def _explain(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
+    if text is None or text.strip().lower() != "help":
+        return text
+    from fte_sniff.analysis.filter.terms import FILTER_HELP
+
+    click.echo(FILTER_HELP)
+    return context.exit()
+
+
+filter_option = click.option(
+    "--filter",
+    "filter_text",
+    metavar="EXPR",
+    is_eager=True,
+    callback=_explain,
+    help="Only rows for which this holds: motor = 1 AND rpm > 500. '--filter help' tells more.",
+)
+"""The `--filter` option, as every command that shows rows has it."""
+
+
+def row_filter(text: str | None) -> RowFilter | None:
+    """The filter that `--filter` asks for; None where it was not given.
+
+    Raises:
+        FilterError: the filter cannot be read.
+    """
+    if text is None:
+        return None
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+
+    return RowFilter.parse(text)
+
+
+def selection(text: str | None) -> Callable[[Sequence[Row]], list[Row]]:
+    """What picks the rows for which the filter holds; all of them where there is none.
+
+    Raises:
+        FilterError: the filter cannot be read.
+    """
+    wanted = row_filter(text)
+    return list if wanted is None else wanted.select
+
+
+LEAVE = "Rows that the screen keeps; the oldest leave it first, never the file."
+REREAD = (
+    "Rows that the screen keeps in memory; others of recordings are read again when they "
+    "are looked at, others of raw bytes and hex text leave the screen, the oldest first."
+)
+
+
+def keep_rows_option(
+    default: int, meaning: str = LEAVE
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """The `--keep-rows` option; a row takes some 60 bytes of memory."""
+    return click.option(
+        "--keep-rows",
+        type=click.IntRange(min=1),
+        default=default,
+        show_default=True,
+        metavar="N",
+        help=meaning,
+    )
+
+
+list_format_option = click.option(
+    "--format",
+    "form",
+    type=click.Choice(["table", "jsonl"]),
+    default="table",
+    show_default=True,
+    help="A table for people, or a JSON object a line.",
+)
+"""The `--format` option of commands that list something else than rows."""
+
+
+class FileName(click.Path):
+    """The name of a file, there or not; an empty one is none, and would mean the folder."""
+
+    def __init__(self) -> None:
+        """As a Path."""
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path; an empty name is refused."""
+        if not str(value):
+            self.fail("the name is empty.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+_SECONDS: Final = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0}
+_TIME: Final = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h|d)", re.IGNORECASE)
+
+
+def seconds_of(text: str) -> float | None:
+    """A number with its unit, `10s`, `5min`, `1h`, `2d`, in seconds; None for all else."""
+    found = _TIME.fullmatch(text)
+    return None if found is None else float(found[1]) * _SECONDS[found[2].lower()]
+
+
+class Seconds(click.FloatRange):
+    """A time: seconds, or a number with its unit.
+
+    Infinity is one, but what is not a number is none.
+    """
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The seconds; what is none, or out of range, is refused."""
+        told = seconds_of(value) if isinstance(value, str) else None
+        seconds = float(super().convert(value if told is None else told, param, ctx))
+        if isnan(seconds):
+            self.fail(f"{value!r} is not a number of seconds.", param, ctx)
+        return seconds
+
+
+class _Positive(click.FloatRange):
+    """A number above 0, and not without end."""
+
+    name = "number"
+
+    def __init__(self) -> None:
+        super().__init__(min=0, min_open=True)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number = float(super().convert(value, param, ctx))
+        if not isfinite(number):
+            self.fail(f"{value!r} is not a number above 0.", param, ctx)
+        return number
+
+
+def units_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Both options; positions are then shown in turns too: pulses / resolution / gear ratio."""
+    resolution = click.option(
+        "--resolution",
+        type=_Positive(),
+        metavar="N",
+        help="Pulses in one turn of a motor: shows positions in turns too.",
+    )
+    gear_ratio = click.option(
+        "--gear-ratio",
+        type=_Positive(),
+        metavar="N",
+        help="Turns of a motor in one turn of its output; 1 by default.",
+    )
+    return resolution(gear_ratio(command))
+
+
+def line_speed_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """`--baud` of what is read: of recordings only where they are not to be believed."""
+    return click.option(
+        "--baud",
+        type=click.IntRange(min=1),
+        help=f"Bits/s of every line, instead of what a recording says.  [default: {DEFAULT_BAUD}]",
+    )(command)
+
+
+def remembered_bench(
+    settings: Remembered,
+    ports: Sequence[str],
+    resolution: float | None,
+    gear_ratio: float | None,
+    baud: int = DEFAULT_BAUD,
+) -> Bench:
+    """The set-up that the options tell, and where they do not, the settings of these ports.
+
+    Raises:
+        UsageError: the settings contradict each other, or there is a gear ratio, but no resolution.
+    """
+    if resolution is None:
+        resolution = settings.defaults(ports, "resolution").resolution
+    if resolution is not None and gear_ratio is None:
+        gear_ratio = settings.defaults(ports, "gear_ratio").gear_ratio
+    return bench_of(resolution, gear_ratio, baud)
+
+
+def bench_of(resolution: float | None, gear_ratio: float | None, baud: int = DEFAULT_BAUD) -> Bench:
+    """The set-up that the options tell.
+
+    Raises:
+        UsageError: a gear ratio is given, but no resolution.
+    """
+    if resolution is None and gear_ratio is not None:
+        raise UsageError("--gear-ratio makes turns of pulses only together with --resolution")
+    return Bench(baud, resolution, 1.0 if gear_ratio is None else gear_ratio)
