@@ -18,10 +18,9 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import Bench
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
-from fte_sniff.tui.motors.look import WINDOWS_NS, MotorsLook
-from fte_sniff.tui.motors.widget import grid
-from fte_sniff.tui.statistics.page import Told, page
-from fte_sniff.tui.table.palette import DARK
+from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsLook, grid
+from fte_sniff.tui.panes.statistics import Told, page
+from fte_sniff.tui.table.theme import DARK
 
 START_NS = 1_769_860_800_000_000_000
 DISTINCT = 50_000

@@ -209,7 +209,7 @@ def _screen(rows: int, text: str) -> None:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
     from fte_sniff.tui.app import run_screen
-    from fte_sniff.tui.opening import Opening
+    from fte_sniff.tui.options import Opening
 
     raws = [
         encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 4, "rpm": number % 2000 - 1000})

@@ -23,12 +23,12 @@ from babel.messages.pofile import read_po, write_po
 from fte_sniff.analysis.filter.terms import EXAMPLES, TermType
 from fte_sniff.capture.serial_port import LowLatency
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind
+from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.tui.keys import SECTIONS
-from fte_sniff.tui.language import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.tui.notices import event_words
-from fte_sniff.tui.table.look import TimeStyle
+from fte_sniff.tui.status_bar import Mode
+from fte_sniff.tui.table.columns import TimeStyle
 from fte_sniff.tui.table.painter import Sign
-from fte_sniff.tui.title import Mode
 
 # Not the installed package: that has no `.po` files, and is not what is to be changed.
 PACKAGE = Path(__file__).parents[1] / "fte_sniff"

@@ -26,7 +26,7 @@ from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.opening import Opening
+from fte_sniff.tui.options import Opening
 
 FOLDER = Path(__file__).with_name("pictures")
 """Where the pictures lie."""

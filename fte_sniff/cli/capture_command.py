@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
     from fte_sniff.session.capture_state import CapturePlan, Told
-    from fte_sniff.tui.opening import Opening
+    from fte_sniff.tui.options import Opening
 
 
 _STDOUT = Path("-")
@@ -136,7 +136,7 @@ def run_capture(
 
 def _opening(plan: CapturePlan, bench: Bench, settings: Remembered, lang: str | None) -> Opening:
     """How the screen begins, but for what is shown of the rows."""
-    from fte_sniff.tui.opening import AtEnd, Opening
+    from fte_sniff.tui.options import AtEnd, Opening
 
     return Opening(
         AtEnd.STAY if plan.duration_s is None and plan.count is None else AtEnd.LEAVE,

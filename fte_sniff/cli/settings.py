@@ -32,12 +32,11 @@ import click
 
 from fte_sniff.cli.streams import tell
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of, unreadable
-from fte_sniff.tui.language import AUTO, LANGUAGES, language_of
+from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
 from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
-from fte_sniff.tui.theme_names import THEMES
 
 if TYPE_CHECKING:
-    from fte_sniff.tui.opening import Choices
+    from fte_sniff.tui.options import Choices
 
 
 _COLUMNS: Final = (*ORDER, VALUES)
@@ -355,8 +354,8 @@ class Remembered:
     @property
     def choices(self) -> Choices:
         """How the screen begins."""
-        from fte_sniff.tui.opening import Choices
-        from fte_sniff.tui.table.look import ColumnChoice
+        from fte_sniff.tui.options import Choices
+        from fte_sniff.tui.table.columns import ColumnChoice
 
         screen = self.settings.screen
         widths = tuple((screen.widths or {}).items())

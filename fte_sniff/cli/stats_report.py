@@ -17,10 +17,18 @@ from fte_sniff.cli.stats_json import COUNTED, Asked, line_use
 from fte_sniff.errors import shown
 from fte_sniff.formats.text_layout import STATUS_MARK
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
-from fte_sniff.tui.fitting import fit, fit_path, fit_right, padded
-from fte_sniff.tui.quantities import UNKNOWN, rate_text, share_text, span_text
-from fte_sniff.tui.statistics.flags import ALL_IN_ORDER, When, flag_words, from_to
-from fte_sniff.tui.table.cells import clock_text
+from fte_sniff.tui.panes.statistics import ALL_IN_ORDER, When, flag_words, from_to
+from fte_sniff.tui.text import (
+    UNKNOWN,
+    clock_text,
+    fit,
+    fit_path,
+    fit_right,
+    padded,
+    rate_text,
+    share_text,
+    span_text,
+)
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.motor_stats import AnswerNumbers

@@ -76,7 +76,7 @@ def command(
     from fte_sniff.session.pipeline import Viewing
     from fte_sniff.session.replay import RecordedPages, ReplaySession
     from fte_sniff.tui.app import run_screen
-    from fte_sniff.tui.opening import Opening
+    from fte_sniff.tui.options import Opening
 
     wanted = row_filter(filter_text)
     notes: list[str] = []

@@ -1,8 +1,4 @@
-"""Owns the screen as a whole: what is on it, what a look at its feed changes, and its end.
-
-It must not know where rows come from, how they are filtered, or what their bytes mean; what the
-keys do stands in `actions`, and when the feed is looked at in `rhythm`.
-"""
+"""SniffApp: compose, keys, shutdown."""
 
 from __future__ import annotations
 
@@ -28,13 +24,10 @@ from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.session.save import Saving
-from fte_sniff.tui.actions.filtering import Filtering
-from fte_sniff.tui.actions.leaving import Leaving
-from fte_sniff.tui.actions.looking import Looking
-from fte_sniff.tui.actions.seeking import Seeking
-from fte_sniff.tui.colourless import Colourless
-from fte_sniff.tui.hit_count import HitCount
-from fte_sniff.tui.keyline import KeyLine
+from fte_sniff.tui.actions import Filtering, Looking, Marking, Searching, Seeking
+from fte_sniff.tui.export_actions import Taking
+from fte_sniff.tui.goto import GotoField
+from fte_sniff.tui.i18n import THEMES, _, speak
 from fte_sniff.tui.keys import (
     FINDING,
     HANDLING,
@@ -45,25 +38,34 @@ from fte_sniff.tui.keys import (
     bindings,
     say_keys,
 )
-from fte_sniff.tui.language import _, speak
 from fte_sniff.tui.notices import NoticeLine
-from fte_sniff.tui.opening import USUAL, AtEnd, Choices, Opening
-from fte_sniff.tui.panes import Panes
-from fte_sniff.tui.prompt.field import Line
-from fte_sniff.tui.prompt.filter import FilterField
-from fte_sniff.tui.prompt.goto import GotoField
-from fte_sniff.tui.prompt.save import SaveField
-from fte_sniff.tui.prompt.search import SearchField
-from fte_sniff.tui.rhythm import TICK_S, Rhythm
-from fte_sniff.tui.status import StatusLine
-from fte_sniff.tui.table.header import TableHeader
-from fte_sniff.tui.table.look import Look, zone_at
-from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.options import USUAL, AtEnd, Choices, Opening
+from fte_sniff.tui.panes.switcher import Panes
+from fte_sniff.tui.prompt import FilterField, Line, SaveField, SearchField
+from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
+from fte_sniff.tui.table.columns import Look, zone_at
+from fte_sniff.tui.table.theme import OWN, Colourless
+from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.terminal import Terminal
-from fte_sniff.tui.theme_names import THEMES
-from fte_sniff.tui.themes import OWN
-from fte_sniff.tui.title import TitleLine, mode_of
-from fte_sniff.tui.watched import News, Watched
+from fte_sniff.tui.view_model import TICK_S, HitCount, News, Rhythm, Watched
+
+
+class Leaving(Searching, Marking, Taking):
+    """Ways back and out."""
+
+    def action_dismiss(self) -> None:
+        """End one thing that was begun: a save, a selection, a notice, a search, a pane."""
+        if self._end_saving() or self._unselect():
+            return
+        if self._notice.display and not self._searching:
+            self._notice.put_away()
+        elif not self._end_search():
+            self._panes.close()
+
+    def action_leave(self) -> None:
+        """End."""
+        self.exit()
+
 
 LOW = 16
 """Lines below which a pane has to be content with very few."""

@@ -20,14 +20,13 @@ from textual.widgets import Static
 from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, Status, status_of
-from fte_sniff.tui.detail import UNCERTAIN_ORDER
-from fte_sniff.tui.fitting import padded, wrap
-from fte_sniff.tui.keyline import KeyLine
+from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.keys import SECTIONS, key_names, say_keys
-from fte_sniff.tui.language import _, later
-from fte_sniff.tui.table.layout import MARKS, RAISED_MARK
-from fte_sniff.tui.table.look import TimeStyle
+from fte_sniff.tui.panes.detail import UNCERTAIN_ORDER
+from fte_sniff.tui.status_bar import KeyLine
+from fte_sniff.tui.table.columns import MARKS, RAISED_MARK, TimeStyle
 from fte_sniff.tui.table.painter import Sign
+from fte_sniff.tui.text import padded, wrap
 
 RAISED = later("ERROR or ONLINE tells of a motor that is not in order")
 

@@ -13,7 +13,7 @@ from typing import cast
 from textual.binding import Binding, BindingType
 from textual.dom import DOMNode
 
-from fte_sniff.tui.language import _, later
+from fte_sniff.tui.i18n import _, later
 
 
 def _key(keys: str, action: str, short: str, meaning: str, display: str | None = None) -> Binding:

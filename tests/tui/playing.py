@@ -14,7 +14,7 @@ from textual.pilot import Pilot
 
 from fte_sniff.protocol import Row
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.opening import AtEnd, Opening
+from fte_sniff.tui.options import AtEnd, Opening
 from fte_sniff.tui.table.widget import RowTable
 
 CHARACTERS = {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from fte_sniff.tui.actions.parts import Parts
-from fte_sniff.tui.pane import Pane
-from fte_sniff.tui.table.scrolling import Scrolling
+from fte_sniff.tui.actions import Parts
+from fte_sniff.tui.panes.pane import Pane
+from fte_sniff.tui.table.widget import Scrolling
 
 
 @pytest.mark.parametrize(

@@ -9,15 +9,8 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from fte_sniff.analysis.statistics import Bench
-from fte_sniff.tui.braille import Canvas
-from fte_sniff.tui.quantities import (
-    rate_text,
-    share_text,
-    short_number,
-    span_text,
-    sparkline,
-    turns_text,
-)
+from fte_sniff.tui.panes.plot import Canvas
+from fte_sniff.tui.text import rate_text, share_text, short_number, span_text, sparkline, turns_text
 
 
 def test_each_dot_has_its_bit() -> None:

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import Damage, Fault, Frame, Row
-from fte_sniff.tui.bytes import dump, neighbours
-from fte_sniff.tui.table.palette import DARK
+from fte_sniff.tui.panes.bytes import dump, neighbours
+from fte_sniff.tui.table.theme import DARK
 
 FRAME = bytes.fromhex("AA010103E800000000EE")
 

@@ -10,9 +10,9 @@ from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import Missing, Pace
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.tui import rhythm
+from fte_sniff.tui import view_model as rhythm
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.opening import Opening
+from fte_sniff.tui.options import Opening
 from tests.tui.conftest import NOON_NS
 from tests.tui.playing import Rows, page, play, press, settle, type_line
 

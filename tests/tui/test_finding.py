@@ -9,10 +9,10 @@ import pytest
 from textual.pilot import Pilot
 
 from fte_sniff.protocol import Damage, Fault, Row
-from fte_sniff.tui.actions import searching
+from fte_sniff.tui import actions as searching
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.opening import Opening
-from fte_sniff.tui.picking import Picker
+from fte_sniff.tui.options import Opening
+from fte_sniff.tui.pickers import Picker
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.playing import (
     Rows,

@@ -17,12 +17,11 @@ from fte_sniff.recording.metadata import Stretch
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.save import Origin, Saving
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.choosing import ColumnChooser
-from fte_sniff.tui.detail import DetailPane
-from fte_sniff.tui.opening import Opening
-from fte_sniff.tui.picking import Picker
+from fte_sniff.tui.i18n import THEMES
+from fte_sniff.tui.options import Opening
+from fte_sniff.tui.panes.detail import DetailPane
+from fte_sniff.tui.pickers import ColumnChooser, Picker
 from fte_sniff.tui.table.widget import RowTable
-from fte_sniff.tui.theme_names import THEMES
 from tests.tui.conftest import NOON_NS, STEP_NS
 from tests.tui.playing import (
     Rows,

@@ -37,14 +37,13 @@ from fte_sniff.protocol.dissect import dissect, explain
 from fte_sniff.recording.output_file import bound_reached, stopped, taken_away
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.fitting import wrap
 from fte_sniff.tui.help import help_text
+from fte_sniff.tui.i18n import _, language_of, speak, worded
 from fte_sniff.tui.keys import SECTIONS
-from fte_sniff.tui.language import _, language_of, speak, worded
 from fte_sniff.tui.notices import event_text
-from fte_sniff.tui.opening import Opening
-from fte_sniff.tui.status import Numbers, status_text
-from fte_sniff.tui.title import Mode, badge_text, title_text
+from fte_sniff.tui.options import Opening
+from fte_sniff.tui.status_bar import Mode, Numbers, badge_text, status_text, title_text
+from fte_sniff.tui.text import wrap
 from tests.analysis.filter.test_filter_errors import MISTAKES
 from tests.tui.playing import Rows, Scenario, lines, page, play, press, settle, type_line
 

@@ -10,15 +10,14 @@ from rich.cells import cell_len
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind, Row, spaced_hex
-from fte_sniff.tui.detail import Room, detail_text
 from fte_sniff.tui.help import help_text
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.notices import event_text
-from fte_sniff.tui.status import Numbers, status_text
-from fte_sniff.tui.table.palette import DARK
+from fte_sniff.tui.panes.detail import Room, detail_text
+from fte_sniff.tui.status_bar import Mode, Numbers, mode_of, status_text, title_text
+from fte_sniff.tui.table.theme import DARK
 from fte_sniff.tui.table.viewport import Viewport
-from fte_sniff.tui.title import Mode, mode_of, title_text
-from fte_sniff.tui.watched import Watched
+from fte_sniff.tui.view_model import Watched
 
 LIVE = FeedState("/dev/ttyUSB0", "/home/ana/captures/fte-sniff-20260131T120000Z.mcap")
 NUMBERS = Numbers(

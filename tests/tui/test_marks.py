@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.tui.table.marks import Marks
+from fte_sniff.tui.table.viewport import Marks
 
 INDICES = st.lists(st.integers(0, 30), max_size=40)
 

@@ -14,10 +14,9 @@ from fte_sniff.analysis.statistics import Bench
 from fte_sniff.analysis.traces import Spans, Traces
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, pack
-from fte_sniff.tui.motors.look import SECOND_NS, MotorsLook
-from fte_sniff.tui.motors.plot import Curves, Strokes, dots_across, plot
-from fte_sniff.tui.motors.widget import grid
-from fte_sniff.tui.table.palette import DARK
+from fte_sniff.tui.panes.motors import SECOND_NS, MotorsLook, grid
+from fte_sniff.tui.panes.plot import Curves, Strokes, dots_across, plot
+from fte_sniff.tui.table.theme import DARK
 
 NOON_NS = 1_769_860_800_000_000_000
 STROKES = Strokes(Style(color="red"), Style(color="blue"), Style())

@@ -16,10 +16,9 @@ from textual.pilot import Pilot
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui import notices
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.keyline import KeyLine, fitting
 from fte_sniff.tui.keys import FINDING, HANDLING, LEAVING, MOVING, SHOWN_FIRST, UNDERSTANDING
-from fte_sniff.tui.notices import NoticeLine
-from fte_sniff.tui.sentence import in_lines
+from fte_sniff.tui.notices import NoticeLine, in_lines
+from fte_sniff.tui.status_bar import KeyLine, fitting
 
 from .playing import Rows, lines, page, play, press, settle, type_line
 

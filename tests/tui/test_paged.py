@@ -13,8 +13,9 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 from fte_sniff.row_batch import Codebook, Packed, pack
-from fte_sniff.tui import opening, panes
+from fte_sniff.tui import options as opening
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.panes import switcher as panes
 from tests.tui.conftest import ListFeed
 from tests.tui.playing import Rows, page, press, rpms, settle, table, type_line, until
 

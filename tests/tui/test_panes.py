@@ -12,12 +12,12 @@ from textual.pilot import Pilot
 from fte_sniff.analysis.statistics import Bench
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.tui.app import LOW, SniffApp
-from fte_sniff.tui.bytes import BytesPane
-from fte_sniff.tui.detail import DetailPane
-from fte_sniff.tui.motors.widget import MotorsPane
-from fte_sniff.tui.opening import Opening
-from fte_sniff.tui.pane import Pane
-from fte_sniff.tui.statistics.widget import StatisticsPane
+from fte_sniff.tui.options import Opening
+from fte_sniff.tui.panes.bytes import BytesPane
+from fte_sniff.tui.panes.detail import DetailPane
+from fte_sniff.tui.panes.motors import MotorsPane
+from fte_sniff.tui.panes.pane import Pane
+from fte_sniff.tui.panes.statistics import StatisticsPane
 
 from .conftest import NOON_NS, STEP_NS
 from .test_screen import page, play, press, settle, table

@@ -9,11 +9,10 @@ from fte_sniff.analysis.live_models import Following
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import Bench
 from fte_sniff.protocol import Damage, Frame, Row
-from fte_sniff.tui.bytes import dump, neighbours
-from fte_sniff.tui.motors.look import WINDOWS_NS, MotorsLook
-from fte_sniff.tui.motors.widget import grid
-from fte_sniff.tui.statistics.page import Told, page
-from fte_sniff.tui.table.palette import DARK, LIGHT
+from fte_sniff.tui.panes.bytes import dump, neighbours
+from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsLook, grid
+from fte_sniff.tui.panes.statistics import Told, page
+from fte_sniff.tui.table.theme import DARK, LIGHT
 from tests.analysis import conftest
 
 ROWS = st.lists(

@@ -10,9 +10,8 @@ import pytest
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.time_text import ClockTime
 from fte_sniff.errors import FilterError, InputTextError
-from fte_sniff.tui.prompt.complete import completed
-from fte_sniff.tui.prompt.goto import Goal, ToDistance, ToRow, ToTimeOfDay, parse_goal
-from fte_sniff.tui.prompt.history import History
+from fte_sniff.tui.goto import Goal, ToDistance, ToRow, ToTimeOfDay, parse_goal
+from fte_sniff.tui.prompt import History, completed
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.tui import rhythm
-from fte_sniff.tui.rhythm import Rhythm
+from fte_sniff.tui import view_model as rhythm
+from fte_sniff.tui.view_model import Rhythm
 from tests.tui.conftest import ListFeed
 
 

@@ -19,12 +19,11 @@ from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.detail import DetailPane
 from fte_sniff.tui.keys import SECTIONS
-from fte_sniff.tui.opening import AtEnd, Opening
-from fte_sniff.tui.prompt.field import Field
-from fte_sniff.tui.table.layout import layout_for
-from fte_sniff.tui.table.look import Look, TimeStyle
+from fte_sniff.tui.options import AtEnd, Opening
+from fte_sniff.tui.panes.detail import DetailPane
+from fte_sniff.tui.prompt import Field
+from fte_sniff.tui.table.columns import Look, TimeStyle, layout_for
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import NOON_NS
 from tests.tui.playing import (

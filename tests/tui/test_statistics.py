@@ -21,9 +21,8 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.row_batch import Codebook, pack
-from fte_sniff.tui.statistics.flags import ALL_IN_ORDER
-from fte_sniff.tui.statistics.page import Told, page
-from fte_sniff.tui.table.palette import DARK
+from fte_sniff.tui.panes.statistics import ALL_IN_ORDER, Told, page
+from fte_sniff.tui.table.theme import DARK
 
 from .conftest import NOON_NS
 

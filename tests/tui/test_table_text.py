@@ -26,16 +26,21 @@ from fte_sniff.protocol import (
     record,
 )
 from fte_sniff.row_batch import Codebook, pack
-from fte_sniff.tui.detail import Room, detail_text
-from fte_sniff.tui.fitting import fit, fit_path, fit_right
-from fte_sniff.tui.table.cells import clock_text, kind_text, span_text, values_text
-from fte_sniff.tui.table.columns import ORDER, VALUES
-from fte_sniff.tui.table.layout import MARKS, layout_for
-from fte_sniff.tui.table.look import Look
+from fte_sniff.tui.panes.detail import Room, detail_text
+from fte_sniff.tui.table.columns import MARKS, ORDER, VALUES, Look, layout_for
 from fte_sniff.tui.table.painter import Painter, Place
-from fte_sniff.tui.table.palette import DARK, LIGHT, Palette
-from fte_sniff.tui.table.ports import short_names
-from fte_sniff.tui.table.scale import Scale
+from fte_sniff.tui.table.theme import DARK, LIGHT, Palette
+from fte_sniff.tui.table.widget import Scale
+from fte_sniff.tui.text import (
+    clock_text,
+    fit,
+    fit_path,
+    fit_right,
+    kind_text,
+    short_names,
+    values_text,
+)
+from fte_sniff.tui.text import elapsed_text as span_text
 
 PORTS = st.text(max_size=30)
 TIMES = st.one_of(st.none(), st.integers(0, 2**63 - 1))

@@ -14,7 +14,7 @@ from textual.pilot import Pilot
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.tui import app as screen
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.waking import REST_S, Waking
+from fte_sniff.tui.view_model import REST_S, Waking
 from tests.tui.conftest import ListFeed
 from tests.tui.playing import Rows, page, play
 

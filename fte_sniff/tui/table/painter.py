@@ -1,9 +1,4 @@
-"""Owns how one row becomes a line of styled text, cut to the window's width.
-
-It must not know which rows are in view. Every segment has a style: one without would crash where
-colours are turned off. Before the columns stand two signs: the row's status, and whether the user
-marked or selected it.
-"""
+"""Rows to styled strips."""
 
 from __future__ import annotations
 
@@ -15,14 +10,14 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
+from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.formats.text_layout import mark_of
 from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, Value, record
-from fte_sniff.tui.table.cells import faulty_text, is_raised, values_text
-from fte_sniff.tui.table.columns import VALUES, TableColumn
-from fte_sniff.tui.table.layout import MARKS, RAISED_MARK, Layout
-from fte_sniff.tui.table.look import TimeStyle
-from fte_sniff.tui.table.palette import Palette
+from fte_sniff.tui.table.columns import MARKS, RAISED_MARK, VALUES, Layout, TableColumn, TimeStyle
+from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.table.viewport import Marks, Viewport
+from fte_sniff.tui.text import faulty_text, is_raised, values_text
 
 SPANNED = ("kind", VALUES, *(field.name for field in VALUE_FIELDS), "raw")
 """Columns in whose place a row without values says what is wrong with it."""
@@ -173,3 +168,49 @@ class Painter:
                 return self.palette.statuses[row.status]
             case _:
                 return self.palette.raised if is_raised(row) else self.palette.of_values(row)
+
+
+def places(
+    store: RowStore,
+    view: Viewport,
+    marks: Marks,
+    selected: range,
+    times: TimeStyle,
+    start_ns: int | None,
+) -> list[Place]:
+    """What the window holds, from top to bottom.
+
+    Args:
+        store: where the rows are.
+        view: which of those shown are in view.
+        marks: the rows that are marked.
+        selected: the indices that are selected.
+        times: what the rows' times count from.
+        start_ns: the time of the first row of all, if it has one.
+    """
+    end = min(view.top + view.height, view.count)
+    since = _since(store, view.top, times, marks, start_ns)
+    made = []
+    for index, row in store.shown.slice(view.top, end):
+        made.append(Place(row, _sign(index, marks, selected), since))
+        if times is TimeStyle.BEFORE:
+            since = row.t_ns
+    return made
+
+
+def _sign(index: int, marks: Marks, selected: range) -> Sign:
+    if index in marks:
+        return Sign.MARKED
+    return Sign.SELECTED if index in selected else Sign.NONE
+
+
+def _since(
+    store: RowStore, top: int, times: TimeStyle, marks: Marks, start_ns: int | None
+) -> int | None:
+    """The time that the window's first row counts from."""
+    if times is TimeStyle.BEFORE:
+        return store.shown.row(top - 1).t_ns if 0 < top <= store.shown.count else None
+    if times is TimeStyle.MARK:
+        latest = marks.latest
+        return None if latest is None or latest < store.first else store.row(latest).t_ns
+    return start_ns if times is TimeStyle.START else None

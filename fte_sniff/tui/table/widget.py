@@ -1,41 +1,161 @@
-"""Owns the table on the screen: keys, mouse and window, over the rows of a store.
-
-It must not know where rows come from or what else is on the screen. Only the rows in view are ever
-read from the store and drawn.
-"""
+"""RowTable widget: scroll, header."""
 
 from __future__ import annotations
 
+from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
-from textual import events
+from textual import events, on
 from textual.binding import BindingType
 from textual.geometry import Region, Size
 from textual.message import Message
+from textual.message_pump import _MessagePumpMeta
+from textual.scroll_view import ScrollView
+from textual.scrollbar import ScrollDown, ScrollTo, ScrollUp
 from textual.strip import Strip
+from textual.widget import Widget
 
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Search, find_fault, find_raised
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Row
-from fte_sniff.tui.fitting import fit
 from fte_sniff.tui.keys import MOVING, bindings, say_keys
-from fte_sniff.tui.table.columns import TableColumn
-from fte_sniff.tui.table.header import TableHeader
-from fte_sniff.tui.table.layout import layout_for
-from fte_sniff.tui.table.look import Look
-from fte_sniff.tui.table.marks import Marks
-from fte_sniff.tui.table.painter import Painter, Place, Sign
-from fte_sniff.tui.table.scale import Scale
-from fte_sniff.tui.table.scrolling import Scrolling
-from fte_sniff.tui.table.viewport import Viewport
-from fte_sniff.tui.table.window import places
-from fte_sniff.tui.themes import palette_of
+from fte_sniff.tui.table.columns import Look, TableColumn, layout_for
+from fte_sniff.tui.table.painter import Painter, Place, Sign, places
+from fte_sniff.tui.table.theme import palette_of
+from fte_sniff.tui.table.viewport import Marks, Viewport
+from fte_sniff.tui.text import fit
+
+
+class TableHeader(Widget):
+    """One line that moves sideways with the table and never up or down."""
+
+    class Clicked(Message):
+        """It was clicked."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._shown: Painter | None = None
+
+    def show(self, painter: Painter) -> None:
+        """Draw the painter's column names."""
+        if self._shown != painter:
+            self._shown = painter
+            self.refresh()
+
+    def on_click(self) -> None:
+        """Tell it."""
+        self.post_message(self.Clicked())
+
+    def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
+        """One line."""
+        return 1
+
+    def render_line(self, y: int) -> Strip:
+        """The names."""
+        if self._shown is None:
+            return Strip.blank(self.size.width, self.rich_style)
+        strip = self._shown.head(self.rich_style)
+        return strip.adjust_cell_length(self.size.width, self.rich_style)
+
+
+STEPS = 64
+"""Units of the scale for each row of the window, at most: many more than the bar can show."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """The measure for `count` rows in a window of `height`."""
+
+    count: int
+    height: int
+
+    @property
+    def total(self) -> int:
+        """Units of all rows."""
+        return min(self.count, max(1, self.height) * STEPS)
+
+    def unit_of(self, top: int) -> int:
+        """Where the window begins on the scale when `top` is its first row; the ends are exact."""
+        return self._across(top, self.count - self.height, self.total - self.height)
+
+    def row_of(self, unit: float) -> int:
+        """The window's first row when it begins there on the scale; the ends are exact."""
+        return self._across(unit, self.total - self.height, self.count - self.height)
+
+    @staticmethod
+    def _across(value: float, span: int, other: int) -> int:
+        return round(value * other / span) if span > 0 else 0
+
+
+class AbstractMeta(_MessagePumpMeta, ABCMeta):
+    """The metaclass of Textual's classes that have abstract methods."""
+
+
+WHEEL = 3
+"""Rows that one notch of the mouse wheel moves the window."""
+
+
+class Scrolling(ScrollView, metaclass=AbstractMeta):
+    """What is scrolled by a viewport."""
+
+    viewport: Viewport
+
+    @abstractmethod
+    def _moved(self) -> None:
+        """Draw what the viewport shows now."""
+
+    @abstractmethod
+    def action_aside(self, by: int) -> None:
+        """Move sideways by columns."""
+
+    def watch_scroll_y(self, old_value: float, new_value: float) -> None:
+        """Move the scroll bar alone; what is in view is drawn by `_draw`."""
+        if self.show_vertical_scrollbar:
+            self.vertical_scrollbar.position = new_value
+
+    @on(ScrollTo)
+    def _drag(self, event: ScrollTo) -> None:
+        scale = Scale(self.viewport.count, self.viewport.height)
+        self._scroll(event, self.viewport.top if event.y is None else scale.row_of(event.y))
+
+    @on(ScrollUp)
+    def _page_up(self, event: ScrollUp) -> None:
+        self._scroll(event, self.viewport.top - self.viewport.height)
+
+    @on(ScrollDown)
+    def _page_down(self, event: ScrollDown) -> None:
+        self._scroll(event, self.viewport.top + self.viewport.height)
+
+    def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
+        """Move the window with the wheel."""
+        self._scroll(event, self.viewport.top - WHEEL)
+
+    def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
+        """Move the window with the wheel."""
+        self._scroll(event, self.viewport.top + WHEEL)
+
+    def on_mouse_scroll_left(self, event: events.MouseScrollLeft) -> None:
+        """Move sideways with the wheel."""
+        event.prevent_default().stop()
+        self.action_aside(-1)
+
+    def on_mouse_scroll_right(self, event: events.MouseScrollRight) -> None:
+        """Move sideways with the wheel."""
+        event.prevent_default().stop()
+        self.action_aside(1)
+
+    def _scroll(self, event: Message, top: int) -> None:
+        """Move the window by hand: through the viewport, never past it."""
+        event.prevent_default().stop()
+        self.viewport.scroll(top)
+        self._moved()
+
 
 REVERSE = Style(reverse=True, bold=True)
 """The cursor's row where there are no colours."""

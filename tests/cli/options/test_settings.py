@@ -14,8 +14,8 @@ from fte_sniff.cli.settings import (
     settings_path,
 )
 from fte_sniff.errors import FileError
+from fte_sniff.tui.i18n import THEMES
 from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
-from fte_sniff.tui.theme_names import THEMES
 
 WHOLE = """
 # mine

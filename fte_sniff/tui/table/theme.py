@@ -1,0 +1,162 @@
+"""Palettes, themes, NO_COLOR."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from rich.segment import Segment
+from rich.style import Style
+from textual.color import Color
+from textual.filter import LineFilter
+from textual.theme import Theme
+
+from fte_sniff.protocol import KINDS, Direction, Frame, FrameKind, Row, Status
+from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT
+
+_PLAIN = Style.null()
+_COMMAND = Style(bold=True)
+
+
+@dataclass(frozen=True)
+class Palette:
+    """The styles of one theme; each is a real style, never None."""
+
+    muted: Style
+    """Times, and the bytes of rows that are in order."""
+    hues: tuple[str, ...]
+    """A colour for each thing that frames are about, in the order in which the table names them."""
+    asked: Style
+    """What was asked of a motor, in a plot over what it tells."""
+    statuses: Mapping[Status, Style]
+    """The mark, and the words for what is wrong."""
+    marks: Mapping[Status, Style]
+    """The sign of each status."""
+    raised: Style
+    """The values of a row whose flag bytes tell that a motor is not in order."""
+    raised_mark: Style
+    """The sign of such a row."""
+    signs: Style
+    """The sign of a marked or selected row."""
+    found: Style
+    """What is looked for; also underlined, for where there are no colours."""
+
+    @cached_property
+    def kinds(self) -> Mapping[str, Style]:
+        """The style of each kind's name."""
+        subjects = list(dict.fromkeys(_subject(kind) for kind in KINDS))
+        return {
+            kind.name: Style(
+                color=self.hues[subjects.index(_subject(kind)) % len(self.hues)],
+                bold=kind.direction is Direction.CONTROL,
+            )
+            for kind in KINDS
+        }
+
+    def of_kind(self, row: Row) -> Style:
+        """The style of the row's kind."""
+        kind = row.kind if isinstance(row, Frame) else None
+        return _PLAIN if kind is None else self.kinds[kind.name]
+
+    def of_values(self, row: Row) -> Style:
+        """The style of the row's numbers."""
+        command = isinstance(row, Frame) and row.direction is Direction.CONTROL
+        return _COMMAND if command else _PLAIN
+
+
+def _subject(kind: FrameKind) -> str | None:
+    """What a frame is about: its last number that is no flag byte."""
+    numbers = [field.name for field in kind.fields if field.unit]
+    return numbers[-1] if numbers else None
+
+
+DARK = Palette(
+    muted=Style(color="#8a94a0"),
+    hues=("#dd9fc3", "#56b4e9", "#2fc49b", "#e6b04a"),
+    asked=Style(color="#e6b04a"),
+    statuses={
+        Status.OK: _PLAIN,
+        Status.SUSPECT: Style(color="#f0e442"),
+        Status.MALFORMED: Style(color="#ff8f50"),
+    },
+    marks={
+        Status.OK: _PLAIN,
+        Status.SUSPECT: Style(color="#101010", bgcolor="#f0e442", bold=True),
+        Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
+    },
+    raised=Style(color="#f5a3a3"),
+    raised_mark=Style(color="#101010", bgcolor="#f5a3a3", bold=True),
+    signs=Style(color="#56b4e9", bold=True),
+    found=Style(color="#101010", bgcolor="#9fd8ff", underline=True),
+)
+LIGHT = Palette(
+    muted=Style(color="#66707a"),
+    hues=("#8f3a6b", "#0062a0", "#00694b", "#7a5200"),
+    asked=Style(color="#7a5200"),
+    statuses={
+        Status.OK: _PLAIN,
+        Status.SUSPECT: Style(color="#6b5e00"),
+        Status.MALFORMED: Style(color="#a33c00"),
+    },
+    marks={
+        Status.OK: _PLAIN,
+        Status.SUSPECT: Style(color="#101010", bgcolor="#e0d030", bold=True),
+        Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
+    },
+    raised=Style(color="#a01030"),
+    raised_mark=Style(color="#ffffff", bgcolor="#a01030", bold=True),
+    signs=Style(color="#0062a0", bold=True),
+    found=Style(color="#101010", bgcolor="#a8dcff", underline=True),
+)
+
+
+_DARK = Theme(
+    CONTRAST_DARK,
+    primary="#6cb8ff",
+    warning="#ffd24a",
+    error="#ff9a6b",
+    success="#7fe0b0",
+    foreground="#ffffff",
+    background="#000000",
+    surface="#000000",
+    panel="#202020",
+    dark=True,
+    variables={"primary-background": "#003a66"},
+)
+_LIGHT = Theme(
+    CONTRAST_LIGHT,
+    primary="#003f80",
+    warning="#6b4a00",
+    error="#8a2500",
+    success="#00512f",
+    foreground="#000000",
+    background="#ffffff",
+    surface="#ffffff",
+    panel="#e0e0e0",
+    dark=False,
+    variables={"primary-background": "#b8d8f8"},
+)
+OWN = (_DARK, _LIGHT)
+"""Themes that are to be made known to Textual."""
+
+_PALETTES = {
+    CONTRAST_DARK: replace(DARK, muted=Style(color="#ffffff")),
+    CONTRAST_LIGHT: replace(LIGHT, muted=Style(color="#000000")),
+}
+
+
+def palette_of(theme: Theme) -> Palette:
+    """The table's colours under a theme."""
+    return _PALETTES.get(theme.name, DARK if theme.dark else LIGHT)
+
+
+class Colourless(LineFilter):
+    """Takes every colour out of a line."""
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """The same line without colours; every segment keeps a style, as Textual needs it."""
+        return [
+            Segment(text, Style.null() if style is None else style.without_color, control)
+            for text, style, control in segments
+        ]
