@@ -13,13 +13,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from time import process_time
 
-from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
-from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsLook, grid
-from fte_sniff.tui.panes.statistics import Told, page
+from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsView, grid
+from fte_sniff.tui.panes.statistics import StatisticsText, page
 from fte_sniff.tui.table.theme import DARK
 
 START_NS = 1_769_860_800_000_000_000
@@ -55,7 +55,7 @@ def seconds(work: Callable[[], object], times: int = 1) -> float:
 def live(every: list[Row], looks_s: int) -> float:
     """The share of a core that the models take when they look so often at a full link."""
     store = RowStore(len(every))
-    following, took, step = Following(store, Bench()), 0.0, LINK_ROWS_S // looks_s
+    following, took, step = LiveModels(store, LineSetup()), 0.0, LINK_ROWS_S // looks_s
     for at in range(0, len(every) - step, step):
         store.append(every[at : at + step])
         took += seconds(lambda: following.step(step))
@@ -69,7 +69,7 @@ def main() -> None:
     every = rows(count)
     store = RowStore(count)
     packing = seconds(lambda: store.append(every))
-    following = Following(store, Bench())
+    following = LiveModels(store, LineSetup())
     models = seconds(lambda: following.step(count))
     print(
         f"models    {count / models:>12,.0f} rows/s   {packing / models:.2f} times packing's speed"
@@ -86,11 +86,11 @@ def main() -> None:
     draw(following)
 
 
-def draw(following: Following) -> None:
+def draw(following: LiveModels) -> None:
     now = following.traces.last_ns
     states = tuple(following.motors.states(now))
-    look = MotorsLook(states, following.traces, now, WINDOWS_NS[3], Bench())
-    told = Told(following.statistics, now, Bench(), 0, 0)
+    look = MotorsView(states, following.traces, now, WINDOWS_NS[3], LineSetup())
+    told = StatisticsText(following.statistics, now, LineSetup(), 0, 0)
     for width, height in SIZES:
         motors = seconds(lambda w=width, h=height: grid(look, w, h, DARK), 5)
         statistics = seconds(lambda w=width: page(told, w, DARK), 5)

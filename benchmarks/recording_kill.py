@@ -32,7 +32,7 @@ from benchmarks.recorded_rows import PORTS, rows_a_second, rows_of
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import DEFAULT_MOST_INDEX, Keeping
+from fte_sniff.recording.retention import DEFAULT_MOST_INDEX, RecordingOptions
 
 _PACE_S = 0.02
 _LONGEST_S = 5.0
@@ -68,7 +68,7 @@ def record(path: Path, every_s: float, most_index: int | None) -> None:
     step = max(1, int(a_second * _PACE_S))
     ready = [rows_of(first, step) for first in range(0, a_second * 8, step)]
     ports = [PortFacts(port, 115_200) for port in PORTS]
-    writer = Recorder(path, ports, keeping=Keeping(most_index=most_index))
+    writer = Recorder(path, ports, keeping=RecordingOptions(most_index=most_index))
     begun = flushed = time.monotonic()
     count = 0
     for rows in ready if every_s else _endless(step * 50):

@@ -28,8 +28,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fte_sniff.analysis.dataframe import table_frame
-from fte_sniff.analysis.statistics import Bench
-from fte_sniff.analysis.summary import Survey
+from fte_sniff.analysis.statistics import LineSetup
+from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
 from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.mcap.reader import RecordStream
@@ -102,7 +102,7 @@ def read_frames(path: Path) -> None:
 
 def survey(path: Path) -> None:
     """All numbers that `stats` tells."""
-    numbers = Survey(Bench())
+    numbers = StatisticsSummary(LineSetup())
     numbers.begin(str(path), {})
     for columns in RecordingReader(path).batches():
         numbers.add(packed_rows(columns), columns.events)

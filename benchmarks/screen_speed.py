@@ -209,7 +209,7 @@ def _screen(rows: int, text: str) -> None:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
     from fte_sniff.tui.app import run_screen
-    from fte_sniff.tui.options import Opening
+    from fte_sniff.tui.options import StartOptions
 
     raws = [
         encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 4, "rpm": number % 2000 - 1000})
@@ -243,7 +243,7 @@ def _screen(rows: int, text: str) -> None:
             return
 
     wanted = RowFilter.parse(text) if text else None
-    run_screen(Coming(), Opening(row_filter=wanted, keep_rows=rows + 10 * MILLION))
+    run_screen(Coming(), StartOptions(row_filter=wanted, keep_rows=rows + 10 * MILLION))
 
 
 if __name__ == "__main__":

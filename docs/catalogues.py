@@ -1,6 +1,6 @@
 """Makes the catalogues of the screen's languages: `python docs/catalogues.py [--check]`.
 
-Texts are found where they are said, in `_("...")`, `later("...")` and `Said("...")`, and in the
+Texts are found where they are said, in `_("...")`, `later("...")` and `TranslatableText("...")`, `FileError("... {path}", path=...)`, and in the
 tables that the screen shows: keys, meanings of fields, faults and columns, examples of filters. New
 ones are put into each catalogue's `.po` file, to be translated there by hand; the `.mo` file beside
 it is what the program reads.
@@ -35,8 +35,8 @@ PACKAGE = Path(__file__).parents[1] / "fte_sniff"
 
 SCREEN = PACKAGE / "tui"
 
-KEYWORDS = ("_", "later", "Said")
-"""What is called with a text that is to be translated."""
+KEYWORDS = ("_", "later", "TranslatableText")
+"""Functions that are called with a text to translate."""
 
 
 def table_texts() -> Iterator[str]:
@@ -65,8 +65,13 @@ def said_in(folder: Path) -> Iterator[str]:
     for path in sorted(folder.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             match node:
-                case ast.Call(func=ast.Name(id=name), args=[ast.Constant(value=str(text)), *_]):
-                    if name in KEYWORDS:
+                case ast.Call(
+                    func=ast.Name(id=name),
+                    args=[ast.Constant(value=str(text)), *_],
+                    keywords=values,
+                ):
+                    # An error keeps its form only if it has values to fill in.
+                    if name in KEYWORDS or (values and name.endswith("Error")):
                         yield text
 
 

@@ -26,7 +26,7 @@ from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, Row
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.options import Opening
+from fte_sniff.tui.options import StartOptions
 
 FOLDER = Path(__file__).with_name("pictures")
 """Where the pictures lie."""
@@ -120,7 +120,7 @@ class Pictured(SniffApp):
     """The screen, by the clock of its capture."""
 
     def __init__(self, capture: Capture, language: str) -> None:
-        super().__init__(capture, Opening(language=language))
+        super().__init__(capture, StartOptions(language=language))
         self._capture = capture
 
     def now_ns(self) -> int:

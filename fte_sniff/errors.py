@@ -23,7 +23,7 @@ from types import MappingProxyType
 from typing import ClassVar
 
 
-class Said(str):
+class TranslatableText(str):
     """A text out of a form with named places, `expected {wanted}`, and what stands in them.
 
     It goes from process to process whole.
@@ -33,9 +33,9 @@ class Said(str):
 
     form: str
     values: Mapping[str, object]
-    """Those that are `Said` themselves are said in the other language too, and no other text is."""
+    """Those that are `TranslatableText` themselves are said in the other language too, and no other text is."""
 
-    def __new__(cls, form: str, **values: object) -> Said:
+    def __new__(cls, form: str, **values: object) -> TranslatableText:
         """The form with the values in their places."""
         made = super().__new__(cls, form.format(**values))
         made.form, made.values = form, MappingProxyType(values)
@@ -45,8 +45,8 @@ class Said(str):
         return _again, (self.form, dict(self.values))
 
 
-def _again(form: str, values: dict[str, object]) -> Said:
-    return Said(form, **values)
+def _again(form: str, values: dict[str, object]) -> TranslatableText:
+    return TranslatableText(form, **values)
 
 
 _MOST_QUOTED = 60
@@ -72,6 +72,10 @@ class FteSniffError(Exception):
 
     exit_code: ClassVar[int] = 2
 
+    def __init__(self, message: str, **values: object) -> None:
+        """The message; with `values`, a form that has their names in braces, translatable."""
+        super().__init__(TranslatableText(message, **values) if values else message)
+
     def __str__(self) -> str:
         return shown(super().__str__())
 
@@ -79,7 +83,7 @@ class FteSniffError(Exception):
     def said(self) -> str:
         """The message with the form and the values it was made of, where it keeps them."""
         message = self.args[0] if len(self.args) == 1 else None
-        return message if isinstance(message, Said) else str(self)
+        return message if isinstance(message, TranslatableText) else str(self)
 
 
 class UsageError(FteSniffError):
@@ -119,23 +123,23 @@ class RecordingWarning(UserWarning):
 
 
 _REASONS = {
-    errno.ENOSPC: Said("the disk is full"),
-    errno.EDQUOT: Said("the disk quota is used up"),
-    errno.EPERM: Said("Operation not permitted"),
-    errno.ENOENT: Said("No such file or directory"),
-    errno.EIO: Said("Input/output error"),
-    errno.ENXIO: Said("No such device or address"),
-    errno.EACCES: Said("Permission denied"),
-    errno.EBUSY: Said("Device or resource busy"),
-    errno.ENODEV: Said("No such device"),
-    errno.EINVAL: Said("Invalid argument"),
-    errno.EMFILE: Said("Too many open files"),
-    errno.EFBIG: Said("File too large"),
-    errno.EROFS: Said("Read-only file system"),
-    errno.ENAMETOOLONG: Said("File name too long"),
-    errno.ECONNREFUSED: Said("Connection refused"),
-    errno.ECONNRESET: Said("Connection reset by peer"),
-    errno.ETIMEDOUT: Said("Connection timed out"),
+    errno.ENOSPC: TranslatableText("the disk is full"),
+    errno.EDQUOT: TranslatableText("the disk quota is used up"),
+    errno.EPERM: TranslatableText("Operation not permitted"),
+    errno.ENOENT: TranslatableText("No such file or directory"),
+    errno.EIO: TranslatableText("Input/output error"),
+    errno.ENXIO: TranslatableText("No such device or address"),
+    errno.EACCES: TranslatableText("Permission denied"),
+    errno.EBUSY: TranslatableText("Device or resource busy"),
+    errno.ENODEV: TranslatableText("No such device"),
+    errno.EINVAL: TranslatableText("Invalid argument"),
+    errno.EMFILE: TranslatableText("Too many open files"),
+    errno.EFBIG: TranslatableText("File too large"),
+    errno.EROFS: TranslatableText("Read-only file system"),
+    errno.ENAMETOOLONG: TranslatableText("File name too long"),
+    errno.ECONNREFUSED: TranslatableText("Connection refused"),
+    errno.ECONNRESET: TranslatableText("Connection reset by peer"),
+    errno.ETIMEDOUT: TranslatableText("Connection timed out"),
 }
 """The commonest reasons, in the system's own English words but for the first two."""
 
@@ -150,20 +154,18 @@ def unreadable(path: object, error: OSError) -> FileError:
     match error:
         case FileNotFoundError():
             return FileError(
-                Said("{path}: there is no such file; check the name and the folder", path=path)
+                "{path}: there is no such file; check the name and the folder", path=path
             )
         case IsADirectoryError():
-            return FileError(Said("{path} is a directory; name the files in it", path=path))
+            return FileError("{path} is a directory; name the files in it", path=path)
         case PermissionError():
             return FileError(
-                Said("{path}: no permission to read it; try `ls -l` and `chmod u+r`", path=path)
+                "{path}: no permission to read it; try `ls -l` and `chmod u+r`", path=path
             )
     return FileError(
-        Said(
-            "{path} cannot be read: {reason}; copy it and try again",
-            path=path,
-            reason=reason_of(error),
-        )
+        "{path} cannot be read: {reason}; copy it and try again",
+        path=path,
+        reason=reason_of(error),
     )
 
 
@@ -171,27 +173,23 @@ def unwritable(path: object, error: OSError) -> FileError:
     """What to tell the user when a file cannot be made or written."""
     match error:
         case FileExistsError():
-            return FileError(
-                Said("{path} exists already; name another file, or use --force", path=path)
-            )
+            return FileError("{path} exists already; name another file, or use --force", path=path)
         case FileNotFoundError():
             return FileError(
-                Said("{path}: its folder does not exist; make it with `mkdir -p`", path=path)
+                "{path}: its folder does not exist; make it with `mkdir -p`", path=path
             )
         case NotADirectoryError():
             return FileError(
-                Said("{path}: part of this path is a file, not a folder; name another", path=path)
+                "{path}: part of this path is a file, not a folder; name another", path=path
             )
         case IsADirectoryError():
-            return FileError(Said("{path} is a directory; name a file in it", path=path))
+            return FileError("{path} is a directory; name a file in it", path=path)
         case PermissionError():
             return FileError(
-                Said("{path}: no permission to write there; name another place with -o", path=path)
+                "{path}: no permission to write there; name another place with -o", path=path
             )
     return FileError(
-        Said(
-            "{path} cannot be written: {reason}; name another place with -o",
-            path=path,
-            reason=reason_of(error),
-        )
+        "{path} cannot be written: {reason}; name another place with -o",
+        path=path,
+        reason=reason_of(error),
     )

@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import FRAME_LENGTH, Damage, Fault, Frame, PortEvent, Row
-from fte_sniff.protocol.framer.segments import Decided
+from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.tables import FAULT_SETS
-from fte_sniff.protocol.framer.timestamps import Mark
+from fte_sniff.protocol.framer.timestamps import ArrivalTime
 
 ROW_TYPE: Final = np.dtype(
     [
@@ -373,7 +373,7 @@ class TileColumns:
     """Place of the row's faults in `FAULT_SETS`, uint16."""
 
 
-def tile_columns(decided: Decided) -> TileColumns:
+def tile_columns(decided: DecidedSpan) -> TileColumns:
     """The rows side by side."""
     tiles = decided.tiles
     if not tiles.starts:
@@ -428,7 +428,7 @@ def _first_bytes(data: bytes, places: Array, length: Array) -> Array:
     return raw
 
 
-def packed_tiles(decided: Decided) -> PackedRows:
+def packed_tiles(decided: DecidedSpan) -> PackedRows:
     """The rows packed, with their times."""
     columns, codebook = tile_columns(decided), Codebook()
     codes = np.zeros(len(FAULT_SETS), np.uint32)
@@ -448,7 +448,7 @@ def packed_tiles(decided: Decided) -> PackedRows:
     return PackedRows(packed, _long_rows(decided, columns), codebook)
 
 
-def _long_rows(decided: Decided, columns: TileColumns) -> dict[int, bytes]:
+def _long_rows(decided: DecidedSpan, columns: TileColumns) -> dict[int, bytes]:
     """All bytes of the rows longer than ten, by place."""
     long = (columns.length > FRAME_LENGTH).nonzero()[0]
     places = columns.offset[long] - decided.start
@@ -459,7 +459,7 @@ def _long_rows(decided: Decided, columns: TileColumns) -> dict[int, bytes]:
     }
 
 
-def _times(marks: Sequence[Mark], offset: Array) -> tuple[Array, Array, Array]:
+def _times(marks: Sequence[ArrivalTime], offset: Array) -> tuple[Array, Array, Array]:
     """Of every row time and read delay, as `Mark.time_and_delay`, and whether it has any."""
     stop, floor, byte = (
         np.array([getattr(mark, name) for mark in marks], np.int64)
@@ -668,7 +668,7 @@ class RowColumns:
             )
 
 
-class Room:
+class Capacity:
     """Columns for rows that come piece by piece, so that they need not be joined by copying."""
 
     def __init__(self, words: Words, rows: int) -> None:

@@ -18,7 +18,7 @@ BREAKS: Final = frozenset({PortEventKind.LOST, PortEventKind.FOUND_AGAIN, PortEv
 
 
 @dataclass(frozen=True, slots=True)
-class Missing:
+class MissingRows:
     """Rows are missing: nothing is measured across."""
 
     place: int
@@ -28,7 +28,7 @@ class Missing:
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class BaudChange:
     """From here on a port has another speed."""
 
     place: int
@@ -37,20 +37,20 @@ class Pace:
     baud: int
 
 
-Seam: TypeAlias = Missing | Pace
+StreamChange: TypeAlias = MissingRows | BaudChange
 
 
-def shifted(seams: Iterable[Seam], by: int) -> list[Seam]:
+def shifted(seams: Iterable[StreamChange], by: int) -> list[StreamChange]:
     """The same, where so many rows stand before those that they were told with."""
     return [
-        Missing(seam.place + by, seam.port)
-        if isinstance(seam, Missing)
-        else Pace(seam.place + by, seam.port, seam.baud)
+        MissingRows(seam.place + by, seam.port)
+        if isinstance(seam, MissingRows)
+        else BaudChange(seam.place + by, seam.port, seam.baud)
         for seam in seams
     ]
 
 
-class SeamFinder:
+class GapDetector:
     """Finds the seams among rows that come in pieces, by what is told beside them."""
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class SeamFinder:
 
     def begin(
         self, bauds: Mapping[str, int], left_out: Iterable[tuple[int, int]] = ()
-    ) -> list[Seam]:
+    ) -> list[StreamChange]:
         """The rows to come are of an input that tells this; the seams before its first row.
 
         Of ports whose baud was told, later changes of it are followed.
@@ -75,9 +75,9 @@ class SeamFinder:
         # What the next file of a capture tells is how it began, not how it went on.
         new = {port: baud for port, baud in bauds.items() if self._bauds.get(port) != baud}
         self._bauds.update(new)
-        return [Pace(0, port, baud) for port, baud in new.items()]
+        return [BaudChange(0, port, baud) for port, baud in new.items()]
 
-    def seams(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> list[Seam]:
+    def seams(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> list[StreamChange]:
         """Those among the next rows and behind the last of them, rising.
 
         Args:
@@ -95,16 +95,16 @@ class SeamFinder:
             place = int(np.searchsorted(times, self._gaps[0]))
             if place == len(times):
                 break
-            found.append(Missing(place))
+            found.append(MissingRows(place))
             while self._gaps and self._gaps[0] <= times[place]:
                 self._gaps.popleft()
         return sorted(found, key=lambda seam: seam.place)
 
-    def _of_event(self, event: PortEvent) -> Iterable[Seam]:
+    def _of_event(self, event: PortEvent) -> Iterable[StreamChange]:
         if event.kind in BREAKS:
-            yield Missing(0, event.port)
+            yield MissingRows(0, event.port)
         if event.kind is PortEventKind.BAUD_CHANGED and event.count and event.port in self._bauds:
-            yield Pace(0, event.port, event.count)
+            yield BaudChange(0, event.port, event.count)
 
 
 def _rising_times(rows: Sequence[Row]) -> Ints:
@@ -151,7 +151,7 @@ class FeedUpdate:
     rows: Sequence[Row] = field(default=())
     """In the order in which they are to be shown."""
     events: Sequence[PortEvent] = field(default=())
-    seams: Sequence[Seam] = field(default=())
+    seams: Sequence[StreamChange] = field(default=())
     """What stands between the rows, or behind the last of them; rising."""
 
 
@@ -168,7 +168,7 @@ class Feed(Protocol):
 
 
 @runtime_checkable
-class WakingFeed(Protocol):
+class LiveFeed(Protocol):
     """A feed that need not be polled in vain."""
 
     @property
@@ -181,7 +181,7 @@ class WakingFeed(Protocol):
 
 
 @runtime_checkable
-class RestingFeed(Protocol):
+class StaticFeed(Protocol):
     """A feed whose reading takes processor time that a screen may need for a moment."""
 
     def rest(self) -> None:

@@ -11,12 +11,12 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
-from fte_sniff.analysis.feed import Missing, Seam
+from fte_sniff.analysis.feed import MissingRows, StreamChange
 from fte_sniff.analysis.fields import Decoded, timed
 from fte_sniff.analysis.motor_stats import FlagsSeen
 from fte_sniff.analysis.motors import Motors, addressed
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import Bench, Statistics
+from fte_sniff.analysis.statistics import LineSetup, Statistics
 from fte_sniff.analysis.traces import Traces
 
 STATE_EVERY: Final = 32_768
@@ -26,10 +26,10 @@ MOST_ROWS_TRACED: Final = 300_000
 """Rows at most that are traced anew for a look at the past; more would be felt."""
 
 
-class Following:
+class LiveModels:
     """Motors, their traces, flags and the statistics of all rows that went through a store."""
 
-    def __init__(self, store: RowStore, bench: Bench, state_every: int = STATE_EVERY) -> None:
+    def __init__(self, store: RowStore, bench: LineSetup, state_every: int = STATE_EVERY) -> None:
         """Nothing was looked at yet.
 
         Args:
@@ -41,7 +41,7 @@ class Following:
         self._every = state_every
         self._next = 0
         self._states: deque[tuple[int, Motors]] = deque([(0, Motors())])
-        self._seams: list[Seam] = []
+        self._seams: list[StreamChange] = []
         self._met = 0
         self.motors = Motors()
         self.traces = Traces()
@@ -77,7 +77,7 @@ class Following:
         self._forget_what_left()
         return not self.behind
 
-    def meet(self, seams: Sequence[Seam]) -> None:
+    def meet(self, seams: Sequence[StreamChange]) -> None:
         """Rows will come, or came since the last step, that stand behind these.
 
         Args:
@@ -90,7 +90,7 @@ class Following:
         while self._met < len(self._seams) and self._seams[self._met].place <= index:
             seam = self._seams[self._met]
             self.statistics.meet(seam)
-            if isinstance(seam, Missing):
+            if isinstance(seam, MissingRows):
                 self.motors.interrupt()
             self._met += 1
 
@@ -99,7 +99,7 @@ class Following:
         if gone > 0:
             self.missed += gone
             self._next += gone
-            insort(self._seams, Missing(self._next), key=_place)
+            insort(self._seams, MissingRows(self._next), key=_place)
 
     def _forget_what_left(self) -> None:
         """Keep one state from before the oldest row, to start from."""
@@ -120,7 +120,7 @@ class Following:
         motors = state.copied()
         first, last = (bisect_left(self._seams, at, key=_place) for at in (start, end))
         for seam in self._seams[first:last]:
-            if isinstance(seam, Missing):
+            if isinstance(seam, MissingRows):
                 self._add(motors, start, seam.place)
                 motors.interrupt()
                 start = seam.place
@@ -157,5 +157,5 @@ class Following:
         return start if start == self._store.first else None
 
 
-def _place(seam: Seam) -> int:
+def _place(seam: StreamChange) -> int:
     return seam.place

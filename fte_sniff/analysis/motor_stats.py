@@ -8,14 +8,14 @@ import numpy as np
 
 from fte_sniff.analysis.counters import Durations
 from fte_sniff.analysis.fields import NO_TIME, Bools, Decoded, Ints
-from fte_sniff.analysis.motors import Addressed, Moments, Pairing
+from fte_sniff.analysis.motors import Addressed, Pairing, PendingCommands
 from fte_sniff.protocol import MOTORS
 
 BITS = range(8)
 
 
 @dataclass(slots=True)
-class Seen:
+class FlagCount:
     """How often something was so, and when it was first and last."""
 
     frames: int = 0
@@ -38,9 +38,9 @@ class FlagNumbers:
     """What was told of one motor."""
 
     motor: int
-    error_bits: dict[int, Seen] = field(default_factory=dict)
+    error_bits: dict[int, FlagCount] = field(default_factory=dict)
     """By bit of ERROR, from 0; only those that were ever set in this motor's feedback."""
-    offline: Seen = field(default_factory=Seen)
+    offline: FlagCount = field(default_factory=FlagCount)
     """Feedback of any motor whose ONLINE byte lacks this motor's bit."""
     times_lost: int = 0
     """How often the bit was there, and then was not."""
@@ -66,7 +66,7 @@ class FlagsSeen:
         for bit in BITS:
             if ever >> bit & 1:
                 having = (errors >> bit & 1).astype(np.bool_)
-                motor.error_bits.setdefault(bit, Seen()).add(having, t_ns)
+                motor.error_bits.setdefault(bit, FlagCount()).add(having, t_ns)
 
     def _add_online(self, online: Ints, t_ns: Ints) -> None:
         before = online[0] if self._online is None else self._online
@@ -127,7 +127,9 @@ class Answers:
             commands, feedback = found.commands[number], found.feedback[number]
             motor.commands += len(commands)
             motor.feedback += len(feedback)
-            took = motor.pairing.add(Moments.of(rows, commands), Moments.of(rows, feedback))
+            took = motor.pairing.add(
+                PendingCommands.of(rows, commands), PendingCommands.of(rows, feedback)
+            )
             motor.delays.add(took.delays_ns, took.ends_ns)
 
     def interrupt(self) -> None:

@@ -78,7 +78,7 @@ _NO_DELAYS: Final = Delays(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True, slots=True)
-class Moments:
+class PendingCommands:
     """Some frames of a batch, in order."""
 
     places: Ints
@@ -88,13 +88,13 @@ class Moments:
     """Nanoseconds since 1970 UTC, or `NO_TIME`."""
 
     @classmethod
-    def of(cls, rows: Decoded, places: Ints) -> Moments:
+    def of(cls, rows: Decoded, places: Ints) -> PendingCommands:
         """Those of the rows that stand at these places."""
         return cls(places, rows.cmds[places].astype(np.int64), rows.t_ns[places])
 
-    def before(self, cmd: int, t_ns: int) -> Moments:
+    def before(self, cmd: int, t_ns: int) -> PendingCommands:
         """The same with one more that came before the batch."""
-        return Moments(
+        return PendingCommands(
             np.concatenate(([_BEFORE], self.places)),
             np.concatenate(([cmd], self.cmds)),
             np.concatenate(([t_ns], self.t_ns)),
@@ -133,7 +133,7 @@ class Pairing:
             return None
         return self._waiting[1]
 
-    def add(self, commands: Moments, feedback: Moments) -> Delays:
+    def add(self, commands: PendingCommands, feedback: PendingCommands) -> Delays:
         """Take the commands to this motor, and its feedback, in the next batch of rows.
 
         Returns:
@@ -159,7 +159,7 @@ def _delays(asked_ns: Ints, answered_ns: Ints) -> Delays:
     return Delays((answered_ns - asked_ns)[measured], answered_ns[measured])
 
 
-def _answers(commands: Moments, feedback: Moments) -> tuple[Ints, Bools]:
+def _answers(commands: PendingCommands, feedback: PendingCommands) -> tuple[Ints, Bools]:
     """For every command the place in `feedback` of its answer, and whether it has one."""
     answers = np.zeros(len(commands.places), np.int64)
     answered = np.zeros(len(commands.places), np.bool_)
@@ -185,7 +185,7 @@ BITS: Final = range(8)
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class MotorReading:
     """A value, and when it was told."""
 
     value: int
@@ -194,7 +194,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class MotorTarget:
     """The last command that a motor was given."""
 
     kind: FrameKind
@@ -219,9 +219,9 @@ class MotorState:
     """All that is known of one motor at one row; what is not known is None, never 0."""
 
     motor: int
-    target: Target | None
+    target: MotorTarget | None
     """The last command; a reset and a motion of the chassis are commands to every motor."""
-    present: Mapping[str, Reading]
+    present: Mapping[str, MotorReading]
     """What feedback told last, by row name (`rpm`, `pulses`); those never told are not in it."""
     flags: Mapping[str, Flags]
     """The flag bytes in this motor's own feedback, by row name; empty before the first."""
@@ -289,14 +289,14 @@ class _Motor:
         self.number = number
         self.commands = self.feedback = 0
         self.pairing = Pairing()
-        self._target: Target | None = None
-        self._present: dict[str, Reading] = {}
+        self._target: MotorTarget | None = None
+        self._present: dict[str, MotorReading] = {}
         self._flags = {name: _FlagByte() for name in FLAG_FIELDS}
         self._command_times, self._feedback_times = Recent(), Recent()
 
     def add(self, rows: Decoded, commands: Ints, feedback: Ints) -> None:
         """The places in the batch of the commands to this motor, and of its feedback."""
-        self.pairing.add(Moments.of(rows, commands), Moments.of(rows, feedback))
+        self.pairing.add(PendingCommands.of(rows, commands), PendingCommands.of(rows, feedback))
         self.commands += len(commands)
         self.feedback += len(feedback)
         self._command_times.add(_known(rows.t_ns[commands]))
@@ -309,7 +309,7 @@ class _Motor:
             places = feedback[rows.kinds[feedback] == code]
             if len(places):
                 last = int(places[-1])
-                self._present[name] = Reading(rows.value(name, last), _time(rows.t_ns[last]))
+                self._present[name] = MotorReading(rows.value(name, last), _time(rows.t_ns[last]))
         for name, flag_byte in self._flags.items():
             flag_byte.add(rows.values(name, feedback), rows.t_ns[feedback])
 
@@ -330,7 +330,7 @@ class _Motor:
         since = _time(rows.t_ns[commands[first]])
         if not first and before and (before.kind, before.values) == (kind, values):
             since = before.since_ns
-        self._target = Target(kind, MappingProxyType(values), _time(rows.t_ns[place]), since)
+        self._target = MotorTarget(kind, MappingProxyType(values), _time(rows.t_ns[place]), since)
 
     def copied(self) -> _Motor:
         other = copy(self)

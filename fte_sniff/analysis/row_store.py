@@ -138,7 +138,7 @@ class BlockSource(Protocol):
         ...
 
 
-class Pages:
+class BlockCache:
     """The blocks that may be dropped, those that were asked for last at the end."""
 
     def __init__(self, source: BlockSource | None, most: int, codebook: Codebook) -> None:
@@ -220,7 +220,7 @@ class RowRun:
         self.codebook = Codebook()
         """What the numbers of ports and faults in packed rows stand for."""
         self._block_rows = block_rows
-        self._pages = Pages(source, most_blocks, self.codebook)
+        self._pages = BlockCache(source, most_blocks, self.codebook)
         self._blocks: deque[Block] = deque()
         self._first = 0
         self._next = 0
@@ -324,7 +324,7 @@ class RowRun:
             start = block.start + stop
 
 
-class Shown:
+class FilteredView:
     """What a filter leaves of a run; all of it where there is none."""
 
     def __init__(self, run: RowRun) -> None:
@@ -478,7 +478,7 @@ class RowStore(RowRun):
     ) -> None:
         """An empty store without a filter; what is told of it is that of a `RowRun`."""
         super().__init__(bound, block_rows, source, most_blocks)
-        self.shown = Shown(self)
+        self.shown = FilteredView(self)
         """The rows that are shown, and the filter."""
 
     def append(self, rows: Sequence[Row]) -> Sequence[Block]:

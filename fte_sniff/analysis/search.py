@@ -30,7 +30,7 @@ RowTest: TypeAlias = Callable[[Packed, Mapping[int, bytes], Codebook], Bools]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class SearchStep:
     """What looking in one block brought."""
 
     found: int | None
@@ -39,7 +39,7 @@ class Step:
     """Index to look at next; None where a row was found, or there are no more."""
 
 
-def find_step(store: RowStore, test: RowTest, index: int, by: int) -> Step:
+def find_step(store: RowStore, test: RowTest, index: int, by: int) -> SearchStep:
     """Look in one block for the nearest shown row that passes a test.
 
     Args:
@@ -50,7 +50,7 @@ def find_step(store: RowStore, test: RowTest, index: int, by: int) -> Step:
     """
     index = max(index, store.first) if by > 0 else min(index, store.next - 1)
     if not store.first <= index < store.next:
-        return Step(None, None)
+        return SearchStep(None, None)
     block = store.blocks[store.block_number(index)]
     places = store.shown.places(block)
     here = index - block.start
@@ -60,9 +60,9 @@ def find_step(store: RowStore, test: RowTest, index: int, by: int) -> Step:
         part = store.in_memory(block).part(places)
         passing = places[test(*part, store.codebook)]
     if len(passing):
-        return Step(block.start + int(passing[0 if by > 0 else -1]), None)
+        return SearchStep(block.start + int(passing[0 if by > 0 else -1]), None)
     onward = block.end if by > 0 else block.start - 1
-    return Step(None, onward if store.first <= onward < store.next else None)
+    return SearchStep(None, onward if store.first <= onward < store.next else None)
 
 
 def find_fault(store: RowStore, index: int, by: int) -> int | None:
@@ -91,7 +91,7 @@ def _find_in(
     store: RowStore, test: RowTest, has: Callable[[Block], bool], index: int, by: int
 ) -> int | None:
     """The nearest shown row behind `index` that passes; only some blocks have such rows."""
-    step = Step(None, index + by)
+    step = SearchStep(None, index + by)
     while step.found is None and step.onward is not None:
         step = find_step(store, test, _past(store, has, step.onward, by), by)
     return step.found
@@ -115,7 +115,7 @@ def find_byte(store: RowStore, port: str, offset: int) -> int | None:
         behind = offset - packed["offset"]
         return np.asarray((packed["port"] == code) & (behind >= 0) & (behind < packed["length"]))
 
-    step = Step(None, store.first)
+    step = SearchStep(None, store.first)
     while step.found is None and step.onward is not None:
         step = find_step(store, holds, step.onward, 1)
     return step.found
@@ -265,7 +265,7 @@ class _Counted:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class HitPosition:
     """Where a row stands among those that pass."""
 
     number: int | None
@@ -278,7 +278,7 @@ class Standing:
     """Whether there are others that are not counted yet."""
 
 
-class Hits:
+class HitCounter:
     """The rows that pass, counted under the filter that is in force when it is made."""
 
     def __init__(self, store: RowStore, test: RowTest) -> None:
@@ -313,7 +313,7 @@ class Hits:
         """Rows of the block of which it is known whether they are shown."""
         return block.count if self._store.shown.filter is None else block.judged
 
-    def standing(self, index: int) -> Standing:
+    def standing(self, index: int) -> HitPosition:
         """Where the row of an index stands."""
         store, number, count = self._store, None, 0
         left_out = behind = False
@@ -329,4 +329,4 @@ class Hits:
             if at < len(places) and places[at] == index - block.start:
                 number = count + at + 1
             count += len(places)
-        return Standing(number, count, left_out, behind)
+        return HitPosition(number, count, left_out, behind)

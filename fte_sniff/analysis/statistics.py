@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.counters import CountsOverTime, Durations, OverTime, Recent
-from fte_sniff.analysis.feed import Pace, Seam
+from fte_sniff.analysis.feed import BaudChange, StreamChange
 from fte_sniff.analysis.fields import NO_KIND, NO_TIME, Decoded, Ints, read_place
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
@@ -35,7 +35,7 @@ from fte_sniff.row_batch import FRAMED, Codebook
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class LineSetup:
     """One set-up of line, controller and motors."""
 
     baud: int = DEFAULT_BAUD
@@ -52,7 +52,7 @@ class Bench:
         return pulses / self.resolution / self.gear_ratio
 
 
-NO_BENCH = Bench()
+NO_BENCH = LineSetup()
 """Nobody said anything about the set-up."""
 
 
@@ -462,7 +462,7 @@ class FaultNumbers:
 class Statistics:
     """The numbers over all rows added so far."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: LineSetup) -> None:
         """No rows; `bench` tells how long a byte takes."""
         self._baud = bench.baud
         self._names: list[str] = []
@@ -487,9 +487,9 @@ class Statistics:
         for event in events:
             self._port(event.port).happened(event)
 
-    def meet(self, seam: Seam) -> None:
+    def meet(self, seam: StreamChange) -> None:
         """The next rows stand behind this: no silence, period or rate goes over missing ones."""
-        if isinstance(seam, Pace):
+        if isinstance(seam, BaudChange):
             self._port(seam.port).baud = seam.baud
         elif seam.port is None:
             self._streams.interrupt(None)

@@ -8,14 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from fte_sniff.analysis.feed import Missing, Seam, SeamFinder
+from fte_sniff.analysis.feed import GapDetector, MissingRows, StreamChange
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motor_stats import AnswerNumbers, Answers, FlagNumbers, FlagsSeen
 from fte_sniff.analysis.motors import addressed
 from fte_sniff.analysis.statistics import (
-    Bench,
     Count,
     FaultCounts,
+    LineSetup,
     PortNumbers,
     Statistics,
     StreamNumbers,
@@ -25,7 +25,7 @@ from fte_sniff.row_batch import Codebook, Packed, pack
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class RowSource:
     """One input."""
 
     name: str
@@ -33,18 +33,18 @@ class Source:
     count: Count = field(default_factory=Count)
 
 
-class Survey:
+class StatisticsSummary:
     """The numbers over all rows added so far."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: LineSetup) -> None:
         """No rows; `bench` tells the baud of ports of which no input tells any."""
-        self.sources: list[Source] = []
+        self.sources: list[RowSource] = []
         """Every input, in its order."""
         self._codebook = Codebook()
         self._statistics = Statistics(bench)
         self._answers = Answers()
         self._flags = FlagsSeen()
-        self._seams = SeamFinder()
+        self._seams = GapDetector()
 
     def begin(
         self, name: str, bauds: Mapping[str, int], left_out: Sequence[tuple[int, int]] = ()
@@ -59,7 +59,7 @@ class Survey:
             left_out: from when to when rows came that the input does not hold, nanoseconds since
                 1970 UTC; nothing is measured across.
         """
-        self.sources.append(Source(name))
+        self.sources.append(RowSource(name))
         for seam in self._seams.begin(bauds, left_out):
             self._meet(seam)
 
@@ -76,11 +76,11 @@ class Survey:
 
     def interrupt(self) -> None:
         """Rows are missing here: nothing is measured across."""
-        self._meet(Missing(0))
+        self._meet(MissingRows(0))
 
-    def _meet(self, seam: Seam) -> None:
+    def _meet(self, seam: StreamChange) -> None:
         self._statistics.meet(seam)
-        if isinstance(seam, Missing):
+        if isinstance(seam, MissingRows):
             self._answers.interrupt()
 
     def _take(self, packed: Packed) -> None:

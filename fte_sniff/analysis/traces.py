@@ -105,18 +105,18 @@ class _Level:
         found = found[np.argsort(numbers[found])]
         return _Groups(numbers, self._low, self._high, self._last)[found]
 
-    def before(self, t_ns: int) -> Told | None:
+    def before(self, t_ns: int) -> Reported | None:
         """The last value in a bucket that ends by a time; None where none is kept."""
         numbers = self._numbers
         early = (numbers < t_ns // self.length_ns) & (numbers >= self._kept_from)
         if not early.any():
             return None
         slot = int(np.where(early, numbers, _NEVER).argmax())
-        return Told(int(numbers[slot]) * self.length_ns, int(self._last[slot]))
+        return Reported(int(numbers[slot]) * self.length_ns, int(self._last[slot]))
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Reported:
     """A value, and about when it was told."""
 
     t_ns: int
@@ -165,7 +165,7 @@ class Envelope:
         groups = groups.merged(np.clip(places.astype(np.int64), 0, columns - 1))
         return Spans(*(_placed(part, groups.numbers, columns) for part in _parts(groups)))
 
-    def before(self, t_ns: int) -> Told | None:
+    def before(self, t_ns: int) -> Reported | None:
         """The last value from before the bucket of a time, as finely as it is still known."""
         for level in self._levels:
             told = level.before(t_ns)
@@ -268,7 +268,7 @@ class Traces:
             return None
         return own.value
 
-    def _before(self, key: _Key, t_ns: int) -> Told | None:
+    def _before(self, key: _Key, t_ns: int) -> Reported | None:
         trace = self._traces.get(key)
         return None if trace is None else trace.before(t_ns)
 

@@ -16,21 +16,21 @@ from typing import Self
 
 import serial
 
-from fte_sniff.capture.bridge_io import HOST, Exchange, Wires
+from fte_sniff.capture.bridge_io import HOST, Exchange, WireEvents
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import sharing_note
 from fte_sniff.capture.pty import HostEnd
-from fte_sniff.capture.reconnect import Opened, Reopen, way_back
+from fte_sniff.capture.reconnect import OpenedPort, Reopen, way_back
 from fte_sniff.capture.serial_port import (
     DEFAULT_SETTINGS,
     PortSettings,
     ask_low_latency,
     device_of,
-    lateness_ns,
+    max_latency_ns,
     open_port,
 )
 from fte_sniff.capture.source import Item, ThreadedSource
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import PortEventKind
 
 
@@ -49,7 +49,7 @@ class BridgeSource(ThreadedSource):
         self,
         port: serial.Serial,
         host: HostEnd,
-        wires: Wires,
+        wires: WireEvents,
         *,
         detail: str = "",
         reopen: Reopen | None = None,
@@ -70,7 +70,7 @@ class BridgeSource(ThreadedSource):
         self._host = host
         self._wires = wires
         self._low_latency = ask_low_latency(port)
-        self._lateness_ns = lateness_ns(port)
+        self._lateness_ns = max_latency_ns(port)
         _refuse_others(port, termios.TIOCEXCL)
         self._exchange = Exchange(port, host, wires)
         self._detail = detail
@@ -119,15 +119,19 @@ class BridgeSource(ThreadedSource):
     def _is_to_end(self) -> bool:
         return self._stopping or self._wires.due
 
-    def _take_over(self, opened: Opened, away_s: float) -> None:
+    def _take_over(self, opened: OpenedPort, away_s: float) -> None:
         self._port = opened.port
         ask_low_latency(self._port)
         _refuse_others(self._port, termios.TIOCEXCL)
         self._host = self._host.again(self._port.baudrate)
-        named = "" if opened.name == self._wires.port else Said(" as {port}", port=opened.name)
+        named = (
+            ""
+            if opened.name == self._wires.port
+            else TranslatableText(" as {port}", port=opened.name)
+        )
         self._tell(
             PortEventKind.FOUND_AGAIN,
-            Said("after {seconds:.1f} s{named}", seconds=away_s, named=named),
+            TranslatableText("after {seconds:.1f} s{named}", seconds=away_s, named=named),
         )
         self._wires.start_again(self._port.baudrate)
         self._exchange = Exchange(self._port, self._host, self._wires)
@@ -184,8 +188,8 @@ def open_bridge(
     return BridgeSource(
         port,
         host,
-        Wires(name, settings.baud, clock),
-        detail=Said(
+        WireEvents(name, settings.baud, clock),
+        detail=TranslatableText(
             "a host program can open {name}; {settings}{shared}",
             name=host.name,
             settings=str(settings),

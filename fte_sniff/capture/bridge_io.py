@@ -19,13 +19,13 @@ from typing import TypeAlias
 import serial
 from serial.urlhandler import protocol_socket
 
-from fte_sniff.capture.chunk_queue import CAPACITY, Backlog
+from fte_sniff.capture.chunk_queue import CAPACITY, ChunkQueue
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.pty import HostEnd
 from fte_sniff.capture.serial_port import BAUD_RANGE, READ_TIMEOUT_S, reader_of
 from fte_sniff.capture.source import Item
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
 
 Put: TypeAlias = Callable[[bytes], int]
@@ -33,14 +33,14 @@ Put: TypeAlias = Callable[[bytes], int]
 READ_TIMEOUT_S. Raises OSError when the port is lost."""
 
 
-def outlet_of(port: serial.Serial) -> Put:
+def writer_of(port: serial.Serial) -> Put:
     """The quickest way to write to `port`."""
     if isinstance(port, protocol_socket.Serial) or type(port).write is serial.Serial.write:
-        return _DescriptorOutlet(port.fileno()).put
-    return _PortOutlet(port).put
+        return _DescriptorWriter(port.fileno()).put
+    return _PortWriter(port).put
 
 
-class _DescriptorOutlet:
+class _DescriptorWriter:
     """Writes what the system has room for; pyserial would not tell how much that was."""
 
     def __init__(self, descriptor: int) -> None:
@@ -56,7 +56,7 @@ class _DescriptorOutlet:
             return 0
 
 
-class _PortOutlet:
+class _PortWriter:
     """Writes through pyserial's interface; for ports that have no descriptor of their own."""
 
     def __init__(self, port: serial.Serial) -> None:
@@ -73,7 +73,7 @@ MOST_AHEAD = 4096
 """Bytes that a driver holds before it lets a writer wait, about: none is timed later than these."""
 
 
-class Departures:
+class WireTimes:
     """When bytes that are put onto a line leave at its pace, one after the other."""
 
     free_ns = 0
@@ -94,7 +94,7 @@ class Departures:
         return self.free_ns
 
 
-class Wires:
+class WireEvents:
     """The items of both wires on one time line; put from two threads, iterated by one.
 
     The chunks of the host's wire hold what was put onto the line. Their time is when their last
@@ -114,10 +114,10 @@ class Wires:
         self.clock = clock
         """What chunks and events are stamped with."""
         self._baud = baud
-        self._departures = Departures(baud)
+        self._departures = WireTimes(baud)
         self.end_ns = inf
         """When the end is due, by the clock."""
-        self._backlogs = {wire: Backlog(wire, capacity) for wire in (port, HOST)}
+        self._backlogs = {wire: ChunkQueue(wire, capacity) for wire in (port, HOST)}
 
     def __iter__(self) -> Iterator[Item]:
         return heapq.merge(*self._backlogs.values(), key=lambda item: item.t_ns or 0)
@@ -154,14 +154,16 @@ class Wires:
         """Both wires have this speed from now on, bits per second."""
         self._pace(baud)
         kind = PortEventKind.BAUD_CHANGED
-        self.tell(HOST, kind, Said("the host program asks for {baud} baud", baud=baud), baud)
-        self.tell(self.port, kind, Said("it has {baud} baud now", baud=baud), baud)
+        self.tell(
+            HOST, kind, TranslatableText("the host program asks for {baud} baud", baud=baud), baud
+        )
+        self.tell(self.port, kind, TranslatableText("it has {baud} baud now", baud=baud), baud)
 
     def start_again(self, baud: int) -> None:
         """The port was opened anew with this speed, whatever a host program had set before."""
         if baud != self._baud:
             self._pace(baud)
-            detail = Said("it begins again with {baud} baud", baud=baud)
+            detail = TranslatableText("it begins again with {baud} baud", baud=baud)
             for wire in self._backlogs:
                 self.tell(wire, PortEventKind.BAUD_CHANGED, detail, baud)
 
@@ -185,13 +187,13 @@ class Wires:
 class Exchange:
     """One exchange, from an open port to its loss or to the end."""
 
-    def __init__(self, port: serial.Serial, host: HostEnd, wires: Wires) -> None:
+    def __init__(self, port: serial.Serial, host: HostEnd, wires: WireEvents) -> None:
         """Make ready; nothing is passed on before `run`."""
         self._port = port
         self._host = host
         self._wires = wires
         self._read = reader_of(port)
-        self._put = outlet_of(port)
+        self._put = writer_of(port)
         self._baud = port.baudrate
         self._lines = port.dtr, port.rts
         self._ending = False
@@ -218,13 +220,13 @@ class Exchange:
         control.join()
         self._tell_not_given()
         if self._not_taken:
-            detail = Said(
+            detail = TranslatableText(
                 "{count} bytes of the host program: the port did not take them",
                 count=self._not_taken,
             )
             self._wires.tell(HOST, PortEventKind.NOT_PASSED_ON, detail, self._not_taken)
         if self._host.present:
-            self._wires.tell(HOST, PortEventKind.CLOSED, Said("the bridge hangs up"))
+            self._wires.tell(HOST, PortEventKind.CLOSED, TranslatableText("the bridge hangs up"))
         return self._lost
 
     # From the port to the host program
@@ -246,7 +248,7 @@ class Exchange:
 
     def _drop(self, count: int) -> None:
         if not self._not_given:
-            detail = Said(
+            detail = TranslatableText(
                 "the host program does not read: what comes for it is dropped, but kept here"
             )
             self._wires.tell(HOST, PortEventKind.NOT_PASSED_ON, detail)
@@ -254,7 +256,7 @@ class Exchange:
 
     def _tell_not_given(self) -> None:
         if self._not_given:
-            detail = Said(
+            detail = TranslatableText(
                 "{count} bytes were kept here, but not given to the host program",
                 count=self._not_given,
             )
@@ -295,9 +297,9 @@ class Exchange:
         kind = PortEventKind.OPENED if present else PortEventKind.CLOSED
         name = self._host.name
         if present:
-            detail = Said("a host program opened {name}", name=name)
+            detail = TranslatableText("a host program opened {name}", name=name)
         else:
-            detail = Said("a host program closed {name}", name=name)
+            detail = TranslatableText("a host program closed {name}", name=name)
         self._wires.tell(HOST, kind, detail)
 
     def _follow_baud(self) -> None:
@@ -307,7 +309,7 @@ class Exchange:
         before, self._baud = self._baud, baud
         if not baud:
             self._set_lines(False, False)
-            detail = Said("the host program hung up (0 baud): DTR and RTS are off")
+            detail = TranslatableText("the host program hung up (0 baud): DTR and RTS are off")
             self._wires.tell(HOST, PortEventKind.BAUD_CHANGED, detail)
             return
         if not before:
@@ -317,7 +319,7 @@ class Exchange:
                 raise ValueError(f"it is out of range, {BAUD_RANGE[0]}..{BAUD_RANGE[1]}")
             self._port.baudrate = baud
         except (ValueError, OSError, termios.error) as error:
-            detail = Said(
+            detail = TranslatableText(
                 "{baud} baud is refused by the port: {error}", baud=baud, error=one_line(error)
             )
             self._wires.tell(HOST, PortEventKind.NOT_PASSED_ON, detail)

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 
 from fte_sniff.capture.source import Item
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 CAPACITY = 32 * 2**20
@@ -17,7 +17,7 @@ _ITEM_COST = 256
 """What one waiting item takes besides its bytes, roughly."""
 
 
-class Backlog:
+class ChunkQueue:
     """What waits for the consumer: put from any thread, iterated by one."""
 
     def __init__(self, port: str, capacity: int = CAPACITY) -> None:
@@ -106,7 +106,7 @@ class Backlog:
                 lost += item.count if isinstance(item, PortEvent) else 0
             item = self._take()
         if left or lost:
-            why = Said(
+            why = TranslatableText(
                 "{left} waited to be written at the end, {lost} came too fast before",
                 left=left,
                 lost=lost,
@@ -116,12 +116,12 @@ class Backlog:
 
     def _tell_of_overrun(self) -> None:
         if self._dropped:
-            why = Said("they came faster than they were taken")
+            why = TranslatableText("they came faster than they were taken")
             self._put(self._overrun(self._dropped_at_ns, self._dropped, why))
             self._dropped = self._dropped_at_ns = 0
 
     def _overrun(self, t_ns: int, count: int, why: str) -> PortEvent:
-        detail = Said("{count} bytes were not kept: {why}", count=count, why=why)
+        detail = TranslatableText("{count} bytes were not kept: {why}", count=count, why=why)
         return PortEvent(t_ns, self._port, PortEventKind.OVERRUN, detail, count)
 
     def _put(self, item: Item) -> None:

@@ -19,8 +19,8 @@ from fte_sniff.capture.port_errors import one_line, way_in
 from fte_sniff.capture.serial_port import (
     SHORT_TIMER_MS,
     USB_SERIAL,
-    Granted,
     LowLatency,
+    PortCapabilities,
     PortSettings,
     Read,
     ask,
@@ -84,7 +84,7 @@ MEDDLERS = {
 """Programs that open adapters on their own account, and what makes each let go."""
 
 
-class Host(StrEnum):
+class HostFacts(StrEnum):
     """What kind of machine this is, as far as devices go."""
 
     METAL = "a machine of its own"
@@ -93,14 +93,14 @@ class Host(StrEnum):
     VIRTUAL = "a virtual machine"
 
 
-def host_of(root: Path = _ROOT) -> Host:
+def host_of(root: Path = _ROOT) -> HostFacts:
     """What kind of machine this is; a container in a virtual machine is a container."""
     if "microsoft" in _text(root / "proc/version").lower():
-        return Host.WSL
+        return HostFacts.WSL
     marks = (root / ".dockerenv", root / "run/.containerenv")
     if any(mark.exists() for mark in marks) or _in_container_group(root):
-        return Host.CONTAINER
-    return Host.VIRTUAL if is_virtual(root) else Host.METAL
+        return HostFacts.CONTAINER
+    return HostFacts.VIRTUAL if is_virtual(root) else HostFacts.METAL
 
 
 def is_virtual(root: Path = _ROOT) -> bool:
@@ -111,13 +111,13 @@ def is_virtual(root: Path = _ROOT) -> bool:
     return "hypervisor" in flags.split()
 
 
-def missing_adapter_hint(host: Host) -> str:
+def missing_adapter_hint(host: HostFacts) -> str:
     """What to do where an adapter is plugged in and this machine does not see it."""
     return {
-        Host.CONTAINER: "give it to the container: docker run --device /dev/ttyUSB0 ...",
-        Host.WSL: "in Windows: usbipd list, then usbipd attach --wsl --busid <its BUSID>",
-        Host.VIRTUAL: "hand the USB adapter on to the virtual machine, in its settings",
-        Host.METAL: "plug the adapter in, and see what the system says: sudo dmesg | tail",
+        HostFacts.CONTAINER: "give it to the container: docker run --device /dev/ttyUSB0 ...",
+        HostFacts.WSL: "in Windows: usbipd list, then usbipd attach --wsl --busid <its BUSID>",
+        HostFacts.VIRTUAL: "hand the USB adapter on to the virtual machine, in its settings",
+        HostFacts.METAL: "plug the adapter in, and see what the system says: sudo dmesg | tail",
     }[host]
 
 
@@ -221,7 +221,7 @@ def _letting_go(device: str, holder: Holder) -> str:
     return MEDDLERS.get(holder.name, f"end it there, or: kill {holder.pid}")
 
 
-def granted_findings(device: str, granted: Granted) -> Iterator[Finding]:
+def granted_findings(device: str, granted: PortCapabilities) -> Iterator[Finding]:
     """What a port's driver granted when it was opened."""
     timer = granted.timer_ms
     if timer is not None and timer > SHORT_TIMER_MS:
@@ -249,14 +249,14 @@ _NEVER_ENOUGH = 2**63
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class LineSample:
     """What came while a port was listened to."""
 
     data: bytes
     line_errors: LineErrorCounts
 
 
-class Listener:
+class LineListener:
     """An open port that is listened to now and then."""
 
     def __init__(self, name: str, settings: PortSettings) -> None:
@@ -267,7 +267,7 @@ class Listener:
         """
         self._name = name
         self._port = open_port(name, settings)
-        self.granted: Granted = ask(self._port)
+        self.granted: PortCapabilities = ask(self._port)
         self._read: Read = reader_of(self._port)
 
     def __enter__(self) -> Self:
@@ -276,7 +276,7 @@ class Listener:
     def __exit__(self, *_error: object) -> None:
         self._port.close()
 
-    def listen(self, seconds: float, enough: int) -> Heard:
+    def listen(self, seconds: float, enough: int) -> LineSample:
         """What comes within so many seconds, or until there are `enough` bytes.
 
         Raises:
@@ -287,7 +287,7 @@ class Listener:
         deadline = time.monotonic() + seconds
         while len(data) < enough and time.monotonic() < deadline:
             data += line.take(self._take())[0]
-        return Heard(bytes(data), line.rest() or LineErrorCounts())
+        return LineSample(bytes(data), line.rest() or LineErrorCounts())
 
     def sample(self, baud: int, seconds: float, enough: int) -> bytes | None:
         """As `listen`, at another baud, without line errors; None where it cannot be set.

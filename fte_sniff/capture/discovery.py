@@ -16,7 +16,7 @@ from typing import Protocol
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.errors import Said, shown
+from fte_sniff.errors import TranslatableText, shown
 
 _PROC = Path("/proc")
 
@@ -52,11 +52,11 @@ def holders_of(device: str) -> list[Holder]:
 def have_open(holders: list[Holder]) -> str:
     """`socat (pid 7) has it open`, for one or several; for none, that nobody can be named."""
     if not holders:
-        return Said("this or another program has it open")
+        return TranslatableText("this or another program has it open")
     names = " and ".join(map(str, holders))
     if len(holders) > 1:
-        return Said("{programs} have it open", programs=names)
-    return Said("{program} has it open", program=names)
+        return TranslatableText("{programs} have it open", programs=names)
+    return TranslatableText("{program} has it open", program=names)
 
 
 def sharing_note(device: str | None) -> str:
@@ -66,8 +66,10 @@ def sharing_note(device: str | None) -> str:
         return ""
     names = " and ".join(map(str, holders))
     if len(holders) > 1:
-        return Said("; {programs} have it open too, and may take bytes away", programs=names)
-    return Said("; {program} has it open too, and may take bytes away", program=names)
+        return TranslatableText(
+            "; {programs} have it open too, and may take bytes away", programs=names
+        )
+    return TranslatableText("; {program} has it open too, and may take bytes away", program=names)
 
 
 def _others() -> list[int]:

@@ -93,7 +93,7 @@ def _is_lost(item: Item) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Tap:
+class PortGroup:
     """Ports that are only listened to; nothing is ever written to them."""
 
     names: tuple[str, ...]

@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 import serial
 
 from fte_sniff.capture.discovery import have_open, holders_of
-from fte_sniff.errors import PortError, Said, reason_of, shown
+from fte_sniff.errors import PortError, TranslatableText, reason_of, shown
 
 _GROUP_MAY = stat.S_IRGRP | stat.S_IWGRP
 
@@ -32,21 +32,21 @@ def way_in(device: str) -> str:
         facts = Path(device).stat()
         group = grp.getgrgid(facts.st_gid)
     except (OSError, KeyError):
-        return Said("ask the machine's administrator")
+        return TranslatableText("ask the machine's administrator")
     if group.gr_gid == 0 or facts.st_mode & _GROUP_MAY != _GROUP_MAY:
-        return Said(
+        return TranslatableText(
             "its group {group} may not use it: let a group in with a "
             'udev rule, SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"',
             group=group.gr_name,
         )
     user = _user()
     if user in group.gr_mem and group.gr_gid not in os.getgroups():
-        return Said(
+        return TranslatableText(
             "{user} is in the group {group}, but not since this login: log in again",
             user=user,
             group=group.gr_name,
         )
-    return Said(
+    return TranslatableText(
         "it belongs to the group {group}: sudo usermod -aG {group} {user}, then log in again",
         group=group.gr_name,
         user=user,
@@ -69,54 +69,56 @@ _SYSTEM = re.compile(
 _WHOLE = {
     str(said): said
     for said in (
-        Said(
+        TranslatableText(
             "device reports readiness to read but returned no data"
             " (device disconnected or multiple access on port?)"
         ),
-        Said("device reports error (poll)"),
-        Said("socket disconnected"),
-        Said("Write timeout"),
-        Said("Attempting to use a port that is not open"),
+        TranslatableText("device reports error (poll)"),
+        TranslatableText("socket disconnected"),
+        TranslatableText("Write timeout"),
+        TranslatableText("Attempting to use a port that is not open"),
     )
 }
 
 
 def one_line(error: BaseException) -> str:
     """The error's own text on one line, with nothing that a terminal could obey."""
-    if error.args and isinstance(error.args[0], Said):
+    if error.args and isinstance(error.args[0], TranslatableText):
         return error.args[0]
     return worded(shown(" ".join(str(error).split())))
 
 
 def worded(text: str) -> str:
-    """The same text, as a `Said` where its words are known."""
+    """The same text, as a `TranslatableText` where its words are known."""
     if text in _WHOLE:
         return _WHOLE[text]
     if system := _SYSTEM.fullmatch(text):
         return _of_system(system) or text
     lead, colon, rest = text.partition(": ")
     why = worded(rest) if colon else rest
-    if not isinstance(why, Said):
+    if not isinstance(why, TranslatableText):
         return text
     if lead == "read failed":
-        return Said("read failed: {why}", why=why)
+        return TranslatableText("read failed: {why}", why=why)
     if lead == "write failed":
-        return Said("write failed: {why}", why=why)
+        return TranslatableText("write failed: {why}", why=why)
     if lead == "Could not configure port":
-        return Said("Could not configure port: {why}", why=why)
+        return TranslatableText("Could not configure port: {why}", why=why)
     return text
 
 
-def _of_system(found: re.Match[str]) -> Said | None:
+def _of_system(found: re.Match[str]) -> TranslatableText | None:
     number = int(found["number"] or found["bare_number"])
     words = found["reason"] or found["bare_reason"] or ""
     reason = reason_of(OSError(number, words))
-    if not isinstance(reason, Said) or reason != words:
+    if not isinstance(reason, TranslatableText) or reason != words:
         return None
     if found["about"]:
         about = found["about"].removeprefix(": ")
-        return Said("[Errno {number}] {reason}: {about}", number=number, reason=reason, about=about)
-    return Said("[Errno {number}] {reason}", number=number, reason=reason)
+        return TranslatableText(
+            "[Errno {number}] {reason}: {about}", number=number, reason=reason, about=about
+        )
+    return TranslatableText("[Errno {number}] {reason}", number=number, reason=reason)
 
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
@@ -146,46 +148,38 @@ def check_name(name: str) -> None:
     """Raise PortError where a name cannot be a port's before anything is opened."""
     scheme, mark, _ = name.partition("://")
     if not name.strip():
-        raise PortError(Said("a port has an empty name; {there}", there=_ports_there_are("")))
+        raise PortError("a port has an empty name; {there}", there=_ports_there_are(""))
     if not mark:
         if "\0" not in name and os.path.realpath(name) == _OWN_TERMINAL:
             there = _ports_there_are("")
             raise PortError(
-                Said(
-                    "{port} is the terminal that this runs in, no port; {there}",
-                    port=shown(name),
-                    there=there,
-                )
+                "{port} is the terminal that this runs in, no port; {there}",
+                port=shown(name),
+                there=there,
             )
         return
     known = known_schemes()
     if scheme.lower() not in known:
         listed = ", ".join(f"{scheme}://" for scheme in known)
         raise PortError(
-            Said(
-                "{port}: no such kind of port; known are {listed}", port=shown(name), listed=listed
-            )
+            "{port}: no such kind of port; known are {listed}", port=shown(name), listed=listed
         )
     if scheme.lower() in _NETWORK_SCHEMES and not _names_host_and_port(name):
         example = f"{scheme.lower()}://192.168.0.7:4001"
         raise PortError(
-            Said(
-                "{port} names no host and TCP port: write it like {example}",
-                port=shown(name),
-                example=example,
-            )
+            "{port} names no host and TCP port: write it like {example}",
+            port=shown(name),
+            example=example,
         )
     if scheme.lower() == "spy" and "file=" not in name:
         raise PortError(
-            Said(
-                "{port} would write over what is shown here: give it a file to "
-                "write to, as spy:///dev/ttyUSB0?file=spy.txt",
-                port=shown(name),
-            )
+            "{port} would write over what is shown here: give it a file to "
+            "write to, as spy:///dev/ttyUSB0?file=spy.txt",
+            port=shown(name),
         )
     if _LOGGING.search(name):
         raise PortError(
-            Said("{port} would write over what is shown here: leave logging out", port=shown(name))
+            "{port} would write over what is shown here: leave logging out", port=shown(name)
         )
 
 
@@ -203,26 +197,30 @@ def refusal(name: str, device: str | None, error: BaseException) -> PortError:
     if _NOT_SPOKEN in str(error):
         # pyserial's own words go on with a dump of the options that it asked for.
         bare = f"socket://{urlsplit(name).netloc}"
-        told = Said(
+        told = TranslatableText(
             "what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}",
             bare=shown(bare),
         )
-        return PortError(Said("{port} cannot be opened: {why}", port=named, why=told))
+        return PortError("{port} cannot be opened: {why}", port=named, why=told)
     hung_up = _errno_of(error) in (errno.ECONNRESET, errno.EPIPE)
     if hung_up and name.lower().startswith("rfc2217://"):
-        told = Said("the server hung up: it does not speak RFC 2217, or serves somebody else")
-        return PortError(Said("{port} cannot be opened: {why}", port=named, why=told))
+        told = TranslatableText(
+            "the server hung up: it does not speak RFC 2217, or serves somebody else"
+        )
+        return PortError("{port} cannot be opened: {why}", port=named, why=told)
     what = None if device is None else _what_of_device(device, _errno_of(error))
     if what is None:
         # pyserial repeats the name in its own words; once is enough. Where it stumbles over options
         # that it does not know, its words say nothing.
         why = worded(one_line(error).rpartition(f"port {named}: ")[2])
         if isinstance(error, LookupError):
-            why = Said("its options cannot be read")
-        what = Said(" cannot be opened: {why}", why=why)
+            why = TranslatableText("its options cannot be read")
+        what = TranslatableText(" cannot be opened: {why}", why=why)
         if name.partition("://")[0].lower() in _NETWORK_SCHEMES:
-            what = Said(" cannot be opened: {why}; does a server listen there?", why=why)
-    return PortError(Said("{port}{what}", port=named, what=what))
+            what = TranslatableText(
+                " cannot be opened: {why}; does a server listen there?", why=why
+            )
+    return PortError("{port}{what}", port=named, what=what)
 
 
 def _names_host_and_port(url: str) -> bool:
@@ -235,19 +233,23 @@ def _names_host_and_port(url: str) -> bool:
 
 def _what_of_device(device: str, number: int | None) -> str | None:
     if number == errno.ENOENT:
-        return Said(": no such port; {there}", there=_ports_there_are(device))
+        return TranslatableText(": no such port; {there}", there=_ports_there_are(device))
     if number in (errno.EACCES, errno.EPERM):
-        return Said(": no permission; {way_in}", way_in=way_in(device))
+        return TranslatableText(": no permission; {way_in}", way_in=way_in(device))
     if number in (errno.EBUSY, errno.EAGAIN):
-        return Said(" is busy: {holders}; close that first", holders=have_open(holders_of(device)))
+        return TranslatableText(
+            " is busy: {holders}; close that first", holders=have_open(holders_of(device))
+        )
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
-        return Said(
+        return TranslatableText(
             " is no serial port but {what}; {there}",
             what=_file_type(device),
             there=_ports_there_are(device),
         )
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
-        return Said(": no hardware answers there, or it was just unplugged; check the plug")
+        return TranslatableText(
+            ": no hardware answers there, or it was just unplugged; check the plug"
+        )
     return None
 
 
@@ -267,22 +269,24 @@ def _ports_there_are(asked: str) -> str:
 
     near = Path("/dev") / asked
     if asked and "/" not in asked and near.is_char_device():
-        return Said("did you mean {near}?", near=near)
+        return TranslatableText("did you mean {near}?", near=near)
     devices = sorted(port.device for port in comports())
     if devices:
-        return Said("there are: {devices}", devices=", ".join(devices))
-    return Said("none is plugged in ('fte-sniff ports' lists them; sim:// is a simulated one)")
+        return TranslatableText("there are: {devices}", devices=", ".join(devices))
+    return TranslatableText(
+        "none is plugged in ('fte-sniff ports' lists them; sim:// is a simulated one)"
+    )
 
 
 def _file_type(device: str) -> str:
     try:
         mode = Path(device).stat().st_mode
     except OSError:
-        return Said("no device either")
+        return TranslatableText("no device either")
     kinds = {
-        stat.S_IFDIR: Said("a directory"),
-        stat.S_IFREG: Said("a file"),
-        stat.S_IFIFO: Said("a pipe"),
-        stat.S_IFCHR: Said("another kind of device"),
+        stat.S_IFDIR: TranslatableText("a directory"),
+        stat.S_IFREG: TranslatableText("a file"),
+        stat.S_IFIFO: TranslatableText("a pipe"),
+        stat.S_IFCHR: TranslatableText("another kind of device"),
     }
-    return kinds.get(stat.S_IFMT(mode), Said("something else"))
+    return kinds.get(stat.S_IFMT(mode), TranslatableText("something else"))

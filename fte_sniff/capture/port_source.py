@@ -11,22 +11,22 @@ from math import inf
 
 import serial
 
-from fte_sniff.capture.chunk_queue import CAPACITY, Backlog
+from fte_sniff.capture.chunk_queue import CAPACITY, ChunkQueue
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import sharing_note
-from fte_sniff.capture.reconnect import FIRST_WAIT_S, LONGEST_WAIT_S, Opened, Reopen, way_back
+from fte_sniff.capture.reconnect import FIRST_WAIT_S, LONGEST_WAIT_S, OpenedPort, Reopen, way_back
 from fte_sniff.capture.serial_port import (
-    Granted,
+    PortCapabilities,
     PortSettings,
     ask,
     device_of,
-    lateness_ns,
+    max_latency_ns,
     open_port,
     reader_of,
 )
 from fte_sniff.capture.source import ThreadedSource
 from fte_sniff.capture.uart_errors import LineWatch
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
 
 
@@ -48,7 +48,7 @@ class PortSource(ThreadedSource):
         clock: Clock,
         *,
         detail: str = "",
-        granted: Granted | None = None,
+        granted: PortCapabilities | None = None,
         capacity: int = CAPACITY,
         uncertainty_ns: int = 0,
         reopen: Reopen | None = None,
@@ -65,7 +65,7 @@ class PortSource(ThreadedSource):
             uncertainty_ns: how much earlier than they are stamped bytes may have come.
             reopen: how to open the port again when it is lost; None to end then.
         """
-        self._backlog = Backlog(name, capacity)
+        self._backlog = ChunkQueue(name, capacity)
         super().__init__(self._backlog, clock, reopen)
         self.name = name
         self._port = port
@@ -121,14 +121,14 @@ class PortSource(ThreadedSource):
         self._lost_at_bytes = self.bytes_read
         return LONGEST_WAIT_S if fruitless else FIRST_WAIT_S
 
-    def _take_over(self, opened: Opened, away_s: float) -> None:
+    def _take_over(self, opened: OpenedPort, away_s: float) -> None:
         self._port, self._line = opened.port, ask(opened.port).line
         self._read = reader_of(opened.port)
-        named = "" if opened.name == self.name else Said(" as {port}", port=opened.name)
+        named = "" if opened.name == self.name else TranslatableText(" as {port}", port=opened.name)
         shared = sharing_note(device_of(opened.port))
         self._tell(
             PortEventKind.FOUND_AGAIN,
-            Said(
+            TranslatableText(
                 "after {seconds:.1f} s{named}{shared}", seconds=away_s, named=named, shared=shared
             ),
         )
@@ -166,13 +166,13 @@ def open_source(
         port,
         name,
         clock,
-        detail=Said(
+        detail=TranslatableText(
             "{settings}; {granted}{shared}",
             settings=str(settings),
             granted=str(granted),
             shared=sharing_note(device_of(port)),
         ),
         granted=granted,
-        uncertainty_ns=lateness_ns(port),
+        uncertainty_ns=max_latency_ns(port),
         reopen=way_back(name, settings, port) if reconnect else None,
     )

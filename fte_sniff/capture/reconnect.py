@@ -16,7 +16,7 @@ from serial.tools.list_ports import comports
 
 from fte_sniff.capture.discovery import have_open, holders_of, identity_of
 from fte_sniff.capture.serial_port import PortSettings, device_of, open_port
-from fte_sniff.errors import PortError, Said
+from fte_sniff.errors import PortError, TranslatableText
 
 FIRST_WAIT_S = 0.25
 """Seconds before it is looked for at first: as long as a system takes to know an adapter."""
@@ -30,7 +30,7 @@ _TOLD_AT = 2
 _PTY_FOLDER = "/dev/pts/"
 
 
-class Opened(NamedTuple):
+class OpenedPort(NamedTuple):
     """A port that is open."""
 
     port: serial.Serial
@@ -42,7 +42,7 @@ class RefusedError(PortError):
     """The port is back, and cannot be opened all the same."""
 
 
-Reopen = Callable[[], Opened]
+Reopen = Callable[[], OpenedPort]
 """Opens a port again; raises PortError where it is not there, RefusedError where it is refused."""
 
 
@@ -55,49 +55,49 @@ def way_back(name: str, settings: PortSettings, port: serial.Serial) -> Reopen |
     if identity is None:
         return None
 
-    def reopen() -> Opened:
+    def reopen() -> OpenedPort:
         found = identity.find(comports())
         if found is None:
-            raise PortError(Said("{name} is not plugged in", name=name))
+            raise PortError("{name} is not plugged in", name=name)
         if "://" in found:
-            return Opened(open_port(found, settings), found)
+            return OpenedPort(open_port(found, settings), found)
         return _open_device(found, settings)
 
     return reopen
 
 
-def _open_device(found: str, settings: PortSettings) -> Opened:
+def _open_device(found: str, settings: PortSettings) -> OpenedPort:
     target = os.path.realpath(found)
     if target.startswith(_PTY_FOLDER) and (holders := holders_of(target)):
         # The link may be left behind, and its number have become somebody's terminal.
         raise RefusedError(
-            Said(
+            TranslatableText(
                 "{target} may be somebody's terminal: {holders}; close that",
                 target=target,
                 holders=have_open(holders),
             )
         )
     try:
-        return Opened(open_port(found, settings), target)
+        return OpenedPort(open_port(found, settings), target)
     except PortError as error:
         raise RefusedError(error.said) from error
 
 
-class Return:
+class Reconnector:
     """Tries to open a port again until that works, or until nobody waits for it any more."""
 
     def __init__(self, reopen: Reopen, first_wait_s: float = FIRST_WAIT_S) -> None:
         """Begin to look for the port, the first time after so many seconds."""
         self._reopen = reopen
         self._first_wait_s = first_wait_s
-        self._found: Opened | None = None
+        self._found: OpenedPort | None = None
         self._given_up = False
         self._refusals = 0
         self._refusal: str | None = None
         self._changed = threading.Condition()
         threading.Thread(target=self._run, name="waits for a port", daemon=True).start()
 
-    def wait(self, timeout_s: float) -> Opened | None:
+    def wait(self, timeout_s: float) -> OpenedPort | None:
         """The open port once it is there; None if it is not within `timeout_s` seconds."""
         with self._changed:
             self._changed.wait_for(lambda: self._found, timeout_s)
@@ -140,7 +140,7 @@ class Return:
             # At first it may just not be ready: a system takes a moment to set a device up.
             if self._refusals == _TOLD_AT:
                 with self._changed:
-                    self._refusal = Said("it is back, but {why}", why=error.said)
+                    self._refusal = TranslatableText("it is back, but {why}", why=error.said)
 
     def _gives_up_within(self, seconds: float) -> bool:
         with self._changed:

@@ -32,7 +32,7 @@ from serial.urlhandler import protocol_socket
 
 from fte_sniff.capture.port_errors import check_name, refusal
 from fte_sniff.capture.uart_errors import LineWatch, line_watch_of
-from fte_sniff.errors import PortError, Said, ValueRangeError
+from fte_sniff.errors import PortError, TranslatableText, ValueRangeError
 from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
 
 READ_TIMEOUT_S = 0.01
@@ -191,7 +191,7 @@ class _DescriptorReader:
             return b""
         # A terminal is also readable without bytes where another program was quicker.
         if not data and ready[0][1] & self._empty_is_end:
-            raise OSError(Said("the other end has hung up"))
+            raise OSError(TranslatableText("the other end has hung up"))
         return data
 
 
@@ -278,7 +278,7 @@ def is_usb(device: str, devices: Path = USB_SERIAL) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Granted:
+class PortCapabilities:
     """What a port's driver granted."""
 
     line: LineWatch
@@ -289,10 +289,10 @@ class Granted:
     usb: bool
 
     def __str__(self) -> str:
-        low, line = Said(self.low_latency.value), self.line.words
+        low, line = TranslatableText(self.low_latency.value), self.line.words
         if self.timer_ms is None:
-            return Said("{low_latency}; {line}", low_latency=low, line=line)
-        return Said(
+            return TranslatableText("{low_latency}; {line}", low_latency=low, line=line)
+        return TranslatableText(
             "{low_latency}, latency timer {ms} ms; {line}",
             low_latency=low,
             ms=self.timer_ms,
@@ -300,11 +300,11 @@ class Granted:
         )
 
 
-def ask(port: serial.Serial) -> Granted:
+def ask(port: serial.Serial) -> PortCapabilities:
     """Ask for low latency, and for line errors; before anything is read of an open port."""
     low_latency = ask_low_latency(port)
     device = device_of(port)
-    return Granted(
+    return PortCapabilities(
         line_watch_of(port),
         low_latency,
         latency_timer_ms(device) if device else None,
@@ -332,7 +332,7 @@ FIFO_BYTES = 16
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 
 
-def lateness_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
+def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
     """How late bytes of an open port can be, nanoseconds; a machine that stalls adds to it.
 
     Args:

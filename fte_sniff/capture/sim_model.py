@@ -214,14 +214,14 @@ Command: TypeAlias = tuple[FrameKind, dict[str, int]]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class HostStep:
     """Commands sent in turn, each at least once, until the time is over; none is a pause."""
 
     duration_s: float
     commands: tuple[Command, ...] = ()
 
 
-class Host:
+class SimulatedHost:
     """Tells the next command, or that it is silent."""
 
     def __init__(self, rng: Random) -> None:
@@ -246,14 +246,14 @@ def _command(name: str, **values: int) -> Command:
     return KIND_BY_NAME[name], values
 
 
-def _script(rng: Random) -> Iterator[Step]:
+def _script(rng: Random) -> Iterator[HostStep]:
     phases = (_speed_ramps, _position_moves, _drives)
     while True:
-        yield Step(0.0, (_command("reset"),))
-        yield Step(0.3)
+        yield HostStep(0.0, (_command("reset"),))
+        yield HostStep(0.3)
         for phase in phases:
             yield from phase(rng)
-            yield Step(_pick(rng, 2, 8) / 10)
+            yield HostStep(_pick(rng, 2, 8) / 10)
 
 
 def _pick(rng: Random, low: int, high: int) -> int:
@@ -265,28 +265,28 @@ def _sign(rng: Random) -> int:
     return 1 if rng.random() < 0.5 else -1
 
 
-def _speed_ramps(rng: Random) -> Iterator[Step]:
+def _speed_ramps(rng: Random) -> Iterator[HostStep]:
     tops = {motor: _sign(rng) * _pick(rng, 4, 30) * 50 for motor in MOTORS}
     levels = [*range(1, 11), 10, 10, 10, *range(9, -1, -1)]
     for level in levels:
-        yield Step(
+        yield HostStep(
             0.15,
             tuple(_command("speed", motor=m, rpm=top * level // 10) for m, top in tops.items()),
         )
 
 
-def _position_moves(rng: Random) -> Iterator[Step]:
+def _position_moves(rng: Random) -> Iterator[HostStep]:
     goals = [(m, _sign(rng) * _pick(rng, 4, 40) * 500) for m in MOTORS]
     for places in (goals, [(m, 0) for m in MOTORS]):
         limit = _pick(rng, 6, 12) * 100
-        yield Step(
+        yield HostStep(
             0.1,
             tuple(_command("position", motor=m, rpm=limit, pulses=at) for m, at in places),
         )
-        yield Step(_pick(rng, 25, 35) / 10)
+        yield HostStep(_pick(rng, 25, 35) / 10)
 
 
-def _drives(rng: Random) -> Iterator[Step]:
+def _drives(rng: Random) -> Iterator[HostStep]:
     directions = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (1, 1, 0), (1, 0, -1))
     for _ in range(_pick(rng, 4, 6)):
         vx, vy, wz = directions[_pick(rng, 0, len(directions) - 1)]
@@ -298,5 +298,5 @@ def _drives(rng: Random) -> Iterator[Step]:
     yield _drive(0.4, 0, 0, 0)
 
 
-def _drive(duration_s: float, vx: int, vy: int, wz: int) -> Step:
-    return Step(duration_s, (_command("mecanum", vx_cm_s=vx, vy_cm_s=vy, wz_mrad_s=wz),))
+def _drive(duration_s: float, vx: int, vy: int, wz: int) -> HostStep:
+    return HostStep(duration_s, (_command("mecanum", vx_cm_s=vx, vy_cm_s=vy, wz_mrad_s=wz),))

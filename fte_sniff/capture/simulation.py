@@ -20,7 +20,7 @@ from random import Random
 from typing import Any
 from urllib.parse import parse_qsl
 
-from fte_sniff.capture.sim_model import Controller, Host
+from fte_sniff.capture.sim_model import Controller, SimulatedHost
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, MOTORS, Direction, byte_time_ns, encode
 
@@ -238,7 +238,7 @@ class Simulation:
         parameters.check_against(baud)
         self.parameters = parameters
         self.controller = Controller(Random(f"{parameters.seed}/controller"))
-        self._host = Host(Random(f"{parameters.seed}/host"))
+        self._host = SimulatedHost(Random(f"{parameters.seed}/host"))
         self._jitter_dice = Random(f"{parameters.seed}/jitter")
         self._faults = Faults(parameters.seed, parameters.drop, parameters.flip, parameters.noise)
         self._byte_ns = byte_time_ns(baud)

@@ -14,9 +14,9 @@ from typing import Protocol, Self, TypeAlias
 
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_errors import one_line
-from fte_sniff.capture.reconnect import FIRST_WAIT_S, Opened, Reopen, Return
+from fte_sniff.capture.reconnect import FIRST_WAIT_S, OpenedPort, Reconnector, Reopen
 from fte_sniff.capture.serial_port import PortSettings
-from fte_sniff.errors import FileError, Said
+from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 Item: TypeAlias = Chunk | PortEvent
@@ -202,7 +202,10 @@ class ThreadedSource(ABC):
             if self._reopen is None:
                 self._finish(SourceEnd.LOST, PortEventKind.LOST, lost)
                 return
-            self._tell(PortEventKind.LOST, Said("{error}; waiting for it to come back", error=lost))
+            self._tell(
+                PortEventKind.LOST,
+                TranslatableText("{error}; waiting for it to come back", error=lost),
+            )
             opened, away_s = self._wait_for_return(self._reopen)
             if opened is None:
                 break
@@ -211,13 +214,13 @@ class ThreadedSource(ABC):
             except FileError as refused:
                 self._finish(SourceEnd.LOST, PortEventKind.LOST, refused.said)
                 return
-        self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, Said("as asked"))
+        self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, TranslatableText("as asked"))
 
-    def _wait_for_return(self, reopen: Reopen) -> tuple[Opened | None, float]:
+    def _wait_for_return(self, reopen: Reopen) -> tuple[OpenedPort | None, float]:
         """The port once it is open again, None if the end is asked for; and how long, seconds."""
         lost_ns = self._clock.now_ns()
         self._close_port()
-        returning = Return(reopen, self._first_wait_s())
+        returning = Reconnector(reopen, self._first_wait_s())
         while not self._is_to_end():
             opened = returning.wait(_BEAT_S)
             if opened is not None:
@@ -245,7 +248,7 @@ class ThreadedSource(ABC):
         """Whether the end was asked for, and is due."""
 
     @abstractmethod
-    def _take_over(self, opened: Opened, away_s: float) -> None:
+    def _take_over(self, opened: OpenedPort, away_s: float) -> None:
         """Tell that the port was found again, and be ready to read it on.
 
         Raises:

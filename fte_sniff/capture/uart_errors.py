@@ -26,7 +26,7 @@ from typing import Final, Protocol, TypeAlias
 
 import serial
 
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import FRAME_LENGTH, LineErrorCounts
 
 Counters: TypeAlias = Callable[[], LineErrorCounts]
@@ -38,8 +38,8 @@ Places: TypeAlias = tuple[tuple[int, int], ...]
 TELL_EVERY_NS: Final = 1_000_000_000
 """Between two tellings of line errors at least: a wrong baud makes some with every byte."""
 
-AVAILABLE: Final[str] = Said("line errors counted and marked")
-UNAVAILABLE: Final[str] = Said("line errors unavailable")
+AVAILABLE: Final[str] = TranslatableText("line errors counted and marked")
+UNAVAILABLE: Final[str] = TranslatableText("line errors unavailable")
 
 _COUNT_WRAPS = 2**32
 _ICOUNTER = struct.Struct("=20I")

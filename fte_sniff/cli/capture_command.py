@@ -38,11 +38,11 @@ from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
 from fte_sniff.session.live_session import LOOK_EVERY_S, LiveSession
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.statistics import Bench
+    from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
-    from fte_sniff.session.capture_state import CapturePlan, Told
-    from fte_sniff.tui.options import Opening
+    from fte_sniff.session.capture_state import CapturePlan, CaptureState
+    from fte_sniff.tui.options import StartOptions
 
 
 _STDOUT = Path("-")
@@ -134,11 +134,13 @@ def run_capture(
         )
 
 
-def _opening(plan: CapturePlan, bench: Bench, settings: Remembered, lang: str | None) -> Opening:
+def _opening(
+    plan: CapturePlan, bench: LineSetup, settings: Remembered, lang: str | None
+) -> StartOptions:
     """How the screen begins, but for what is shown of the rows."""
-    from fte_sniff.tui.options import AtEnd, Opening
+    from fte_sniff.tui.options import AtEnd, StartOptions
 
-    return Opening(
+    return StartOptions(
         AtEnd.STAY if plan.duration_s is None and plan.count is None else AtEnd.LEAVE,
         signals=tuple(_ending(plan)),
         bench=bench,
@@ -192,7 +194,7 @@ def _fill_stdout(plan: CapturePlan) -> None:
             raise ended or session.told.error
 
 
-def _show_screen(plan: CapturePlan, opening: Opening) -> None:
+def _show_screen(plan: CapturePlan, opening: StartOptions) -> None:
     from fte_sniff.session.live_session import LiveSession
 
     code = 0
@@ -239,7 +241,7 @@ def _leave(session: LiveSession) -> None:
         raise told.error
 
 
-def _tell_where(told: Told, last: Path) -> None:
+def _tell_where(told: CaptureState, last: Path) -> None:
     outcome = told.outcome
     first = outcome.first if outcome else told.recordings[0]
     several = f"{first} to " if first != last else ""

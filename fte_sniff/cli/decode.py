@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.input_files import HowToRead, check_inputs, input_arguments, opened
+from fte_sniff.cli.input_files import ReadOptions, check_inputs, input_arguments, opened
 from fte_sniff.cli.options import FileName, filter_option, row_filter, span_of, span_options
 from fte_sniff.cli.output import file_output, form_of, format_option, summary, text_output
 from fte_sniff.cli.streams import tell
 from fte_sniff.formats.writers import OutputFormat, row_writer
-from fte_sniff.session.pipeline import Reading
+from fte_sniff.session.pipeline import InputReading
 
 if TYPE_CHECKING:
     from fte_sniff.recording.bulk_writer import Note
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
     files: tuple[Path, ...],
-    how: HowToRead,
+    how: ReadOptions,
     form: OutputFormat | None,
     output: Path | None,
     force: bool,
@@ -62,7 +62,7 @@ def command(
     wanted = row_filter(filter_text)
     inputs = opened(files, how)
     span = span_of(since, until, (one.times for one in inputs), how.zone_given())
-    reading = Reading(inputs, span, wanted, limit)
+    reading = InputReading(inputs, span, wanted, limit)
     _write(form, output, reading, force=force)
     for note in reading.notes:
         tell(f"fte-sniff: {note}")
@@ -77,7 +77,7 @@ def command(
     tell(told)
 
 
-def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: bool) -> None:
+def _write(form: OutputFormat, output: Path | None, reading: InputReading, *, force: bool) -> None:
     if form is OutputFormat.PARQUET:
         from fte_sniff.analysis.dataframe import TABLE_SCHEMA
         from fte_sniff.formats.parquet import write_parquet
@@ -98,7 +98,7 @@ def _write(form: OutputFormat, output: Path | None, reading: Reading, *, force: 
             writer.end()
 
 
-def _pour(output: Path | None, reading: Reading, *, force: bool) -> None:
+def _pour(output: Path | None, reading: InputReading, *, force: bool) -> None:
     from fte_sniff.session.save import UNKNOWN, RawSink
 
     with file_output(output, OutputFormat.RAW, force=force) as path:
@@ -120,7 +120,7 @@ def _named(output: Path | None) -> str:
     return "standard output" if str(output) == "-" else str(output)
 
 
-def _record(output: Path | None, reading: Reading, *, force: bool) -> None:
+def _record(output: Path | None, reading: InputReading, *, force: bool) -> None:
     from fte_sniff.recording.bulk_writer import write_recording
     from fte_sniff.recording.metadata import LEFT_OUT_NAME, OF_A_PART, SELECTION_NAME
     from fte_sniff.row_batch import Words

@@ -34,7 +34,7 @@ STDIN = Path("-")
 def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
     """FILE... and what says how to read them, as every command that reads files has it.
 
-    The command gets `files`, and as `how` a `HowToRead`.
+    The command gets `files`, and as `how` a `ReadOptions`.
     """
 
     @wraps(command)
@@ -46,7 +46,7 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
         zone: str | None,
         **others: Any,
     ) -> Any:
-        return command(how=HowToRead(kind, topic, day, zone), **others)
+        return command(how=ReadOptions(kind, topic, day, zone), **others)
 
     files = click.argument("files", nargs=-1, required=True, metavar="FILE...", type=FileName())
     kind = click.option(
@@ -98,7 +98,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class HowToRead:
+class ReadOptions:
     """What the user says of the inputs."""
 
     kind: InputKind | None = None
@@ -128,7 +128,7 @@ class HowToRead:
         return None if self.zone is None else zone_of(self.zone)
 
 
-def opened(files: Sequence[Path], how: HowToRead) -> list[Input]:
+def opened(files: Sequence[Path], how: ReadOptions) -> list[Input]:
     """What the files are: each itself, a folder's recordings, a pattern's matches.
 
     Recordings come in order of their first times, if there is nothing but recordings.
@@ -165,7 +165,7 @@ def meant(named: Path) -> list[Path]:
     return list(files_of(named))
 
 
-def _opened(path: Path, how: HowToRead) -> Input:
+def _opened(path: Path, how: ReadOptions) -> Input:
     if how.topic is not None:
         return _topic(path, how.topic)
     if path == STDIN:
@@ -188,7 +188,7 @@ def _topic(path: Path, topic: str) -> Input:
     return LogInput(topic_chunks(path, topic), topic)
 
 
-def _stdin(how: HowToRead) -> Input:
+def _stdin(how: ReadOptions) -> Input:
     stream = BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
     chosen = how.kind or kind_of_content(stream.peek(1))
     if chosen is InputKind.MCAP:

@@ -15,7 +15,7 @@ from fte_sniff.cli.settings import remembered
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.multi_source import Tap
+    from fte_sniff.capture.multi_source import PortGroup
     from fte_sniff.capture.serial_port import PortSettings
 
 _MOST_PORTS = 2
@@ -52,9 +52,9 @@ def command(
     if len(ports) > _MOST_PORTS:
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
 
-    def tap(settings: PortSettings) -> Tap:
-        from fte_sniff.capture.multi_source import Tap
+    def tap(settings: PortSettings) -> PortGroup:
+        from fte_sniff.capture.multi_source import PortGroup
 
-        return Tap(ports, settings, reconnect=not no_reconnect)
+        return PortGroup(ports, settings, reconnect=not no_reconnect)
 
     run_capture(tap, ports, settings, **options)

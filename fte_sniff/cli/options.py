@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.time_text import ClockTime, clock_time, length_ns, time_ns
 from fte_sniff.cli.settings import Remembered
 from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
@@ -29,7 +29,7 @@ from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.recording.passages import Span
+    from fte_sniff.recording.row_ranges import TimeRange
 
 
 _HELP = (
@@ -56,7 +56,7 @@ def span_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def span_of(
     since: str | None, until: str | None, times: Iterable[Times], zone: tzinfo | None = None
-) -> Span | None:
+) -> TimeRange | None:
     """The span that is asked for; None where none is.
 
     Args:
@@ -72,11 +72,11 @@ def span_of(
     """
     if since is None and until is None:
         return None
-    from fte_sniff.recording.passages import Span
+    from fte_sniff.recording.row_ranges import TimeRange
 
     zone = zone or UTC
     bounds = cache(lambda: _bounds(times))
-    span = Span()
+    span = TimeRange()
     first = span.first_ns if since is None else _time(since, "--from", bounds, zone)
     if first > span.end_ns:
         raise InputTextError(
@@ -90,7 +90,7 @@ def span_of(
             f"--from {shortened(since)} is not before --to {shortened(until)};"
             f" nothing lies between them{_hint(since, until)}"
         )
-    return Span(first, min(end, span.end_ns))
+    return TimeRange(first, min(end, span.end_ns))
 
 
 def _hint(since: str, until: str) -> str:
@@ -322,7 +322,7 @@ def remembered_bench(
     resolution: float | None,
     gear_ratio: float | None,
     baud: int = DEFAULT_BAUD,
-) -> Bench:
+) -> LineSetup:
     """The set-up that the options tell, and where they do not, the settings of these ports.
 
     Raises:
@@ -335,7 +335,9 @@ def remembered_bench(
     return bench_of(resolution, gear_ratio, baud)
 
 
-def bench_of(resolution: float | None, gear_ratio: float | None, baud: int = DEFAULT_BAUD) -> Bench:
+def bench_of(
+    resolution: float | None, gear_ratio: float | None, baud: int = DEFAULT_BAUD
+) -> LineSetup:
     """The set-up that the options tell.
 
     Raises:
@@ -343,4 +345,4 @@ def bench_of(resolution: float | None, gear_ratio: float | None, baud: int = DEF
     """
     if resolution is None and gear_ratio is not None:
         raise UsageError("--gear-ratio makes turns of pulses only together with --resolution")
-    return Bench(baud, resolution, 1.0 if gear_ratio is None else gear_ratio)
+    return LineSetup(baud, resolution, 1.0 if gear_ratio is None else gear_ratio)

@@ -17,7 +17,7 @@ from fte_sniff.protocol import Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Tally
-    from fte_sniff.recording.metadata import Stretch
+    from fte_sniff.recording.metadata import RecordedGap
 
 
 _IN_SEQUENCE = (OutputFormat.RAW, OutputFormat.MCAP)
@@ -180,7 +180,7 @@ def summary(
     partly: bool = False,
     filter_text: str | None = None,
     spanned: bool = False,
-    left_out: Sequence[Stretch] = (),
+    left_out: Sequence[RecordedGap] = (),
 ) -> str:
     """What was read: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
@@ -207,7 +207,7 @@ def summary(
     return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
 
 
-def rows_in_places(left_out: Sequence[Stretch]) -> str:
+def rows_in_places(left_out: Sequence[RecordedGap]) -> str:
     """`893 rows in 2 places`, and `893 rows and more` where of one it is not known how many."""
     rows, places = sum(one.rows or 0 for one in left_out), len(left_out)
     told = f"{rows:,} row{'s' * (rows != 1)}"

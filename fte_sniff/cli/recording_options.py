@@ -17,7 +17,7 @@ from fte_sniff.formats.writers import FORM_BY_END, OutputFormat
 
 if TYPE_CHECKING:
     from fte_sniff.capture.source import Wiring
-    from fte_sniff.recording.retention import Keeping, OnFull
+    from fte_sniff.recording.retention import OnFull, RecordingOptions
     from fte_sniff.session.capture_state import CapturePlan
 
 
@@ -173,20 +173,25 @@ def keeping_of(
     trigger: str | None,
     before: float | None,
     after: float | None,
-) -> Keeping:
+) -> RecordingOptions:
     """What the options ask for.
 
     Raises:
         UsageError: they contradict each other.
     """
-    from fte_sniff.recording.retention import DEFAULT_MOST_INDEX, Keeping, OnFull, Surroundings
+    from fte_sniff.recording.retention import (
+        DEFAULT_MOST_INDEX,
+        OnFull,
+        RecordingOptions,
+        TriggerWindow,
+    )
 
     if trigger is None and (before is not None or after is not None):
         raise UsageError("--before and --after surround a trigger; say which with --trigger")
     _check_sizes(rotate, max_size)
     _check_sequence(output, rotate, OnFull(on_full))
-    around = Surroundings(10.0 if before is None else before, 5.0 if after is None else after)
-    return Keeping(
+    around = TriggerWindow(10.0 if before is None else before, 5.0 if after is None else after)
+    return RecordingOptions(
         flush_every_s=flush_every,
         rotate_bytes=rotate if isinstance(rotate, int) else None,
         most_index=DEFAULT_MOST_INDEX if rotate is Rotate.AUTO else None,

@@ -15,7 +15,7 @@ from fte_sniff.cli.streams import tell
 from fte_sniff.errors import FileError, UsageError
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.repair import Damage
+    from fte_sniff.recording.repair import FileDamage
 
 _MOST_LOSSES = 20
 
@@ -57,12 +57,12 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     tell(f"mended into {target}")
 
 
-def _nothing_lost(damage: Damage) -> bool:
+def _nothing_lost(damage: FileDamage) -> bool:
     """Whether every row and event is kept, whatever bytes around them are damaged."""
     return damage.missing == 0 or (not damage.losses and not damage.least_missing)
 
 
-def _tell_places(damage: Damage) -> None:
+def _tell_places(damage: FileDamage) -> None:
     """Where the file could not be read, and whether rows stood there."""
     whole = _nothing_lost(damage)
     for loss in damage.losses[:_MOST_LOSSES]:
@@ -74,7 +74,7 @@ def _tell_places(damage: Damage) -> None:
         tell(f"lost: {damage.undescribed} messages of ports that nothing describes any more")
 
 
-def _missing(damage: Damage) -> str:
+def _missing(damage: FileDamage) -> str:
     """How many messages are lost, as far as that is known."""
     if damage.missing is not None:
         return f"{damage.missing} are lost"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.input_files import HowToRead, check_inputs, input_arguments, opened
+from fte_sniff.cli.input_files import ReadOptions, check_inputs, input_arguments, opened
 from fte_sniff.cli.options import (
     filter_option,
     line_speed_option,
@@ -22,13 +22,13 @@ from fte_sniff.cli.options import (
     span_options,
 )
 from fte_sniff.cli.output import hint
-from fte_sniff.cli.stats_json import Asked, document
+from fte_sniff.cli.stats_json import ReportOptions, document
 from fte_sniff.cli.streams import tell
 from fte_sniff.protocol import DEFAULT_BAUD
-from fte_sniff.session.pipeline import Reading
+from fte_sniff.session.pipeline import InputReading
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.summary import Survey
+    from fte_sniff.analysis.summary import StatisticsSummary
     from fte_sniff.recording.metadata import Selection
 
 
@@ -55,7 +55,7 @@ class Form(StrEnum):
 @line_speed_option
 def command(
     files: tuple[Path, ...],
-    how: HowToRead,
+    how: ReadOptions,
     form: Form,
     filter_text: str | None,
     since: str | None,
@@ -77,9 +77,9 @@ def command(
     wanted = row_filter(filter_text)
     inputs = opened(files, how)
     span = span_of(since, until, (one.times for one in inputs), how.zone_given())
-    reading = Reading(inputs, span, wanted)
+    reading = InputReading(inputs, span, wanted)
     survey = _surveyed(reading, baud)
-    asked = Asked(filter_text, reading.tally.rows, reading.left_out, _selections(reading))
+    asked = ReportOptions(filter_text, reading.tally.rows, reading.left_out, _selections(reading))
     if form is Form.JSON:
         numbers = document(survey, asked)
         click.echo(json.dumps(numbers, ensure_ascii=False, indent=2))
@@ -93,16 +93,16 @@ def command(
         tell(f"fte-sniff: {advice}")
 
 
-def _selections(reading: Reading) -> list[Selection]:
+def _selections(reading: InputReading) -> list[Selection]:
     """What the inputs tell of filters before this one."""
     return [selection for one in reading.inputs for selection in one.selections()]
 
 
-def _surveyed(reading: Reading, baud: int | None) -> Survey:
-    from fte_sniff.analysis.statistics import Bench
-    from fte_sniff.analysis.summary import Survey
+def _surveyed(reading: InputReading, baud: int | None) -> StatisticsSummary:
+    from fte_sniff.analysis.statistics import LineSetup
+    from fte_sniff.analysis.summary import StatisticsSummary
 
-    survey = Survey(Bench(baud or DEFAULT_BAUD))
+    survey = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD))
     before = None
     for one, left_out in zip(reading.inputs, reading.left_out_of, strict=True):
         told = {port.name: port.baud for port in one.ports if port.baud} if baud is None else {}
@@ -119,7 +119,7 @@ def _surveyed(reading: Reading, baud: int | None) -> Survey:
     return survey
 
 
-def _show(survey: Survey, asked: Asked) -> None:
+def _show(survey: StatisticsSummary, asked: ReportOptions) -> None:
     from fte_sniff.cli.stats_report import page
 
     if not sys.stdout.isatty():

@@ -14,10 +14,10 @@ from fte_sniff.protocol import Direction, Fault, PortEventKind, Status, iso_time
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Durations
-    from fte_sniff.analysis.motor_stats import AnswerNumbers, FlagNumbers, Seen
+    from fte_sniff.analysis.motor_stats import AnswerNumbers, FlagCount, FlagNumbers
     from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
-    from fte_sniff.analysis.summary import Survey
-    from fte_sniff.recording.metadata import Selection, Stretch
+    from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.recording.metadata import RecordedGap, Selection
 
 
 VERSION = 1
@@ -30,20 +30,20 @@ Json = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ReportOptions:
     """What the numbers are of."""
 
     filter_text: str | None
     """As the user wrote it; None where there was none."""
     rows_read: int
     """How many rows there were before the filter."""
-    left_out: Sequence[Stretch] = ()
+    left_out: Sequence[RecordedGap] = ()
     """Rows that came and that the inputs do not hold, as far as they tell."""
     selections: Sequence[Selection] = ()
     """The filters that chose the inputs' rows, as far as they tell."""
 
 
-def document(survey: Survey, asked: Asked) -> Json:
+def document(survey: StatisticsSummary, asked: ReportOptions) -> Json:
     """All numbers of the survey."""
     total = survey.total
     return {
@@ -78,7 +78,7 @@ def _extent(count: Count) -> Json:
     return {"rows": count.rows, "bytes": count.bytes, **_times(count)}
 
 
-def _times(when: Count | Seen | EventNumbers | PortNumbers) -> Json:
+def _times(when: Count | FlagCount | EventNumbers | PortNumbers) -> Json:
     return {"first_time": _time(when.first_ns), "last_time": _time(when.last_ns)}
 
 
@@ -88,7 +88,7 @@ def _statuses(counts: Mapping[Status, Count]) -> Json:
     }
 
 
-def _port(port: PortNumbers, survey: Survey) -> Json:
+def _port(port: PortNumbers, survey: StatisticsSummary) -> Json:
     faults = survey.faults.by_fault(port.port)
     return {
         "port": port.port,

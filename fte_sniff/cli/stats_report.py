@@ -13,7 +13,7 @@ from rich.cells import cell_len
 from rich.text import Text
 
 from fte_sniff.cli.output import rows_in_places
-from fte_sniff.cli.stats_json import COUNTED, Asked, line_use
+from fte_sniff.cli.stats_json import COUNTED, ReportOptions, line_use
 from fte_sniff.errors import shown
 from fte_sniff.formats.text_layout import STATUS_MARK
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
@@ -33,7 +33,7 @@ from fte_sniff.tui.text import (
 if TYPE_CHECKING:
     from fte_sniff.analysis.motor_stats import AnswerNumbers
     from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
-    from fte_sniff.analysis.summary import Survey
+    from fte_sniff.analysis.summary import StatisticsSummary
 
 
 HEAD_STYLE = "dim"
@@ -89,7 +89,7 @@ _STYLE: Final = {Status.OK: "default", Status.SUSPECT: "yellow", Status.MALFORME
 _WORRY: Final = _STYLE[Status.MALFORMED]
 
 
-def page(survey: Survey, asked: Asked, width: int | None) -> Iterator[Text]:
+def page(survey: StatisticsSummary, asked: ReportOptions, width: int | None) -> Iterator[Text]:
     """All numbers of the survey, line by line; tables in at most `width` cells, if there is one."""
     when = _clock(survey.total)
     yield from _whole(survey, asked)
@@ -128,7 +128,7 @@ def _clock(total: Count) -> When:
     return text
 
 
-def _whole(survey: Survey, asked: Asked) -> Iterator[Text]:
+def _whole(survey: StatisticsSummary, asked: ReportOptions) -> Iterator[Text]:
     total, sources = survey.total, survey.sources
     yield _line("files", shown(sources[0].name) if len(sources) == 1 else f"{len(sources):,}")
     if asked.filter_text is not None:
@@ -151,7 +151,7 @@ def _whole(survey: Survey, asked: Asked) -> Iterator[Text]:
         yield _line("status", _statuses(survey.faults.by_status(), total.rows))
 
 
-def _files(survey: Survey) -> TextTable:
+def _files(survey: StatisticsSummary) -> TextTable:
     table = TextTable(["file", "rows", "bytes", "first row"])
     for source in survey.sources:
         count = source.count
@@ -263,7 +263,7 @@ def _stream_name(stream: StreamNumbers) -> str:
     return stream.kind.name if stream.motor is None else f"{stream.kind.name} {stream.motor}"
 
 
-def _motors(survey: Survey) -> TextTable:
+def _motors(survey: StatisticsSummary) -> TextTable:
     heads = [
         "commands",
         "feedback",
@@ -280,7 +280,7 @@ def _motors(survey: Survey) -> TextTable:
     return table
 
 
-def _answers(one: AnswerNumbers, survey: Survey) -> list[str]:
+def _answers(one: AnswerNumbers, survey: StatisticsSummary) -> list[str]:
     counts = [f"{one.commands:,}", f"{one.feedback:,}"]
     if not survey.in_order:
         return [*counts, *[UNKNOWN] * 6]
@@ -292,7 +292,7 @@ def _answers(one: AnswerNumbers, survey: Survey) -> list[str]:
     ]
 
 
-def _motor_notes(survey: Survey, when: When) -> Iterator[Text]:
+def _motor_notes(survey: StatisticsSummary, when: When) -> Iterator[Text]:
     """What the table of motors leaves to be told."""
     if not survey.in_order:
         yield Text("the inputs do not follow each other in time: what answered what is not known")

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.input_files import STDIN, HowToRead, check_inputs, input_arguments, meant, opened
+from fte_sniff.cli.input_files import (
+    STDIN,
+    ReadOptions,
+    check_inputs,
+    input_arguments,
+    meant,
+    opened,
+)
 from fte_sniff.cli.options import (
     REREAD,
     filter_option,
@@ -46,7 +53,7 @@ if TYPE_CHECKING:
 @lang_option
 def command(
     files: tuple[Path, ...],
-    how: HowToRead,
+    how: ReadOptions,
     filter_text: str | None,
     since: str | None,
     until: str | None,
@@ -74,9 +81,9 @@ def command(
     settings = remembered(config)
     check_inputs(files)
     from fte_sniff.session.pipeline import Viewing
-    from fte_sniff.session.replay import RecordedPages, ReplaySession
+    from fte_sniff.session.replay import RecordingPages, ReplaySession
     from fte_sniff.tui.app import run_screen
-    from fte_sniff.tui.options import Opening
+    from fte_sniff.tui.options import StartOptions
 
     wanted = row_filter(filter_text)
     notes: list[str] = []
@@ -85,7 +92,7 @@ def command(
     bench = remembered_bench(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
     span = span_of(since, until, (one.times for one in inputs), how.zone_given())
     # What cannot be read at all is told before the screen opens, not on it.
-    pages = RecordedPages() if _recordings_only(inputs) else None
+    pages = RecordingPages() if _recordings_only(inputs) else None
     viewing = Viewing(inputs, span, baud, pages, notes.append)
     session = ReplaySession(
         _begun(iter(viewing)),
@@ -93,7 +100,7 @@ def command(
         None if span else _total(inputs),
         [str(path) for named in files for path in meant(named)],
     )
-    opening = Opening(
+    opening = StartOptions(
         row_filter=wanted,
         keep_rows=keep_rows,
         bench=bench,

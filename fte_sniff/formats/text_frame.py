@@ -14,13 +14,13 @@ from fte_sniff.formats.text_layout import (
     STATUS_MARK,
     TIME_WIDTH,
     VALUES_WIDTH,
-    Layout,
+    TextLayout,
 )
 from fte_sniff.protocol import KINDS, Field, FrameKind
 from fte_sniff.protocol.row_schema import TIME_FORMAT
 
 
-def frame_lines(frame: pl.DataFrame, layout: Layout) -> str:
+def frame_lines(frame: pl.DataFrame, layout: TextLayout) -> str:
     """The lines of all rows, each with its end."""
     cells = [
         pl.col("offset").cast(pl.String()).str.pad_start(OFFSET_WIDTH),

@@ -38,7 +38,7 @@ RAW_WIDTH = len(spaced_hex(bytes(FRAME_LENGTH)))
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class TextLayout:
     """Which of the optional cells the lines of one output have."""
 
     times: bool

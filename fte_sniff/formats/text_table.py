@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from fte_sniff.formats.text_layout import GAP, STATUS_MARK, Layout, kind_text, values_text
+from fte_sniff.formats.text_layout import GAP, STATUS_MARK, TextLayout, kind_text, values_text
 from fte_sniff.protocol import Frame, Row, Status, faults_text, spaced_hex
-from fte_sniff.protocol.dissect import Part, dissect, explain
+from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 
 if TYPE_CHECKING:
     import polars as pl
@@ -25,7 +25,7 @@ class PlainWriter:
     def __init__(self, stream: TextIO, *, ports: bool) -> None:
         self._stream = stream
         self._ports = ports
-        self._layout: Layout | None = None
+        self._layout: TextLayout | None = None
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows; the first one decides whether there is a column for the time."""
@@ -41,10 +41,10 @@ class PlainWriter:
             layout = self._laid_out(times=frame["time"][0] is not None)
             self._stream.write(frame_lines(frame, layout))
 
-    def _laid_out(self, *, times: bool) -> Layout:
+    def _laid_out(self, *, times: bool) -> TextLayout:
         """What the first row decided, under the header."""
         if self._layout is None:
-            self._layout = Layout(times=times, ports=self._ports)
+            self._layout = TextLayout(times=times, ports=self._ports)
             self._stream.write(_joined(self._layout.header()))
         return self._layout
 
@@ -71,12 +71,12 @@ class RichWriter:
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows; the first one decides whether there is a column for the time."""
         if rows and self._cells is None:
-            self._cells = self._begin(Layout(times=rows[0].t_ns is not None, ports=self._ports))
+            self._cells = self._begin(TextLayout(times=rows[0].t_ns is not None, ports=self._ports))
         if self._cells is not None:
             for row in rows:
                 self._print(GAP.join(self._cells(row)), style_of(row))
 
-    def _begin(self, layout: Layout) -> Callable[[Row], Iterable[str]]:
+    def _begin(self, layout: TextLayout) -> Callable[[Row], Iterable[str]]:
         """Write the header, and choose the cells that the terminal has room for."""
         if self._console.width >= layout.width:
             self._print(GAP.join(layout.header()), "bold")
@@ -162,7 +162,7 @@ def _title(row: Row) -> str:
     return f"offset {row.offset}  {name}  {values_text(row)}  {words}".replace("    ", "  ")
 
 
-def _part_lines(part: Part, wrap: TextWrapper) -> Iterator[str]:
+def _part_lines(part: ExplainedField, wrap: TextWrapper) -> Iterator[str]:
     mark = STATUS_MARK[Status.MALFORMED] if part.fault else " "
     color = "red" if part.fault else None
     first, *further = _byte_groups(part.raw)

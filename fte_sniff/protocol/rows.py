@@ -17,7 +17,7 @@ from functools import reduce
 from types import MappingProxyType
 from typing import TypeAlias
 
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.spec import (
     CMD_PLACE,
     DIRECTION_OF_HEADER,
@@ -240,14 +240,16 @@ class LineErrorCounts:
         told = [words for words in self._words() if words.values["count"]]
         if not told:
             return ""
-        return reduce(lambda one, other: Said("{one}, {other}", one=one, other=other), told)
+        return reduce(
+            lambda one, other: TranslatableText("{one}, {other}", one=one, other=other), told
+        )
 
-    def _words(self) -> Iterator[Said]:
-        yield Said("{count:,} framing", count=self.framing)
-        yield Said("{count:,} parity", count=self.parity)
-        yield Said("{count:,} break", count=self.breaks)
-        yield Said("{count:,} overrun", count=self.overruns)
-        yield Said("{count:,} buffer overrun", count=self.buffer_overruns)
+    def _words(self) -> Iterator[TranslatableText]:
+        yield TranslatableText("{count:,} framing", count=self.framing)
+        yield TranslatableText("{count:,} parity", count=self.parity)
+        yield TranslatableText("{count:,} break", count=self.breaks)
+        yield TranslatableText("{count:,} overrun", count=self.overruns)
+        yield TranslatableText("{count:,} buffer overrun", count=self.buffer_overruns)
 
 
 @dataclass(frozen=True, slots=True)

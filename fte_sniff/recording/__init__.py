@@ -9,7 +9,7 @@ Modules:
     metadata       Port facts, recorded gaps and selection as MCAP metadata.
     output_file    Path choice, existing files, pipes, refusals.
     parallel       Read batches with worker processes.
-    passages       Row ranges of a file and how a damaged file is read.
+    row_ranges     Row ranges of a file and how a damaged file is read.
     reader         RecordingReader: public reading interface, several files.
     recorder       Recorder: rows in, files out, gaps on write errors, rotation.
     repair         Repair a damaged recording.

@@ -21,7 +21,7 @@ from fte_sniff.errors import unwritable
 from fte_sniff.protocol import PortEvent
 from fte_sniff.recording.mcap.append_file import Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
-from fte_sniff.recording.mcap.writer import Batch, McapFile, PackedChunk, packed
+from fte_sniff.recording.mcap.writer import McapBatch, McapFile, PackedChunk, packed
 from fte_sniff.recording.messages.codec import plain
 from fte_sniff.recording.messages.packer import Channels, ColumnPacker
 from fte_sniff.recording.messages.schema import Topic
@@ -30,7 +30,7 @@ from fte_sniff.recording.writer import METADATA_NAME
 from fte_sniff.row_batch import Array, RowColumns
 
 
-class PackingAhead:
+class BackgroundPacker:
     """Adds chunks to a file; when it is left all of them are there, unless an error ended it."""
 
     def __init__(self, file: McapFile) -> None:
@@ -43,7 +43,7 @@ class PackingAhead:
     def __enter__(self) -> Self:
         return self
 
-    def add(self, batch: Batch) -> None:
+    def add(self, batch: McapBatch) -> None:
         """Add a chunk; waits while enough of them are under way.
 
         Raises:
@@ -130,7 +130,7 @@ class _Writer:
         )
 
     def write_all(self, batches: Iterable[RowColumns]) -> None:
-        with PackingAhead(self._file) as ahead:
+        with BackgroundPacker(self._file) as ahead:
             for columns in batches:
                 for chunk in _chunks(columns):
                     if len(chunk) or chunk.events:
@@ -143,7 +143,7 @@ class _Writer:
         )
         self._file.finish()
 
-    def _messages(self, chunk: RowColumns) -> Batch:
+    def _messages(self, chunk: RowColumns) -> McapBatch:
         times = self._log_times(chunk.t_ns)
         events = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
         batch = self._packer.pack(chunk, times, events)

@@ -85,7 +85,7 @@ _MOST_DIGITS: Final = 18
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class RecordedGap:
     """Rows that stood one behind the other, and are not there."""
 
     rows: int | None
@@ -105,7 +105,7 @@ class Stretch:
             "reason": self.reason,
         }
 
-    def within(self, first_ns: int | None, last_ns: int | None) -> Stretch | None:
+    def within(self, first_ns: int | None, last_ns: int | None) -> RecordedGap | None:
         """The part between two times, both included; None for no bound, and for no part.
 
         How many rows lie in a part is not known.
@@ -114,10 +114,10 @@ class Stretch:
         last = self.last_ns if last_ns is None else min(last_ns, self.last_ns)
         if (first, last) == (self.first_ns, self.last_ns):
             return self
-        return Stretch(None, first, last, self.reason) if first <= last else None
+        return RecordedGap(None, first, last, self.reason) if first <= last else None
 
 
-def stretch_of(name: str, told: Mapping[str, str]) -> Stretch | None:
+def gap_of(name: str, told: Mapping[str, str]) -> RecordedGap | None:
     """What a metadata record tells; None where it tells of no rows."""
     if name not in (GAP_NAME, LEFT_OUT_NAME):
         return None
@@ -128,7 +128,7 @@ def stretch_of(name: str, told: Mapping[str, str]) -> Stretch | None:
         return None
     if first is None or last is None or last < first:
         return None
-    return Stretch(int(rows) if rows else None, first, last, told.get("reason", ""))
+    return RecordedGap(int(rows) if rows else None, first, last, told.get("reason", ""))
 
 
 def _ns(text: str | None) -> int | None:

@@ -19,43 +19,37 @@ from enum import Enum
 from itertools import count
 from pathlib import Path
 
-from fte_sniff.errors import FileError, Said, reason_of, unwritable
-from fte_sniff.recording.mcap.append_file import Growing, GrowingFile, Stream
+from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
+from fte_sniff.recording.mcap.append_file import AppendFile, AppendTarget, Stream
 
 
 def no_regular_file(path: object) -> FileError:
     """What to tell the user when something that is no file stands where a recording should."""
     return FileError(
-        Said("{path} is not a regular file, which a recording must be; name another", path=path)
+        "{path} is not a regular file, which a recording must be; name another", path=path
     )
 
 
 def recorded_to(path: object) -> FileError:
     """What to tell the user when two programs would record to one file."""
-    return FileError(
-        Said("{path} is being recorded to by another program; name another file", path=path)
-    )
+    return FileError("{path} is being recorded to by another program; name another file", path=path)
 
 
 def stopped(path: object, error: OSError, rows: int) -> FileError:
     """What to tell the user when a recording that was under way cannot go on."""
     if isinstance(error, BrokenPipeError):
-        where = Said("standard output") if str(path) == "-" else path
+        where = TranslatableText("standard output") if str(path) == "-" else path
         return FileError(
-            Said(
-                "{where}: its reader is gone; the recording ended after {rows:,} rows",
-                where=where,
-                rows=rows,
-            )
-        )
-    return FileError(
-        Said(
-            "recording stopped: {reason}; {path} is complete up to there "
-            "({rows} rows); make room, or record elsewhere with -o",
-            reason=reason_of(error),
-            path=path,
+            "{where}: its reader is gone; the recording ended after {rows:,} rows",
+            where=where,
             rows=rows,
         )
+    return FileError(
+        "recording stopped: {reason}; {path} is complete up to there "
+        "({rows} rows); make room, or record elsewhere with -o",
+        reason=reason_of(error),
+        path=path,
+        rows=rows,
     )
 
 
@@ -63,40 +57,34 @@ def taken_away(path: object, rows: int, *, deleted: bool) -> FileError:
     """What to tell the user when the file of a recording under way is not where it was."""
     if deleted:
         return FileError(
-            Said(
-                "recording stopped: {path} was deleted while it was being written; the {rows} rows "
-                "in it are lost; start again, and leave the file in its place",
-                path=path,
-                rows=rows,
-            )
-        )
-    return FileError(
-        Said(
-            "recording stopped: {path} was moved or replaced while it was being written; "
-            "the {rows} rows in it went with it; start again, and leave the file in its place",
+            "recording stopped: {path} was deleted while it was being written; the {rows} rows "
+            "in it are lost; start again, and leave the file in its place",
             path=path,
             rows=rows,
         )
+    return FileError(
+        "recording stopped: {path} was moved or replaced while it was being written; "
+        "the {rows} rows in it went with it; start again, and leave the file in its place",
+        path=path,
+        rows=rows,
     )
 
 
 def bound_reached(path: object, bound: str, rows: int) -> FileError:
     """What to tell the user when a recording would take more of the disk than it may."""
     return FileError(
-        Said(
-            "recording stopped: {bound}; {path} is complete up to there "
-            "({rows} rows); make room, raise the bound, or let the oldest go "
-            "with --on-full rotate-oldest",
-            bound=bound,
-            path=path,
-            rows=rows,
-        )
+        "recording stopped: {bound}; {path} is complete up to there "
+        "({rows} rows); make room, raise the bound, or let the oldest go "
+        "with --on-full rotate-oldest",
+        bound=bound,
+        path=path,
+        rows=rows,
     )
 
 
 def not_recorded(what: str, reason: str) -> FileError:
     """What to tell the user at the end of a capture whose recording had gaps."""
-    return FileError(Said("{what} were not recorded: {reason}", what=what, reason=reason))
+    return FileError("{what} were not recorded: {reason}", what=what, reason=reason)
 
 
 class Existing(Enum):
@@ -108,7 +96,7 @@ class Existing(Enum):
     """Take the next free name: `x.mcap`, `x-2.mcap`, `x-3.mcap`..."""
 
 
-class Place:
+class OutputPath:
     """The file of one recording, from its making to its close."""
 
     path: Path
@@ -259,8 +247,8 @@ STDOUT = Path("-")
 """Stands for standard output."""
 
 
-class Outlet:
-    """One output that is written in sequence, with the ways of a `Place`."""
+class StreamOutput:
+    """One output that is written in sequence, with the ways of a `OutputPath`."""
 
     left = deleted = False
     """Whether it is gone; an output that is shows by refusing what is written."""
@@ -307,14 +295,14 @@ def is_outlet(path: Path) -> bool:
     return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
 
 
-def opened(path: Path, existing: Existing) -> tuple[Place | Outlet, Growing]:
+def opened(path: Path, existing: Existing) -> tuple[OutputPath | StreamOutput, AppendTarget]:
     """Where a recording goes, and what its bytes are handed to.
 
     Raises:
-        FileError: as `Place` and `Outlet`.
+        FileError: as `OutputPath` and `StreamOutput`.
     """
     if is_outlet(path):
-        outlet = Outlet(path)
+        outlet = StreamOutput(path)
         return outlet, Stream(outlet.descriptor)
-    place = Place(path, existing)
-    return place, GrowingFile(place.descriptor)
+    place = OutputPath(path, existing)
+    return place, AppendFile(place.descriptor)

@@ -29,16 +29,16 @@ from fte_sniff.recording.mcap.records import (
     unpack,
     unpacked_size,
 )
-from fte_sniff.recording.messages.columns import Gathered, Readers, gather
+from fte_sniff.recording.messages.columns import DecodedColumns, Readers, decode_columns
 from fte_sniff.recording.messages.index import (
     MESSAGE_HEAD,
     indexed_places,
     message_starts,
     named_messages,
 )
-from fte_sniff.recording.passages import Passage, Range, Span, ranges_of
-from fte_sniff.recording.sequential import Reading
-from fte_sniff.row_batch import Array, Room, RowColumns, Words
+from fte_sniff.recording.row_ranges import Range, RowRange, TimeRange, ranges_of
+from fte_sniff.recording.sequential import SequentialReading
+from fte_sniff.row_batch import Array, Capacity, RowColumns, Words
 
 JOB = 8 * 1024 * 1024
 """Unpacked bytes that one batch of columns is made of, more or less: 64 thousand rows at least."""
@@ -80,7 +80,7 @@ class _Part:
     def size(self) -> int:
         return len(self.loose) if self.chunk is None else unpacked_size(self.chunk.body)
 
-    def entries(self, reading: Reading) -> Iterator[Row | PortEvent]:
+    def entries(self, reading: SequentialReading) -> Iterator[Row | PortEvent]:
         """Record by record."""
         if self.chunk is not None:
             yield from reading.chunk_entries(self.chunk)
@@ -94,7 +94,7 @@ class _Outcome:
     """What a thread made of a job, given what was known of the channels."""
 
     version: int
-    gathered: list[Gathered]
+    gathered: list[DecodedColumns]
     columns: RowColumns
     definitions: list[tuple[int, bytes]]
 
@@ -106,10 +106,10 @@ class _Job:
     outcome: Future[_Outcome | None]
 
 
-class BulkReading:
+class ParallelReading:
     """One pass over a recording by columns."""
 
-    def __init__(self, reading: Reading, words: Words, span: Span) -> None:
+    def __init__(self, reading: SequentialReading, words: Words, span: TimeRange) -> None:
         """Begin a pass.
 
         Args:
@@ -123,7 +123,7 @@ class BulkReading:
         self._jobs: deque[_Job] = deque()
         self._ahead = cores() + 1
 
-    def passages(self, records: RecordStream) -> Iterator[tuple[Passage, RowColumns]]:
+    def passages(self, records: RecordStream) -> Iterator[tuple[RowRange, RowColumns]]:
         """The rows and events of the records, in their order, many thousands at once.
 
         Each time with what it takes to read them again.
@@ -158,11 +158,11 @@ class BulkReading:
             outcome.set_result(self._outcome(parts, *self._known()))
             yield from (columns for columns, _ in self._finished(_Job(parts, 0, outcome)))
 
-    def _placed(self, job: _Job) -> Iterator[tuple[Passage, RowColumns]]:
+    def _placed(self, job: _Job) -> Iterator[tuple[RowRange, RowColumns]]:
         known, skipped = self._reading.definitions, 0
         ranges = ranges_of(one for part in job.parts for one in part.ranges)
         for columns, after_loss in self._finished(job):
-            yield Passage(known, ranges, self._span, skipped, len(columns), after_loss), columns
+            yield RowRange(known, ranges, self._span, skipped, len(columns), after_loss), columns
             skipped += len(columns)
 
     def _has_room(self, size: int) -> bool:
@@ -262,14 +262,14 @@ class BulkReading:
 
     def _outcome(self, parts: list[_Part], version: int, readers: Readers) -> _Outcome | None:
         """Runs in a thread. None where the parts must be read record by record."""
-        gathered: list[Gathered] = []
+        gathered: list[DecodedColumns] = []
         definitions: list[tuple[int, bytes]] = []
-        room = Room(self._words, min(sum(part.named for part in parts), _MOST_ROOM))
+        room = Capacity(self._words, min(sum(part.named for part in parts), _MOST_ROOM))
         try:
             for records, places in _pieces(parts):
                 messages = message_starts(records, places)
                 definitions += messages.others
-                gathered.append(gather(messages, readers, room.take(len(messages))))
+                gathered.append(decode_columns(messages, readers, room.take(len(messages))))
                 # Let go of before the next are unpacked, which then come where a core's cache has
                 # them.
                 del records, places, messages

@@ -19,16 +19,16 @@ from weakref import finalize
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata
 
-from fte_sniff.errors import FileError, Said, unreadable
+from fte_sniff.errors import FileError, TranslatableText, unreadable
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.mcap.reader import RawRecord, RecordStream, Summary, read_summary
 from fte_sniff.recording.mcap.records import MAGIC, RecordError, parse, records_in
 from fte_sniff.recording.mcap.salvage import next_chunk
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
-from fte_sniff.recording.metadata import PortFacts, Selection, Stretch, selection_of, stretch_of
-from fte_sniff.recording.parallel import BulkReading
-from fte_sniff.recording.passages import EVERYTHING, Definitions, Passage, Route, Span
-from fte_sniff.recording.sequential import Reading, without_our_topics
+from fte_sniff.recording.metadata import PortFacts, RecordedGap, Selection, gap_of, selection_of
+from fte_sniff.recording.parallel import ParallelReading
+from fte_sniff.recording.row_ranges import EVERYTHING, Definitions, RecordScan, RowRange, TimeRange
+from fte_sniff.recording.sequential import SequentialReading, without_our_topics
 from fte_sniff.row_batch import RowColumns, Words
 
 _MOST_BAUD_DIGITS = 9
@@ -58,7 +58,7 @@ class RecordingReader:
         self._ending = ""
         self._losses: tuple[str, ...] = ()
         self._times: tuple[int, int] | None = None
-        self._route = Route()
+        self._route = RecordScan()
         self._copy: IO[bytes] | None = None
         self._copy = self._copy_of_pipe()
         with self._open() as stream:
@@ -111,9 +111,9 @@ class RecordingReader:
         """Whether an iteration came to its end, in a whole and undamaged file."""
         return self._finished and not self._ending and not self._losses
 
-    def left_out(self) -> list[Stretch]:
+    def left_out(self) -> list[RecordedGap]:
         """The rows that came and are not in the file, as it tells; no chunk is read for it."""
-        found = [stretch_of(one.name, one.metadata) for one in self._notes()]
+        found = [gap_of(one.name, one.metadata) for one in self._notes()]
         return [stretch for stretch in found if stretch is not None]
 
     def selections(self) -> list[Selection]:
@@ -146,13 +146,15 @@ class RecordingReader:
 
     def entries(self) -> Iterator[Row | PortEvent]:
         """Rows and port events together, in file order; raises as iteration over rows does."""
-        reading = Reading(self._path, self._port_of, self._known(EVERYTHING))
+        reading = SequentialReading(self._path, self._port_of, self._known(EVERYTHING))
         with self._open() as stream:
             records = self._record_stream(stream)
             yield from reading.entries(records)
         self._finish(reading, records, whole=True)
 
-    def batches(self, words: Words | None = None, span: Span = EVERYTHING) -> Iterator[RowColumns]:
+    def batches(
+        self, words: Words | None = None, span: TimeRange = EVERYTHING
+    ) -> Iterator[RowColumns]:
         """The same rows and events as columns, in file order, most often 64 thousand and more.
 
         Chunks outside `span` are passed over by their log times; a row that came late is looked
@@ -169,35 +171,35 @@ class RecordingReader:
         return (columns for _, columns in self.passages(words, span))
 
     def passages(
-        self, words: Words | None = None, span: Span = EVERYTHING
-    ) -> Iterator[tuple[Passage, RowColumns]]:
+        self, words: Words | None = None, span: TimeRange = EVERYTHING
+    ) -> Iterator[tuple[RowRange, RowColumns]]:
         """The same as `batches`, each with the place at which `again` finds its rows."""
         known = self._known(span)
-        reading = Reading(self._path, self._port_of, known)
+        reading = SequentialReading(self._path, self._port_of, known)
         with self._open() as stream:
             passes = known is not None and not span.everything
             records = self._record_stream(stream, span.touches if passes else None)
-            yield from BulkReading(reading, words or Words(), span).passages(records)
+            yield from ParallelReading(reading, words or Words(), span).passages(records)
         self._finish(reading, records, whole=span.everything)
 
-    def again(self, passage: Passage) -> RowColumns:
+    def again(self, passage: RowRange) -> RowColumns:
         """The rows of a passage of this file once more, with words of their own.
 
         Raises:
             FileError: the file cannot be read any more, or is not what it was.
         """
-        reading = Reading(self._path, self._port_of, passage.known)
+        reading = SequentialReading(self._path, self._port_of, passage.known)
         try:
             records = list(self._records(passage))
         except RecordError as error:
             raise self._changed() from error
-        parts = list(BulkReading(reading, Words(), passage.span).again(records))
+        parts = list(ParallelReading(reading, Words(), passage.span).again(records))
         end = passage.skipped + passage.count
         if sum(map(len, parts)) < end:
             raise self._changed()
         return RowColumns.joined(parts).parted(slice(passage.skipped, end))
 
-    def _records(self, passage: Passage) -> Iterator[RawRecord]:
+    def _records(self, passage: RowRange) -> Iterator[RawRecord]:
         with self._open() as stream:
             if _identity(stream) != self._identity:
                 raise self._changed()
@@ -205,9 +207,7 @@ class RecordingReader:
                 yield from self._route.again(stream, place)
 
     def _changed(self) -> FileError:
-        return FileError(
-            Said("{path}: has changed since it was read; open it again", path=self._path)
-        )
+        return FileError("{path}: has changed since it was read; open it again", path=self._path)
 
     def _definitions(self) -> Definitions | None:
         """What the summary tells of the channels: a chunk passed over may have defined one.
@@ -222,7 +222,7 @@ class RecordingReader:
             {channel.id: channel for channel in summary.channels},
         )
 
-    def _known(self, span: Span) -> Definitions | None:
+    def _known(self, span: TimeRange) -> Definitions | None:
         """What must be known before the first record that is read, where not all are read."""
         return None if span.everything and not self._route.begin else self._definitions()
 
@@ -235,7 +235,7 @@ class RecordingReader:
         """
         return self._route.records(stream, self._summary, wanted)
 
-    def _finish(self, reading: Reading, records: RecordStream, *, whole: bool) -> None:
+    def _finish(self, reading: SequentialReading, records: RecordStream, *, whole: bool) -> None:
         """Keep what a pass has found out about the file."""
         self._ending = records.ending
         beginning = [self._beginning_lost(self._route.begin[0])] if self._route.begin else []
@@ -245,7 +245,7 @@ class RecordingReader:
         expected = self._summary and self._summary.statistics
         if whole and expected and expected.message_count > reading.messages:
             missing = expected.message_count - reading.messages
-            told = Said(
+            told = TranslatableText(
                 "{missing} of {count} messages are missing",
                 missing=missing,
                 count=expected.message_count,
@@ -253,8 +253,8 @@ class RecordingReader:
             self._losses += (told,)
         self._finished = True
 
-    def _beginning_lost(self, count: int) -> Said:
-        return Said(
+    def _beginning_lost(self, count: int) -> TranslatableText:
+        return TranslatableText(
             "the beginning of this recording is damaged, its first {count} bytes; "
             "of what is whole behind them `fte-sniff repair {path}` makes a whole file",
             count=count,
@@ -410,13 +410,13 @@ def _last_ns(reader: RecordingReader, first_ns: int) -> int:
     end_ns = reader.times[1] if reader.times else first_ns
     back_ns = _LENGTH_NS
     while end_ns - back_ns > first_ns:
-        found = _latest_ns(reader, Span(end_ns - back_ns))
+        found = _latest_ns(reader, TimeRange(end_ns - back_ns))
         if found is not None:
             return found
         back_ns *= _LONGER
-    return max(first_ns, _latest_ns(reader, Span(first_ns)) or first_ns)
+    return max(first_ns, _latest_ns(reader, TimeRange(first_ns)) or first_ns)
 
 
-def _latest_ns(reader: RecordingReader, span: Span) -> int | None:
+def _latest_ns(reader: RecordingReader, span: TimeRange) -> int | None:
     latest = [int(columns.t_ns.max()) for columns in reader.batches(Words(), span) if len(columns)]
     return max(latest, default=None)

@@ -21,9 +21,9 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row, iso_time
-from fte_sniff.recording.metadata import GAP_NAME, LEFT_OUT_NAME, PROGRAM, PortFacts, Stretch
+from fte_sniff.recording.metadata import GAP_NAME, LEFT_OUT_NAME, PROGRAM, PortFacts, RecordedGap
 from fte_sniff.recording.output_file import Existing, bound_reached, not_recorded
-from fte_sniff.recording.retention import Keeping, OnFull, Shelf, check_room
+from fte_sniff.recording.retention import FileRetention, OnFull, RecordingOptions, check_room
 from fte_sniff.recording.trigger import Entry, Select, Trigger
 from fte_sniff.recording.writer import RecordingWriter
 
@@ -31,7 +31,7 @@ AGAIN_S, AGAIN_MOST_S = 3.0, 60.0
 """Seconds from a failure to the next attempt to record again: usually, and after many failures."""
 
 
-class Patience:
+class Backoff:
     """When the next attempt to record is due.
 
     It is due every few seconds; later and later where each attempt succeeds but fails again soon.
@@ -59,7 +59,7 @@ class Patience:
         self._due_s = time.monotonic() + self._waits_s
 
 
-class Gap:
+class WriteGap:
     """What was not recorded between two files."""
 
     def __init__(self, why: FileError) -> None:
@@ -86,7 +86,7 @@ class Gap:
 
     def told(self) -> dict[str, str]:
         """The gap as the next file tells it."""
-        return Stretch(self.rows, self.first_ns, self.last_ns, str(self.why)).told()
+        return RecordedGap(self.rows, self.first_ns, self.last_ns, str(self.why)).told()
 
 
 NEXT_NAME = f"{PROGRAM}.next"
@@ -128,7 +128,7 @@ class Recorder:
         facts: Mapping[str, str] | None = None,
         *,
         existing: Existing = Existing.REFUSE,
-        keeping: Keeping | None = None,
+        keeping: RecordingOptions | None = None,
         select: Select | None = None,
     ) -> None:
         """Create the first file.
@@ -144,17 +144,17 @@ class Recorder:
         Raises:
             FileError: the file cannot be made, or there is no room for it.
         """
-        self._keeping = keeping or Keeping()
+        self._keeping = keeping or RecordingOptions()
         self._ports, self._facts = tuple(ports), dict(facts or {})
         around = self._keeping.around
         self._trigger = Trigger(select, around) if select and around else None
-        self._shelf = Shelf(path, self._keeping, existing)
+        self._shelf = FileRetention(path, self._keeping, existing)
         check_room(self._shelf)
         self._part = 1
-        self._gap: Gap | None = None
-        self._gaps: list[Gap] = []
+        self._gap: WriteGap | None = None
+        self._gaps: list[WriteGap] = []
         self._changes: list[Change] = []
-        self._patience = Patience()
+        self._patience = Backoff()
         self._is_full = False
         self._closed = False
         part = {"part": "1"} if self._keeping.rotates else {}
@@ -265,7 +265,7 @@ class Recorder:
         self._shelf.finished(writer.path, writer.flushed_rows)
         cause = failure.__cause__
         self._is_full = isinstance(cause, OSError) and cause.errno in _FULL
-        self._gap = Gap(failure)
+        self._gap = WriteGap(failure)
         if writer.gone:
             self._gap.lose(writer.flushed_rows, writer.span_ns)
         self._changes.append(Change(None, failure))

@@ -18,17 +18,17 @@ from fte_sniff.recording.mcap.append_file import Stream
 from fte_sniff.recording.mcap.reader import RecordStream
 from fte_sniff.recording.mcap.records import HEAD, RecordError, parse, records_in, unpack
 from fte_sniff.recording.mcap.salvage import Descriptions, FoundChunk, Salvage
-from fte_sniff.recording.mcap.writer import Batch, McapFile, indexed
+from fte_sniff.recording.mcap.writer import McapBatch, McapFile, indexed
 from fte_sniff.recording.messages.codec import MessageReader
 from fte_sniff.recording.messages.packer import MESSAGE, MESSAGE_HEAD
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME, schema_name
 from fte_sniff.recording.metadata import library_name
-from fte_sniff.recording.output_file import Existing, Place
+from fte_sniff.recording.output_file import Existing, OutputPath
 
 _Definition = TypeVar("_Definition", Schema, Channel)
 
 
-def believed(
+def trusted_definitions(
     inside: Descriptions, outside: Descriptions
 ) -> tuple[dict[int, Channel], dict[int, Schema]]:
     """The channel and the schema of each number, and none that cannot be used.
@@ -78,7 +78,7 @@ def _usable(channel: Channel, schema: Schema) -> bool:
 class UnpackedMessages:
     """The messages of an unpacked chunk."""
 
-    batch: Batch
+    batch: McapBatch
     """Its data is the whole chunk."""
     sequences: NDArray[np.int64]
     stops: NDArray[np.int64]
@@ -89,12 +89,12 @@ class UnpackedMessages:
         """First and last time, nanoseconds since 1970 UTC; there is a message at least."""
         return int(self.batch.times.min()), int(self.batch.times.max())
 
-    def only(self, kept: NDArray[np.bool_]) -> Batch:
+    def only(self, kept: NDArray[np.bool_]) -> McapBatch:
         """The messages that are kept, packed anew."""
         starts, stops = self.batch.places[kept], self.stops[kept]
         data = [self.batch.data[a:b] for a, b in zip(starts, stops, strict=True)]
         places = np.cumsum(stops - starts) - (stops - starts)
-        return Batch(b"".join(data), self.batch.channels[kept], self.batch.times[kept], places)
+        return McapBatch(b"".join(data), self.batch.channels[kept], self.batch.times[kept], places)
 
 
 def messages_of(records: bytes) -> UnpackedMessages:
@@ -109,7 +109,7 @@ def messages_of(records: bytes) -> UnpackedMessages:
         place = stop
     columns = np.array(found, np.uint64).reshape(-1, 5).astype(np.int64).T
     channels, times, places, sequences, stops = columns
-    return UnpackedMessages(Batch(records, channels, times, places), sequences, stops)
+    return UnpackedMessages(McapBatch(records, channels, times, places), sequences, stops)
 
 
 REPAIR_NAME = "fte-sniff.repair"
@@ -119,7 +119,7 @@ _SEQUENCES = 2**32
 
 
 @dataclass(frozen=True, slots=True)
-class Loss:
+class LostRows:
     """Bytes of the damaged file that could not be read."""
 
     start: int
@@ -143,10 +143,10 @@ class Loss:
 
 
 @dataclass(slots=True)
-class Damage:
+class FileDamage:
     """What is known of a damaged file once it was looked through."""
 
-    losses: list[Loss] = field(default_factory=list)
+    losses: list[LostRows] = field(default_factory=list)
     """What could not be read, in order."""
     chunks: int = 0
     """Whole chunks."""
@@ -189,7 +189,7 @@ def is_whole(path: Path) -> bool:
     return indexed and not records.ending and not records.losses
 
 
-def repair(path: Path, output: Path, existing: Existing) -> Damage:
+def repair(path: Path, output: Path, existing: Existing) -> FileDamage:
     """Write all that is whole in `path` to `output`.
 
     Raises:
@@ -197,7 +197,7 @@ def repair(path: Path, output: Path, existing: Existing) -> Damage:
     """
     try:
         with path.open("rb") as stream:
-            mending = _Mending(path, Salvage(stream))
+            mending = _Repair(path, Salvage(stream))
             mending.look()
             mending.write(output, existing)
             return mending.damage
@@ -205,11 +205,11 @@ def repair(path: Path, output: Path, existing: Existing) -> Damage:
         raise unreadable(path, error) from error
 
 
-class _Mending:
+class _Repair:
     """One damaged file on its way to a whole one."""
 
     def __init__(self, path: Path, salvage: Salvage) -> None:
-        self.damage = Damage()
+        self.damage = FileDamage()
         self._path = path
         self._salvage = salvage
         self._outside, self._inside = Descriptions(), Descriptions()
@@ -236,12 +236,12 @@ class _Mending:
         self._lose(position, self._salvage.size, after_ns, None)
         if not self.damage.chunks:
             raise FileError(f"{self._path}: {self._salvage.why_empty()}")
-        self._channels, self._schemas = believed(self._inside, self._outside)
+        self._channels, self._schemas = trusted_definitions(self._inside, self._outside)
         self._reckon()
 
     def write(self, output: Path, existing: Existing) -> None:
         """Write the new file."""
-        place = Place(output, existing)
+        place = OutputPath(output, existing)
         try:
             file = self._begin(place)
             for found in self._salvage.chunks():
@@ -256,7 +256,7 @@ class _Mending:
             raise
         place.close()
 
-    def _begin(self, place: Place) -> McapFile:
+    def _begin(self, place: OutputPath) -> McapFile:
         told = {
             "file": self._path.name,
             "library": library_name(),
@@ -283,7 +283,7 @@ class _Mending:
 
     def _lose(self, start: int, stop: int, after: int | None, before: int | None) -> None:
         for lost, end in self._salvage.between(start, stop, self._outside):
-            self.damage.losses.append(Loss(lost, end, after, before))
+            self.damage.losses.append(LostRows(lost, end, after, before))
 
     def _number(self, messages: UnpackedMessages) -> None:
         """Note how far each channel's messages are numbered, and how many of them there are."""

@@ -13,7 +13,7 @@ from enum import StrEnum
 from itertools import count
 from pathlib import Path
 
-from fte_sniff.errors import FileError, Said, unwritable
+from fte_sniff.errors import FileError, TranslatableText, unwritable
 from fte_sniff.recording.output_file import Existing, is_outlet
 
 DEFAULT_FLUSH_S = 1.0
@@ -50,7 +50,7 @@ class OnFull(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class TriggerWindow:
     """What to keep around each row that a trigger picks."""
 
     before_s: float
@@ -60,7 +60,7 @@ class Surroundings:
 
 
 @dataclass(frozen=True, slots=True)
-class Keeping:
+class RecordingOptions:
     """What a recording is to keep."""
 
     flush_every_s: float = DEFAULT_FLUSH_S
@@ -77,7 +77,7 @@ class Keeping:
     """Bytes that the capture's files may take together; None for any number."""
     free_bytes: int | None = None
     """Bytes to leave free on the disk; None for the default, which spares small and full disks."""
-    around: Surroundings | None = None
+    around: TriggerWindow | None = None
     """What to keep around the rows of the trigger; None to keep all rows."""
 
     @property
@@ -107,10 +107,10 @@ class _Finished:
     rows: int
 
 
-class Shelf:
+class FileRetention:
     """Where the files of one capture go."""
 
-    def __init__(self, path: Path, keeping: Keeping, existing: Existing) -> None:
+    def __init__(self, path: Path, keeping: RecordingOptions, existing: Existing) -> None:
         """Take the name that the user gave, and find the first file's.
 
         Raises:
@@ -191,10 +191,10 @@ class Shelf:
         most, free = self._keeping.most_bytes, self._free_bytes
         total = size + sum(file.size for file in self._finished)
         if most is not None and total >= most:
-            return Said("its files have reached {size} (--max-size)", size=_told(most))
+            return TranslatableText("its files have reached {size} (--max-size)", size=_told(most))
         left = self._left()
         if left is not None and left < free:
-            return Said(
+            return TranslatableText(
                 "the disk is full but for {left} (--min-free {free})",
                 left=_told(left),
                 free=_told(free),
@@ -269,13 +269,11 @@ def _told(size: int) -> str:
     return f"{size} bytes"
 
 
-def check_room(shelf: Shelf) -> None:
+def check_room(shelf: FileRetention) -> None:
     """Raise FileError if a bound does not hold before anything is recorded."""
     if shelf.seeks and (bound := shelf.over(0)):
         raise FileError(
-            Said(
-                "{path} cannot be recorded: {bound}; make room, or lower the bound",
-                path=shelf.first,
-                bound=bound,
-            )
+            "{path} cannot be recorded: {bound}; make room, or lower the bound",
+            path=shelf.first,
+            bound=bound,
         )

@@ -18,23 +18,23 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Schema
 from mcap.well_known import MessageEncoding
 
-from fte_sniff.errors import FileError, Said
+from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.mcap.reader import RawRecord, RecordStream
 from fte_sniff.recording.mcap.records import RecordError, parse, records_in, unpack
 from fte_sniff.recording.messages.codec import MessageReader, reason_in
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import PROGRAM, PortFacts
-from fte_sniff.recording.passages import Definitions
+from fte_sniff.recording.row_ranges import Definitions
 
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MOST_LOSSES = 20
-_OTHER_LOSSES = Said("more could not be read")
+_OTHER_LOSSES = TranslatableText("more could not be read")
 _MOST_TOPICS = 10
 _Definition = TypeVar("_Definition", Schema, Channel)
 
 
-class Reading:
+class SequentialReading:
     """One pass; what it found is valid when `entries` has come to its end."""
 
     def __init__(
@@ -69,7 +69,9 @@ class Reading:
     def losses(self) -> tuple[str, ...]:
         """What could not be read, one line each."""
         return tuple(
-            text if count == 1 else Said("{loss} ({count} times)", loss=text, count=count)
+            text
+            if count == 1
+            else TranslatableText("{loss} ({count} times)", loss=text, count=count)
             for text, count in self._lost.items()
         )
 
@@ -105,7 +107,7 @@ class Reading:
             for opcode, body in records_in(unpack(record.body)):
                 yield from self.entries_of(opcode, body)
         except RecordError as error:
-            told = Said(
+            told = TranslatableText(
                 "{error} at byte {position} ({size} bytes)",
                 error=error.said,
                 position=record.position,
@@ -155,7 +157,7 @@ class Reading:
     def _message_entries(self, body: bytes) -> Iterator[Row | PortEvent]:
         """The row or event of one message, if it is one of ours."""
         if len(body) < _MESSAGE_HEAD.size:
-            self.lose(Said("a message without its head"))
+            self.lose(TranslatableText("a message without its head"))
             return
         channel_id, _, log_time, _ = _MESSAGE_HEAD.unpack_from(body)
         self.count(1, None)
@@ -168,7 +170,7 @@ class Reading:
             entry = reader.entry(body[_MESSAGE_HEAD.size :], log_time)
         except ValueError as error:
             topic = self._channels[channel_id].topic
-            self.lose(Said("{topic}: {why}", topic=topic, why=reason_in(error)))
+            self.lose(TranslatableText("{topic}: {why}", topic=topic, why=reason_in(error)))
             return
         self.count(0, (log_time, log_time))
         yield entry
@@ -202,7 +204,9 @@ class Reading:
         channel = self._channels.get(channel_id)
         if channel is None:
             self.lose(
-                Said("messages of channel {channel}, which nothing describes", channel=channel_id)
+                TranslatableText(
+                    "messages of channel {channel}, which nothing describes", channel=channel_id
+                )
             )
             return None
         if channel.topic not in TOPIC_BY_NAME:
@@ -210,7 +214,7 @@ class Reading:
         try:
             return self._our_reader(channel)
         except FileError as error:
-            refused = FileError(Said("{path}: {why}", path=self._path, why=error.said))
+            refused = FileError("{path}: {why}", path=self._path, why=error.said)
             self._refused = self._refused or refused
             self.lose(error.said)
             return None
@@ -220,11 +224,9 @@ class Reading:
         if channel.message_encoding != MessageEncoding.Protobuf or schema is None:
             encoding = channel.message_encoding if schema else "without schema"
             raise FileError(
-                Said(
-                    "{topic} is {encoding}; fte-sniff reads protobuf with schema",
-                    topic=channel.topic,
-                    encoding=repr(encoding),
-                )
+                "{topic} is {encoding}; fte-sniff reads protobuf with schema",
+                topic=channel.topic,
+                encoding=repr(encoding),
             )
         port = self._port_of(channel).name
         return MessageReader(channel.topic, port, schema.name, schema.data)
@@ -248,16 +250,16 @@ class Reading:
 def without_our_topics(path: Path, topics: Iterable[str]) -> FileError:
     """What to tell the user about an MCAP that is not ours; names the topics that it has."""
     names = sorted(set(topics))
-    has = Said("no topics at all")
+    has = TranslatableText("no topics at all")
     if names:
-        has = Said("{listed}", listed=", ".join(map(repr, names[:_MOST_TOPICS])))
+        has = TranslatableText("{listed}", listed=", ".join(map(repr, names[:_MOST_TOPICS])))
     if len(names) > _MOST_TOPICS:
-        has = Said("{listed} and {count} more", listed=has, count=len(names) - _MOST_TOPICS)
-    return FileError(
-        Said(
-            "{path} is an MCAP, but holds nothing of fte-sniff's (topics /fte/...): "
-            "it has {topics}; if one of them holds serial bytes, name it with --topic",
-            path=path,
-            topics=has,
+        has = TranslatableText(
+            "{listed} and {count} more", listed=has, count=len(names) - _MOST_TOPICS
         )
+    return FileError(
+        "{path} is an MCAP, but holds nothing of fte-sniff's (topics /fte/...): "
+        "it has {topics}; if one of them holds serial bytes, name it with --topic",
+        path=path,
+        topics=has,
     )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.metadata import Stretch
-from fte_sniff.recording.retention import Surroundings
+from fte_sniff.recording.metadata import RecordedGap
+from fte_sniff.recording.retention import TriggerWindow
 
 MOST_WAITING = 500_000
 """Rows that wait at most, some 100 MB; the oldest are left out where there are more."""
@@ -20,7 +20,7 @@ Select: TypeAlias = Callable[[Sequence[Row]], list[Row]]
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOut:
+class OmittedRows:
     """A stretch of rows that were not kept."""
 
     rows: int
@@ -31,13 +31,13 @@ class LeftOut:
     def told(self) -> dict[str, str]:
         """The stretch as the file tells it."""
         reason = "the trigger did not ask for them"
-        return Stretch(self.rows, self.first_ns, self.last_ns, reason).told()
+        return RecordedGap(self.rows, self.first_ns, self.last_ns, reason).told()
 
 
 class Trigger:
     """Decides of each row whether it is kept; `left_out` tells of the others."""
 
-    def __init__(self, select: Select, around: Surroundings) -> None:
+    def __init__(self, select: Select, around: TriggerWindow) -> None:
         """Take what picks the rows, and how much is kept around each."""
         self._select = select
         self._before_ns = round(around.before_s * 1e9)
@@ -45,8 +45,8 @@ class Trigger:
         self._until_ns = -1
         self._waiting: deque[Entry] = deque()
         self._rows_waiting = 0
-        self._missed: LeftOut | None = None
-        self._done: list[LeftOut] = []
+        self._missed: OmittedRows | None = None
+        self._done: list[OmittedRows] = []
         self.taken = self.dropped = 0
         """Rows that came, and those of them that were left out."""
         self.events = 0
@@ -91,7 +91,7 @@ class Trigger:
         self._close()
         return kept
 
-    def left_out(self) -> list[LeftOut]:
+    def left_out(self) -> list[OmittedRows]:
         """The stretches that ended since this was asked before."""
         done, self._done = self._done, []
         return done
@@ -119,9 +119,9 @@ class Trigger:
         self.dropped += 1
         t_ns, missed = entry.t_ns or 0, self._missed
         self._missed = (
-            LeftOut(1, t_ns, t_ns)
+            OmittedRows(1, t_ns, t_ns)
             if missed is None
-            else LeftOut(missed.rows + 1, min(missed.first_ns, t_ns), max(missed.last_ns, t_ns))
+            else OmittedRows(missed.rows + 1, min(missed.first_ns, t_ns), max(missed.last_ns, t_ns))
         )
 
     def _close(self) -> None:

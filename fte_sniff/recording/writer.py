@@ -19,7 +19,7 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.mcap.writer import Batch, McapFile
+from fte_sniff.recording.mcap.writer import McapBatch, McapFile
 from fte_sniff.recording.messages.codec import plain
 from fte_sniff.recording.messages.packer import Channels, Packer
 from fte_sniff.recording.messages.schema import Topic
@@ -253,7 +253,7 @@ class RecordingWriter:
         self._span = (min(first, time), max(last, time))
         self._pending.append((time, taken))
 
-    def _batch(self, pending: list[tuple[int, Row | PortEvent]]) -> Batch:
+    def _batch(self, pending: list[tuple[int, Row | PortEvent]]) -> McapBatch:
         own = np.array([time for time, _ in pending], np.int64)
         times = np.maximum(own, self._last_time)
         self._last_time = int(times[-1])

@@ -15,11 +15,19 @@ from pathlib import Path
 from fte_sniff.capture.bridge import BridgeSource
 from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.source import Source, SourceEnd
-from fte_sniff.errors import FteSniffError, PortError, Said
+from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.protocol import Chunk, Framer, LineErrorMarker, PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.recorder import Change, Recorder
-from fte_sniff.session.capture_state import DROP, STOP, Batch, CapturePlan, Ended, Message, Started
+from fte_sniff.session.capture_state import (
+    DROP,
+    STOP,
+    CapturePlan,
+    Ended,
+    Message,
+    RowsMessage,
+    Started,
+)
 from fte_sniff.session.port_merge import Entry, Ordering, WiringWatch
 
 MOST_WAITING = 65_536
@@ -107,7 +115,7 @@ class Outbox:
                 rows, events = list(self._rows), list(self._events)
                 changes = tuple(self._recording)
                 found.append(
-                    Batch(rows, events, self._total, self._dropped, changes, self._leftover)
+                    RowsMessage(rows, events, self._total, self._dropped, changes, self._leftover)
                 )
                 self._rows.clear()
                 self._events.clear()
@@ -174,10 +182,10 @@ class Run:
         outcome = self._recorder.outcome if self._recorder else None
         lost = self._lost
         if lost is not None and self._source.end is SourceEnd.LOST and self._left != 0:
-            reason = Said("{port} was lost: {why}", port=lost.port, why=lost.detail)
+            reason = TranslatableText("{port} was lost: {why}", port=lost.port, why=lost.detail)
             return Ended(
                 reason,
-                failure or PortError(Said("{reason}; check cable and power", reason=reason)),
+                failure or PortError("{reason}; check cable and power", reason=reason),
                 outcome,
             )
         return Ended(None, failure, outcome)
@@ -260,15 +268,15 @@ class Run:
             self._outbox.put_recording(changes)
 
 
-def _step_words(step_ns: int) -> Said:
+def _step_words(step_ns: int) -> TranslatableText:
     seconds = abs(step_ns) / 1e9
     if step_ns < 0:
-        return Said(
+        return TranslatableText(
             "this machine's clock was set back by {seconds:.3f} s; "
             "the times here go on evenly from the start of the capture",
             seconds=seconds,
         )
-    return Said(
+    return TranslatableText(
         "this machine's clock was set forth by {seconds:.3f} s; "
         "the times here go on evenly from the start of the capture",
         seconds=seconds,

@@ -9,11 +9,11 @@ from typing import Final, TypeAlias
 
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.capture.source import Wiring
-from fte_sniff.errors import FteSniffError, Said
+from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Change, Outcome
-from fte_sniff.recording.retention import Keeping
+from fte_sniff.recording.retention import RecordingOptions
 
 STOP: Final = "stop"
 """End the capture, and close its file."""
@@ -33,7 +33,7 @@ class Started:
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class RowsMessage:
     """What has come since the batch before."""
 
     rows: list[Row]
@@ -60,11 +60,11 @@ class Ended:
     """What there is of the recording, if there is one."""
 
 
-Message: TypeAlias = Started | Batch | Ended
+Message: TypeAlias = Started | RowsMessage | Ended
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class CaptureState:
     """What a capture has told."""
 
     names: tuple[str, ...]
@@ -98,7 +98,7 @@ class Told:
         """What there is of the recording, once the capture has ended of itself."""
         return self.ended.outcome if self.ended is not None else None
 
-    def after(self, message: Message) -> Told:
+    def after(self, message: Message) -> CaptureState:
         """What is known after one more message."""
         if isinstance(message, Ended):
             return replace(self, ended=message, error=message.error)
@@ -110,9 +110,9 @@ class Told:
                 recordings=() if message.recording is None else (message.recording,),
                 device=message.device,
             )
-        return reduce(Told._after_change, message.recording, self._after_batch(message))
+        return reduce(CaptureState._after_change, message.recording, self._after_batch(message))
 
-    def _after_batch(self, batch: Batch) -> Told:
+    def _after_batch(self, batch: RowsMessage) -> CaptureState:
         return replace(
             self,
             total_rows=batch.total_rows,
@@ -121,7 +121,7 @@ class Told:
             away=reduce(_away_after, batch.events, self.away),
         )
 
-    def _after_change(self, change: Change) -> Told:
+    def _after_change(self, change: Change) -> CaptureState:
         return replace(
             self,
             recording=change.path,
@@ -139,7 +139,7 @@ class Told:
             recording=str(self.recording) if self.recording else None,
             running=ended is None,
             waiting=ended is None and bool(self.away),
-            ended=(ended.reason or Said("stopped")) if ended else None,
+            ended=(ended.reason or TranslatableText("stopped")) if ended else None,
             trouble=self._trouble() if ended is None else None,
             rows=self.total_rows,
             not_shown=self.not_shown,
@@ -157,11 +157,15 @@ class Told:
         if self.error is None:
             if not self.leftover:
                 return None
-            return Said("writing what has arrived: {bytes:,} bytes wait", bytes=self.leftover)
+            return TranslatableText(
+                "writing what has arrived: {bytes:,} bytes wait", bytes=self.leftover
+            )
         trouble = self.error.said
         if not self.recording:
             return trouble
-        return Said("{trouble}; recording goes on in {path}", trouble=trouble, path=self.recording)
+        return TranslatableText(
+            "{trouble}; recording goes on in {path}", trouble=trouble, path=self.recording
+        )
 
 
 def _away_after(away: frozenset[str], event: PortEvent) -> frozenset[str]:
@@ -182,7 +186,7 @@ class CapturePlan:
     """Where to record to; None to record nothing."""
     existing: Existing = Existing.REFUSE
     """What to do when the recording's file is there already."""
-    keeping: Keeping = field(default_factory=Keeping)
+    keeping: RecordingOptions = field(default_factory=RecordingOptions)
     """What the recording is to keep, and how much of the disk it may take."""
     trigger: str | None = None
     """A filter: the rows whose surroundings are kept; None to keep all."""

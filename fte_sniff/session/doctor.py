@@ -22,7 +22,7 @@ from fte_sniff.analysis.baud_guess import (
 from fte_sniff.capture.diagnostics import (
     Finding,
     Level,
-    Listener,
+    LineListener,
     bad,
     clock_finding,
     clock_state,
@@ -258,7 +258,7 @@ def examine(asked: Examination) -> Iterator[Finding]:
     if port is not None:
         yield from device_findings(port)
         yield from holder_findings(port)
-    with Listener(name, asked.settings) as listener:
+    with LineListener(name, asked.settings) as listener:
         yield from granted_findings(name, listener.granted)
         heard = listener.listen(asked.seconds, ENOUGH)
         if heard.line_errors:
@@ -270,7 +270,7 @@ def examine(asked: Examination) -> Iterator[Finding]:
             yield _probe(asked, listener, verdict)
 
 
-def _probe(asked: Examination, listener: Listener, verdict: Verdict) -> Finding:
+def _probe(asked: Examination, listener: LineListener, verdict: Verdict) -> Finding:
     name = asked.port
     if verdict.condition is Condition.SOUND:
         return ok(name, "probe: not needed, the baud is right")

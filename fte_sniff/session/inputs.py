@@ -21,20 +21,20 @@ from fte_sniff.protocol import (
     Row,
     iso_time,
 )
-from fte_sniff.protocol.framer.segments import Decided
+from fte_sniff.protocol.framer.segments import DecidedSpan
 
 if TYPE_CHECKING:
     import polars as pl
 
     from fte_sniff.analysis.counters import Tally
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.recording.metadata import PortFacts, Selection, Stretch
-    from fte_sniff.recording.passages import Span
+    from fte_sniff.recording.metadata import PortFacts, RecordedGap, Selection
     from fte_sniff.recording.reader import RecordingReader
+    from fte_sniff.recording.row_ranges import TimeRange
     from fte_sniff.row_batch import PackedRows, RowColumns, SideBySide, Words
 
 
-class Batch(Protocol):
+class InputBatch(Protocol):
     """Some rows, in their order."""
 
     def __len__(self) -> int: ...
@@ -87,7 +87,7 @@ class Batch(Protocol):
         ...
 
 
-class LogBatch(Batch, Protocol):
+class LogBatch(InputBatch, Protocol):
     """Some rows of a log, which may have no times."""
 
     @property
@@ -95,7 +95,7 @@ class LogBatch(Batch, Protocol):
         """Whether each has a time."""
         ...
 
-    def within(self, span: Span) -> Self:
+    def within(self, span: TimeRange) -> Self:
         """Only those that lie in the span."""
         ...
 
@@ -130,7 +130,7 @@ class RowBatch:
         """Whether each has a time."""
         return all(row.t_ns is not None for row in self.held)
 
-    def within(self, span: Span) -> RowBatch:
+    def within(self, span: TimeRange) -> RowBatch:
         """Only those that lie in the span."""
         return RowBatch([row for row in self.held if span.holds(row)])
 
@@ -177,7 +177,7 @@ PORTION: Final = 1 << 19
 
 def decided(
     chunks: Iterable[Chunk], name: str, note: Callable[[str], None], drained: Callable[[], bool]
-) -> Iterator[Decided]:
+) -> Iterator[DecidedSpan]:
     """All that the chunks hold, portion by portion.
 
     Args:
@@ -212,7 +212,7 @@ def decided(
     _note_cut_frame(last, name, note)
 
 
-def _note_cut_frame(last: Decided, name: str, note: Callable[[str], None]) -> None:
+def _note_cut_frame(last: DecidedSpan, name: str, note: Callable[[str], None]) -> None:
     row = last.last()
     if row is None:
         return
@@ -251,7 +251,7 @@ class PackedBatch:
         """Whether each has a time."""
         return bool(self.held.timed.all())
 
-    def within(self, span: Span) -> PackedBatch:
+    def within(self, span: TimeRange) -> PackedBatch:
         """Only those that lie in the span."""
         return PackedBatch(self.held.parted(span.among(self.held.t_ns) & self.held.timed))
 
@@ -379,7 +379,7 @@ _FEWEST: Final = 100
 """Fewer rows are never taken at once."""
 
 
-def log_batches(portions: Iterable[Decided], few: int = FEW) -> Iterator[LogBatch]:
+def log_batches(portions: Iterable[DecidedSpan], few: int = FEW) -> Iterator[LogBatch]:
     """The rows of all that was decided, in the form that is quickest.
 
     Args:
@@ -450,7 +450,7 @@ class Input(Protocol):
         """Whether its first row is the next that came behind the last of another."""
         ...
 
-    def left_out(self, span: Span | None) -> Sequence[Stretch]:
+    def left_out(self, span: TimeRange | None) -> Sequence[RecordedGap]:
         """The rows that came in the span and that it does not hold, as far as it tells."""
         ...
 
@@ -458,7 +458,7 @@ class Input(Protocol):
         """The filters that chose its rows, as far as it tells."""
         ...
 
-    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
+    def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
         """Its rows, batch by batch.
 
         Args:
@@ -533,7 +533,7 @@ class RecordingInput:
         first = next(iter(self.reader), None) if before.ends else None
         return first is not None and before.ends.get(first.port) == first.offset
 
-    def left_out(self, span: Span | None) -> Sequence[Stretch]:
+    def left_out(self, span: TimeRange | None) -> Sequence[RecordedGap]:
         """What a trigger, or a disk that failed, kept from it."""
         told = self.reader.left_out()
         return [one for one in told if span is None or span.touches(one.first_ns, one.last_ns)]
@@ -542,9 +542,9 @@ class RecordingInput:
         """What `decode --filter`, or a screen, chose from another."""
         return self.reader.selections()
 
-    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
+    def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
         """Its rows, many thousands side by side; see `Input`."""
-        from fte_sniff.recording.passages import EVERYTHING
+        from fte_sniff.recording.row_ranges import EVERYTHING
 
         troubles: Counter[PortEventKind] = Counter()
         some = False
@@ -606,7 +606,7 @@ class LogInput:
         """Nothing tells whether it does."""
         return False
 
-    def left_out(self, span: Span | None) -> Sequence[Stretch]:
+    def left_out(self, span: TimeRange | None) -> Sequence[RecordedGap]:
         """A log does not tell of what it does not hold."""
         return ()
 
@@ -614,7 +614,7 @@ class LogInput:
         """A log does not tell of any."""
         return ()
 
-    def batches(self, span: Span | None, note: Note) -> Iterator[Batch]:
+    def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
         """Its rows, some thousands at once; see `Input`."""
         portions = decided(self.chunks, self.name, note, self.drained)
         if isinstance(self.chunks, HexLog):
@@ -622,7 +622,9 @@ class LogInput:
         batches = log_batches(portions)
         yield from batches if span is None else self._spanned(batches, span, note)
 
-    def _spanned(self, batches: Iterable[LogBatch], span: Span, note: Note) -> Iterator[LogBatch]:
+    def _spanned(
+        self, batches: Iterable[LogBatch], span: TimeRange, note: Note
+    ) -> Iterator[LogBatch]:
         """Only rows of the span; where there is none, which there are is told."""
         from fte_sniff.analysis.counters import Tally
 
@@ -639,7 +641,7 @@ class LogInput:
             note(f"{self.name}: {_none_in_span(held, tally.first_ns, tally.last_ns)}")
 
 
-def _compared(portions: Iterable[Decided], log: HexLog, note: Note) -> Iterator[Decided]:
+def _compared(portions: Iterable[DecidedSpan], log: HexLog, note: Note) -> Iterator[DecidedSpan]:
     """The same rows; what the log says of them, and they of the log, is told in the end."""
     for portion in portions:
         log.compare(portion.headers())

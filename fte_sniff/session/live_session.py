@@ -12,37 +12,37 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from fte_sniff.analysis.feed import FeedUpdate, Missing, Seam, SeamFinder, shifted
-from fte_sniff.errors import FileError, PortError, Said
+from fte_sniff.analysis.feed import FeedUpdate, GapDetector, MissingRows, StreamChange, shifted
+from fte_sniff.errors import FileError, PortError, TranslatableText
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.session.capture_process import capture
 from fte_sniff.session.capture_state import (
     DROP,
     STOP,
-    Batch,
     CapturePlan,
+    CaptureState,
     Ended,
     Message,
+    RowsMessage,
     Started,
-    Told,
 )
 
 
-class BatchSeams:
+class BatchGaps:
     """Finds the seams in each batch of a capture, batch by batch."""
 
     def __init__(self, ports: Sequence[str], baud: int) -> None:
         """No batch came yet; each port began with so many bits per second."""
-        self._finder = SeamFinder()
+        self._finder = GapDetector()
         self._finder.begin(dict.fromkeys(ports, baud))
         self._not_shown = 0
 
-    def of(self, batch: Batch) -> list[Seam]:
+    def of(self, batch: RowsMessage) -> list[StreamChange]:
         """Those of the next batch, by place among its rows."""
         found = self._finder.seams(batch.rows, batch.events)
         if batch.not_shown > self._not_shown:
             self._not_shown = batch.not_shown
-            found.insert(0, Missing(0))
+            found.insert(0, MissingRows(0))
         return found
 
 
@@ -55,12 +55,14 @@ END_WITHIN_S = 5.0
 LOOK_EVERY_S = 0.1
 """How long one wait for the capture process lasts before the end is thought of again, seconds."""
 
-_KILLED = Said(
+_KILLED = TranslatableText(
     "the capture did not end within {seconds:g} s of being asked, and was killed; "
     "what it had flushed to its recording until then is kept",
     seconds=END_WITHIN_S,
 )
-_UNEXPECTED = Said("the capture process ended unexpectedly; what it had recorded is kept")
+_UNEXPECTED = TranslatableText(
+    "the capture process ended unexpectedly; what it had recorded is kept"
+)
 
 
 class LiveSession:
@@ -77,9 +79,9 @@ class LiveSession:
             FileError: the working folder is gone, without which no process can be started.
         """
         _check_folder()
-        self.told = Told(plan.wiring.names)
+        self.told = CaptureState(plan.wiring.names)
         """What the capture has told by now."""
-        self._seams = BatchSeams(plan.wiring.names, plan.wiring.settings.baud)
+        self._seams = BatchGaps(plan.wiring.names, plan.wiring.settings.baud)
         self._stopped_at_s: float | None = None
         self._heard_at_s = 0.0
         self._receiving_since_s: float | None = None
@@ -136,7 +138,7 @@ class LiveSession:
         """What comes next, or nothing if nothing comes within `timeout_s` seconds."""
         rows: list[Row] = []
         events: list[PortEvent] = []
-        seams: list[Seam] = []
+        seams: list[StreamChange] = []
         while self.told.ended is None and len(rows) < MOST_ROWS_A_POLL:
             if not self._capture.poll(timeout_s):
                 self._give_up_when_overdue()
@@ -144,7 +146,7 @@ class LiveSession:
             timeout_s = 0
             message = self._receive()
             self.told = self.told.after(message)
-            if isinstance(message, Batch):
+            if isinstance(message, RowsMessage):
                 seams += shifted(self._seams.of(message), len(rows))
                 rows += message.rows
                 events += message.events
@@ -228,7 +230,7 @@ class LiveSession:
         finally:
             self._receiving_since_s = None
         self._heard_at_s = time.monotonic()
-        assert isinstance(message, Started | Batch | Ended)
+        assert isinstance(message, Started | RowsMessage | Ended)
         return message
 
 
@@ -236,7 +238,9 @@ def _check_folder() -> None:
     try:
         Path.cwd()
     except OSError as error:
-        raise FileError(Said("the working folder is gone; go to another one with `cd`")) from error
+        raise FileError(
+            TranslatableText("the working folder is gone; go to another one with `cd`")
+        ) from error
 
 
 @contextmanager

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from fte_sniff.analysis.feed import Missing, SeamFinder
-from fte_sniff.recording.metadata import Stretch
-from fte_sniff.recording.passages import Span
-from fte_sniff.session.inputs import Batch, ColumnBatch, Input
-from fte_sniff.session.replay import Read, RecordedPages
-from fte_sniff.session.save import Origin
+from fte_sniff.analysis.feed import GapDetector, MissingRows
+from fte_sniff.recording.metadata import RecordedGap
+from fte_sniff.recording.row_ranges import TimeRange
+from fte_sniff.session.inputs import ColumnBatch, Input, InputBatch
+from fte_sniff.session.replay import Read, RecordingPages
+from fte_sniff.session.save import ExportSource
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -21,10 +21,10 @@ DAMAGED = "the recording was damaged here"
 ANOTHER = "another recording begins here"
 
 
-class Holes:
+class GapTracker:
     """Watches the rows on their way."""
 
-    def __init__(self, found: list[Stretch]) -> None:
+    def __init__(self, found: list[RecordedGap]) -> None:
         """No row came yet; what is missing is put into `found`."""
         self.found = found
         self._reason = ""
@@ -41,18 +41,18 @@ class Holes:
         first_ns, last_ns = times
         before_ns = self._last_ns
         if self._reason and before_ns is not None and first_ns - before_ns > 1:
-            self.found.append(Stretch(None, before_ns + 1, first_ns - 1, self._reason))
+            self.found.append(RecordedGap(None, before_ns + 1, first_ns - 1, self._reason))
         self._reason = ""
         self._last_ns = last_ns if before_ns is None else max(before_ns, last_ns)
 
 
-class Reading:
+class InputReading:
     """The rows on their way, and what is known of them once they are through."""
 
     def __init__(
         self,
         inputs: Sequence[Input],
-        span: Span | None,
+        span: TimeRange | None,
         wanted: RowFilter | None,
         limit: int | None = None,
     ) -> None:
@@ -72,7 +72,7 @@ class Reading:
         """Of all rows that were read."""
         self.left_out_of = [one.left_out(span) for one in inputs]
         """By input, rows that came in the span and that it does not hold, as far as it tells."""
-        self._holes = Holes([])
+        self._holes = GapTracker([])
         self._last_ns: int | None = None
         self._before: Input | None = None
         self.notes: list[str] = []
@@ -80,12 +80,12 @@ class Reading:
         """Rows that were handed on."""
 
     @property
-    def left_out(self) -> list[Stretch]:
+    def left_out(self) -> list[RecordedGap]:
         """The same of all inputs."""
         return [stretch for told in self.left_out_of for stretch in told]
 
     @property
-    def missing(self) -> list[Stretch]:
+    def missing(self) -> list[RecordedGap]:
         """The rows that are missing between those that were handed on, by whatever cause.
 
         Those that the filter did not want are not among them.
@@ -108,14 +108,14 @@ class Reading:
             found.append(Selection(self._wanted.text, self.tally.rows))
         return found
 
-    def __iter__(self) -> Iterator[Batch]:
+    def __iter__(self) -> Iterator[InputBatch]:
         """The rows that are wanted, up to the limit."""
         for one in self.inputs:
             yield from self.of(one)
             if self.written == self._limit:
                 return
 
-    def of(self, one: Input) -> Iterator[Batch]:
+    def of(self, one: Input) -> Iterator[InputBatch]:
         """Those of one input, which is the next."""
         if not one.follows(self._before):
             self._holes.open(ANOTHER)
@@ -144,9 +144,9 @@ class Viewing:
     def __init__(
         self,
         inputs: Sequence[Input],
-        span: Span | None,
+        span: TimeRange | None,
         baud: int | None,
-        pages: RecordedPages | None,
+        pages: RecordingPages | None,
         note: Callable[[str], None],
     ) -> None:
         """Nothing is read yet, but what the inputs tell before their rows.
@@ -161,11 +161,11 @@ class Viewing:
         self._inputs, self._span, self._pages, self._note = inputs, span, pages, note
         self._baud = baud
         self._left_out = [one.left_out(span) for one in inputs]
-        missing: list[Stretch] = [stretch for told in self._left_out for stretch in told]
-        self._holes = Holes(missing)
-        self._finder = SeamFinder()
+        missing: list[RecordedGap] = [stretch for told in self._left_out for stretch in told]
+        self._holes = GapTracker(missing)
+        self._finder = GapDetector()
         ports = [port.name for one in inputs for port in one.ports]
-        self.origin = Origin(
+        self.origin = ExportSource(
             ports,
             dict.fromkeys(ports, baud) if baud else _bauds(inputs),
             missing,
@@ -181,15 +181,17 @@ class Viewing:
             yield from self._reads(one, left_out, follows=one.follows(before))
             before = one
 
-    def _reads(self, one: Input, left_out: Sequence[Stretch], *, follows: bool) -> Iterator[Read]:
+    def _reads(
+        self, one: Input, left_out: Sequence[RecordedGap], *, follows: bool
+    ) -> Iterator[Read]:
         gaps = [(gap.first_ns, gap.last_ns) for gap in left_out]
         seams = self._finder.begin({} if self._baud else _bauds([one]), gaps)
         if not follows:
-            seams.append(Missing(0))
+            seams.append(MissingRows(0))
             self._holes.open(ANOTHER)
         for batch in one.batches(self._span, self._note):
             if batch.after_loss:
-                seams.append(Missing(0))
+                seams.append(MissingRows(0))
                 self._holes.open(DAMAGED)
             self._holes.look(batch.times)
             self._learn(batch)
@@ -199,11 +201,11 @@ class Viewing:
             seams = []
         if one.losses:
             self._holes.open(DAMAGED)
-            seams.append(Missing(0))
+            seams.append(MissingRows(0))
         if one.losses or seams:
             yield Read((), (), one.losses, seams)
 
-    def _learn(self, batch: Batch) -> None:
+    def _learn(self, batch: InputBatch) -> None:
         if self._pages is not None and isinstance(batch, ColumnBatch) and batch.again is not None:
             self._pages.add(batch.again, len(batch))
 

@@ -21,7 +21,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias
 
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Direction, Frame, PortEvent, PortEventKind, Row
 
 Entry: TypeAlias = Row | PortEvent
@@ -185,7 +185,7 @@ class WiringWatch:
             return self._same_as_another(port, direction)
         if direction is own or counts[direction] < STRANGE:
             return None
-        return Said(
+        return TranslatableText(
             "{direction} frames on the wire that carries {own} frames: swapped "
             "or mixed wiring; each adapter's RX belongs on a wire of its own",
             direction=direction,
@@ -195,7 +195,7 @@ class WiringWatch:
     def _same_as_another(self, port: str, direction: Direction) -> str | None:
         for other, own in self._own.items():
             if other != port and own is direction:
-                return Said(
+                return TranslatableText(
                     "{direction} frames here and on {other} too: are both adapters on "
                     "the same wire? One RX belongs on each",
                     direction=direction,

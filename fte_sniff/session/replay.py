@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.feed import FeedState, FeedUpdate, Seam, shifted
-from fte_sniff.errors import FteSniffError, Said
+from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange, shifted
+from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.row_batch import Codebook, Packed, PackedRows, RowColumns, pack, packed_rows
 
@@ -35,7 +35,7 @@ class Read:
     """What happened to ports meanwhile."""
     losses: Sequence[str] = ()
     """What the file turned out to lack, one line each; may hold text from it."""
-    seams: Sequence[Seam] = ()
+    seams: Sequence[StreamChange] = ()
     """What stands between the rows, or behind the last of them; rising."""
 
 
@@ -90,7 +90,7 @@ class ReplaySession:
             else:
                 taken.append(batch)
         self._losses += [loss for read in taken for loss in read.losses]
-        seams = list[Seam]()
+        seams = list[StreamChange]()
         came = 0
         for read in taken:
             seams += shifted(read.seams, came)
@@ -154,8 +154,8 @@ def _damaged(losses: Sequence[str]) -> str | None:
     if not losses:
         return None
     if len(losses) == 1:
-        return Said("the file is damaged: {loss}", loss=losses[0])
-    return Said(
+        return TranslatableText("the file is damaged: {loss}", loss=losses[0])
+    return TranslatableText(
         "the file is damaged: {loss}; {count:,} more are told at the end",
         loss=losses[0],
         count=len(losses) - 1,
@@ -190,7 +190,7 @@ may stand in two batches."""
 _Held = tuple[Packed, Mapping[int, bytes]]
 
 
-class RecordedPages:
+class RecordingPages:
     """Gives the rows of recordings again; a `BlockSource`."""
 
     def __init__(self) -> None:

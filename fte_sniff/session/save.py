@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from mcap.records import Metadata
 
-from fte_sniff.errors import FileError, FteSniffError, Said, UsageError, reason_of
+from fte_sniff.errors import FileError, FteSniffError, TranslatableText, UsageError, reason_of
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat, row_writer
 from fte_sniff.protocol import Row
 from fte_sniff.recording.metadata import (
     LEFT_OUT_NAME,
     SELECTION_NAME,
     PortFacts,
+    RecordedGap,
     Selection,
-    Stretch,
 )
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.writer import RecordingWriter
@@ -32,25 +32,25 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class ExportSource:
     """Where rows come from."""
 
     ports: Sequence[str] = ()
     """The ports that they may come from."""
     bauds: Mapping[str, int] = field(default_factory=dict)
     """Bits per second by port; a port whose baud nobody said is not in it."""
-    left_out: Sequence[Stretch] = ()
+    left_out: Sequence[RecordedGap] = ()
     """Rows that came and are not there; more may be found while a file is read."""
     selections: Sequence[Selection] = ()
     """The filters that chose the rows."""
 
-    def within(self, first_ns: int | None, last_ns: int | None) -> Origin:
+    def within(self, first_ns: int | None, last_ns: int | None) -> ExportSource:
         """The same for the rows between two times alone; None for no bound."""
         cut = [one.within(first_ns, last_ns) for one in self.left_out]
         return replace(self, left_out=[one for one in cut if one is not None])
 
 
-UNKNOWN = Origin()
+UNKNOWN = ExportSource()
 """Nobody said anything."""
 
 
@@ -73,7 +73,7 @@ class Sink(Protocol):
 class TextSink:
     """Rows as the lines of one of the text formats."""
 
-    def __init__(self, form: OutputFormat, path: Path, origin: Origin) -> None:
+    def __init__(self, form: OutputFormat, path: Path, origin: ExportSource) -> None:
         self._stream = path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
         self._writer = row_writer(form, self._stream, ports=len(origin.ports) > 1)
 
@@ -94,7 +94,7 @@ class TextSink:
 class RawSink:
     """The bytes as they came."""
 
-    def __init__(self, path: Path, _origin: Origin) -> None:
+    def __init__(self, path: Path, _origin: ExportSource) -> None:
         self._stream = path.open("wb")
         self.ports: set[str] = set()
         """Where the rows came from; nothing in the file tells them apart."""
@@ -117,23 +117,23 @@ class RawSink:
     abandon = end
 
 
-def _parquet(path: Path, origin: Origin) -> Sink:
+def _parquet(path: Path, origin: ExportSource) -> Sink:
     # polars takes long to load, and a screen names the forms before anything is saved.
 
     return ParquetSink(path, origin)
 
 
-def _recording(path: Path, origin: Origin) -> Sink:
+def _recording(path: Path, origin: ExportSource) -> Sink:
     # The same holds for what writes recordings.
 
     return RecordingSink(path, origin)
 
 
-def _text(form: OutputFormat) -> Callable[[Path, Origin], Sink]:
+def _text(form: OutputFormat) -> Callable[[Path, ExportSource], Sink]:
     return lambda path, origin: TextSink(form, path, origin)
 
 
-def _sink_of(form: OutputFormat) -> Callable[[Path, Origin], Sink]:
+def _sink_of(form: OutputFormat) -> Callable[[Path, ExportSource], Sink]:
     match form:
         case OutputFormat.PARQUET:
             return _parquet
@@ -145,7 +145,7 @@ def _sink_of(form: OutputFormat) -> Callable[[Path, Origin], Sink]:
             return _text(form)
 
 
-SINKS: Final[Mapping[str, Callable[[Path, Origin], Sink]]] = {
+SINKS: Final[Mapping[str, Callable[[Path, ExportSource], Sink]]] = {
     end: _sink_of(form) for end, form in FORM_BY_END.items()
 }
 """By the end of a file's name, what takes rows for it."""
@@ -162,7 +162,7 @@ FORMS: Final = MappingProxyType(SINKS)
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class SaveTarget:
     """A file to save to."""
 
     path: Path
@@ -172,7 +172,7 @@ class Target:
     """Files that rows come from or are recorded to; none of them is ever replaced."""
 
     @classmethod
-    def parse(cls, line: str, in_use: Sequence[str] = ()) -> Target:
+    def parse(cls, line: str, in_use: Sequence[str] = ()) -> SaveTarget:
         """The file that a line names; `!` behind the name lets a file be replaced.
 
         Args:
@@ -189,9 +189,7 @@ class Target:
         with suppress(RuntimeError):  # no such user
             path = path.expanduser()
         if path.suffix.lower() not in FORMS:
-            raise UsageError(
-                Said("the name's end says what is written: {forms}", forms=" ".join(FORMS))
-            )
+            raise UsageError("the name's end says what is written: {forms}", forms=" ".join(FORMS))
         target = cls(path, replace, in_use)
         target.check()
         return target
@@ -203,26 +201,24 @@ class Target:
             FileError: it cannot.
         """
         if self.path.is_dir():
-            raise FileError(Said("{path} is a folder; name a file in it", path=self.path))
+            raise FileError("{path} is a folder; name a file in it", path=self.path)
         if not self.path.parent.is_dir():
             raise FileError(
-                Said("{folder} does not exist; name a folder that does", folder=self.path.parent)
+                "{folder} does not exist; name a folder that does", folder=self.path.parent
             )
         if any(_same(self.path, one) for one in self.in_use):
             raise FileError(
-                Said("{path} holds what is shown, and would be lost; name another", path=self.path)
+                "{path} holds what is shown, and would be lost; name another", path=self.path
             )
         if os.path.lexists(self.path) and not self.replace:
             raise FileError(
-                Said(
-                    "{path} exists already; name another, or replace it with {name}{overwrite}",
-                    path=self.path,
-                    name=self.path.name,
-                    overwrite=OVERWRITE,
-                )
+                "{path} exists already; name another, or replace it with {name}{overwrite}",
+                path=self.path,
+                name=self.path.name,
+                overwrite=OVERWRITE,
             )
         if self.replace and self.path.exists() and not self.path.is_file():
-            raise FileError(Said("{path} is no regular file; name another", path=self.path))
+            raise FileError("{path} is no regular file; name another", path=self.path)
 
 
 def _same(path: Path, other: str) -> bool:
@@ -233,10 +229,10 @@ def _same(path: Path, other: str) -> bool:
         return False
 
 
-class Saving:
+class SaveJob:
     """One file under way."""
 
-    def __init__(self, target: Target, origin: Origin) -> None:
+    def __init__(self, target: SaveTarget, origin: ExportSource) -> None:
         """Begin the file.
 
         Args:
@@ -256,7 +252,7 @@ class Saving:
                 pass
         except FileExistsError as error:
             raise FileError(
-                Said("{path} is in the way; delete it, or name another", path=self._part)
+                "{path} is in the way; delete it, or name another", path=self._part
             ) from error
         except OSError as error:
             raise self._refused(error) from error
@@ -266,7 +262,7 @@ class Saving:
             self._part.unlink(missing_ok=True)
             raise
 
-    def _made(self, origin: Origin) -> Sink:
+    def _made(self, origin: ExportSource) -> Sink:
         try:
             return FORMS[self._target.path.suffix.lower()](self._part, origin)
         except OSError as error:
@@ -320,11 +316,9 @@ class Saving:
 
     def _refused(self, error: OSError) -> FileError:
         return FileError(
-            Said(
-                "{path} cannot be written: {reason}; name another place",
-                path=self.path,
-                reason=reason_of(error),
-            )
+            "{path} cannot be written: {reason}; name another place",
+            path=self.path,
+            reason=reason_of(error),
         )
 
 
@@ -342,7 +336,7 @@ class _AbandonedError(Exception):
 class ParquetSink:
     """Rows as `analysis.table` has their columns."""
 
-    def __init__(self, path: Path, _origin: Origin) -> None:
+    def __init__(self, path: Path, _origin: ExportSource) -> None:
         self._path = path
         self._waiting: Queue[pl.DataFrame | None] = Queue(MOST_WAITING)
         self._error: Exception | None = None
@@ -402,7 +396,7 @@ class ParquetSink:
 class RecordingSink:
     """Rows as a recording; each must have a time."""
 
-    def __init__(self, path: Path, origin: Origin) -> None:
+    def __init__(self, path: Path, origin: ExportSource) -> None:
         facts = [PortFacts(port, origin.bauds.get(port)) for port in origin.ports]
         self._writer = RecordingWriter(path, facts, existing=Existing.REPLACE)
         for stretch in origin.left_out:

@@ -14,8 +14,8 @@ from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import RecordingWarning, shown
-from fte_sniff.recording.passages import Span
 from fte_sniff.recording.reader import RecordingReader, recordings_in, start_of
+from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.row_batch import RowColumns, Words
 
 _TIME = "time"
@@ -142,12 +142,12 @@ def _frames(
     # A row's time is never later than its log time, so no chunk that ends before can hold one. It
     # may be earlier by any time, so chunks that begin after the last time must be looked through.
     # Where rows are numbered, those that do not pass count too, so none may be passed over.
-    span = Span(0 if wanted is None or limit is not None else earliest_ns(wanted))
+    span = TimeRange(0 if wanted is None or limit is not None else earliest_ns(wanted))
     for columns in _first(_columns(readers, span), limit):
         yield make(columns)
 
 
-def _columns(readers: Sequence[RecordingReader], span: Span) -> Iterator[RowColumns]:
+def _columns(readers: Sequence[RecordingReader], span: TimeRange) -> Iterator[RowColumns]:
     words = Words()
     for reader in readers:
         yield from (columns for columns in reader.batches(words, span) if len(columns))

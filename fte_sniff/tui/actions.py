@@ -17,27 +17,27 @@ from textual.worker import WorkType
 from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
 from fte_sniff.analysis.search import Search, find_raised, find_step
 from fte_sniff.errors import FteSniffError, shown
-from fte_sniff.session.save import Saving
+from fte_sniff.session.save import SaveJob
 from fte_sniff.tui.goto import GotoField, ToOffset, parse_goal
 from fte_sniff.tui.help import HelpPage
 from fte_sniff.tui.i18n import _, theme_after, worded
 from fte_sniff.tui.keys import COMMANDS, key_names
 from fte_sniff.tui.notices import NoticeLine
-from fte_sniff.tui.options import Opening
+from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.switcher import Panes
 from fte_sniff.tui.pickers import Chosen, ColumnChooser, Entry, Picker
 from fte_sniff.tui.prompt import FilterField, SaveField, SearchField, parsed, prepare
 from fte_sniff.tui.table.columns import TimeStyle, column_of
 from fte_sniff.tui.table.widget import AbstractMeta, RowTable, TableHeader
 from fte_sniff.tui.text import clock_text
-from fte_sniff.tui.view_model import Watched
+from fte_sniff.tui.view_model import ViewModel
 
 
 class Parts(App[None], metaclass=AbstractMeta):
     """A screen whose parts have been made."""
 
-    _opening: Opening
-    _watched: Watched
+    _opening: StartOptions
+    _watched: ViewModel
     _table: RowTable
     _panes: Panes
     _notice: NoticeLine
@@ -47,7 +47,7 @@ class Parts(App[None], metaclass=AbstractMeta):
     _save_field: SaveField
     _filters_before: list[str]
     """Filters that stood before, the latest last; an empty one shows all."""
-    _saving: Saving | None
+    _saving: SaveJob | None
     """The file that is being written, if there is one."""
 
     def _tell(self, words: str) -> None:
@@ -67,7 +67,7 @@ class Parts(App[None], metaclass=AbstractMeta):
         """End the selection; whether there was one."""
 
 
-class Looking(Parts):
+class NavigationActions(Parts):
     """Ways to look."""
 
     def action_pause(self) -> None:
@@ -146,7 +146,7 @@ class Looking(Parts):
             await self.run_action(action, self._table)
 
 
-class Filtering(Parts):
+class FilterActions(Parts):
     """Filters: typed into the field at the bottom, or picked from the cells of a row."""
 
     def _set_filter(self, line: str) -> None:
@@ -200,7 +200,7 @@ class Filtering(Parts):
             self._set_filter(both(self._filter_field.standing, condition))
 
 
-class Seeking(Parts):
+class GotoActions(Parts):
     """Ways to a row."""
 
     def _go(self, line: str) -> None:
@@ -263,7 +263,7 @@ class Seeking(Parts):
             self._tell(_("no row above this one whose ERROR or ONLINE is not in order"))
 
 
-class Marking(Parts):
+class MarkActions(Parts):
     """Marks and the selection."""
 
     def action_mark(self) -> None:
@@ -311,7 +311,7 @@ GROUP = "search"
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class TableLook:
     """How far a search is."""
 
     found: int | None
@@ -322,7 +322,7 @@ class Look:
     """Whether it began anew from the other end."""
 
 
-class Searching(Parts):
+class SearchActions(Parts):
     """Looking for a text or bytes."""
 
     def action_search(self) -> None:
@@ -356,7 +356,7 @@ class Searching(Parts):
                 return
         self._work(GROUP, partial(self._go_on, search, steps))
 
-    async def _go_on(self, search: Search, steps: Iterator[Look]) -> None:
+    async def _go_on(self, search: Search, steps: Iterator[TableLook]) -> None:
         while (look := self._step(search, steps)) is not None:
             share = look.seen / max(1, len(self._watched.store))
             words = _("looking for {text}: {share:.0%} seen, esc ends it")
@@ -364,7 +364,7 @@ class Searching(Parts):
             self._notice.hold(GROUP, words, worry=False)
             await asyncio.sleep(0)
 
-    def _step(self, search: Search, steps: Iterator[Look]) -> Look | None:
+    def _step(self, search: Search, steps: Iterator[TableLook]) -> TableLook | None:
         """How far the search is now; None where it has come to its end, and has said so."""
         try:
             look = next(steps, None)
@@ -382,7 +382,7 @@ class Searching(Parts):
             return look
         return None
 
-    def _steps(self, search: Search, start: int, by: int) -> Iterator[Look]:
+    def _steps(self, search: Search, start: int, by: int) -> Iterator[TableLook]:
         """To the end of the rows, and then from the other end to where it began."""
         store = self._watched.store
         begun = len(store)
@@ -397,10 +397,10 @@ class Searching(Parts):
                 if around and (here - start) * by >= 0:
                     return
                 seen = abs(index - start) if not around else begun - abs(start - index)
-                yield Look(step.found, seen, around)
+                yield TableLook(step.found, seen, around)
                 index = step.onward
 
-    def _show_found(self, look: Look) -> None:
+    def _show_found(self, look: TableLook) -> None:
         if look.found is None or not self._table.jump_to_index(look.found):
             self._tell(_("the next row that has it came after the pause; space goes on"))
         elif look.around:

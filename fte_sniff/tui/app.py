@@ -23,9 +23,15 @@ from fte_sniff.analysis.counters import Tally
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.errors import FteSniffError, shown
-from fte_sniff.session.save import Saving
-from fte_sniff.tui.actions import Filtering, Looking, Marking, Searching, Seeking
-from fte_sniff.tui.export_actions import Taking
+from fte_sniff.session.save import SaveJob
+from fte_sniff.tui.actions import (
+    FilterActions,
+    GotoActions,
+    MarkActions,
+    NavigationActions,
+    SearchActions,
+)
+from fte_sniff.tui.export_actions import ExportActions
 from fte_sniff.tui.goto import GotoField
 from fte_sniff.tui.i18n import THEMES, _, speak
 from fte_sniff.tui.keys import (
@@ -39,18 +45,18 @@ from fte_sniff.tui.keys import (
     say_keys,
 )
 from fte_sniff.tui.notices import NoticeLine
-from fte_sniff.tui.options import USUAL, AtEnd, Choices, Opening
+from fte_sniff.tui.options import USUAL, AtEnd, Choices, StartOptions
 from fte_sniff.tui.panes.switcher import Panes
-from fte_sniff.tui.prompt import FilterField, Line, SaveField, SearchField
+from fte_sniff.tui.prompt import FilterField, PromptLine, SaveField, SearchField
 from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
-from fte_sniff.tui.table.columns import Look, zone_at
-from fte_sniff.tui.table.theme import OWN, Colourless
+from fte_sniff.tui.table.columns import TableView, zone_at
+from fte_sniff.tui.table.theme import OWN, NoColor
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.terminal import Terminal
-from fte_sniff.tui.view_model import TICK_S, HitCount, News, Rhythm, Watched
+from fte_sniff.tui.view_model import TICK_S, HitCount, PollInterval, ViewModel, ViewUpdate
 
 
-class Leaving(Searching, Marking, Taking):
+class Leaving(SearchActions, MarkActions, ExportActions):
     """Ways back and out."""
 
     def action_dismiss(self) -> None:
@@ -74,7 +80,7 @@ TALL = 40
 """Lines from which on a pane leaves the table more than the few rows it must."""
 
 
-class SniffApp(Filtering, Seeking, Looking, Leaving):
+class SniffApp(FilterActions, GotoActions, NavigationActions, Leaving):
     """The screen over one feed."""
 
     CSS_PATH = Path(__file__).with_name("screen.tcss")
@@ -87,7 +93,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
     ]
 
     def __init__(
-        self, feed: Feed, opening: Opening = USUAL, source: BlockSource | None = None
+        self, feed: Feed, opening: StartOptions = USUAL, source: BlockSource | None = None
     ) -> None:
         """A screen that has not begun.
 
@@ -107,11 +113,11 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self.failure: FteSniffError | None = None
         """Why the screen had to close, where the feed failed."""
         self._opening = opening
-        self._rhythm = Rhythm(feed)
+        self._rhythm = PollInterval(feed)
         row_filter = opening.row_filter
-        self._watched = Watched(feed, row_filter, opening.store(source))
+        self._watched = ViewModel(feed, row_filter, opening.store(source))
         self._title_line, self._header = TitleLine(), TableHeader()
-        look = Look(choice=opening.choices.columns)
+        look = TableView(choice=opening.choices.columns)
         self._table = RowTable(self._watched.store, self._header, look)
         self._panes = Panes(self._watched.store, self._table, opening.bench)
         self._notice = NoticeLine()
@@ -120,7 +126,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         self._goto_field = GotoField(self._go)
         self._save_field = SaveField(self._target, self._save)
         self._filters_before: list[str] = []
-        self._saving: Saving | None = None
+        self._saving: SaveJob | None = None
         self._status_line = StatusLine()
         self._hit_count = HitCount(self._watched.store, self._table)
         self.choices_before = self.choices
@@ -143,7 +149,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
         """Whether a key may do this now: a field that asks and the help have keys of their own."""
         if action not in TABLE_ACTIONS:
             return True
-        return len(self.screen_stack) == 1 and not isinstance(self.focused, Line)
+        return len(self.screen_stack) == 1 and not isinstance(self.focused, PromptLine)
 
     async def run_action(
         self,
@@ -165,7 +171,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """What every line drawn goes through last."""
-        return [Colourless()] if self.no_color else super().get_line_filters()
+        return [NoColor()] if self.no_color else super().get_line_filters()
 
     def on_mount(self) -> None:
         """Begin to look at the feed, a file at its first row; end when the system says so."""
@@ -257,7 +263,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
             state = self._watched.state
             self._panes.tick(self.now_ns(), state.live and state.running)
 
-    def _tell_news(self, news: News) -> None:
+    def _tell_news(self, news: ViewUpdate) -> None:
         """Say what happened to ports, the recording and the feed; leave, where that was asked."""
         state = self._watched.state
         for event in news.events if state.live else ():
@@ -306,7 +312,7 @@ class SniffApp(Filtering, Seeking, Looking, Leaving):
 
 def run_screen(
     feed: Feed,
-    opening: Opening = USUAL,
+    opening: StartOptions = USUAL,
     source: BlockSource | None = None,
     tell: Callable[[Tally], None] = lambda _tally: None,
 ) -> int:

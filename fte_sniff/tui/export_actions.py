@@ -20,7 +20,7 @@ from fte_sniff.errors import FteSniffError, shown
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
-from fte_sniff.session.save import Origin, Saving, Target
+from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget
 from fte_sniff.tui.actions import Parts
 from fte_sniff.tui.i18n import _, worded
 
@@ -64,7 +64,7 @@ GROUP = "save"
 """What the work beside the screen is called."""
 
 
-class Taking(Parts):
+class ExportActions(Parts):
     """Rows, and typed text, to the clipboard and to files."""
 
     def action_copy_text(self) -> None:
@@ -134,8 +134,8 @@ class Taking(Parts):
             count = store.shown.count
             self._tell(_("{count:,} shown rows would be saved").format(count=count))
 
-    def _target(self, line: str) -> Target:
-        return Target.parse(line, self._watched.state.files)
+    def _target(self, line: str) -> SaveTarget:
+        return SaveTarget.parse(line, self._watched.state.files)
 
     def _save(self, line: str) -> None:
         if not line:
@@ -143,7 +143,7 @@ class Taking(Parts):
         store, selected = self._watched.store, self._table.selected
         wanted = selected or range(store.first, store.next)
         try:
-            self._saving = Saving(self._target(line), self._origin(selected))
+            self._saving = SaveJob(self._target(line), self._origin(selected))
         except FteSniffError as error:
             self._notice.warn(worded(error))
             return
@@ -151,7 +151,7 @@ class Taking(Parts):
         self._tell_share(saving, 0)
         self._work(GROUP, partial(self._write, saving, wanted, row_filter))
 
-    def _origin(self, selected: range) -> Origin:
+    def _origin(self, selected: range) -> ExportSource:
         """What is known of the rows that are saved: those shown, or those of them selected."""
         store = self._watched.store
         origin = replace(self._opening.origin, ports=self._watched.ports)
@@ -165,7 +165,7 @@ class Taking(Parts):
             origin = replace(origin, selections=[*origin.selections, own])
         return origin
 
-    async def _write(self, saving: Saving, wanted: range, row_filter: RowFilter | None) -> None:
+    async def _write(self, saving: SaveJob, wanted: range, row_filter: RowFilter | None) -> None:
         """Save the rows of these indices that the filter wants, while the screen goes on."""
         store, at = self._watched.store, wanted.start
         await self._drawn()
@@ -187,7 +187,7 @@ class Taking(Parts):
             self._tell(words.format(count=saving.rows, file=shown(str(saving.path))))
             self._unselect()
 
-    def _tell_share(self, saving: Saving, share: float) -> None:
+    def _tell_share(self, saving: SaveJob, share: float) -> None:
         words = _("saving to {file}: {share:.0%}, esc ends it")
         words = words.format(file=shown(str(saving.path)), share=share)
         self._notice.hold(GROUP, words, worry=False)

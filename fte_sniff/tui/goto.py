@@ -10,7 +10,7 @@ from typing import TypeAlias
 from fte_sniff.analysis.time_text import ClockTime, clock_time, length_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.prompt import Field, Take
+from fte_sniff.tui.prompt import PromptField, Take
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
     )
 
 
-class GotoField(Field):
+class GotoField(PromptField):
     """Asks where to go."""
 
     def __init__(self, take: Take) -> None:

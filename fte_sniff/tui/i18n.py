@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Final
 
-from fte_sniff.errors import FteSniffError, Said, UsageError, shown
+from fte_sniff.errors import FteSniffError, TranslatableText, UsageError, shown
 
 DOMAIN: Final = "fte-sniff"
 """The name of the catalogues."""
@@ -53,9 +53,9 @@ def speak(language: str) -> None:
 
 def _(text: str) -> str:
     """The text in the language that is spoken; one with values in it, with the values too."""
-    if isinstance(text, Said):
+    if isinstance(text, TranslatableText):
         values = {
-            name: _(value) if isinstance(value, Said) else value
+            name: _(value) if isinstance(value, TranslatableText) else value
             for name, value in text.values.items()
         }
         return _(text.form).format(**values)

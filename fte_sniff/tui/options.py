@@ -10,8 +10,8 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, ENDLESS, BlockSource, RowStore
-from fte_sniff.analysis.statistics import NO_BENCH, Bench
-from fte_sniff.session.save import UNKNOWN, Origin
+from fte_sniff.analysis.statistics import NO_BENCH, LineSetup
+from fte_sniff.session.save import UNKNOWN, ExportSource
 from fte_sniff.tui.table.columns import ColumnChoice
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def keep_nothing(_choices: Choices) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Opening:
+class StartOptions:
     """How the screen begins, and what holds while it is open."""
 
     at_end: AtEnd = AtEnd.STAY
@@ -60,7 +60,7 @@ class Opening:
     """Rows that can be looked at, or lie in memory, at least 1; the oldest leave first."""
     signals: tuple[signal.Signals, ...] = ENDING_SIGNALS
     """Upon which the screen closes; others do what they did before."""
-    bench: Bench = NO_BENCH
+    bench: LineSetup = NO_BENCH
     """What the user said about the set-up."""
     language: str = "en"
     """A word of `language.LANGUAGES`."""
@@ -70,7 +70,7 @@ class Opening:
     """Is told at the end what was chosen, where that differs from `choices`."""
     trouble: tuple[str, ...] = ()
     """What went wrong before the screen was there to tell it, a sentence each."""
-    origin: Origin = UNKNOWN
+    origin: ExportSource = UNKNOWN
     """What is known of the rows beside them, to be saved with them."""
     zone: tzinfo | None = None
     """Of local times; None for this machine's."""
@@ -82,5 +82,5 @@ class Opening:
         return RowStore(ENDLESS, source=source, most_blocks=max(2, self.keep_rows // BLOCK_ROWS))
 
 
-USUAL: Final = Opening()
+USUAL: Final = StartOptions()
 """Nobody said anything."""

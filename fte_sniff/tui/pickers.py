@@ -45,7 +45,7 @@ class Entry(Generic[Picked]):
     """What stands at its end, such as a key."""
 
 
-class Lines(Widget):
+class PickerLines(Widget):
     """The entries that there is room for, the one under the cursor set off by a sign too."""
 
     def __init__(self) -> None:
@@ -96,7 +96,7 @@ class Picker(ModalScreen[Picked | None], Generic[Picked]):
         self._heading, self._entries, self._at = title, entries, at
         self._typed = ""
         self._done = False
-        self._lines = Lines()
+        self._lines = PickerLines()
         say_keys(self)
 
     def compose(self) -> ComposeResult:
@@ -231,7 +231,7 @@ class ColumnChooser(ModalScreen[Chosen | None]):
         self._lines += [_Line(name, False, width_of(name)) for name in rest]
         self._at = 0
         self._done = False
-        self._list = Lines()
+        self._list = PickerLines()
         say_keys(self)
 
     def compose(self) -> ComposeResult:

@@ -62,7 +62,7 @@ LOW = 16
 """Lines of the terminal below which the verdict has one line only."""
 
 
-class Line(Input):
+class PromptLine(Input):
     """The line being typed, with the lines before it on the arrow keys."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -128,7 +128,7 @@ class Line(Input):
         self._leave()
 
 
-class Field(Vertical):
+class PromptField(Vertical):
     """A field that checks while one types: green or red, and the reason in words."""
 
     def __init__(
@@ -152,7 +152,7 @@ class Field(Vertical):
         """
         super().__init__()
         self._label, self._check, self._take, self._good = label, check, take, good
-        self._line = Line(hint, suggester, self._give, self.fall_back)
+        self._line = PromptLine(hint, suggester, self._give, self.fall_back)
         self._focused_before: Widget | None = None
         self._verdict = Sentence(classes="verdict")
         self.standing = ""
@@ -291,7 +291,7 @@ def parsed(line: str) -> RowFilter:
     return RowFilter.parse(line)
 
 
-class FilterField(Field):
+class FilterField(PromptField):
     """Asks for a filter, and shows the one that holds with the number of rows it lets through."""
 
     def __init__(
@@ -346,7 +346,7 @@ class FilterField(Field):
             self._shown.update(Text(words), layout=moved)
 
 
-class SearchField(Field):
+class SearchField(PromptField):
     """Asks for a text or bytes."""
 
     def __init__(self, take: Take) -> None:
@@ -364,7 +364,7 @@ class SearchField(Field):
         super().ask()
 
 
-class SaveField(Field):
+class SaveField(PromptField):
     """Asks for a name; says while one types whether a file can be made there."""
 
     def __init__(self, check: Check, take: Take) -> None:

@@ -117,7 +117,7 @@ ROOMY = 72
 
 
 @dataclass(frozen=True, slots=True)
-class Numbers:
+class StatusCounters:
     """What the bottom line tells."""
 
     rows: int
@@ -141,7 +141,7 @@ class Numbers:
     """How many rows have what is looked for; empty where nothing is."""
 
 
-def status_text(numbers: Numbers, width: int) -> str:
+def status_text(numbers: StatusCounters, width: int) -> str:
     """The line in exactly `width` cells; where it is narrow, the last parts are left out first."""
     parts = _parts(numbers) if width >= ROOMY else _short_parts(numbers)
     if numbers.hits:
@@ -162,7 +162,7 @@ def status_text(numbers: Numbers, width: int) -> str:
     return fit(line, width)
 
 
-def _parts(numbers: Numbers) -> list[str]:
+def _parts(numbers: StatusCounters) -> list[str]:
     per_s = numbers.frames_per_s
     rate = [] if per_s is None else [_("{rate:>6,.0f} frames/s").format(rate=per_s)]
     malformed = _("{count:>6,} malformed {share:>6}").format(
@@ -171,7 +171,7 @@ def _parts(numbers: Numbers) -> list[str]:
     return [_("{count:>9,} rows").format(count=numbers.rows), *rate, malformed]
 
 
-def _short_parts(numbers: Numbers) -> list[str]:
+def _short_parts(numbers: StatusCounters) -> list[str]:
     """The same in few cells, the rate last."""
     rate = [] if numbers.frames_per_s is None else [f"{numbers.frames_per_s:>5,.0f}/s"]
     malformed = _("{count:>5,} bad {share:>5}").format(
@@ -180,7 +180,7 @@ def _short_parts(numbers: Numbers) -> list[str]:
     return [_("{count:>9,} rows").format(count=numbers.rows), malformed, *rate]
 
 
-def _share(numbers: Numbers, digits: int) -> str:
+def _share(numbers: StatusCounters, digits: int) -> str:
     share, least = numbers.malformed_share, 10.0 ** -(digits + 2)
     if 0 < share < least:
         return f"<{least:.{digits}%}"
@@ -192,9 +192,9 @@ class StatusLine(Widget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._numbers: Numbers | None = None
+        self._numbers: StatusCounters | None = None
 
-    def show(self, numbers: Numbers) -> None:
+    def show(self, numbers: StatusCounters) -> None:
         """Draw these, if they are not what is drawn."""
         if numbers != self._numbers:
             self._numbers = numbers

@@ -23,7 +23,7 @@ MOST_WAITING = 256 * 1024
 """Characters that wait at most: some screens full. What is older than that nobody wants to see."""
 
 
-class Outflow:
+class AsyncTerminalWriter:
     """A file to write to, as Textual wants one, between a screen and its terminal."""
 
     def __init__(
@@ -155,7 +155,7 @@ class Terminal(LinuxDriver):
         super().__init__(app, debug=debug, mouse=mouse, size=size)
         self._state = _State.OFF
         self._gone = False
-        self._outflow: Outflow | None = None
+        self._outflow: AsyncTerminalWriter | None = None
         self._obey_job_control()
 
     def write(self, data: str) -> None:
@@ -171,7 +171,7 @@ class Terminal(LinuxDriver):
             return
         self._state = _State.ON
         assert sys.__stdout__ is not None
-        self._outflow = Outflow(
+        self._outflow = AsyncTerminalWriter(
             sys.__stdout__.fileno(), sys.__stdout__.encoding, self._lose, self._draw_anew
         )
         self._file = cast(Any, self._outflow)

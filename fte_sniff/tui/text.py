@@ -12,7 +12,7 @@ from typing import Final
 from rich.cells import cell_len, chop_cells, set_cell_size
 
 from fte_sniff.analysis.fields import short_feedback, value_heads
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KIND_BY_NAME,
@@ -239,7 +239,7 @@ def short_number(value: float) -> str:
     return f"{value:.0f}"
 
 
-def turns_text(pulses: int, bench: Bench) -> str:
+def turns_text(pulses: int, bench: LineSetup) -> str:
     """A position in turns; empty where nobody said how many pulses a turn has."""
     turns = bench.turns(pulses)
     return "" if turns is None else _(TURNS).format(turns=turns)

@@ -16,18 +16,18 @@ from fte_sniff.analysis.feed import (
     Feed,
     FeedState,
     FeedUpdate,
-    RestingFeed,
-    Seam,
-    WakingFeed,
+    LiveFeed,
+    StaticFeed,
+    StreamChange,
     shifted,
 )
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.search import Hits, Standing, find_byte
+from fte_sniff.analysis.search import HitCounter, HitPosition, find_byte
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.goto import Goal, ToDistance, ToOffset, ToRow, ToShare, ToTime, ToTimeOfDay
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.notices import event_words
-from fte_sniff.tui.status_bar import Numbers
+from fte_sniff.tui.status_bar import StatusCounters
 from fte_sniff.tui.table.viewport import Viewport
 from fte_sniff.tui.table.widget import RowTable
 
@@ -40,7 +40,7 @@ ORDINARY = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 
 
 @dataclass(frozen=True, slots=True)
-class News:
+class ViewUpdate:
     """What one look at the feed brought."""
 
     changed: bool
@@ -50,11 +50,11 @@ class News:
     """Whether the feed ended since the look before."""
     trouble: str | None
     """What has gone wrong since the look before, although the feed runs on."""
-    seams: Sequence[Seam] = ()
+    seams: Sequence[StreamChange] = ()
     """What stands between rows that came, by their indices in the store."""
 
 
-class Watched:
+class ViewModel:
     """A feed and everything that came from it."""
 
     def __init__(self, feed: Feed, row_filter: RowFilter | None, store: RowStore) -> None:
@@ -70,7 +70,7 @@ class Watched:
         self._events: Counter[PortEventKind] = Counter()
         self._per_second: float | None = None
 
-    def look(self, now_ns: int, *, take: bool = True) -> News:
+    def look(self, now_ns: int, *, take: bool = True) -> ViewUpdate:
         """Take in what came, or leave it with the feed for this time.
 
         Args:
@@ -96,7 +96,7 @@ class Watched:
         changed = bool(update.rows) or bool(self.store.shown.pending)
         self.store.shown.filter_step()
         self._take_rate(now_ns)
-        return News(changed, update.events, ended, trouble, seams)
+        return ViewUpdate(changed, update.events, ended, trouble, seams)
 
     def _take_rate(self, now_ns: int) -> None:
         """Frames per second: now, on a wire; over the time covered, in what lies behind."""
@@ -118,9 +118,9 @@ class Watched:
         """The earliest time of a row, nanoseconds since 1970 UTC; None while no row has one."""
         return self.tally.first_ns
 
-    def numbers(self, view: Viewport, hits: str = "") -> Numbers:
+    def numbers(self, view: Viewport, hits: str = "") -> StatusCounters:
         """What the line of numbers tells; `hits` is what there is to say of a search."""
-        return Numbers(
+        return StatusCounters(
             rows=self.state.rows,
             frames_per_s=self._per_second,
             malformed=self.tally.malformed,
@@ -247,7 +247,7 @@ class HitCount:
     def __init__(self, store: RowStore, table: RowTable) -> None:
         """Nothing is looked for yet."""
         self._store, self._table = store, table
-        self._hits: Hits | None = None
+        self._hits: HitCounter | None = None
         self._about: tuple[object, ...] = ()
         self._goes_on = self._caught_up = False
         self._due_s = 0.0
@@ -260,7 +260,7 @@ class HitCount:
         if about != self._about:
             self._about, self._due_s, self._caught_up = about, 0.0, False
             test = search and partial(search.mask, columns=columns)
-            self._hits = Hits(self._store, test) if test else None
+            self._hits = HitCounter(self._store, test) if test else None
         if self._hits is not None and not self._goes_on and monotonic() >= self._due_s:
             self._go_on()
 
@@ -282,7 +282,7 @@ class HitCount:
         return _(_form(standing, self._caught_up)).format(number=standing.number, all=standing.all)
 
 
-def _form(standing: Standing, caught_up: bool) -> str:
+def _form(standing: HitPosition, caught_up: bool) -> str:
     if not caught_up:
         return HITS_SO_FAR
     if standing.left_out:
@@ -294,7 +294,7 @@ REST_S: Final = 1 / 25
 """Between two wakes at least, seconds: less than a live feed leaves between two batches."""
 
 
-class Waking:
+class WakeUp:
     """Calls back whenever a descriptor can be read from."""
 
     def __init__(self, descriptor: int, wake: Callable[[], object]) -> None:
@@ -327,20 +327,20 @@ KEYS_NS: Final = 250_000_000
 """How long a file's rows, and the models, wait after a key: reading takes time from those keys."""
 
 
-class Rhythm:
+class PollInterval:
     """When a look at one feed is due."""
 
     def __init__(self, feed: Feed) -> None:
         """Nothing wakes the screen yet, and no key has come."""
         self._feed = feed
-        self._waking: Waking | None = None
+        self._waking: WakeUp | None = None
         self._woken = False
         self._key_at_ns = monotonic_ns() - KEYS_NS
 
     def listen(self, wake: Callable[[], object]) -> None:
         """Call back when the feed has something; to be called where an event loop runs."""
-        if isinstance(self._feed, WakingFeed):
-            self._waking = Waking(self._feed.descriptor, wake)
+        if isinstance(self._feed, LiveFeed):
+            self._waking = WakeUp(self._feed.descriptor, wake)
 
     def end(self) -> None:
         """Let the feed wake nobody any more; may be called again."""
@@ -360,7 +360,7 @@ class Rhythm:
     def key(self) -> None:
         """A key comes, and the rows of a file wait for it."""
         self._key_at_ns = monotonic_ns()
-        if isinstance(self._feed, RestingFeed):
+        if isinstance(self._feed, StaticFeed):
             self._feed.rest()
 
     @property

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.capture.sim_model import Host
+from fte_sniff.capture.sim_model import SimulatedHost
 from fte_sniff.capture.simulation import SimulationParameters, simulate
 from fte_sniff.protocol import Chunk, Direction, Frame, Framer, Status, byte_time_ns, encode
 from tests.examples import examples
@@ -149,7 +149,7 @@ def test_a_host_shows_every_kind_of_command_within_half_a_minute_and_pauses(seed
 def test_what_a_host_says_can_be_encoded(seed):
     from random import Random
 
-    host = Host(Random(seed))
+    host = SimulatedHost(Random(seed))
     said = [host.command_at(tick / 40) for tick in range(8000)]
     assert any(command is None for command in said)
     for command in filter(None, said):

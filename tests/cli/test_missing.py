@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.analysis.feed import shifted
-from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode, iso_time
-from fte_sniff.recording.metadata import PortFacts, Stretch
+from fte_sniff.recording.metadata import PortFacts, RecordedGap
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import Keeping, Surroundings
+from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.inputs import RecordingInput
 from fte_sniff.session.pipeline import Viewing
@@ -57,7 +57,7 @@ def triggered(path: Path) -> Path:
     recorder = Recorder(
         path,
         [PortFacts("p")],
-        keeping=Keeping(around=Surroundings(0, 0)),
+        keeping=RecordingOptions(around=TriggerWindow(0, 0)),
         select=lambda given: [row for row in given if row.values["rpm"] // 100 % 2 == 0],
     )
     recorder.write(rows_of(0, 500))
@@ -142,10 +142,10 @@ def test_nothing_is_measured_across_a_hole(run, tmp_path: Path, hole: str) -> No
         assert models.motors.states(None)[0].unanswered == 2 * 19
 
 
-def viewed(paths: list[Path]) -> Following:
+def viewed(paths: list[Path]) -> LiveModels:
     """The models of the screen, once it has seen these recordings."""
     store = RowStore()
-    models = Following(store, Bench())
+    models = LiveModels(store, LineSetup())
     inputs = [RecordingInput(RecordingReader(path)) for path in paths]
     for read in Viewing(inputs, None, None, None, print):
         models.meet(shifted(read.seams, store.next))
@@ -224,7 +224,7 @@ def test_a_selection_says_so(run, tmp_path: Path) -> None:
 def test_a_stretch_of_unknown_length_is_told_as_such(run, tmp_path: Path) -> None:
     paths = HOLES["another capture"](tmp_path)
     assert run("decode", *paths, "-o", "copy.mcap").returncode == 0
-    between = Stretch(
+    between = RecordedGap(
         None, START + 19 * STEP + 1, START + 40 * STEP - 1, "another recording begins here"
     )
     assert RecordingReader(tmp_path / "copy.mcap").left_out() == [between]

@@ -20,7 +20,7 @@ from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time
 from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import Keeping, Surroundings
+from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.row_batch import RowColumns, Words
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started
@@ -305,11 +305,11 @@ def test_the_baud_of_the_recording_or_of_the_user(run, tmp_path: Path) -> None:
 
 def with_gaps(path: Path, rows: list[fte_sniff.Row]) -> None:
     """A recording of which a trigger kept the rows that bear an even hundred of rpm."""
-    around = Surroundings(0, 0)
+    around = TriggerWindow(0, 0)
     recorder = Recorder(
         path,
         [PortFacts("p")],
-        keeping=Keeping(around=around),
+        keeping=RecordingOptions(around=around),
         select=lambda given: [row for row in given if row.values["rpm"] // 100 % 2 == 0],
     )
     recorder.write(rows)

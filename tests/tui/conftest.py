@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.analysis.feed import FeedState, FeedUpdate, Seam
+from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Damage,
@@ -34,7 +34,7 @@ class ListFeed:
         self.stops = 0
         self._rows: list[Row] = []
         self._events: list[PortEvent] = []
-        self.seams: list[Seam] = []
+        self.seams: list[StreamChange] = []
 
     def give(self, rows: Sequence[Row]) -> None:
         self._rows += rows

@@ -14,7 +14,7 @@ from textual.pilot import Pilot
 
 from fte_sniff.protocol import Row
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.options import AtEnd, Opening
+from fte_sniff.tui.options import AtEnd, StartOptions
 from fte_sniff.tui.table.widget import RowTable
 
 CHARACTERS = {
@@ -39,10 +39,10 @@ def play(
     scenario: Scenario,
     size: tuple[int, int] = (80, 24),
     at_end: AtEnd = AtEnd.STAY,
-    opening: Opening | None = None,
+    opening: StartOptions | None = None,
 ) -> SniffApp:
     """Run the screen without a terminal, and the scenario on it."""
-    app = SniffApp(feed, opening or Opening(at_end, zone=UTC))
+    app = SniffApp(feed, opening or StartOptions(at_end, zone=UTC))
 
     async def run() -> None:
         async with app.run_test(size=size) as pilot:

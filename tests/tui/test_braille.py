@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.tui.panes.plot import Canvas
 from fte_sniff.tui.text import rate_text, share_text, short_number, span_text, sparkline, turns_text
 
@@ -76,8 +76,8 @@ def test_what_is_not_known_is_a_dash_and_what_there_is_little_of_is_not_0() -> N
     assert (rate_text(0), share_text(0)) == ("0.0/s", "0.0 %")
     assert (rate_text(1234.5), share_text(0.0001)) == ("1,234/s", "<0.1 %")
     assert (rate_text(0.03), rate_text(0.05)) == ("<0.1/s", "0.1/s")
-    assert turns_text(5, Bench()) == ""
-    assert turns_text(-1500, Bench(resolution=500, gear_ratio=2)) == "-1.500 turns"
+    assert turns_text(5, LineSetup()) == ""
+    assert turns_text(-1500, LineSetup(resolution=500, gear_ratio=2)) == "-1.500 turns"
 
 
 @given(st.lists(st.floats(0, 1e6), max_size=50), st.integers(0, 60))

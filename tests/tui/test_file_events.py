@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.feed import Missing, Pace
+from fte_sniff.analysis.feed import BaudChange, MissingRows
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui import view_model as rhythm
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.options import Opening
+from fte_sniff.tui.options import StartOptions
 from tests.tui.conftest import NOON_NS
 from tests.tui.playing import Rows, page, play, press, settle, type_line
 
@@ -101,7 +101,7 @@ def test_what_a_file_tells_of_its_ports_is_told_in_chinese(feed: Any, speed_rows
         await settle(app, pilot)
         assert "lost" not in page(app)
 
-    play(feed, scenario, size=(120, 40), opening=Opening(language="zh"))
+    play(feed, scenario, size=(120, 40), opening=StartOptions(language="zh"))
 
 
 def test_a_hole_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
@@ -112,7 +112,7 @@ def test_a_hole_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
         feed.give(speed_rows(10))
         await settle(app, pilot)
         feed.give([*speed_rows(10, start=10), *speed_rows(10, start=5000)])
-        feed.seams = [Missing(10), Pace(10, "/dev/ttyUSB0", 57_600)]
+        feed.seams = [MissingRows(10), BaudChange(10, "/dev/ttyUSB0", 57_600)]
         feed.end("")
         await settle(app, pilot)
         await press(app, pilot, "S")

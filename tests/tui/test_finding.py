@@ -11,7 +11,7 @@ from textual.pilot import Pilot
 from fte_sniff.protocol import Damage, Fault, Row
 from fte_sniff.tui import actions as searching
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.options import Opening
+from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.pickers import Picker
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.playing import (
@@ -271,7 +271,7 @@ def test_marks_that_the_filter_hides_are_passed_over_and_come_again(
 def test_marks_leave_with_their_rows(feed: Any, speed_rows: Rows) -> None:
     import asyncio
 
-    app = SniffApp(feed, Opening(keep_rows=100))
+    app = SniffApp(feed, StartOptions(keep_rows=100))
 
     async def run() -> None:
         async with app.run_test(size=(80, 24)) as pilot:

@@ -13,12 +13,12 @@ from textual.pilot import Pilot
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.protocol import Damage, Fault, Row
-from fte_sniff.recording.metadata import Stretch
+from fte_sniff.recording.metadata import RecordedGap
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.session.save import Origin, Saving
+from fte_sniff.session.save import ExportSource, SaveJob
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.i18n import THEMES
-from fte_sniff.tui.options import Opening
+from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.detail import DetailPane
 from fte_sniff.tui.pickers import ColumnChooser, Picker
 from fte_sniff.tui.table.widget import RowTable
@@ -237,8 +237,10 @@ def test_a_saved_recording_tells_what_is_not_in_it(
     feed: Any, speed_rows: Rows, tmp_path: Path, selecting: bool
 ) -> None:
     """What was left out among the rows that are saved, and which of them the filter chose."""
-    first, last = (Stretch(5, NOON_NS + at, NOON_NS + at, "why") for at in (1, 50 * STEP_NS + 1))
-    origin = Origin((), {"/dev/ttyUSB0": 9600}, [first, last])
+    first, last = (
+        RecordedGap(5, NOON_NS + at, NOON_NS + at, "why") for at in (1, 50 * STEP_NS + 1)
+    )
+    origin = ExportSource((), {"/dev/ttyUSB0": 9600}, [first, last])
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(speed_rows(100))
@@ -249,7 +251,7 @@ def test_a_saved_recording_tells_what_is_not_in_it(
         await save_to(app, pilot, path)
         await until(app, pilot, path.exists)
 
-    opening = Opening(row_filter=RowFilter.parse("motor = 1"), origin=origin)
+    opening = StartOptions(row_filter=RowFilter.parse("motor = 1"), origin=origin)
     play(feed, scenario, opening=opening)
     reader = RecordingReader(tmp_path / "rows.mcap")
     assert [port.baud for port in reader.ports] == [9600]
@@ -342,14 +344,14 @@ def test_it_is_told_at_once_that_a_save_has_begun(
         feed.give(speed_rows(100_000))
         await settle(app, pilot)
         told = []
-        write = Saving.write
+        write = SaveJob.write
 
-        def seen(saving: Saving, rows: Sequence[Row]) -> None:
+        def seen(saving: SaveJob, rows: Sequence[Row]) -> None:
             told.append(page(app))
             write(saving, rows)
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Saving, "write", seen)
+            patch.setattr(SaveJob, "write", seen)
             await save_to(app, pilot, tmp_path / "rows.csv")
             await until(app, pilot, lambda: app._saving is None)
         assert "saving to" in told[0]

@@ -26,7 +26,7 @@ from fte_sniff.capture.port_errors import one_line, refusal
 from fte_sniff.errors import (
     FilterError,
     FteSniffError,
-    Said,
+    TranslatableText,
     UsageError,
     reason_of,
     unreadable,
@@ -41,13 +41,13 @@ from fte_sniff.tui.help import help_text
 from fte_sniff.tui.i18n import _, language_of, speak, worded
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.notices import event_text
-from fte_sniff.tui.options import Opening
-from fte_sniff.tui.status_bar import Mode, Numbers, badge_text, status_text, title_text
+from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.status_bar import Mode, StatusCounters, badge_text, status_text, title_text
 from fte_sniff.tui.text import wrap
 from tests.analysis.filter.test_filter_errors import MISTAKES
 from tests.tui.playing import Rows, Scenario, lines, page, play, press, settle, type_line
 
-CHINESE = Opening(language="zh")
+CHINESE = StartOptions(language="zh")
 
 
 def ascii_id(text: str) -> str:
@@ -148,7 +148,7 @@ def test_the_help_is_drawn_as_it_was_broken_into_lines(
         found = [drawn.render_line(y).text.rstrip() for y in range(drawn.size.height)]
         assert found == [line.rstrip() for line in wanted]
 
-    play(feed, scenario, (width, 24), opening=Opening(language=language))
+    play(feed, scenario, (width, 24), opening=StartOptions(language=language))
 
 
 def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
@@ -180,7 +180,7 @@ def test_every_mistake_in_a_filter_is_told_in_chinese(text: str) -> None:
 
 def test_what_happens_to_a_port_is_told_in_chinese(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        lost = Said("{error}; waiting for it to come back", error="EIO")
+        lost = TranslatableText("{error}; waiting for it to come back", error="EIO")
         feed.tell(PortEvent(0, "p", PortEventKind.LOST, lost))
         await settle(app, pilot)
         assert "EIO；等待其恢复" in squeezed(app)
@@ -194,7 +194,7 @@ def test_what_happens_to_a_port_is_told_in_chinese(feed: Any) -> None:
 
 def test_the_end_of_a_feed_is_told_in_chinese(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
-        feed.end(Said("{port} was lost: {why}", port="ttyUSB0", why="EIO"))
+        feed.end(TranslatableText("{port} was lost: {why}", port="ttyUSB0", why="EIO"))
         await settle(app, pilot)
         assert "ttyUSB0断开：EIO" in squeezed(app)
 
@@ -211,7 +211,9 @@ def test_the_end_of_a_feed_is_told_in_chinese(feed: Any) -> None:
         refusal("socket://h:1", None, OSError(errno.ECONNREFUSED, "refused")),
         stopped("a.mcap", OSError(errno.ENOSPC, "full"), 7),
         taken_away("a.mcap", 7, deleted=True),
-        bound_reached("a.mcap", Said("its files have reached {size} (--max-size)", size="1 GB"), 7),
+        bound_reached(
+            "a.mcap", TranslatableText("its files have reached {size} (--max-size)", size="1 GB"), 7
+        ),
         unwritable("a.mcap", OSError(errno.ENOSPC, "full")),
         unreadable("a.mcap", FileNotFoundError()),
     ],
@@ -348,20 +350,20 @@ def _notes(row: Any) -> list[str]:
 
 def test_a_text_from_outside_is_never_translated() -> None:
     speak("zh")
-    assert _(Said("unknown name '{term}'", term="stopped")) == "没有名称 'stopped'"
+    assert _(TranslatableText("unknown name '{term}'", term="stopped")) == "没有名称 'stopped'"
 
 
 @given(st.text(), st.integers())
 def test_a_sentence_travels_whole(text: str, number: int) -> None:
-    inner = Said("{count:,} framing", count=number)
-    said = Said("{one}, {other}", one=text, other=inner)
+    inner = TranslatableText("{count:,} framing", count=number)
+    said = TranslatableText("{one}, {other}", one=text, other=inner)
     again = pickle.loads(pickle.dumps(said))
     assert (again, again.form, again.values) == (said, said.form, said.values)
     assert again == f"{text}, {number:,} framing"
 
 
 def test_a_sentence_keeps_its_values() -> None:
-    text = Said("expected {wanted}, found {found}", wanted="1..4", found=9)
+    text = TranslatableText("expected {wanted}, found {found}", wanted="1..4", found=9)
     assert text == "expected 1..4, found 9"
     assert _(text) == text
     speak("zh")
@@ -396,7 +398,7 @@ def test_the_title_has_its_width_and_ends_with_the_state(width: int, mode: Mode)
 @pytest.mark.parametrize("width", [30, 40, 72, 80, 120])
 def test_the_line_of_numbers_has_its_width_in_any_language(width: int) -> None:
     speak("zh")
-    numbers = Numbers(12_345, 800.0, 7, 0.01, 5, 12, False, 99, 3)
+    numbers = StatusCounters(12_345, 800.0, 7, 0.01, 5, 12, False, 99, 3)
     assert cell_len(status_text(numbers, width)) == width
 
 

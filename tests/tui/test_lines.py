@@ -13,14 +13,14 @@ from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind, Row, sp
 from fte_sniff.tui.help import help_text
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.notices import event_text
-from fte_sniff.tui.panes.detail import Room, detail_text
-from fte_sniff.tui.status_bar import Mode, Numbers, mode_of, status_text, title_text
+from fte_sniff.tui.panes.detail import Width, detail_text
+from fte_sniff.tui.status_bar import Mode, StatusCounters, mode_of, status_text, title_text
 from fte_sniff.tui.table.theme import DARK
 from fte_sniff.tui.table.viewport import Viewport
-from fte_sniff.tui.view_model import Watched
+from fte_sniff.tui.view_model import ViewModel
 
 LIVE = FeedState("/dev/ttyUSB0", "/home/ana/captures/fte-sniff-20260131T120000Z.mcap")
-NUMBERS = Numbers(
+NUMBERS = StatusCounters(
     rows=1_234_567,
     frames_per_s=1151.7,
     malformed=12,
@@ -119,7 +119,7 @@ def test_an_event_is_one_line_and_is_not_obeyed() -> None:
 
 def test_the_details_show_every_byte_once(odd_rows: list[Row]) -> None:
     for row in odd_rows:
-        text = detail_text(row, DARK, Room(200, bits=False)).plain
+        text = detail_text(row, DARK, Width(200, bits=False)).plain
         shown = [line[2:50] for line in text.split("\n")[1:]]
         digits = "".join(
             pair for line in shown for pair in line.split("  ")[0].split() if len(pair) == 2
@@ -130,7 +130,7 @@ def test_the_details_show_every_byte_once(odd_rows: list[Row]) -> None:
 @pytest.mark.parametrize("width", [1, 20, 40, 79, 199])
 def test_the_details_keep_to_their_room(odd_rows: list[Row], width: int) -> None:
     for row in odd_rows:
-        for line in detail_text(row, DARK, Room(width, bits=True)).plain.split("\n"):
+        for line in detail_text(row, DARK, Width(width, bits=True)).plain.split("\n"):
             assert cell_len(line) <= max(width, 15)
 
 
@@ -138,13 +138,13 @@ def test_the_details_keep_to_their_room(odd_rows: list[Row], width: int) -> None
 def test_the_details_cut_no_word(odd_rows: list[Row], width: int) -> None:
     for row in odd_rows:
         narrow, wide = (
-            detail_text(row, DARK, Room(room, bits=True)).plain for room in (width, 400)
+            detail_text(row, DARK, Width(room, bits=True)).plain for room in (width, 400)
         )
         assert sorted(narrow.split()) == sorted(wide.split())
 
 
 def test_every_line_of_noise_is_marked(odd_rows: list[Row]) -> None:
-    text = detail_text(odd_rows[5], DARK, Room(79, bits=False)).plain
+    text = detail_text(odd_rows[5], DARK, Width(79, bits=False)).plain
     name, *behind = text[text.index("! " + " " * 12 + "noise") :].split("\n")
     assert "noise" in name
     digits = [line[2:] for line in behind if line.startswith("! ")]
@@ -153,7 +153,7 @@ def test_every_line_of_noise_is_marked(odd_rows: list[Row]) -> None:
 
 
 def test_the_details_tell_what_is_wrong_and_where(odd_rows: list[Row]) -> None:
-    text = detail_text(odd_rows[3], DARK, Room(80, bits=False)).plain
+    text = detail_text(odd_rows[3], DARK, Width(80, bits=False)).plain
     assert "! bad_tail: " in text
     assert "expected EE, found EF" in text
     assert spaced_hex(odd_rows[3].raw[5:9]) in text
@@ -163,8 +163,8 @@ def test_flags_are_told_bit_by_bit_where_there_is_room() -> None:
     from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
 
     raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5, "online": 0x0B})
-    tight = detail_text(Frame("p", 0, raw, None), DARK, Room(80, bits=False)).plain
-    roomy = detail_text(Frame("p", 0, raw, None), DARK, Room(80, bits=True)).plain
+    tight = detail_text(Frame("p", 0, raw, None), DARK, Width(80, bits=False)).plain
+    roomy = detail_text(Frame("p", 0, raw, None), DARK, Width(80, bits=True)).plain
     assert "00001011" in tight
     assert "bit 2" not in tight
     assert "bit 2 is 0: motor 3" in roomy
@@ -199,7 +199,7 @@ def test_line_errors_are_summed_from_what_the_ports_told() -> None:
     first = PortEvent(1, "a", PortEventKind.LINE_ERROR, "2 framing", 2)
     second = PortEvent(2, "b", PortEventKind.LINE_ERROR, "3 break", 3)
     lost = PortEvent(3, "b", PortEventKind.OVERRUN, "900 bytes", 900)
-    watched = Watched(Telling([first], [second, lost]), None, RowStore())
+    watched = ViewModel(Telling([first], [second, lost]), None, RowStore())
     watched.look(0)
     watched.look(1)
     assert watched.numbers(Viewport()).line_errors == 5

@@ -5,14 +5,14 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.tui.table.viewport import Marks
+from fte_sniff.tui.table.viewport import RowMarks
 
 INDICES = st.lists(st.integers(0, 30), max_size=40)
 
 
 @given(INDICES, st.integers(0, 30), st.integers(0, 30))
 def test_marks_are_a_set_that_knows_its_order(toggled: list[int], here: int, first: int) -> None:
-    marks, expected, latest = Marks(), set[int](), list[int]()
+    marks, expected, latest = RowMarks(), set[int](), list[int]()
     for index in toggled:
         assert marks.toggle(index) == (index not in expected)
         expected ^= {index}

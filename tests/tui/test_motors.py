@@ -10,11 +10,11 @@ from rich.style import Style
 
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motors import Motors
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.traces import Spans, Traces
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, pack
-from fte_sniff.tui.panes.motors import SECOND_NS, MotorsLook, grid
+from fte_sniff.tui.panes.motors import SECOND_NS, MotorsView, grid
 from fte_sniff.tui.panes.plot import Curves, Strokes, dots_across, plot
 from fte_sniff.tui.table.theme import DARK
 
@@ -27,13 +27,13 @@ def _row(name: str, at_s: float | None, **values: int) -> Row:
     return Frame("p", 0, encode(KIND_BY_NAME[name], values), time)
 
 
-def _look(rows: Sequence[Row], at_s: float | None, bench: Bench | None = None) -> MotorsLook:
+def _look(rows: Sequence[Row], at_s: float | None, bench: LineSetup | None = None) -> MotorsView:
     decoded = Decoded(pack(rows, Codebook())[0])
     motors, traces = Motors(), Traces()
     motors.add(decoded)
     traces.add(decoded)
     now = None if at_s is None else NOON_NS + round(at_s * SECOND_NS)
-    return MotorsLook(tuple(motors.states(now)), traces, now, 10 * SECOND_NS, bench or Bench())
+    return MotorsView(tuple(motors.states(now)), traces, now, 10 * SECOND_NS, bench or LineSetup())
 
 
 def _drive() -> list[Row]:
@@ -130,7 +130,7 @@ def test_what_is_old_says_how_old_and_a_command_without_answer_how_long() -> Non
 
 def test_pulses_are_turns_too_where_the_bench_tells_how_many() -> None:
     rows = [_row("position_feedback", 1, motor=3, pulses=10_000)]
-    page = grid(_look(rows, 1, Bench(resolution=500, gear_ratio=20)), 199, 37, DARK).plain
+    page = grid(_look(rows, 1, LineSetup(resolution=500, gear_ratio=20)), 199, 37, DARK).plain
     assert "10000 pulses 1.000 turns" in page
     assert "turns" not in grid(_look(rows, 1), 199, 37, DARK).plain
 

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.tui.app import LOW, SniffApp
-from fte_sniff.tui.options import Opening
+from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.bytes import BytesPane
 from fte_sniff.tui.panes.detail import DetailPane
 from fte_sniff.tui.panes.motors import MotorsPane
@@ -174,7 +174,7 @@ def test_the_window_of_time_is_made_longer_and_shorter(feed: Any) -> None:
 def test_turns_stand_beside_pulses_in_the_detail_and_the_motors(feed: Any) -> None:
     raw = encode(KIND_BY_NAME["position_feedback"], {"motor": 2, "pulses": 5000})
     feed.give([Frame("p", 0, raw, NOON_NS)])
-    app = SniffApp(feed, Opening(bench=Bench(resolution=500, gear_ratio=20)))
+    app = SniffApp(feed, StartOptions(bench=LineSetup(resolution=500, gear_ratio=20)))
 
     async def scenario(pilot: Pilot[None]) -> None:
         await settle(app, pilot)

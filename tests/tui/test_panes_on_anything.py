@@ -5,13 +5,13 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import Damage, Frame, Row
 from fte_sniff.tui.panes.bytes import dump, neighbours
-from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsLook, grid
-from fte_sniff.tui.panes.statistics import Told, page
+from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsView, grid
+from fte_sniff.tui.panes.statistics import StatisticsText, page
 from fte_sniff.tui.table.theme import DARK, LIGHT
 from tests.analysis import conftest
 
@@ -29,14 +29,16 @@ WIDTHS = st.sampled_from([8, 20, 40, 79, 120, 199])
     WIDTHS,
     st.integers(1, 40),
     st.sampled_from(WINDOWS_NS),
-    st.sampled_from([Bench(), Bench(resolution=1e-300, gear_ratio=1e-9), Bench(50, 1e300, 1e9)]),
+    st.sampled_from(
+        [LineSetup(), LineSetup(resolution=1e-300, gear_ratio=1e-9), LineSetup(50, 1e300, 1e9)]
+    ),
 )
 def test_every_line_of_every_pane_fits(
-    rows: list[Row], data: st.DataObject, width: int, height: int, window_ns: int, bench: Bench
+    rows: list[Row], data: st.DataObject, width: int, height: int, window_ns: int, bench: LineSetup
 ) -> None:
     store = RowStore(100, 3)
     store.append(rows)
-    models = Following(store, bench, 4)
+    models = LiveModels(store, bench, 4)
     models.step(100)
     palette = data.draw(st.sampled_from([DARK, LIGHT]))
     index = data.draw(st.integers(0, max(0, len(rows) - 1)))
@@ -44,9 +46,9 @@ def test_every_line_of_every_pane_fits(
     assert motors is not None
     now = rows[index].t_ns if rows else None
     traces = models.traces_at(index, (now or 0) - window_ns)
-    look = MotorsLook(tuple(motors.states(now)), traces, now, window_ns, bench)
+    look = MotorsView(tuple(motors.states(now)), traces, now, window_ns, bench)
     flags = models.flags.numbers()
-    told = Told(models.statistics, flags, now, models.behind, models.missed)
+    told = StatisticsText(models.statistics, flags, now, models.behind, models.missed)
     for text in (grid(look, width, height, palette), page(told, width, palette)):
         assert all(line.cell_len <= width for line in text.split("\n"))
     if rows:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.tui import view_model as rhythm
-from fte_sniff.tui.view_model import Rhythm
+from fte_sniff.tui.view_model import PollInterval
 from tests.tui.conftest import ListFeed
 
 
@@ -22,7 +22,7 @@ class Resting(ListFeed):
 
 @given(st.lists(st.booleans()))
 def test_a_strike_of_the_clock_is_left_out_behind_a_wake(wakes: list[bool]) -> None:
-    looks = Rhythm(ListFeed())
+    looks = PollInterval(ListFeed())
     for woken in wakes:
         if woken:
             looks.woken()
@@ -35,7 +35,7 @@ def test_a_key_holds_for_a_while_and_lets_the_feed_rest(
 ) -> None:
     monkeypatch.setattr(rhythm, "KEYS_NS", keys_ns)
     feed = Resting()
-    looks = Rhythm(feed)
+    looks = PollInterval(feed)
     assert not looks.keys_come
     looks.key()
     assert looks.keys_come is come
@@ -43,7 +43,7 @@ def test_a_key_holds_for_a_while_and_lets_the_feed_rest(
 
 
 def test_a_feed_that_cannot_wake_nor_rest_is_looked_at_by_the_clock() -> None:
-    looks = Rhythm(ListFeed())
+    looks = PollInterval(ListFeed())
     looks.listen(pytest.fail)
     looks.key()
     looks.end()

@@ -20,10 +20,10 @@ from fte_sniff.errors import PortError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.keys import SECTIONS
-from fte_sniff.tui.options import AtEnd, Opening
+from fte_sniff.tui.options import AtEnd, StartOptions
 from fte_sniff.tui.panes.detail import DetailPane
-from fte_sniff.tui.prompt import Field
-from fte_sniff.tui.table.columns import Look, TimeStyle, layout_for
+from fte_sniff.tui.prompt import PromptField
+from fte_sniff.tui.table.columns import TableView, TimeStyle, layout_for
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import NOON_NS
 from tests.tui.playing import (
@@ -234,7 +234,7 @@ def test_a_filter_that_hides_everything_says_so(feed: Any, speed_rows: Rows) -> 
 
 
 def test_begins_with_a_filter_that_was_asked_for(feed: Any, speed_rows: Rows) -> None:
-    app = SniffApp(feed, Opening(row_filter=RowFilter.parse("motor = 2")))
+    app = SniffApp(feed, StartOptions(row_filter=RowFilter.parse("motor = 2")))
     feed.give(speed_rows(400))
 
     async def run() -> None:
@@ -251,7 +251,7 @@ def test_begins_with_a_filter_that_was_asked_for(feed: Any, speed_rows: Rows) ->
 
 
 def test_rows_beyond_the_bound_leave_and_the_cursors_row_stays(feed: Any, speed_rows: Rows) -> None:
-    app = SniffApp(feed, Opening(keep_rows=1000))
+    app = SniffApp(feed, StartOptions(keep_rows=1000))
     feed.give(speed_rows(1000))
 
     async def run() -> None:
@@ -498,7 +498,7 @@ def test_times_are_local_where_asked_and_a_time_that_is_typed_then_is(
         await settle(app, pilot)
         assert "time UTC" in page(app)
 
-    play(feed, scenario, opening=Opening(zone=ZoneInfo("Asia/Kolkata")))
+    play(feed, scenario, opening=StartOptions(zone=ZoneInfo("Asia/Kolkata")))
 
 
 def test_local_times_hold_for_panes_and_notices_too(feed: Any, speed_rows: Rows) -> None:
@@ -518,11 +518,11 @@ def test_local_times_hold_for_panes_and_notices_too(feed: Any, speed_rows: Rows)
         await settle(app, pilot)
         assert "17:30:00.000  /dev/ttyUSB0 lost" in page(app)
 
-    play(feed, scenario, size=(120, 50), opening=Opening(zone=ZoneInfo("Asia/Kolkata")))
+    play(feed, scenario, size=(120, 50), opening=StartOptions(zone=ZoneInfo("Asia/Kolkata")))
 
 
 def test_a_narrow_head_still_names_the_zone() -> None:
-    look = Look(times=TimeStyle.LOCAL, zone=timezone(timedelta(hours=8)))
+    look = TableView(times=TimeStyle.LOCAL, zone=timezone(timedelta(hours=8)))
     assert layout_for(40, look).columns[0].head_cell.split() == ["+08:00"]
 
 
@@ -938,7 +938,7 @@ def test_random_keys_never_break_it(
             assert 0 <= view.cursor <= max(0, view.count - 1)
         assert app.is_running
         await press(app, pilot, *["escape"] * 8, "F", "G")
-        assert not any(field.asking for field in app.query(Field))
+        assert not any(field.asking for field in app.query(PromptField))
         await settle(app, pilot)
         assert table(app).viewport.following
 

@@ -9,7 +9,7 @@ import pytest
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motor_stats import FlagsSeen
 from fte_sniff.analysis.motors import addressed
-from fte_sniff.analysis.statistics import Bench, Statistics
+from fte_sniff.analysis.statistics import LineSetup, Statistics
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Damage,
@@ -21,7 +21,7 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.row_batch import Codebook, pack
-from fte_sniff.tui.panes.statistics import ALL_IN_ORDER, Told, page
+from fte_sniff.tui.panes.statistics import ALL_IN_ORDER, StatisticsText, page
 from fte_sniff.tui.table.theme import DARK
 
 from .conftest import NOON_NS
@@ -29,13 +29,13 @@ from .conftest import NOON_NS
 Rows = Callable[..., list[Row]]
 
 
-def _told(rows: Sequence[Row], now_ns: int | None = NOON_NS, behind: int = 0) -> Told:
-    statistics, codebook = Statistics(Bench()), Codebook()
+def _told(rows: Sequence[Row], now_ns: int | None = NOON_NS, behind: int = 0) -> StatisticsText:
+    statistics, codebook = Statistics(LineSetup()), Codebook()
     packed, _ = pack(rows, codebook)
     statistics.add(Decoded(packed), codebook)
     flags = FlagsSeen()
     flags.add(Decoded(packed), addressed(Decoded(packed)))
-    return Told(statistics, flags.numbers(), now_ns, behind, 0)
+    return StatisticsText(statistics, flags.numbers(), now_ns, behind, 0)
 
 
 @pytest.mark.parametrize("width", [10, 40, 80, 200])

@@ -26,9 +26,9 @@ from fte_sniff.protocol import (
     record,
 )
 from fte_sniff.row_batch import Codebook, pack
-from fte_sniff.tui.panes.detail import Room, detail_text
-from fte_sniff.tui.table.columns import MARKS, ORDER, VALUES, Look, layout_for
-from fte_sniff.tui.table.painter import Painter, Place
+from fte_sniff.tui.panes.detail import Width, detail_text
+from fte_sniff.tui.table.columns import MARKS, ORDER, VALUES, TableView, layout_for
+from fte_sniff.tui.table.painter import CellPosition, Painter
 from fte_sniff.tui.table.theme import DARK, LIGHT, Palette
 from fte_sniff.tui.table.widget import Scale
 from fte_sniff.tui.text import (
@@ -60,8 +60,8 @@ DAMAGE = st.builds(Damage, PORTS, st.integers(0, 2**40), st.binary(max_size=1024
 ROWS = st.one_of(FRAMES, KIND_FRAMES, DAMAGE)
 
 
-def look_of(ports: int) -> Look:
-    return Look(tuple(f"/dev/ttyUSB{number}" for number in range(ports)))
+def look_of(ports: int) -> TableView:
+    return TableView(tuple(f"/dev/ttyUSB{number}" for number in range(ports)))
 
 
 @given(st.text(), st.integers(0, 40))
@@ -95,7 +95,7 @@ def test_what_fits_without_moving_sideways(width: int, ports: int, last: str) ->
 
 
 def test_the_port_is_shown_only_where_there_are_several() -> None:
-    assert "port" not in {column.name for column in layout_for(80, Look()).columns}
+    assert "port" not in {column.name for column in layout_for(80, TableView()).columns}
     assert "port" in {column.name for column in layout_for(80, look_of(2)).columns}
 
 
@@ -119,7 +119,7 @@ def test_every_line_fills_the_window_and_has_styles(
     row: Row, width: int, ports: int, hidden: int, palette: Palette
 ) -> None:
     painter = Painter(layout_for(width, look_of(ports)), palette, width, hidden)
-    for strip in (painter.row(Place(row), Style.null()), painter.head(Style.null())):
+    for strip in (painter.row(CellPosition(row), Style.null()), painter.head(Style.null())):
         assert strip.cell_length == width
         assert all(isinstance(segment.style, Style) for segment in strip)
         assert strip.text.isprintable()
@@ -127,7 +127,9 @@ def test_every_line_fills_the_window_and_has_styles(
 
 def painted(row: Row, width: int, hidden: int = 0) -> str:
     return (
-        Painter(layout_for(width, Look()), DARK, width, hidden).row(Place(row), Style.null()).text
+        Painter(layout_for(width, TableView()), DARK, width, hidden)
+        .row(CellPosition(row), Style.null())
+        .text
     )
 
 
@@ -167,7 +169,7 @@ def test_the_longest_values_fit_where_there_is_room(row: Frame) -> None:
 
 def test_ports_are_told_apart_by_their_ends() -> None:
     names = tuple(f"/home/ana/captures/run-{n}.mcap" for n in (1, 2))
-    columns = layout_for(80, Look(names)).columns
+    columns = layout_for(80, TableView(names)).columns
     [port] = [column for column in columns if column.name == "port"]
     assert [port.cell(name) for name in names] == ["run-1.mcap", "run-2.mcap"]
 
@@ -193,12 +195,12 @@ def test_time_stays_when_columns_are_moved_out(speed_rows: Callable[..., list[Ro
 
 def test_the_head_says_where_there_is_more() -> None:
     def head(hidden: int) -> str:
-        return Painter(layout_for(79, Look()), DARK, 79, hidden).head(Style.null()).text
+        return Painter(layout_for(79, TableView()), DARK, 79, hidden).head(Style.null()).text
 
     assert head(0).startswith("  time UTC     kind ")
     assert head(0).endswith(">")
     assert head(2).startswith("  time UTC    <raw ")
-    last = layout_for(79, Look()).most_hidden(79)
+    last = layout_for(79, TableView()).most_hidden(79)
     assert head(last).rstrip().endswith("cmd")
     assert head(last - 1).endswith(">")
 
@@ -207,7 +209,7 @@ def test_the_head_says_where_there_is_more() -> None:
 def test_a_cell_at_the_edge_is_whole_or_says_that_it_is_cut(
     row: Row, width: int, hidden: int
 ) -> None:
-    seen = layout_for(width, Look()).without(hidden).within(width)
+    seen = layout_for(width, TableView()).without(hidden).within(width)
     assert seen.width <= max(width, 1)
     values = {**record(row), VALUES: values_text(row)}
     for column in seen.columns:
@@ -236,7 +238,7 @@ def test_a_frame_in_order_that_tells_of_a_motor_that_is_not_has_a_sign(raw: str,
     row = Frame("p", 0, bytes.fromhex(raw), 1)
     assert painted(row, 80)[0] == sign
     assert painted(replace(row, faults=(Fault.RESERVED_NONZERO,)), 80)[0] == "?"
-    strip = Painter(layout_for(80, Look()), DARK, 80).row(Place(row), Style.null())
+    strip = Painter(layout_for(80, TableView()), DARK, 80).row(CellPosition(row), Style.null())
     colours = {
         segment.style.color.name for segment in strip if segment.style and segment.style.color
     }
@@ -267,7 +269,7 @@ def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_m
     assert painted(replace(row, faults=(Fault.AMBIGUOUS,)), 80)[0] == MARKS[Status.SUSPECT]
     assert (
         f"{ORDER_MARK} a row of the other port"
-        in detail_text(row, DARK, Room(80, bits=False)).plain
+        in detail_text(row, DARK, Width(80, bits=False)).plain
     )
 
 

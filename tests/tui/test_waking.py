@@ -14,7 +14,7 @@ from textual.pilot import Pilot
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.tui import app as screen
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.view_model import REST_S, Waking
+from fte_sniff.tui.view_model import REST_S, WakeUp
 from tests.tui.conftest import ListFeed
 from tests.tui.playing import Rows, page, play
 
@@ -110,7 +110,7 @@ def test_a_feed_cannot_hurry_the_screen() -> None:
 
         with near, far:
             far.send(b".")  # never read: it can be read from all the time
-            waking = Waking(near.fileno(), wake)
+            waking = WakeUp(near.fileno(), wake)
             await asyncio.wait_for(third.wait(), BOUND_S)
             waking.end()
             waking.end()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from fte_sniff.errors import FilterError, Said, shown
+from fte_sniff.errors import FilterError, TranslatableText, shown
 
 MAX_LENGTH: Final = 8_000
 """Characters in a filter; more are an accident, not a question."""
@@ -71,20 +71,24 @@ _TOKEN: Final = re.compile(
 )
 
 _ADVICE: Final = {
-    "'": Said("this quote is never closed; a quote inside a text is written twice: 'it''s'"),
-    '"': Said("this quote is never closed"),
-    "`": Said("this quote is never closed"),
-    ";": Said("a filter is one expression; leave out the ';'"),
-    "^": Said("there is no '^'; bits are asked for with & and |, as in online & 0x01 = 1"),
-    ".": Said("names have no dots; write the field alone"),
-    ":": Said("there is no ':'; times are texts, as in time > '12:00:05'"),
+    "'": TranslatableText(
+        "this quote is never closed; a quote inside a text is written twice: 'it''s'"
+    ),
+    '"': TranslatableText("this quote is never closed"),
+    "`": TranslatableText("this quote is never closed"),
+    ";": TranslatableText("a filter is one expression; leave out the ';'"),
+    "^": TranslatableText(
+        "there is no '^'; bits are asked for with & and |, as in online & 0x01 = 1"
+    ),
+    ".": TranslatableText("names have no dots; write the field alone"),
+    ":": TranslatableText("there is no ':'; times are texts, as in time > '12:00:05'"),
     **dict.fromkeys(
         "\u2018\u2019\u201c\u201d\u201e\u00ab\u00bb\uff07\uff02",
-        Said("texts stand in plain single quotes, as in kind = 'speed'"),
+        TranslatableText("texts stand in plain single quotes, as in kind = 'speed'"),
     ),
     **dict.fromkeys(
         "\uff08\uff09\uff0c\uff1d\uff1e\uff1c\uff01",
-        Said("this is a full-width character; type the ASCII one"),
+        TranslatableText("this is a full-width character; type the ASCII one"),
     ),
 }
 
@@ -102,7 +106,7 @@ def complaint(text: str, at: int, what: str, way_out: str = "") -> FilterError:
     after = text[at : at + _EXCERPT]
     start = "..." if at > _EXCERPT else ""
     end = "..." if at + _EXCERPT < len(text) else ""
-    where = Said(
+    where = TranslatableText(
         'filter: {what} at character {number} of "{excerpt}"',
         what=_short(what),
         number=at + 1,
@@ -110,7 +114,7 @@ def complaint(text: str, at: int, what: str, way_out: str = "") -> FilterError:
     )
     if not way_out:
         return FilterError(where)
-    return FilterError(Said("{where}; {way_out}", where=where, way_out=_short(way_out)))
+    return FilterError("{where}; {way_out}", where=where, way_out=_short(way_out))
 
 
 def _short(text: str) -> str:
@@ -128,11 +132,9 @@ def tokens(text: str) -> list[Token]:
     """
     if len(text) > MAX_LENGTH:
         raise FilterError(
-            Said(
-                "filter: {count} characters are too many; the limit is {most}: ask for less",
-                count=len(text),
-                most=MAX_LENGTH,
-            )
+            "filter: {count} characters are too many; the limit is {most}: ask for less",
+            count=len(text),
+            most=MAX_LENGTH,
         )
     found: list[Token] = []
     at = 0
@@ -143,12 +145,10 @@ def tokens(text: str) -> list[Token]:
             found.append(token)
     if len(found) > MAX_TOKENS:
         raise FilterError(
-            Said(
-                "filter: {count} words and signs are too many; the limit is "
-                "{most}: split it, or ask for a range with BETWEEN",
-                count=len(found),
-                most=MAX_TOKENS,
-            )
+            "filter: {count} words and signs are too many; the limit is "
+            "{most}: split it, or ask for a range with BETWEEN",
+            count=len(found),
+            most=MAX_TOKENS,
         )
     return [*found, Token(TokenType.END, "", len(text), len(text))]
 
@@ -164,7 +164,10 @@ def _token_at(text: str, at: int) -> Token | None:
     if match is None:
         char = text[at]
         raise complaint(
-            text, at, Said("'{char}' is in no filter", char=shown(char)), _ADVICE.get(char, "")
+            text,
+            at,
+            TranslatableText("'{char}' is in no filter", char=shown(char)),
+            _ADVICE.get(char, ""),
         )
     name, content = str(match.lastgroup), match.group()
     if name == "SPACE":
@@ -182,15 +185,20 @@ def _token_at(text: str, at: int) -> Token | None:
 def _check_number(text: str, match: re.Match[str]) -> None:
     if len(match.group()) > _LONGEST_NUMBER:
         raise complaint(
-            text, match.start(), Said("this number is too long"), Said("no field is as large")
+            text,
+            match.start(),
+            TranslatableText("this number is too long"),
+            TranslatableText("no field is as large"),
         )
     rest = re.compile(r"[\w.]+").match(text, match.end())
     if rest:
         raise complaint(
             text,
             match.start(),
-            Said("'{number}{rest}' is no number", number=match.group(), rest=rest.group()),
-            Said("write plain digits or hex as 0x0F, without a unit"),
+            TranslatableText(
+                "'{number}{rest}' is no number", number=match.group(), rest=rest.group()
+            ),
+            TranslatableText("write plain digits or hex as 0x0F, without a unit"),
         )
 
 
@@ -201,27 +209,33 @@ def _check_unicode(text: str, match: re.Match[str]) -> None:
         raise complaint(
             text,
             match.start() + error.start,
-            Said("this text is not valid Unicode"),
-            Said("type it again"),
+            TranslatableText("this text is not valid Unicode"),
+            TranslatableText("type it again"),
         ) from None
 
 
-ONE_ROW: Final = Said("a filter looks at one row at a time; statistics are for the stats command")
+ONE_ROW: Final = TranslatableText(
+    "a filter looks at one row at a time; statistics are for the stats command"
+)
 """The way out for who asks for more than a row tells."""
 
-LEAVE_OUT: Final = Said("a filter is the condition alone, as in motor = 1 AND rpm > 500")
+LEAVE_OUT: Final = TranslatableText(
+    "a filter is the condition alone, as in motor = 1 AND rpm > 500"
+)
 """The way out for who writes a whole query, or nothing."""
 
 REFUSED: Final = {
     **dict.fromkeys(["SELECT", "EXISTS", "OVER", "FROM", "UNION", "GROUP", "HAVING"], ONE_ROW),
     **dict.fromkeys(["WHERE", "ORDER", "LIMIT", "AS"], LEAVE_OUT),
-    **dict.fromkeys(["CASE", "WHEN", "IF"], Said("join conditions with AND, OR and NOT")),
+    **dict.fromkeys(
+        ["CASE", "WHEN", "IF"], TranslatableText("join conditions with AND, OR and NOT")
+    ),
     **dict.fromkeys(
         ["CAST", "DATE", "TIMESTAMP", "INTERVAL"],
-        Said("times are texts: time > '2026-01-31' or time > '12:00:05'"),
+        TranslatableText("times are texts: time > '2026-01-31' or time > '12:00:05'"),
     ),
-    "XOR": Said("write (one condition) != (the other)"),
-    "ESCAPE": Said("leave it out"),
+    "XOR": TranslatableText("write (one condition) != (the other)"),
+    "ESCAPE": TranslatableText("leave it out"),
 }
 """Words of SQL that are in no filter, with the way out for each."""
 
@@ -279,11 +293,13 @@ class Cursor:
         """What is said of the next token, which cannot stand here."""
         token = self.peek()
         if token.type is TokenType.END:
-            return complaint(self._text, token.start, Said("the filter ends too soon"), way_out)
+            return complaint(
+                self._text, token.start, TranslatableText("the filter ends too soon"), way_out
+            )
         return complaint(
             self._text,
             token.start,
-            Said("{token} is out of place", token=self.shown(token)),
+            TranslatableText("{token} is out of place", token=self.shown(token)),
             REFUSED.get(token.word, way_out),
         )
 

@@ -16,15 +16,15 @@ from fte_sniff.analysis.filter.terms import (
     FUNCTIONS,
     INT64,
     UNTYPED,
-    Complaints,
-    Joining,
+    BooleanTerms,
+    FilterErrors,
     Term,
     TermType,
     nearest,
     quoted,
 )
 from fte_sniff.analysis.time_text import DAY_NS, SECOND_NS, clock_time, time_ns
-from fte_sniff.errors import FilterError, Said
+from fte_sniff.errors import FilterError, TranslatableText
 from fte_sniff.protocol import Column, ColumnType
 
 _BYTES = re.compile(r"%*(?:[0-9A-F_]{2}%*)*")
@@ -46,7 +46,7 @@ def whole_bytes(pattern: str) -> tuple[str, str]:
     return "~", f"^{'(?:..)*'.join(parts).replace('_', '.')}$"
 
 
-HOW_TO_WRITE_TIMES: Final = Said(
+HOW_TO_WRITE_TIMES: Final = TranslatableText(
     "write UTC as '2026-01-31T12:00:00.5Z' or '2026-01-31 12:00', or "
     "'12:00:05' for that time of any day"
 )
@@ -59,7 +59,7 @@ class Values:
     """Reads the values of one filter by what they stand beside."""
 
     def __init__(self, text: str) -> None:
-        self._complain = Complaints(text)
+        self._complain = FilterErrors(text)
 
     def sides(self, left: Term, right: Term) -> tuple[str, str]:
         """The SQL of both where they stand beside each other.
@@ -112,7 +112,7 @@ class Values:
             if value is not None and value < _YEAR_2000_NS:
                 raise self._complain.about(
                     number,
-                    Said(
+                    TranslatableText(
                         "{number} would be a time before the year 2000: "
                         "a number counts nanoseconds since 1970",
                         number=number.shown,
@@ -124,8 +124,8 @@ class Values:
         if left.type in (TermType.TEXT, TermType.HEX):
             raise self._complain.about(
                 name,
-                Said("unknown name '{term}'", term=name.shown),
-                Said("a text stands in quotes: '{name}'", name=name.shown),
+                TranslatableText("unknown name '{term}'", term=name.shown),
+                TranslatableText("a text stands in quotes: '{name}'", name=name.shown),
             )
         if name.shown.lower() in COLUMN_OF_WORD:
             raise self._complain.mismatch(left, name)
@@ -142,22 +142,24 @@ class Values:
         if column.type is ColumnType.WORDS and {*re.split(r"[\s,]+", word)} <= {*column.words}:
             raise self._complain.about(
                 right,
-                Said("several faults in one text"),
-                Said("ask for each: {example}", example=_example_of_two(word)),
+                TranslatableText("several faults in one text"),
+                TranslatableText("ask for each: {example}", example=_example_of_two(word)),
             )
         other = COLUMN_OF_WORD.get(word)
         hint = (
-            Said("it is a word of {other}: {other} = '{word}'", other=other.name, word=word)
+            TranslatableText(
+                "it is a word of {other}: {other} = '{word}'", other=other.name, word=word
+            )
             if other
             else ""
         )
         raise self._complain.about(
             right,
-            Said("{column} is never '{right}'", column=column.name, right=right.shown),
+            TranslatableText("{column} is never '{right}'", column=column.name, right=right.shown),
             (
                 hint
                 or nearest(word, column.words)
-                or Said("it is one of {words}", words=", ".join(column.words))
+                or TranslatableText("it is one of {words}", words=", ".join(column.words))
             ),
         )
 
@@ -166,7 +168,7 @@ class Values:
         if found is None or found not in INT64:
             raise self._complain.about(
                 literal,
-                Said("'{literal}' is no time", literal=literal.shown),
+                TranslatableText("'{literal}' is no time", literal=literal.shown),
                 HOW_TO_WRITE_TIMES,
             )
         return f"({found})" if found < 0 else str(found)
@@ -181,7 +183,7 @@ class Values:
             return f"CAST({term.sql} AS VARCHAR)"
         if term.type in (TermType.TEXT, TermType.HEX):
             return term.sql
-        raise self._complain.other_type(term, Said("{sign} wants a text", sign=wanting))
+        raise self._complain.other_type(term, TranslatableText("{sign} wants a text", sign=wanting))
 
     def hex_digits(self, literal: Term, wild: str = "") -> str:
         """A text as upper-case hex without spaces; `wild` are other signs that may stand in it."""
@@ -189,8 +191,8 @@ class Values:
         if not set(digits) <= set("0123456789ABCDEF" + wild):
             raise self._complain.about(
                 literal,
-                Said("'{literal}' is not hex", literal=literal.shown),
-                Said("write the bytes as in raw LIKE 'AA01%'"),
+                TranslatableText("'{literal}' is not hex", literal=literal.shown),
+                TranslatableText("write the bytes as in raw LIKE 'AA01%'"),
             )
         return digits
 
@@ -200,8 +202,10 @@ class Values:
         if not is_of_whole_bytes(pattern):
             raise self._complain.about(
                 literal,
-                Said("'{literal}' has half a byte", literal=literal.shown),
-                Said("write two digits a byte, _ for any digit, % for any bytes: '%A_ 01%'"),
+                TranslatableText("'{literal}' has half a byte", literal=literal.shown),
+                TranslatableText(
+                    "write two digits a byte, _ for any digit, % for any bytes: '%A_ 01%'"
+                ),
             )
         return pattern
 
@@ -236,8 +240,8 @@ class Expressions:
 
     def __init__(self, text: str) -> None:
         self._text = text
-        self._complain = Complaints(text)
-        self._join = Joining(text)
+        self._complain = FilterErrors(text)
+        self._join = BooleanTerms(text)
         self._values = Values(text)
 
     def column(self, column: Column, start: int) -> Term:
@@ -261,8 +265,8 @@ class Expressions:
         if not fits:
             raise self._complain.about(
                 term,
-                Said("{shown} is too large", shown=shown),
-                Said("no field has more than 64 bits"),
+                TranslatableText("{shown} is too large", shown=shown),
+                TranslatableText("no field has more than 64 bits"),
             )
         if isinstance(value, float) and "e" not in term.sql:
             return replace(term, sql=f"{term.sql}e0")
@@ -274,7 +278,9 @@ class Expressions:
         A quotient keeps its fraction; what is divided by 0 is null.
         """
         for term in terms:
-            self._expect(term, TermType.NUMBER, Said("'{sign}' joins numbers", sign=signs[0]))
+            self._expect(
+                term, TermType.NUMBER, TranslatableText("'{sign}' joins numbers", sign=signs[0])
+            )
         first, *others = terms
         joined = [
             _divisor(term) if sign in ("/", "%") else term
@@ -285,7 +291,7 @@ class Expressions:
 
     def minus(self, term: Term, start: int) -> Term:
         """The negative of a number."""
-        self._expect(term, TermType.NUMBER, Said("'-' stands before a number"))
+        self._expect(term, TermType.NUMBER, TranslatableText("'-' stands before a number"))
         made = self._join.made(f"(- {term.sql})", (term,), of_type=TermType.NUMBER)
         return replace(made, start=start, shown=f"-{term.shown}")
 
@@ -306,10 +312,14 @@ class Expressions:
             if wanted is TermType.TEXT:
                 sqls.append(self._values.as_text(term, name))
             elif wanted is TermType.LITERAL and of_bytes:
-                self._expect(term, wanted, Said("{name} wants a text in quotes", name=name))
+                self._expect(
+                    term, wanted, TranslatableText("{name} wants a text in quotes", name=name)
+                )
                 sqls.append(quoted(self._values.hex_digits(term)))
             else:
-                why = Said("{name} wants {wanted}", name=name, wanted=Said(wanted.value))
+                why = TranslatableText(
+                    "{name} wants {wanted}", name=name, wanted=TranslatableText(wanted.value)
+                )
                 self._expect(term, wanted, why)
                 sqls.append(term.sql)
         made = self._join.made(f"{name}({', '.join(sqls)})", arguments, of_type=function.gives)
@@ -318,15 +328,17 @@ class Expressions:
     def _miscounted(self, name: str, found: int, start: int) -> FilterError:
         function = FUNCTIONS[name]
         count = len(function.takes)
-        what = Said("{name} takes 1 value, here are {found}", name=name, found=found)
+        what = TranslatableText("{name} takes 1 value, here are {found}", name=name, found=found)
         if count > 1:
-            what = Said(
+            what = TranslatableText(
                 "{name} takes {count} values, here are {found}",
                 name=name,
                 count=count,
                 found=found,
             )
-        return complaint(self._text, start, what, Said("write {example}", example=function.example))
+        return complaint(
+            self._text, start, what, TranslatableText("write {example}", example=function.example)
+        )
 
 
 def _divisor(term: Term) -> Term:

@@ -28,7 +28,7 @@ from fte_sniff.analysis.filter.lexer import (
 from fte_sniff.analysis.filter.operands import Expressions
 from fte_sniff.analysis.filter.predicates import Predicates
 from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, FUNCTIONS, Term, TermType, quoted
-from fte_sniff.errors import FilterError, Said
+from fte_sniff.errors import FilterError, TranslatableText
 from fte_sniff.protocol import COLUMN_BY_NAME
 
 _MAX_NESTING: Final = 25
@@ -67,10 +67,10 @@ class _Parser:
 
     def whole(self) -> Term:
         if self._cursor.peek().type is TokenType.END:
-            raise FilterError(Said("filter: it is empty; {way_out}", way_out=LEAVE_OUT))
+            raise FilterError("filter: it is empty; {way_out}", way_out=LEAVE_OUT)
         term = self._or()
         if self._cursor.peek().type is not TokenType.END:
-            raise self._cursor.unexpected(Said("join conditions with AND or OR"))
+            raise self._cursor.unexpected(TranslatableText("join conditions with AND or OR"))
         return self._predicates.truth(term)
 
     def _deeper(self, read: Callable[[], Term]) -> Term:
@@ -79,8 +79,8 @@ class _Parser:
             raise complaint(
                 self._text,
                 self._cursor.peek().start,
-                Said("nested too deeply"),
-                Said("take it apart"),
+                TranslatableText("nested too deeply"),
+                TranslatableText("take it apart"),
             )
         term = read()
         self._nesting -= 1
@@ -128,8 +128,8 @@ class _Parser:
             raise complaint(
                 self._text,
                 token.start,
-                Said("'{sign}' is no sign", sign=sign),
-                Said("write {second}{first}", second=sign[1], first=sign[0]),
+                TranslatableText("'{sign}' is no sign", sign=sign),
+                TranslatableText("write {second}{first}", second=sign[1], first=sign[0]),
             )
         if self._cursor.take("ANY"):
             right = self._bracketed()
@@ -137,32 +137,34 @@ class _Parser:
                 raise complaint(
                     self._text,
                     right.start,
-                    Said("ANY wants a list"),
-                    Said("as in 'noise' = ANY(faults)"),
+                    TranslatableText("ANY wants a list"),
+                    TranslatableText("as in 'noise' = ANY(faults)"),
                 )
         else:
             right = self._value()
         found = self._predicates.compared(left, COMPARISONS[sign], right)
         if self._cursor.stands(*COMPARISONS):
-            raise self._cursor.unexpected(Said("join comparisons with AND; a single & joins bits"))
+            raise self._cursor.unexpected(
+                TranslatableText("join comparisons with AND; a single & joins bits")
+            )
         return found
 
     def _bracketed(self) -> Term:
-        self._cursor.need("(", Said("a '(' is missing"))
+        self._cursor.need("(", TranslatableText("a '(' is missing"))
         term = self._deeper(self._or)
-        self._cursor.need(")", Said("a ')' is missing"))
+        self._cursor.need(")", TranslatableText("a ')' is missing"))
         return term
 
     def _is(self, left: Term) -> Term:
         negated = self._cursor.take("NOT")
         if self._cursor.take("DISTINCT"):
-            self._cursor.need("FROM", Said("write IS DISTINCT FROM"))
+            self._cursor.need("FROM", TranslatableText("write IS DISTINCT FROM"))
             joint = "IS NOT DISTINCT FROM" if negated else "IS DISTINCT FROM"
             return self._predicates.distinct(left, self._value(), joint)
         word = self._cursor.take("NULL", "TRUE", "FALSE")
         if word is None:
             raise self._cursor.unexpected(
-                Said("after IS stands NULL, TRUE, FALSE; a value is asked for with =")
+                TranslatableText("after IS stands NULL, TRUE, FALSE; a value is asked for with =")
             )
         if word == "NULL":
             found = self._predicates.is_null(left)
@@ -178,7 +180,7 @@ class _Parser:
             return self._in(left)
         if word == "BETWEEN":
             low = self._value()
-            self._cursor.need("AND", Said("write BETWEEN low AND high"))
+            self._cursor.need("AND", TranslatableText("write BETWEEN low AND high"))
             return self._predicates.between(left, low, self._value())
         pattern = self._value()
         if word in ("LIKE", "ILIKE"):
@@ -192,25 +194,28 @@ class _Parser:
                 raise complaint(
                     self._text,
                     right.start,
-                    Said("IN wants a list"),
-                    Said("write it in brackets: IN (1, 2)"),
+                    TranslatableText("IN wants a list"),
+                    TranslatableText("write it in brackets: IN (1, 2)"),
                 )
             return self._predicates.compared(right, "=", left)
         items = self._arguments()
         if not items:
             raise complaint(
-                self._text, left.start, Said("the list after IN is empty"), Said("write IN (1, 2)")
+                self._text,
+                left.start,
+                TranslatableText("the list after IN is empty"),
+                TranslatableText("write IN (1, 2)"),
             )
         return self._predicates.among(left, items)
 
     def _arguments(self) -> list[Term]:
-        self._cursor.need("(", Said("a '(' is missing"))
+        self._cursor.need("(", TranslatableText("a '(' is missing"))
         if self._cursor.take(")"):
             return []
         items = [self._deeper(self._or)]
         while self._cursor.take(","):
             items.append(self._deeper(self._or))
-        self._cursor.need(")", Said("a ')' or a ',' is missing"))
+        self._cursor.need(")", TranslatableText("a ')' or a ',' is missing"))
         return items
 
     # Values
@@ -240,7 +245,7 @@ class _Parser:
         if self._cursor.stands("("):
             return self._bracketed()
         if token.type in (TokenType.END, TokenType.SYMBOL):
-            raise self._cursor.unexpected(Said("here a field or a value is missing"))
+            raise self._cursor.unexpected(TranslatableText("here a field or a value is missing"))
         self._cursor.advance()
         if token.type is TokenType.NUMBER:
             return self._expressions.number(token.number, token.start, token.text)
@@ -263,7 +268,7 @@ class _Parser:
             return Term(TermType.NULL, "NULL", token.start, "NULL")
         if token.word in REFUSED or token.word in OPERATOR_WORDS:
             self._cursor.place -= 1
-            raise self._cursor.unexpected(Said("here a field or a value is missing"))
+            raise self._cursor.unexpected(TranslatableText("here a field or a value is missing"))
         return Term(TermType.NAME, "", token.start, token.text)
 
     def _call(self, token: Token) -> Term:
@@ -271,15 +276,17 @@ class _Parser:
         if name in FUNCTIONS:
             return self._expressions.called(name, self._arguments(), token.start)
         if name in COLUMN_BY_NAME or name in COLUMN_OF_WORD:
-            way_out = Said("a sign is missing between them: = or IN")
+            way_out = TranslatableText("a sign is missing between them: = or IN")
         elif token.word in AGGREGATES:
             way_out = ONE_ROW
         else:
-            way_out = REFUSED.get(token.word, Said("there are {names}", names=", ".join(FUNCTIONS)))
+            way_out = REFUSED.get(
+                token.word, TranslatableText("there are {names}", names=", ".join(FUNCTIONS))
+            )
         raise complaint(
             self._text,
             token.start,
-            Said("{token} is no function of a filter", token=self._cursor.shown(token)),
+            TranslatableText("{token} is no function of a filter", token=self._cursor.shown(token)),
             way_out,
         )
 

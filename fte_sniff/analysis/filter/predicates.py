@@ -11,14 +11,14 @@ from fte_sniff.analysis.filter.operands import Values, whole_bytes
 from fte_sniff.analysis.filter.terms import (
     COLUMN_OF_WORD,
     UNTYPED,
-    Complaints,
-    Joining,
+    BooleanTerms,
+    FilterErrors,
     Term,
     TermType,
     how_to_ask,
     quoted,
 )
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import ColumnType
 
 _MIRRORED: Final = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
@@ -32,8 +32,8 @@ class Predicates:
     """
 
     def __init__(self, text: str) -> None:
-        self._complain = Complaints(text)
-        self._join = Joining(text)
+        self._complain = FilterErrors(text)
+        self._join = BooleanTerms(text)
         self._values = Values(text)
 
     # Truth
@@ -46,7 +46,11 @@ class Predicates:
             return self._bare_word(term)
         raise self._complain.about(
             term,
-            Said("{term} is {type}, no condition", term=term.shown, type=Said(term.type.value)),
+            TranslatableText(
+                "{term} is {type}, no condition",
+                term=term.shown,
+                type=TranslatableText(term.type.value),
+            ),
             how_to_ask(term),
         )
 
@@ -79,7 +83,9 @@ class Predicates:
         if TermType.NULL in (left.type, right.type):
             null = left if left.type is TermType.NULL else right
             raise self._complain.about(
-                null, Said("nothing equals NULL"), Said("write IS NULL or IS NOT NULL")
+                null,
+                TranslatableText("nothing equals NULL"),
+                TranslatableText("write IS NULL or IS NOT NULL"),
             )
         if left.type is TermType.WORDS:
             return self._has(left, sign, right)
@@ -88,8 +94,8 @@ class Predicates:
         if left.type in (TermType.WORD, TermType.TRUTH) and sign not in ("=", "!="):
             raise self._complain.about(
                 left,
-                Said("{left} has no order", left=left.shown),
-                Said("ask with =, !=, IN or LIKE instead"),
+                TranslatableText("{left} has no order", left=left.shown),
+                TranslatableText("ask with =, !=, IN or LIKE instead"),
             )
         asked, value = self._values.sides(left, right)
         return self._join.made(f"({asked} {sign} {value})", (left, right))
@@ -122,8 +128,10 @@ class Predicates:
         if first is not None and last is not None and first > last:
             raise self._complain.about(
                 low,
-                Said("'{low}' is later in the day than '{high}'", low=low.shown, high=high.shown),
-                Said(
+                TranslatableText(
+                    "'{low}' is later in the day than '{high}'", low=low.shown, high=high.shown
+                ),
+                TranslatableText(
                     "over midnight write {left} >= '{low}' OR {left} <= '{high}'",
                     left=left.shown,
                     low=low.shown,
@@ -152,8 +160,8 @@ class Predicates:
         if sign not in ("=", "!="):
             raise self._complain.about(
                 faults,
-                Said("{faults} has no order", faults=faults.shown),
-                Said("ask for one, as in faults = 'noise'"),
+                TranslatableText("{faults} has no order", faults=faults.shown),
+                TranslatableText("ask for one, as in faults = 'noise'"),
             )
         if right.type is TermType.LITERAL and not right.shown:
             found = self.is_null(faults)
@@ -188,8 +196,8 @@ class Predicates:
             why = str(error).split("error: ")[-1].splitlines()[0]
             raise self._complain.about(
                 pattern,
-                Said("no regular expression ({why})", why=why),
-                Said("use LIKE, or escape signs with \\"),
+                TranslatableText("no regular expression ({why})", why=why),
+                TranslatableText("use LIKE, or escape signs with \\"),
             ) from None
         return self._join.made(f"({text} ~ {quoted(found)})", (left, pattern))
 
@@ -197,6 +205,6 @@ class Predicates:
         if pattern.type is not TermType.LITERAL:
             raise self._complain.about(
                 pattern,
-                Said("{sign} wants a pattern in quotes", sign=sign),
-                Said("as in port {sign} '%USB%'", sign=sign),
+                TranslatableText("{sign} wants a pattern in quotes", sign=sign),
+                TranslatableText("as in port {sign} '%USB%'", sign=sign),
             )

@@ -29,7 +29,7 @@ import polars as pl
 from fte_sniff.analysis.dataframe import packed_frame, row_frame, table_frame, wide
 from fte_sniff.analysis.fields import Bools
 from fte_sniff.analysis.filter.parser import condition
-from fte_sniff.errors import FilterError, Said, shown
+from fte_sniff.errors import FilterError, TranslatableText, shown
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, Packed, SideBySide
 
@@ -103,7 +103,7 @@ class RowFilter:
 def _refused(error: BaseException) -> FilterError:
     why = shown(str(error).split("\n", 1)[0][:120])
     return FilterError(
-        Said("filter: it cannot be computed ({why}); compare fields with plain values", why=why)
+        "filter: it cannot be computed ({why}); compare fields with plain values", why=why
     )
 
 

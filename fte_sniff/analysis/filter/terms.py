@@ -11,7 +11,7 @@ from textwrap import wrap
 from typing import Final
 
 from fte_sniff.analysis.filter.lexer import complaint
-from fte_sniff.errors import FilterError, Said
+from fte_sniff.errors import FilterError, TranslatableText
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, Column
 
 
@@ -92,7 +92,7 @@ def quoted(text: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Complaints:
+class FilterErrors:
     """What is said of the terms of one filter; each points at the term's place in the text."""
 
     text: str
@@ -106,20 +106,20 @@ class Complaints:
         choices = [*COLUMN_BY_NAME, *COLUMN_OF_WORD]
         return self.about(
             term,
-            Said("unknown name '{term}'", term=term.shown),
+            TranslatableText("unknown name '{term}'", term=term.shown),
             (
                 nearest(term.shown, choices)
-                or Said("the fields are {names}", names=", ".join(COLUMN_BY_NAME))
+                or TranslatableText("the fields are {names}", names=", ".join(COLUMN_BY_NAME))
             ),
         )
 
     def other_type(self, term: Term, why: str) -> FilterError:
         """That a term has another type than is wanted; `why` says what wants which."""
-        told = Said(
+        told = TranslatableText(
             "{why}, and {term} is {type}",
             why=why,
             term=term.shown,
-            type=Said(term.type.value),
+            type=TranslatableText(term.type.value),
         )
         return self.about(term, told, how_to_ask(term))
 
@@ -128,28 +128,28 @@ class Complaints:
         if left.type in UNTYPED and right.type in UNTYPED:
             return self.about(
                 left,
-                Said("two texts are compared"),
-                Said("a field's name stands without single quotes"),
+                TranslatableText("two texts are compared"),
+                TranslatableText("a field's name stands without single quotes"),
             )
         if left.column is None and right.type is TermType.LITERAL:
             near = nearest(right.shown, COLUMN_BY_NAME) or "name a field"
             return self.about(
                 right,
-                Said("'{right}' is a text, no field", right=right.shown),
-                Said("{near} (no quotes)", near=near),
+                TranslatableText("'{right}' is a text, no field", right=right.shown),
+                TranslatableText("{near} (no quotes)", near=near),
             )
-        what = Said(
+        what = TranslatableText(
             "{left} is {left_is}, {right} is {right_is}",
             left=left.shown,
-            left_is=Said(left.type.value),
+            left_is=TranslatableText(left.type.value),
             right=right.shown,
-            right_is=Said(right.type.value),
+            right_is=TranslatableText(right.type.value),
         )
         if left.type is TermType.NUMBER and right.type is TermType.LITERAL:
-            return self.about(right, what, Said("write a number, without quotes"))
+            return self.about(right, what, TranslatableText("write a number, without quotes"))
         if left.type is TermType.HEX and right.type is TermType.NUMBER:
             return self.about(
-                right, what, Said("write the bytes as a text, as in raw LIKE 'AA01%'")
+                right, what, TranslatableText("write the bytes as a text, as in raw LIKE 'AA01%'")
             )
         return self.about(right, what, how_to_ask(left))
 
@@ -163,7 +163,7 @@ def nearest(word: str, choices: Iterable[str]) -> str:
         or [name for name in names if _is_short_for(asked, name)]
         or difflib.get_close_matches(asked, names, n=1)
     )
-    return Said("did you mean {near}?", near=near[0]) if near else ""
+    return TranslatableText("did you mean {near}?", near=near[0]) if near else ""
 
 
 def _is_short_for(text: str, name: str) -> bool:
@@ -179,18 +179,20 @@ def how_to_ask(term: Term) -> str:
     """How a term of that type is asked about."""
     name = term.shown if term.column else "motor"
     return {
-        TermType.NUMBER: Said("compare it, as in {name} = 1", name=name),
-        TermType.TIME: Said("compare it, as in time > '2026-01-31T12:00:00Z'"),
-        TermType.TEXT: Said("compare it, as in port LIKE '%USB%'"),
-        TermType.HEX: Said("compare it, as in raw LIKE 'AA01%'"),
-        TermType.WORDS: Said("ask for one, as in faults = 'noise', or for any: faults IS NOT NULL"),
-        TermType.WORD: Said(
+        TermType.NUMBER: TranslatableText("compare it, as in {name} = 1", name=name),
+        TermType.TIME: TranslatableText("compare it, as in time > '2026-01-31T12:00:00Z'"),
+        TermType.TEXT: TranslatableText("compare it, as in port LIKE '%USB%'"),
+        TermType.HEX: TranslatableText("compare it, as in raw LIKE 'AA01%'"),
+        TermType.WORDS: TranslatableText(
+            "ask for one, as in faults = 'noise', or for any: faults IS NOT NULL"
+        ),
+        TermType.WORD: TranslatableText(
             "compare it, as in {name} = '{word}'", name=name, word=_first_word(term)
         ),
-        TermType.LITERAL: Said("compare a field with it, as in kind = 'speed'"),
-        TermType.NULL: Said("write IS NULL or IS NOT NULL"),
-        TermType.TRUTH: Said("join conditions with AND or OR"),
-        TermType.NAME: Said("compare it with a field"),
+        TermType.LITERAL: TranslatableText("compare a field with it, as in kind = 'speed'"),
+        TermType.NULL: TranslatableText("write IS NULL or IS NOT NULL"),
+        TermType.TRUTH: TranslatableText("join conditions with AND or OR"),
+        TermType.NAME: TranslatableText("compare it with a field"),
     }[term.type]
 
 
@@ -208,11 +210,11 @@ _WIDTH: Final = 8
 """Conditions side by side before they are bracketed: polars' time grows with the square of more."""
 
 
-class Joining:
+class BooleanTerms:
     """Makes the terms of one filter out of others."""
 
     def __init__(self, text: str) -> None:
-        self._complain = Complaints(text)
+        self._complain = FilterErrors(text)
 
     def made(
         self,
@@ -237,13 +239,17 @@ class Joining:
         first = min(parts, key=lambda term: term.start)
         if depth > MAX_DEPTH or len(sql) > MAX_SQL:
             raise self._complain.about(
-                first, Said("the filter is too deep or too large"), Said("take it apart")
+                first,
+                TranslatableText("the filter is too deep or too large"),
+                TranslatableText("take it apart"),
             )
         return Term(
             of_type,
             sql,
             first.start,
-            Said("this condition") if of_type is TermType.TRUTH else Said("this value"),
+            TranslatableText("this condition")
+            if of_type is TermType.TRUTH
+            else TranslatableText("this value"),
             depth,
             names=names.union(*(term.names for term in parts)),
         )

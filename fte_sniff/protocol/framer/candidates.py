@@ -56,7 +56,7 @@ _ROW: Final[i64] = LENGTH + 1
 
 @final
 @mypyc_attr(acyclic=True)
-class Front:
+class PrefixScore:
     """Up to ten bytes from a header on: what a frame that begins so weighs."""
 
     def __init__(self, data: bytes, at: i64, end: i64) -> None:
@@ -113,7 +113,7 @@ def _weigh_bad_tail(head: vec[float], fit: i64) -> float:
 
 @final
 @mypyc_attr(acyclic=True)
-class Back:
+class SuffixScore:
     """Up to ten bytes that end with a tail: what a frame that ends so weighs."""
 
     def __init__(self, data: bytes, start: i64, end: i64) -> None:
@@ -166,7 +166,7 @@ class Back:
         return weight
 
 
-def between(front: Front, back: Back, length: i64) -> float:
+def between(front: PrefixScore, back: SuffixScore, length: i64) -> float:
     """The weight of a damaged frame of `length` bytes (1-14) with this front and this back; it is 0
     where the front is the back."""
     if length < 2:
@@ -179,7 +179,7 @@ def between(front: Front, back: Back, length: i64) -> float:
     return weight
 
 
-def _only_header(length: i64, header: i64, back: Back) -> float:
+def _only_header(length: i64, header: i64, back: SuffixScore) -> float:
     """The weight of a frame of that length of which the header is left, and not the CMD."""
     weight = 0.0
     rests, fits = back.rests, back.fits
@@ -201,7 +201,7 @@ def _one_damage(length: i64) -> float:
     return _LOST[length] if length < LENGTH else PUT_IN
 
 
-def _damaged(length: i64, front: Front, back: Back) -> float:
+def _damaged(length: i64, front: PrefixScore, back: SuffixScore) -> float:
     """One damage between header and CMD, or more of the head, and the rest: every way to divide."""
     head, rests = front.head, back.rests
     row, fit = front.kind * _ROW, back.fits[front.kind]
@@ -226,13 +226,13 @@ def _changed(head: vec[float], fit: i64, rests: vec[float], row: i64, rest_fit: 
     return total
 
 
-def _unusual(front: Front) -> float:
+def _unusual(front: PrefixScore) -> float:
     """Ten bytes framed, whatever they hold."""
     named = front.fit >= _NAMED
     return FOREIGN_FRAME + (UNUSUAL * front.head[_NAMED] * 256 if named else 0.0)
 
 
-def _broken(length: i64, front: Front, back: Back) -> float:
+def _broken(length: i64, front: PrefixScore, back: SuffixScore) -> float:
     """Something else happened to the bytes between the head and the rest."""
     left = min(front.fit, min(length - 1, LENGTH - 2))
     fit = back.fits[front.kind]
@@ -242,10 +242,10 @@ def _broken(length: i64, front: Front, back: Back) -> float:
 
 @final
 @mypyc_attr(acyclic=True)
-class Stop:
+class CandidateEnd:
     """A tail in a window, and the pieces that reach it."""
 
-    def __init__(self, place: i64, back: Back) -> None:
+    def __init__(self, place: i64, back: SuffixScore) -> None:
         self.place = place
         """Behind the tail."""
         self.back = back
@@ -261,7 +261,7 @@ AT_TAIL: Final[i64] = 1
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
-class Window:
+class CandidateSet:
     """A stretch of bytes, and the pieces that can stand in it."""
 
     def __init__(self, data: bytes, pauses: Sequence[i64] = ()) -> None:
@@ -270,9 +270,9 @@ class Window:
         self.pauses = pauses
         self.paused = len(pauses) > 0
         self.size: i64 = len(data)
-        self.starts: list[Front] = []
+        self.starts: list[PrefixScore] = []
         """Every header, from left to right."""
-        self.stops: list[Stop] = []
+        self.stops: list[CandidateEnd] = []
         """Every tail, from left to right."""
         self.marks = vec[i64]()
         """Both, in the order of their places; where a tail ends and a header stands, the tail. Each
@@ -281,15 +281,15 @@ class Window:
             mark = MARKS[data[place]]
             if mark == HEADER:
                 self.marks = append(self.marks, 2 * i64(len(self.starts)))
-                self.starts.append(Front(data, place, min(self.size, place + LENGTH)))
+                self.starts.append(PrefixScore(data, place, min(self.size, place + LENGTH)))
             elif mark != 0:
                 self.marks = append(self.marks, 2 * i64(len(self.stops)) + AT_TAIL)
                 self.stops.append(self._stop(place + 1))
 
-    def _stop(self, place: i64) -> Stop:
+    def _stop(self, place: i64) -> CandidateEnd:
         """A tail, with all that reaches the place behind it."""
-        back = Back(self.data, max(i64(0), place - LENGTH), place)
-        stop = Stop(place, back)
+        back = SuffixScore(self.data, max(i64(0), place - LENGTH), place)
+        stop = CandidateEnd(place, back)
         weights, first, headless = stop.weights, stop.first, back.headless
         for at in range(first, place):
             weights[at - first] = headless[place - at]
@@ -307,20 +307,20 @@ class Window:
                     weights[at - first] *= self.meeting(at)
         return stop
 
-    def truncated(self, front: Front, length: i64) -> float:
+    def truncated(self, front: PrefixScore, length: i64) -> float:
         """The weight of a frame cut off at that length."""
         weight = front.truncated(length)
         return weight * self.unpaused(front.place, front.place + length) if self.paused else weight
 
-    def whole(self, front: Front) -> float:
+    def whole(self, front: PrefixScore) -> float:
         """The weight of a whole frame; 0 where none stands."""
         return self._ten(front, front.whole)
 
-    def bad_tail(self, front: Front) -> float:
+    def bad_tail(self, front: PrefixScore) -> float:
         """The weight of ten bytes of which the last are wrong; 0 where none stand."""
         return self._ten(front, front.bad_tail)
 
-    def _ten(self, front: Front, weight: float) -> float:
+    def _ten(self, front: PrefixScore, weight: float) -> float:
         if self.paused and weight > 0.0:
             return weight * self.unpaused(front.place, front.place + LENGTH)
         return weight

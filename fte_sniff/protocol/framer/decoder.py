@@ -16,7 +16,7 @@ from librt.vecs import vec
 from mypy_extensions import i64, mypyc_attr
 
 from fte_sniff.protocol.codec import LONGEST_OVERLONG
-from fte_sniff.protocol.framer.candidates import Back, Front, Window, between
+from fte_sniff.protocol.framer.candidates import CandidateSet, PrefixScore, SuffixScore, between
 from fte_sniff.protocol.framer.likelihood import (
     BOUNDARY,
     CERTAIN,
@@ -27,7 +27,7 @@ from fte_sniff.protocol.framer.likelihood import (
     WIDEST_CHANGE,
     noise_run,
 )
-from fte_sniff.protocol.framer.posterior import Weighing, trusted
+from fte_sniff.protocol.framer.posterior import ForwardBackward, trusted
 from fte_sniff.protocol.framer.predicates import (
     BEHIND,
     faults_of_framed,
@@ -40,7 +40,7 @@ from fte_sniff.protocol.framer.predicates import (
     strict_from,
     undivided,
 )
-from fte_sniff.protocol.framer.segments import Stretch
+from fte_sniff.protocol.framer.segments import Segment
 from fte_sniff.protocol.framer.tables import (
     AMBIGUOUS,
     BAD_HEADER,
@@ -65,10 +65,10 @@ _NOISE: Final = -1.0
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
-class Gap:
+class DamagedSpan:
     """What lies between two shown frames, or behind the last."""
 
-    def __init__(self, window: Window, start: i64, stop: i64) -> None:
+    def __init__(self, window: CandidateSet, start: i64, stop: i64) -> None:
         """From `start` to `stop` in the window."""
         self._window = window
         self._start = start
@@ -113,7 +113,7 @@ class Gap:
             number += 1
         self._reach(self._stop, place, weight * noise_run(self._stop - place), _NOISE)
 
-    def _extend_from_header(self, front: Front, weight: float) -> None:
+    def _extend_from_header(self, front: PrefixScore, weight: float) -> None:
         window, place = self._window, front.place
         for length in range(i64(1), front.cut_to + 1):
             own = window.truncated(front, length)
@@ -136,15 +136,15 @@ class Gap:
         if weight > self._best[at]:
             self._best[at], self._begins[at], self._pieces[at] = weight, begin, piece
 
-    def end_with_cut_off(self, front: Front, own: float) -> None:
+    def end_with_cut_off(self, front: PrefixScore, own: float) -> None:
         """Let the gap end with a frame that begins there and goes on, where that is best."""
         if front.place >= self._start and own > 0.0:
             weight = self._best[front.place - self._start] * own
             self._reach(self._stop, front.place, weight, own)
 
-    def parts(self) -> list[Stretch]:
+    def parts(self) -> list[Segment]:
         """The parts from left to right; the probability of each is the weight of its piece."""
-        parts: list[Stretch] = []
+        parts: list[Segment] = []
         place = self._stop
         while place > self._start:
             at = place - self._start
@@ -154,14 +154,14 @@ class Gap:
         return parts
 
 
-def _part(data: bytes, start: i64, stop: i64, piece: float) -> Stretch:
+def _part(data: bytes, start: i64, stop: i64, piece: float) -> Segment:
     """What these bytes are, as the piece or as noise."""
     if piece == _NOISE:
-        return Stretch(start, stop, False, NOISE, 0.0)
+        return Segment(start, stop, False, NOISE, 0.0)
     fault = _named(data, start, stop)
     if fault:
-        return Stretch(start, stop, False, fault, piece)
-    return Stretch(start, stop, True, faults_of_framed(data, start), piece)
+        return Segment(start, stop, False, fault, piece)
+    return Segment(start, stop, True, faults_of_framed(data, start), piece)
 
 
 def _named(data: bytes, start: i64, stop: i64) -> i64:
@@ -177,7 +177,7 @@ def _named(data: bytes, start: i64, stop: i64) -> i64:
     return i64(0) if MARKS[data[stop - 1]] == ENDING else BAD_TAIL
 
 
-def chosen(weighing: Weighing, following: Stretch | None = None) -> list[Stretch]:
+def chosen(weighing: ForwardBackward, following: Segment | None = None) -> list[Segment]:
     """The chosen reading of a window, which begins where the rows so far end.
 
     `following` is known to stand behind it.
@@ -185,16 +185,16 @@ def chosen(weighing: Weighing, following: Stretch | None = None) -> list[Stretch
     window = weighing.window
     probable = weighing.whole_frames()
     behind_rows = weighing.whole_frames_behind_rows() if weighing.behind_rows else probable
-    reading: list[Stretch] = []
+    reading: list[Segment] = []
     at: i64 = 0
     for number in _shown_frames(weighing, behind_rows):
         place = window.starts[number].place
         if at < place:
-            _divide(weighing, Gap(window, at, place), reading)
+            _divide(weighing, DamagedSpan(window, at, place), reading)
         reading.append(_frame(place, probable[number]))
         at = place + LENGTH
     if at < weighing.size:
-        gap = Gap(window, at, weighing.size)
+        gap = DamagedSpan(window, at, weighing.size)
         for start in window.starts:
             if start.place > weighing.size - LENGTH:
                 gap.end_with_cut_off(start, weighing.cut_off(start))
@@ -203,16 +203,16 @@ def chosen(weighing: Weighing, following: Stretch | None = None) -> list[Stretch
     return reading
 
 
-def _divide(weighing: Weighing, gap: Gap, reading: list[Stretch]) -> None:
+def _divide(weighing: ForwardBackward, gap: DamagedSpan, reading: list[Segment]) -> None:
     """Add the parts of a gap; ten framed bytes among them are `ambiguous` where unlikely."""
     for part in gap.parts():
         faults = part.faults
         if part.framed and weighing.probability(part.start, part.stop, part.probability) < LIKELY:
             faults |= AMBIGUOUS
-        reading.append(Stretch(part.start, part.stop, part.framed, faults, 0.0))
+        reading.append(Segment(part.start, part.stop, part.framed, faults, 0.0))
 
 
-def _shown_frames(weighing: Weighing, probable: vec[float]) -> list[i64]:
+def _shown_frames(weighing: ForwardBackward, probable: vec[float]) -> list[i64]:
     """Of which headers the most probable whole frames begin, none overlapping another."""
     starts = weighing.window.starts
     likely = vec[i64]([i64(0)] * len(probable))
@@ -243,13 +243,13 @@ def _shown_frames(weighing: Weighing, probable: vec[float]) -> list[i64]:
     return shown
 
 
-def _frame(start: i64, probability: float) -> Stretch:
+def _frame(start: i64, probability: float) -> Segment:
     """A whole frame: it fits its kind at every place, so its only fault can be doubt."""
     faults = i64(0) if probability >= CERTAIN else AMBIGUOUS
-    return Stretch(start, start + LENGTH, True, faults, probability)
+    return Segment(start, start + LENGTH, True, faults, probability)
 
 
-def _believe_neighbours(data: bytes, reading: list[Stretch], following: Stretch | None) -> None:
+def _believe_neighbours(data: bytes, reading: list[Segment], following: Segment | None) -> None:
     """Believe those frames that stand in step between others.
 
     Where a frame follows a certain one, and another one follows it, it takes two faults that
@@ -267,14 +267,14 @@ def _believe_neighbours(data: bytes, reading: list[Stretch], following: Stretch 
             reading[number] = frame.called(0)
 
 
-def calmly(weighing: Weighing, reading: list[Stretch]) -> list[Stretch]:
+def calmly(weighing: ForwardBackward, reading: list[Segment]) -> list[Segment]:
     """The reading of a line that was calm, with its frames believed up to the first damage.
 
     If it is only weighed, a frame is taken for two truncated ones whenever a target ends as another
     kind's flags do: those who hold a motor at 15 pulses would see nothing else. Where they even
     weigh more, as where a payload imitates a tail and a header, the frame is shown, and doubted.
     """
-    believed: list[Stretch] = []
+    believed: list[Segment] = []
     number: i64 = 0
     while number < len(reading):
         part = reading[number]
@@ -290,16 +290,18 @@ def calmly(weighing: Weighing, reading: list[Stretch]) -> list[Stretch]:
     return believed + reading[number:]
 
 
-def _whole_of_two(weighing: Weighing, first: Stretch, second: Stretch | None) -> Stretch | None:
+def _whole_of_two(
+    weighing: ForwardBackward, first: Segment, second: Segment | None
+) -> Segment | None:
     """The one frame that two damaged ones in a row are together; None where they are none."""
     if second is None or second.framed or second.stop - first.start != LENGTH:
         return None
     if not strict(weighing.window.data, first.start):
         return None
-    return Stretch(first.start, second.stop, True, AMBIGUOUS, 0.0)
+    return Segment(first.start, second.stop, True, AMBIGUOUS, 0.0)
 
 
-def _believed(weighing: Weighing, frame: Stretch) -> Stretch:
+def _believed(weighing: ForwardBackward, frame: Segment) -> Segment:
     """The frame without its doubt, if only two truncated ones could stand there instead."""
     if frame.faults != AMBIGUOUS or frame.probability < LIKELY:
         return frame
@@ -311,33 +313,33 @@ def _believed(weighing: Weighing, frame: Stretch) -> Stretch:
 
 _NEGLIGIBLE: Final = (1 - CERTAIN) / 4
 _IN_STEP: Final = trusted()
-_FRAME: Final = Stretch(0, LENGTH, True, 0, 1.0)
+_FRAME: Final = Segment(0, LENGTH, True, 0, 1.0)
 """The frame behind the stretch, wherever it stands."""
 
 
-def read_by_itself(data: bytes, start: i64, firm: i64, *, calm: bool) -> list[Stretch] | None:
+def read_by_itself(data: bytes, start: i64, firm: i64, *, calm: bool) -> list[Segment] | None:
     """The parts of the bytes between a frame beyond doubt and the one at `firm`, on a calm line or
     not; None where something could run over the beginning of that frame."""
     if _run_over(data, start, firm) > _NEGLIGIBLE:
         return None
     own = data[start:firm]
     if calm and len(own) >= LENGTH and strict(own, 0):
-        weighing = Weighing(Window(own), _IN_STEP, BOUNDARY)
+        weighing = ForwardBackward(CandidateSet(own), _IN_STEP, BOUNDARY)
         return calmly(weighing, chosen(weighing, _FRAME))
     return _read(own)
 
 
-def _read(own: bytes) -> list[Stretch]:
-    window = Window(own)
+def _read(own: bytes) -> list[Segment]:
+    window = CandidateSet(own)
     if strict_from(own, 0, window.size) < 0:
-        parts = Gap(window, 0, window.size).parts()
+        parts = DamagedSpan(window, 0, window.size).parts()
         framed = False
         for part in parts:
             framed = framed or part.framed
             part.probability = 0.0
         if not framed:
             return parts
-    return chosen(Weighing(window, _IN_STEP, BOUNDARY), _FRAME)
+    return chosen(ForwardBackward(window, _IN_STEP, BOUNDARY), _FRAME)
 
 
 def _run_over(data: bytes, start: i64, firm: i64) -> float:
@@ -345,16 +347,16 @@ def _run_over(data: bytes, start: i64, firm: i64) -> float:
     reaches into it."""
     end = firm + LENGTH
     probability = 0.0
-    whole: Front | None = None
-    back: Back | None = None
+    whole: PrefixScore | None = None
+    back: SuffixScore | None = None
     for place in range(max(start, firm - LENGTH + 1), firm):
         if MARKS[data[place]] != HEADER:
             continue
-        front, length = Front(data, place, min(end, place + LENGTH)), firm - place
+        front, length = PrefixScore(data, place, min(end, place + LENGTH)), firm - place
         if length > BEHIND and front.bad_tail == 0.0:
             continue
         if back is None or whole is None:
-            back, whole = Back(data, firm, end), Front(data, firm, end)
+            back, whole = SuffixScore(data, firm, end), PrefixScore(data, firm, end)
         over = front.bad_tail * back.headless[length]
         if length <= BEHIND:
             over += between(front, back, length + LENGTH)
@@ -362,7 +364,7 @@ def _run_over(data: bytes, start: i64, firm: i64) -> float:
     return probability
 
 
-def _least(front: Front, length: i64) -> float:
+def _least(front: PrefixScore, length: i64) -> float:
     """What a header and the bytes behind it weigh at least, if they go on for `length`."""
     if front.cut_to >= length:
         return max(JUNK, front.truncated(length))
@@ -382,7 +384,7 @@ _STUB: Final[i64] = 2
 """Too few bytes to be alone, if the frame behind them can be the rest of theirs."""
 
 
-def undisputed(data: bytes, at: i64) -> Stretch | None:
+def undisputed(data: bytes, at: i64) -> Segment | None:
     """The damage at `at`, where a frame ended beyond doubt; None if it needs weighing.
 
     Behind it another one begins. It is counted from `at`, as all parts of a reading are.
@@ -407,14 +409,14 @@ def _next_mark(data: bytes, at: i64, end: i64) -> i64:
 
 def _before_frame(
     data: bytes, at: i64, stop: i64, faults: i64, *, framed: bool = False
-) -> Stretch | None:
+) -> Segment | None:
     """The bytes up to `stop` with these faults, if there are any and a frame stands behind them."""
     if faults == 0 or not is_doubtless(data, stop, i64(len(data))):
         return None
-    return Stretch(0, stop - at, framed, faults, 0.0)
+    return Segment(0, stop - at, framed, faults, 0.0)
 
 
-def _headed(data: bytes, at: i64, mark: i64) -> Stretch | None:
+def _headed(data: bytes, at: i64, mark: i64) -> Segment | None:
     """Damage that begins with a header; `mark` is what comes next."""
     size = mark - at
     if MARKS[data[mark]] != HEADER:
@@ -437,7 +439,7 @@ def _headed(data: bytes, at: i64, mark: i64) -> Stretch | None:
     return _before_frame(data, at, mark, faults)
 
 
-def _headless(data: bytes, at: i64, mark: i64) -> Stretch | None:
+def _headless(data: bytes, at: i64, mark: i64) -> Segment | None:
     """Damage that begins with neither a header nor a tail; `mark` is the first of them."""
     size = mark - at
     if MARKS[data[mark]] != HEADER:

@@ -37,10 +37,17 @@ from typing import Final, final
 
 from mypy_extensions import i64
 
-from fte_sniff.protocol.framer.candidates import Front, Window
+from fte_sniff.protocol.framer.candidates import CandidateSet, PrefixScore
 from fte_sniff.protocol.framer.decoder import calmly, chosen, read_by_itself, undisputed
 from fte_sniff.protocol.framer.likelihood import BOUNDARY, CLOSED, OPEN
-from fte_sniff.protocol.framer.posterior import Carry, Weighing, joined, lost, settled, trusted
+from fte_sniff.protocol.framer.posterior import (
+    BoundaryState,
+    ForwardBackward,
+    joined,
+    lost,
+    settled,
+    trusted,
+)
 from fte_sniff.protocol.framer.predicates import (
     ANCHOR_REACH,
     BEHIND,
@@ -54,9 +61,9 @@ from fte_sniff.protocol.framer.predicates import (
     strict,
     strict_from,
 )
-from fte_sniff.protocol.framer.segments import Decided, Kept, Line, Stretch
+from fte_sniff.protocol.framer.segments import DecidedSpan, LineHealth, PendingBytes, Segment
 from fte_sniff.protocol.framer.tables import LENGTH, NOISE, TRUNCATED
-from fte_sniff.protocol.framer.timestamps import SETTLING_NS, Pauses, Timeline
+from fte_sniff.protocol.framer.timestamps import SETTLING_NS, ArrivalTimeline, IdleTimes
 from fte_sniff.protocol.rows import Chunk, Row
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 
@@ -147,7 +154,7 @@ def next_promised(data: bytes, start: i64, weighed_to: i64, limit: i64) -> i64:
     return _NEVER if at < 0 else at + PROMISED
 
 
-def settled_part(reading: list[Stretch], data: bytes, start: i64, end: i64) -> list[Stretch]:
+def settled_part(reading: list[Segment], data: bytes, start: i64, end: i64) -> list[Segment]:
     """What of a reading of `data` from `start` to `end`, where bytes may follow, is decided."""
     size = end - start
     if size >= WIDEST or (size >= PROMISED and framed(data, end - PROMISED)):
@@ -161,12 +168,12 @@ def settled_part(reading: list[Stretch], data: bytes, start: i64, end: i64) -> l
     return reading[:number]
 
 
-def _up_to(reading: list[Stretch], limit: i64) -> list[Stretch]:
+def _up_to(reading: list[Segment], limit: i64) -> list[Segment]:
     """The parts up to `limit`: noise is cut there, an overlong frame is taken as a whole."""
     settled = [part for part in reading if part.stop <= limit]
     following = reading[len(settled)]
     if following.faults == NOISE and following.start < limit:
-        settled.append(Stretch(following.start, limit, False, NOISE, 0.0))
+        settled.append(Segment(following.start, limit, False, NOISE, 0.0))
     elif following.start <= limit - LENGTH:
         settled.append(following)
     return settled
@@ -198,15 +205,15 @@ class Framer:
 
     def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
         """A framer for the port of that name, whose line has `baud` bits per second."""
-        self._timeline = Timeline(byte_time_ns(baud))
-        self._line = Line()
-        self._kept = Kept(port, self._timeline.marks)
+        self._timeline = ArrivalTimeline(byte_time_ns(baud))
+        self._line = LineHealth()
+        self._kept = PendingBytes(port, self._timeline.marks)
         self._data = b""
         self._base: i64 = 0
         """Offset in the stream of the first byte of `_data`."""
         self._at: i64 = 0
         """Place in `_data` up to which all is decided."""
-        self._carry: Carry | None = joined()
+        self._carry: BoundaryState | None = joined()
         """What the past says of the places from `_at` on; None where the stream is in step."""
         self._lost_from = _NOWHERE
         """Offset in the stream where long noise goes on; `_NOWHERE` where none was found to."""
@@ -218,7 +225,7 @@ class Framer:
         """Place in `_data` up to which readings have been weighed."""
         self._firm_from: i64 = 0
         """Place in `_data` before which frames that fit are in doubt after all."""
-        self._pauses = Pauses(baud)
+        self._pauses = IdleTimes(baud)
         self._settled = False
 
     def pace(self, baud: int) -> None:
@@ -242,7 +249,7 @@ class Framer:
             return []
         return self.take().rows()
 
-    def take(self) -> Decided:
+    def take(self) -> DecidedSpan:
         """All that was decided since the last time, for who wants more at once than rows."""
         return self._kept.take(self._line.take())
 
@@ -378,7 +385,7 @@ class Framer:
 
     def _read_before(self, firm: i64) -> bool:
         """Decide all before a frame beyond doubt; False where that is in doubt after all."""
-        parts: list[Stretch] | None = None
+        parts: list[Segment] | None = None
         if self._carry is _IN_STEP:
             parts = read_by_itself(self._data, self._at, firm, calm=self._line.calm())
         if parts is None:
@@ -390,12 +397,12 @@ class Framer:
         self._not_before = 0
         return True
 
-    def _weigh(self, end: i64, ending: i64) -> Weighing:
+    def _weigh(self, end: i64, ending: i64) -> ForwardBackward:
         pauses = self._pauses.within(self._base + self._at, self._base + end)
-        window = Window(self._data[self._at : end], pauses)
-        return Weighing(window, self._carry or _IN_STEP, ending)
+        window = CandidateSet(self._data[self._at : end], pauses)
+        return ForwardBackward(window, self._carry or _IN_STEP, ending)
 
-    def _read(self, weighing: Weighing) -> list[Stretch]:
+    def _read(self, weighing: ForwardBackward) -> list[Segment]:
         reading = chosen(weighing)
         return calmly(weighing, reading) if self._line.calm() else reading
 
@@ -442,17 +449,17 @@ class Framer:
             self._not_before = 0
         self._line.tiles.end_noise()
 
-    def _can_go_on(self, last: Stretch) -> bool:
+    def _can_go_on(self, last: Segment) -> bool:
         """Whether the pending bytes end with the beginning of a frame."""
         if last.faults & TRUNCATED == 0:
             return False
         start = self._at + last.start
-        front = Front(self._data, start, min(i64(len(self._data)), start + LENGTH))
+        front = PrefixScore(self._data, start, min(i64(len(self._data)), start + LENGTH))
         return front.fit >= last.stop - last.start
 
     # Decided bytes become rows
 
-    def _decide(self, reading: list[Stretch]) -> None:
+    def _decide(self, reading: list[Segment]) -> None:
         if reading:
             self._line.parts(self._base + self._at, reading)
             self._at += reading[-1].stop

@@ -12,7 +12,7 @@ from typing import Final, final
 from librt.vecs import vec
 from mypy_extensions import i64, mypyc_attr
 
-from fte_sniff.protocol.framer.candidates import AT_TAIL, Front, Stop, Window
+from fte_sniff.protocol.framer.candidates import AT_TAIL, CandidateEnd, CandidateSet, PrefixScore
 from fte_sniff.protocol.framer.likelihood import (
     BOUNDARY,
     JUNK,
@@ -32,7 +32,7 @@ from fte_sniff.protocol.framer.tables import HEADER, LENGTH, MARKS
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
-class Carry:
+class BoundaryState:
     """The weights of the readings so far, by where they end."""
 
     def __init__(
@@ -56,7 +56,7 @@ class Carry:
         """The weight of the first place being anywhere within a frame; only where a stream
         begins."""
 
-    def joining(self, window: Window) -> Carry:
+    def joining(self, window: CandidateSet) -> BoundaryState:
         """The same for a window whose first piece may be the rest of a frame begun before."""
         rests = window.rests_from_first(LENGTH - 1)
         weights = vec[float]([0.0] * (max(len(rests), len(self.after_piece))))
@@ -64,27 +64,27 @@ class Carry:
             weights[place] = self.after_piece[place]
         for place in range(i64(1), i64(len(rests))):
             weights[place] += self.within / float(LENGTH - 1) * rests[place]
-        return Carry(weights, self.after_noise, self.in_noise, self.ends_frame, self.within)
+        return BoundaryState(weights, self.after_noise, self.in_noise, self.ends_frame, self.within)
 
 
-def trusted() -> Carry:
+def trusted() -> BoundaryState:
     """A frame ends here beyond doubt."""
-    return Carry(vec[float]([1.0]), vec[float](), 0.0)
+    return BoundaryState(vec[float]([1.0]), vec[float](), 0.0)
 
 
-def joined() -> Carry:
+def joined() -> BoundaryState:
     """The stream begins here: between two frames, or anywhere within one, or in noise."""
-    return Carry(vec[float]([0.5]), vec[float](), 0.01, within=0.5)
+    return BoundaryState(vec[float]([0.5]), vec[float](), 0.01, within=0.5)
 
 
-def settled() -> Carry:
+def settled() -> BoundaryState:
     """The line was silent here: something ended, or long noise goes on."""
-    return Carry(vec[float]([1.0]), vec[float](), 0.05)
+    return BoundaryState(vec[float]([1.0]), vec[float](), 0.05)
 
 
-def lost() -> Carry:
+def lost() -> BoundaryState:
     """Long noise is going on."""
-    return Carry(vec[float](), vec[float](), 1.0)
+    return BoundaryState(vec[float](), vec[float](), 1.0)
 
 
 _JUNK_REACH: Final[i64] = LONGEST_JUNK
@@ -93,7 +93,7 @@ _TRUSTED: Final = trusted()
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
-class Passed:
+class ForwardPass:
     """What the pieces and the noise before some end lay on every place of a window."""
 
     def __init__(self, size: i64) -> None:
@@ -108,10 +108,10 @@ class Passed:
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
-class Weighing:
+class ForwardBackward:
     """The readings of a window, weighed; places are counted from the window's first byte."""
 
-    def __init__(self, window: Window, carry: Carry, ending: i64) -> None:
+    def __init__(self, window: CandidateSet, carry: BoundaryState, ending: i64) -> None:
         """`ending` is one of those that `noise` names."""
         self.window = window
         self.size = window.size
@@ -127,9 +127,9 @@ class Weighing:
 
     # The two passes
 
-    def _forward(self, carry: Carry, end: i64) -> Passed:
+    def _forward(self, carry: BoundaryState, end: i64) -> ForwardPass:
         """The weights that the pieces and the noise before `end` lay on every place."""
-        passed, window = Passed(self.size), self.window
+        passed, window = ForwardPass(self.size), self.window
         after_piece, after_noise = passed.after_piece, passed.after_noise
         _fill(after_piece, carry.after_piece)
         _fill(after_noise, carry.after_noise)
@@ -151,7 +151,7 @@ class Weighing:
         passed.in_noise = _gone_on(noise, after_piece, noisy_to, end)
         return passed
 
-    def _reach(self, stop: Stop, passed: Passed, end: i64) -> None:
+    def _reach(self, stop: CandidateEnd, passed: ForwardPass, end: i64) -> None:
         """Lay what the readings before `end` weigh on the place behind a tail that they reach."""
         after_piece, after_noise = passed.after_piece, passed.after_noise
         weights, first, paused = stop.weights, stop.first, self.window.paused
@@ -163,7 +163,7 @@ class Weighing:
             reached += before * weights[at - first]
         after_piece[stop.place] += reached
 
-    def _lay(self, front: Front, weight: float, after_piece: vec[float]) -> None:
+    def _lay(self, front: PrefixScore, weight: float, after_piece: vec[float]) -> None:
         """Lay what all readings up to a header weigh on where its own pieces end."""
         window, place = self.window, front.place
         for length in range(i64(1), front.cut_to + 1):
@@ -194,7 +194,7 @@ class Weighing:
             for at in range(place):
                 to_end[at] += weight * NOISE_TO_HEADER[place - at]
 
-    def _leave(self, stop: Stop, header: i64) -> None:
+    def _leave(self, stop: CandidateEnd, header: i64) -> None:
         """Lay what the readings from behind a tail weigh on all places from which it is reached;
         `header` is the number of the last header before it."""
         window, to_end, first = self.window, self._to_end, stop.first
@@ -207,7 +207,7 @@ class Weighing:
             self._at_header[header] += weight * weights[at - first]
             header -= 1
 
-    def _from_header(self, front: Front) -> float:
+    def _from_header(self, front: PrefixScore) -> float:
         """The weight of all readings that begin with a piece of the header's own."""
         to_end, place, weight, window = self._to_end, front.place, 0.0, self.window
         for length in range(i64(1), front.cut_to + 1):
@@ -217,7 +217,7 @@ class Weighing:
             weight += ten * to_end[place + LENGTH]
         return weight + self.cut_off(front)
 
-    def _in_all(self, carry: Carry) -> float:
+    def _in_all(self, carry: BoundaryState) -> float:
         """The weight of all readings, if this was before them."""
         total, noise = 0.0, staying(self.size) * unending(self.ending)
         known, to_end = carry.after_piece, self._to_end
@@ -230,7 +230,7 @@ class Weighing:
                 total += carry.after_noise[front.place] * weight
         return total + carry.in_noise * noise
 
-    def cut_off(self, front: Front) -> float:
+    def cut_off(self, front: PrefixScore) -> float:
         """The weight of a frame that begins there and goes on behind the window's end."""
         length = self.size - front.place
         if length >= LENGTH or front.fit < length or self.ending == BOUNDARY:
@@ -244,7 +244,7 @@ class Weighing:
         """The probability (0-1) of a piece of that weight at `start`."""
         return self._before(self._passed, start) * weight * self._to_end[stop] / self._total
 
-    def _before(self, passed: Passed, place: i64) -> float:
+    def _before(self, passed: ForwardPass, place: i64) -> float:
         """The weight of all readings of what is before a place at which a piece begins."""
         meeting = self.window.meeting(place)
         return passed.after_piece[place] * meeting + passed.after_noise[place]
@@ -267,7 +267,7 @@ class Weighing:
         """As `whole_frames`, if all rows so far are taken for granted."""
         return self._whole_frames(self._forward(_TRUSTED, self.size), self._in_all(_TRUSTED))
 
-    def _whole_frames(self, passed: Passed, total: float) -> vec[float]:
+    def _whole_frames(self, passed: ForwardPass, total: float) -> vec[float]:
         window = self.window
         probable = vec[float]([0.0] * len(window.starts))
         for number, front in enumerate(window.starts):
@@ -276,13 +276,13 @@ class Weighing:
                 probable[number] = weight * self._to_end[front.place + LENGTH] / total
         return probable
 
-    def carry(self, place: i64, *, ends_frame: bool) -> Carry:
+    def carry(self, place: i64, *, ends_frame: bool) -> BoundaryState:
         """What the bytes before `place`, where a row ends, say of those behind it."""
         passed = self._forward(self._carried, place)
         total = passed.in_noise
         for at in range(place, self.size + 1):
             total += passed.after_piece[at] + passed.after_noise[at]
-        return Carry(
+        return BoundaryState(
             _share(passed.after_piece, place, total),
             _share(passed.after_noise, place, total),
             passed.in_noise / total,

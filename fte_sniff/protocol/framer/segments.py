@@ -9,13 +9,13 @@ from librt.vecs import append, vec
 from mypy_extensions import i64, mypyc_attr
 
 from fte_sniff.protocol.framer.tables import AMBIGUOUS, FAULT_SETS, LENGTH, NOISE, TRUNCATED
-from fte_sniff.protocol.framer.timestamps import Mark, Marks
+from fte_sniff.protocol.framer.timestamps import ArrivalTime, ArrivalTimes
 from fte_sniff.protocol.rows import Damage, Fault, Frame, Row
 
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
-class Stretch:
+class Segment:
     """A part of the chosen reading: what becomes one row (neighbouring noise becomes one)."""
 
     def __init__(
@@ -34,9 +34,9 @@ class Stretch:
         """Whether it is a whole frame, and is to be believed."""
         return self.framed and self.faults == 0
 
-    def called(self, faults: i64) -> Stretch:
+    def called(self, faults: i64) -> Segment:
         """The same with other faults."""
-        return Stretch(self.start, self.stop, self.framed, faults, self.probability)
+        return Segment(self.start, self.stop, self.framed, faults, self.probability)
 
 
 LONGEST_ROW: Final[i64] = 1024
@@ -46,7 +46,7 @@ _NONE: Final[i64] = -1
 
 
 @final
-class Tiles:
+class SegmentList:
     """What was decided since the last time, side by side: a number in each list for every tile."""
 
     def __init__(self, start: i64 = 0) -> None:
@@ -90,9 +90,9 @@ class Tiles:
             self.row(self.noise_from, self._noise_to, NOISE, False)
             self.noise_from = _NONE
 
-    def following(self) -> Tiles:
+    def following(self) -> SegmentList:
         """Where the tiles behind these go to, and the noise that is in none."""
-        behind = Tiles(self.end)
+        behind = SegmentList(self.end)
         behind.noise_from, behind._noise_to = self.noise_from, self._noise_to
         return behind
 
@@ -113,11 +113,11 @@ MOST_STUBS: Final[i64] = 4
 
 
 @final
-class Line:
+class LineHealth:
     """Hands what is decided to the tiles, in stream order."""
 
     def __init__(self) -> None:
-        self.tiles = Tiles()
+        self.tiles = SegmentList()
         """The rows since the last time."""
         self._first_frame_to = LENGTH
         """Offset behind the first frame, at most. A stream may begin within a frame: that is no
@@ -143,7 +143,7 @@ class Line:
         self._streak += (stop - start) // LENGTH
         self._stubs = 0
 
-    def parts(self, offset: i64, reading: list[Stretch]) -> None:
+    def parts(self, offset: i64, reading: list[Segment]) -> None:
         """The parts of a reading, from left to right and without gaps; counted from `offset`."""
         for part in reading:
             start, stop = offset + part.start, offset + part.stop
@@ -157,12 +157,12 @@ class Line:
             elif part.faults != AMBIGUOUS:
                 self._streak = 0
 
-    def take(self) -> Tiles:
+    def take(self) -> SegmentList:
         """The tiles since the last time."""
         tiles, self.tiles = self.tiles, self.tiles.following()
         return tiles
 
-    def _one_stub_too_many(self, part: Stretch) -> bool:
+    def _one_stub_too_many(self, part: Segment) -> bool:
         """Whether this is one more of the short truncated frames that really are noise."""
         if part.faults != TRUNCATED or part.stop - part.start >= STUB:
             self._stubs = 0
@@ -172,10 +172,12 @@ class Line:
 
 
 @final
-class Decided:
+class DecidedSpan:
     """What was decided of one port's stream, from one offset to another."""
 
-    def __init__(self, port: str, data: bytes, start: i64, tiles: Tiles, marks: Sequence[Mark]):
+    def __init__(
+        self, port: str, data: bytes, start: i64, tiles: SegmentList, marks: Sequence[ArrivalTime]
+    ):
         self.port = port
         self.data = data
         """All of its bytes, and perhaps more behind them."""
@@ -207,7 +209,7 @@ class Decided:
         rows: list[Row] = []
         starts, counts, codes = self.tiles.starts, self.tiles.counts, self.tiles.codes
         size: i64 = len(starts)
-        marks = Marks(self.marks)
+        marks = ArrivalTimes(self.marks)
         for number in range(size):
             at, code = starts[number], codes[number]
             stop = starts[number + 1] if number + 1 < size else self.tiles.end
@@ -232,10 +234,10 @@ class Decided:
 
 
 @final
-class Kept:
+class PendingBytes:
     """The decided bytes of one port that nobody has taken yet."""
 
-    def __init__(self, port: str, marks: Marks) -> None:
+    def __init__(self, port: str, marks: ArrivalTimes) -> None:
         self._port = port
         self._marks = marks
         self.start: i64 = 0
@@ -251,7 +253,7 @@ class Kept:
         self._pieces.append(data)
         self._size = size
 
-    def take(self, tiles: Tiles) -> Decided:
+    def take(self, tiles: SegmentList) -> DecidedSpan:
         """What stands in these tiles."""
         start, size = self.start, tiles.end - self.start
         if len(self._pieces) > 1:
@@ -262,4 +264,4 @@ class Kept:
         self._pieces = [data[size : self._size]] if size < self._size else []
         self._size = max(i64(0), self._size - size)
         self.start = tiles.end
-        return Decided(self._port, data, start, tiles, self._marks.before(tiles.end))
+        return DecidedSpan(self._port, data, start, tiles, self._marks.before(tiles.end))

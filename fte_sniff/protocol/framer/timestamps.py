@@ -29,7 +29,7 @@ SETTLING_NS = 20_000_000
 
 
 @final
-class Mark:
+class ArrivalTime:
     """The bytes of one chunk in their port's stream, and when they were read."""
 
     def __init__(
@@ -57,25 +57,25 @@ class Mark:
 
 
 @final
-class Marks:
+class ArrivalTimes:
     """The marks of one port's latest bytes, asked for from left to right."""
 
-    def __init__(self, marks: Iterable[Mark] = ()) -> None:
+    def __init__(self, marks: Iterable[ArrivalTime] = ()) -> None:
         self._marks = deque(marks)
 
-    def append(self, mark: Mark) -> None:
+    def append(self, mark: ArrivalTime) -> None:
         """The next bytes have this mark."""
         self._marks.append(mark)
 
-    def mark(self, offset: i64) -> Mark:
+    def mark(self, offset: i64) -> ArrivalTime:
         """The mark of the byte at `offset`; earlier offsets must not be asked for again."""
         while self._marks[0].stop <= offset:
             self._marks.popleft()
         return self._marks[0]
 
-    def before(self, offset: i64) -> list[Mark]:
+    def before(self, offset: i64) -> list[ArrivalTime]:
         """Those of all bytes before `offset`; they must not be asked for again."""
-        found: list[Mark] = []
+        found: list[ArrivalTime] = []
         while self._marks and self._marks[0].stop <= offset:
             found.append(self._marks.popleft())
         if self._marks and self._marks[0].start < offset:
@@ -84,12 +84,12 @@ class Marks:
 
 
 @final
-class Timeline:
+class ArrivalTimeline:
     """How the times of one port's bytes go on, chunk by chunk."""
 
     def __init__(self, byte_ns: int) -> None:
         self._byte_ns = byte_ns
-        self.marks = Marks()
+        self.marks = ArrivalTimes()
         self._size: i64 = 0
         self._floor = 0
         self._silent_since: int | None = None
@@ -101,7 +101,7 @@ class Timeline:
     def add(self, chunk: Chunk) -> int:
         """Take a chunk with bytes; returns the silence before it, nanoseconds, 0 if unknown."""
         stop = self._size + len(chunk.data)
-        self.marks.append(Mark(self._size, stop, chunk.t_ns, self._floor, self._byte_ns))
+        self.marks.append(ArrivalTime(self._size, stop, chunk.t_ns, self._floor, self._byte_ns))
         self._size = stop
         before, self._silent_since = self._silent_since, chunk.t_ns
         if chunk.t_ns is None:
@@ -123,7 +123,7 @@ class Timeline:
 
 
 @final
-class Pauses:
+class IdleTimes:
     """Where the line paused, by the offset of the byte behind."""
 
     def __init__(self, baud: int) -> None:

@@ -40,7 +40,7 @@ A capture begins its next file at half of that, if nobody says otherwise.
 """
 
 
-class Growing(Protocol):
+class AppendTarget(Protocol):
     """Takes what a file grows by. Methods may raise OSError."""
 
     @property
@@ -57,7 +57,7 @@ class Growing(Protocol):
         ...
 
 
-class GrowingFile:
+class AppendFile:
     """A regular file, which is whole after each step.
 
     If growing fails the file is as it was before, as far as the disk still obeys.

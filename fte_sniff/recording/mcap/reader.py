@@ -12,7 +12,7 @@ from typing import BinaryIO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 from fte_sniff.recording.mcap.records import (
     HEAD,
     LARGEST,
@@ -32,8 +32,8 @@ _CHUNK_TIMES = struct.Struct("<QQ")
 _CRC_LENGTH = 4
 _BLOCK = 1024 * 1024
 
-_WRONG_DATA = Said("the checksum over the data outside the chunks does not match")
-_WRONG_SUMMARY = Said("the checksum over the summary outside the chunks does not match")
+_WRONG_DATA = TranslatableText("the checksum over the data outside the chunks does not match")
+_WRONG_SUMMARY = TranslatableText("the checksum over the summary outside the chunks does not match")
 
 
 class RawRecord(NamedTuple):
@@ -103,7 +103,7 @@ class RecordStream:
             except RecordError as error:
                 if self._skip_to_next_start(position, error.said):
                     continue
-                self.ending = Said(
+                self.ending = TranslatableText(
                     "{error} at byte {position}; it ends at byte {end}",
                     error=error.said,
                     position=position,
@@ -111,7 +111,7 @@ class RecordStream:
                 )
                 return
             if record is None:
-                self.ending = Said(
+                self.ending = TranslatableText(
                     "it was never closed, its last byte is {position}", position=position
                 )
                 return
@@ -134,18 +134,20 @@ class RecordStream:
             self._before = None if self._checksum is None else self._checksum.value()
         self._sum(head)
         if len(head) < HEAD.size:
-            raise RecordError(Said("it is cut in the record"))
+            raise RecordError(TranslatableText("it is cut in the record"))
         opcode, length = HEAD.unpack(head)
         if self._found is not None and self._found[0] == position:
             # Its head need not be whole.
             opcode, length = int(Opcode.CHUNK), self._found[1] - HEAD.size
         if opcode == 0:
-            raise RecordError(Said("there is no MCAP record"))
+            raise RecordError(TranslatableText("there is no MCAP record"))
         if length > LARGEST:
-            raise RecordError(Said("there is a record that claims {length} bytes", length=length))
+            raise RecordError(
+                TranslatableText("there is a record that claims {length} bytes", length=length)
+            )
         start = self._next_start(position) if self._starts else None
         if start is not None and start < self._position + length:
-            raise RecordError(Said("there is a record that reaches into the next"))
+            raise RecordError(TranslatableText("there is a record that reaches into the next"))
         first = b""
         if self._wanted is not None and opcode == Opcode.CHUNK and length >= _CHUNK_TIMES.size:
             first = self._read(_CHUNK_TIMES.size)
@@ -153,7 +155,7 @@ class RecordStream:
                 return self._pass_over(position, length - len(first))
         body = first + self._read(length - len(first))
         if len(body) < length:
-            raise RecordError(Said("it is cut in the record"))
+            raise RecordError(TranslatableText("it is cut in the record"))
         if opcode == Opcode.CHUNK and self._search is not None:
             # One that claims too much would swallow those behind it.
             packed_part(body)
@@ -192,7 +194,7 @@ class RecordStream:
         place = bisect_right(self._starts, position)
         return self._starts[place] if place < len(self._starts) else None
 
-    def _skip_to_next_start(self, position: int, reason: Said) -> bool:
+    def _skip_to_next_start(self, position: int, reason: TranslatableText) -> bool:
         start = self._next_start(position)
         if start is None and self._search is not None:
             self._found = self._search(position)
@@ -200,9 +202,11 @@ class RecordStream:
         if start is None:
             return False
         self._go_to(start)
-        told = Said("the head of the chunk at byte {position} is damaged", position=position)
+        told = TranslatableText(
+            "the head of the chunk at byte {position} is damaged", position=position
+        )
         if start > position:
-            told = Said(
+            told = TranslatableText(
                 "bytes {position} to {start} were skipped: {reason}",
                 position=position,
                 start=start,
@@ -216,7 +220,7 @@ class RecordStream:
         self._stream.seek(start)
         self._position, self._checksum = start, None
 
-    def _check_crc(self, body: bytes, found: int | None, what: Said) -> None:
+    def _check_crc(self, body: bytes, found: int | None, what: TranslatableText) -> None:
         expected = int.from_bytes(body[-_CRC_LENGTH:], "little")
         if expected and found is not None and expected != found:
             self.ending = what
@@ -228,9 +232,11 @@ class RecordStream:
             self._check_crc(footer, crc32(guarded, self._before), _WRONG_SUMMARY)
         self._checksum = None
         if self._read(len(MAGIC)) != MAGIC:
-            self.ending = Said("its last {count} bytes are damaged or missing", count=len(MAGIC))
+            self.ending = TranslatableText(
+                "its last {count} bytes are damaged or missing", count=len(MAGIC)
+            )
         elif self._stream.read(1):
-            self.ending = Said(
+            self.ending = TranslatableText(
                 "bytes that do not belong to it follow its end at byte {position}",
                 position=self._position,
             )

@@ -24,7 +24,7 @@ from mcap.records import DataEnd, Footer, McapRecord, SummaryOffset
 from mcap.writer import MCAP0_MAGIC
 from zlib_ng.zlib_ng import crc32
 
-from fte_sniff.errors import Said
+from fte_sniff.errors import TranslatableText
 
 MAGIC = MCAP0_MAGIC
 """The eight bytes that begin and end every MCAP file."""
@@ -40,10 +40,10 @@ class RecordError(ValueError):
     """A record that cannot be what it claims to be; the text says why, in few words."""
 
     @property
-    def said(self) -> Said:
+    def said(self) -> TranslatableText:
         """The text."""
         text = self.args[0]
-        return text if isinstance(text, Said) else Said("{text}", text=text)
+        return text if isinstance(text, TranslatableText) else TranslatableText("{text}", text=text)
 
 
 _Record = TypeVar("_Record", covariant=True)
@@ -63,7 +63,7 @@ def parse(record: _Readable[_Record], body: bytes) -> _Record:
     try:
         return record.read(ReadDataStream(BytesIO(body)))
     except (McapError, struct.error, ValueError) as error:
-        raise RecordError(Said("a record that contradicts itself")) from error
+        raise RecordError(TranslatableText("a record that contradicts itself")) from error
 
 
 def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
@@ -75,11 +75,11 @@ def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
     place, end = 0, len(records)
     while place < end:
         if end - place < HEAD.size:
-            raise RecordError(Said("records that go beyond their chunk"))
+            raise RecordError(TranslatableText("records that go beyond their chunk"))
         opcode, length = HEAD.unpack_from(records, place)
         place += HEAD.size
         if length > end - place:
-            raise RecordError(Said("records that go beyond their chunk"))
+            raise RecordError(TranslatableText("records that go beyond their chunk"))
         yield opcode, records[place : place + length]
         place += length
 
@@ -143,12 +143,14 @@ def unpack(body: bytes) -> bytes:
     packed, compression = packed_part(body)
     _, _, size, crc, _ = _CHUNK_HEAD.unpack_from(body)
     if size > LARGEST:
-        raise RecordError(Said("a chunk that claims to unpack to {size} bytes", size=size))
+        raise RecordError(
+            TranslatableText("a chunk that claims to unpack to {size} bytes", size=size)
+        )
     records = _unpacked(compression, packed, size)
     if len(records) != size:
-        raise RecordError(Said("a chunk that does not unpack to what it claims"))
+        raise RecordError(TranslatableText("a chunk that does not unpack to what it claims"))
     if crc and crc32(records) != crc:
-        raise RecordError(Said("a chunk whose checksum does not match"))
+        raise RecordError(TranslatableText("a chunk whose checksum does not match"))
     return records
 
 
@@ -163,10 +165,10 @@ def packed_part(body: bytes) -> tuple[memoryview, bytes]:
         place = _CHUNK_HEAD.size + name_length
         (length,) = _LENGTH.unpack_from(body, place)
     except struct.error as error:
-        raise RecordError(Said("a chunk without its head")) from error
+        raise RecordError(TranslatableText("a chunk without its head")) from error
     packed = memoryview(body)[place + _LENGTH.size :]
     if len(packed) != length:
-        raise RecordError(Said("a chunk whose lengths contradict each other"))
+        raise RecordError(TranslatableText("a chunk whose lengths contradict each other"))
     return packed, body[_CHUNK_HEAD.size : place]
 
 
@@ -178,16 +180,16 @@ def _unpacked(compression: bytes, packed: memoryview, size: int) -> bytes:
             return _unpacked_zstd(packed, size)
         case b"lz4":
             return _unpacked_lz4(packed, size)
-    raise RecordError(Said("a chunk that is packed neither with zstd nor with lz4"))
+    raise RecordError(TranslatableText("a chunk that is packed neither with zstd nor with lz4"))
 
 
 def _unpacked_zstd(packed: memoryview, size: int) -> bytes:
     try:
         if zstandard.get_frame_parameters(packed).content_size not in (size, _UNKNOWN_SIZE):
-            raise RecordError(Said("a chunk that does not unpack to what it claims"))
+            raise RecordError(TranslatableText("a chunk that does not unpack to what it claims"))
         return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
     except zstandard.ZstdError as error:
-        raise RecordError(Said("a chunk that does not unpack")) from error
+        raise RecordError(TranslatableText("a chunk that does not unpack")) from error
 
 
 def _unpacked_lz4(packed: memoryview, size: int) -> bytes:
@@ -195,7 +197,7 @@ def _unpacked_lz4(packed: memoryview, size: int) -> bytes:
         with lz4.frame.LZ4FrameDecompressor() as unpacker:
             return bytes(unpacker.decompress(packed, max_length=size + 1))
     except RuntimeError as error:
-        raise RecordError(Said("a chunk that does not unpack")) from error
+        raise RecordError(TranslatableText("a chunk that does not unpack")) from error
 
 
 _BLOCK = 31 * 1024 * 1024

@@ -28,12 +28,12 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from fte_sniff.recording.mcap.append_file import Growing
+from fte_sniff.recording.mcap.append_file import AppendTarget
 from fte_sniff.recording.mcap.records import Tail, bytes_of, crc32, groups_of
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class McapBatch:
     """The messages of one chunk, packed, and what its index needs; a value for each message."""
 
     data: bytes | memoryview
@@ -66,7 +66,7 @@ class PackedChunk:
         return replace(self.index, chunk_start_offset=start, message_index_offsets=places)
 
 
-def packed(definitions: bytes, batch: Batch) -> PackedChunk:
+def packed(definitions: bytes, batch: McapBatch) -> PackedChunk:
     """A chunk of definitions and of messages, one at least, in their order."""
     records = b"".join([definitions, batch.data]) if definitions else batch.data
     chunk = Chunk(
@@ -80,7 +80,7 @@ def packed(definitions: bytes, batch: Batch) -> PackedChunk:
     return indexed(chunk, replace(batch, places=batch.places + len(definitions)))
 
 
-def indexed(chunk: Chunk, batch: Batch) -> PackedChunk:
+def indexed(chunk: Chunk, batch: McapBatch) -> PackedChunk:
     """A chunk that is compressed already.
 
     Args:
@@ -104,14 +104,14 @@ def indexed(chunk: Chunk, batch: Batch) -> PackedChunk:
     return PackedChunk(record + indexes, index, counts)
 
 
-def counts_of(batch: Batch) -> dict[int, int]:
+def counts_of(batch: McapBatch) -> dict[int, int]:
     """How many messages each channel has, by rising id."""
     counts = np.bincount(batch.channels)
     return {channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()}
 
 
 def _message_indexes(
-    batch: Batch, counts: Mapping[int, int], position: int
+    batch: McapBatch, counts: Mapping[int, int], position: int
 ) -> tuple[bytes, dict[int, int]]:
     """The message index records of a chunk, and where each of them will stand.
 
@@ -153,7 +153,7 @@ class McapFile:
 
     def __init__(
         self,
-        growing: Growing,
+        growing: AppendTarget,
         library: str,
         metadata: Metadata,
         schemas: Iterable[Schema],
@@ -201,7 +201,7 @@ class McapFile:
         """Take one more channel; it stands in the file from the first chunk that uses it."""
         self._channels[channel.id] = channel
 
-    def add_chunk(self, batch: Batch, metadata: Iterable[Metadata] = ()) -> None:
+    def add_chunk(self, batch: McapBatch, metadata: Iterable[Metadata] = ()) -> None:
         """Write one chunk of messages, one at least, in their order, and push it to the disk.
 
         Args:
@@ -210,7 +210,7 @@ class McapFile:
         """
         self.add(packed(self.definitions_for(batch), batch), metadata)
 
-    def definitions_for(self, batch: Batch) -> bytes:
+    def definitions_for(self, batch: McapBatch) -> bytes:
         """The schemas and channels that a chunk of this batch must begin with.
 
         They are those that no chunk has yet; each is asked for once, so chunks must be added in the

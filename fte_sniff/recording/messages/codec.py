@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 
-from fte_sniff.errors import FileError, Said
+from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     HEADERS,
@@ -42,7 +42,7 @@ from fte_sniff.recording.messages.schema import (
     schema_name,
     value_fields,
 )
-from fte_sniff.recording.messages.wire_layout import SOUND_LACKS, Layouts, WireField, laid
+from fte_sniff.recording.messages.wire_layout import SOUND_LACKS, WireField, WireLayouts, laid
 
 _GREATEST = 2**63 - 1
 """The largest offset and time that the columns of any tool can hold."""
@@ -82,11 +82,9 @@ class MessageReader:
             self._message = message_class(schema, data)
         except ValueError as error:
             raise FileError(
-                Said(
-                    "{topic}: {why}; the file is damaged or not fte-sniff's",
-                    topic=topic,
-                    why=reason_in(error),
-                )
+                "{topic}: {why}; the file is damaged or not fte-sniff's",
+                topic=topic,
+                why=reason_in(error),
             ) from error
         fields = self._message.DESCRIPTOR.fields_by_name
         self._tells_framed = "framed" in fields
@@ -103,13 +101,11 @@ class MessageReader:
         )
         if lacking:
             raise FileError(
-                Said(
-                    "{topic}: its messages ({schema}) have no {lacking}; "
-                    "fte-sniff reads what fte-sniff records",
-                    topic=topic,
-                    schema=schema,
-                    lacking=", ".join(lacking),
-                )
+                "{topic}: its messages ({schema}) have no {lacking}; "
+                "fte-sniff reads what fte-sniff records",
+                topic=topic,
+                schema=schema,
+                lacking=", ".join(lacking),
             )
         is_event = topic == EVENTS.name
         self.layouts = None if is_event else _layouts_of(schema, data)
@@ -130,11 +126,15 @@ class MessageReader:
         made: type[Row] = Damage if self._tells_framed and not message.framed else Frame
         raw = message.raw
         if not (_is_framed(raw) if made is Frame else raw):
-            what = Said("no frame") if made is Frame else Said("no damage")
-            raise ValueError(Said("{what} in its {size} bytes", what=what, size=len(raw)))
+            what = TranslatableText("no frame") if made is Frame else TranslatableText("no damage")
+            raise ValueError(
+                TranslatableText("{what} in its {size} bytes", what=what, size=len(raw))
+            )
         if message.offset > _GREATEST:
             raise ValueError(
-                Said("offset {offset} is past the end of any stream", offset=message.offset)
+                TranslatableText(
+                    "offset {offset} is past the end of any stream", offset=message.offset
+                )
             )
         return made(
             self.port,
@@ -169,20 +169,22 @@ class MessageReader:
         try:
             return self._message.FromString(data)
         except DecodeError as error:
-            raise ValueError(Said("a message that does not fit its schema")) from error
+            raise ValueError(TranslatableText("a message that does not fit its schema")) from error
 
     def _time(self, message: Any, log_time: int) -> int:
         own = self._tells_time and message.HasField("time_ns")
         time = int(message.time_ns) if own else log_time
         if time > _GREATEST:
-            raise ValueError(Said("time {time} ns is past the year 2262", time=time))
+            raise ValueError(TranslatableText("time {time} ns is past the year 2262", time=time))
         return time
 
     def _word(self, number: int) -> str:
         word = self._words.get(number)
         if word is None:
             raise ValueError(
-                Said("a word that this version does not know (number {number})", number=number)
+                TranslatableText(
+                    "a word that this version does not know (number {number})", number=number
+                )
             )
         return word
 
@@ -190,12 +192,12 @@ class MessageReader:
 def reason_in(error: ValueError) -> str:
     """Why a message or a schema cannot be read, to be said in any language where it can be."""
     text = error.args[0] if error.args else ""
-    return text if isinstance(text, Said) else str(error)
+    return text if isinstance(text, TranslatableText) else str(error)
 
 
 @lru_cache(maxsize=64)
-def _layouts_of(schema: str, data: bytes) -> Layouts:
-    return Layouts(message_class(schema, data).DESCRIPTOR)
+def _layouts_of(schema: str, data: bytes) -> WireLayouts:
+    return WireLayouts(message_class(schema, data).DESCRIPTOR)
 
 
 def _is_framed(raw: bytes) -> bool:

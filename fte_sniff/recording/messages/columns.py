@@ -16,12 +16,12 @@ from fte_sniff.recording.messages.index import (
     FRONT,
     LOG_TIME_PLACE,
     MESSAGE_HEAD,
-    Messages,
+    MessageIndex,
     at_every_byte,
     numbers,
 )
 from fte_sniff.recording.messages.schema import TOPICS
-from fte_sniff.recording.messages.wire_layout import Layout, Layouts
+from fte_sniff.recording.messages.wire_layout import WireLayout, WireLayouts
 from fte_sniff.row_batch import Array, RowColumns, Words
 
 RAW = np.dtype(f"V{FRAME_LENGTH}")
@@ -73,11 +73,11 @@ def _strayed(words: Array, guarded: Guard) -> Array:
 
 
 @lru_cache(maxsize=256)
-def _whole_guard(layout: Layout) -> Guard:
+def _whole_guard(layout: WireLayout) -> Guard:
     return guard(layout.mask, layout.expected)
 
 
-class Side:
+class UniformBatch:
     """Messages of one length side by side."""
 
     def __init__(self, records: bytes, starts: Array, length: int) -> None:
@@ -102,7 +102,7 @@ class Side:
         """The number at that place of every message."""
         return numbers(self._packed, self._lead + place, kind)
 
-    def raw(self, layout: Layout) -> Array:
+    def raw(self, layout: WireLayout) -> Array:
         """The first ten bytes of every row, zeros behind them."""
         place = self._lead + layout.raw
         if layout.raw_length >= FRAME_LENGTH:
@@ -116,14 +116,14 @@ class Side:
         place += self._lead
         return (row[place : place + length].tobytes() for row in self._bytes)
 
-    def parted(self, rows: Array) -> Side:
+    def parted(self, rows: Array) -> UniformBatch:
         """Only these messages: a mask."""
-        part = object.__new__(Side)
+        part = object.__new__(UniformBatch)
         part._lead = self._lead
         part._set(self._packed[rows])
         return part
 
-    def fits(self, layout: Layout) -> Array | None:
+    def fits(self, layout: WireLayout) -> Array | None:
         """Which messages keep to the layout; None where all do, which is quickly seen."""
         guarded = _whole_guard(layout)
         return None if all_fit(self.words, guarded) else which_fit(self.words, guarded)
@@ -132,9 +132,9 @@ class Side:
 def put_side(
     columns: RowColumns,
     rows: Array,
-    side: Side,
+    side: UniformBatch,
     log_times: Array,
-    layout: Layout,
+    layout: WireLayout,
     reader: MessageReader,
 ) -> tuple[Array, tuple[int, int] | None]:
     """Fill in all but the ports.
@@ -176,7 +176,7 @@ def put_side(
     return good, (int(logged.min()), int(logged.max()))
 
 
-def _put_seldom(columns: RowColumns, rows: Array, side: Side, layout: Layout) -> None:
+def _put_seldom(columns: RowColumns, rows: Array, side: UniformBatch, layout: WireLayout) -> None:
     """What blank columns hold already for most rows."""
     if layout.delay is None:
         columns.delayed[rows] = False
@@ -191,13 +191,15 @@ def _put_seldom(columns: RowColumns, rows: Array, side: Side, layout: Layout) ->
         columns.long.update(zip(rows.tolist(), whole, strict=True))
 
 
-def _framed(side: Side, layout: Layout) -> Any:
+def _framed(side: UniformBatch, layout: WireLayout) -> Any:
     if layout.framed is None:
         return True
     return side.number(layout.framed, "u1").astype(np.bool_)
 
 
-def _fault_codes(words: Words, reader: MessageReader, side: Side, layout: Layout) -> Array:
+def _fault_codes(
+    words: Words, reader: MessageReader, side: UniformBatch, layout: WireLayout
+) -> Array:
     """The number of each row's faults in the words; -1 where this version knows them not."""
     if not layout.fault_count:
         return np.zeros(1, np.int32)
@@ -237,9 +239,9 @@ _SIGN = 0x80
 """The bit of a number's last byte that no offset has."""
 
 
-def _model() -> Layout:
+def _model() -> WireLayout:
     """The layout of some topic's sound frames."""
-    layout = Layouts(class_of(TOPICS[0]).DESCRIPTOR).usual
+    layout = WireLayouts(class_of(TOPICS[0]).DESCRIPTOR).usual
     assert layout is not None
     return layout
 
@@ -248,7 +250,7 @@ _MODEL = _model()
 
 
 @lru_cache(maxsize=256)
-def is_usual(layout: Layout) -> bool:
+def is_usual(layout: WireLayout) -> bool:
     """Whether messages of this layout are of sound frames, and all that makes the row is in place.
 
     So it is for every schema of ours; those of a file may be others.
@@ -260,7 +262,7 @@ def is_usual(layout: Layout) -> bool:
 
 
 @lru_cache(maxsize=256)
-def _guard(layout: Layout, header: int) -> Guard:
+def _guard(layout: WireLayout, header: int) -> Guard:
     """That of the layout; besides, an offset below 2^63, and both ends of the frame."""
     mask, expected = bytearray(layout.mask), bytearray(layout.expected)
     mask[layout.offset + _NUMBER - 1] |= _SIGN
@@ -269,7 +271,7 @@ def _guard(layout: Layout, header: int) -> Guard:
     return guard(mask, expected)
 
 
-def which_usual(side: Side, layout: Layout) -> Array | None:
+def which_usual(side: UniformBatch, layout: WireLayout) -> Array | None:
     """Which messages, one at least and all as long as the usual layout, keep to it and are of
     frames; None where all do."""
     words, headers = side.words, HEADERS.values()
@@ -300,7 +302,7 @@ _MOST_LENGTHS = 512
 
 
 @dataclass(slots=True)
-class Gathered:
+class DecodedColumns:
     """What came of some messages."""
 
     columns: RowColumns
@@ -314,7 +316,7 @@ class Gathered:
     """Whether the columns are those that were to be filled in, and nothing stands beside them."""
 
 
-def gather(messages: Messages, readers: Readers, columns: RowColumns) -> Gathered:
+def decode_columns(messages: MessageIndex, readers: Readers, columns: RowColumns) -> DecodedColumns:
     """The rows and events of the messages, in that order.
 
     Args:
@@ -329,7 +331,7 @@ def gather(messages: Messages, readers: Readers, columns: RowColumns) -> Gathere
 
 
 class _Gathering:
-    def __init__(self, messages: Messages, readers: Readers, columns: RowColumns) -> None:
+    def __init__(self, messages: MessageIndex, readers: Readers, columns: RowColumns) -> None:
         self._messages, self._readers = messages, readers
         self._rows = columns
         self._kept = np.zeros(len(messages), np.bool_)
@@ -341,7 +343,7 @@ class _Gathering:
         self._times = messages.number(LOG_TIME_PLACE, "<i8")
         self._timely = bool(self._times.min(initial=0) == 0)
 
-    def gathered(self) -> Gathered:
+    def gathered(self) -> DecodedColumns:
         for readers, rows in self._by_schema():
             for own, length in self._by_length(readers, self._unusual(readers, rows)):
                 self._take(readers, own, length)
@@ -354,7 +356,7 @@ class _Gathering:
             columns = columns.parted(self._kept, events)
         times = None if self._last < 0 else (self._first, self._last)
         in_place = whole and not columns.long and not events
-        return Gathered(columns, len(self._messages), times, self._losses, in_place)
+        return DecodedColumns(columns, len(self._messages), times, self._losses, in_place)
 
     def _by_schema(self) -> Iterator[tuple[Readers, Array]]:
         """The rows of all channels that share a schema, and the readers of those channels."""
@@ -408,7 +410,7 @@ class _Gathering:
         own = rows if usual.all() else rows[usual]
         if not len(own):
             return rows
-        side = Side(self._messages.records, self._messages.starts.take(own), length)
+        side = UniformBatch(self._messages.records, self._messages.starts.take(own), length)
         fits = which_usual(side, layout)
         if fits is not None:
             usual[usual] = fits
@@ -441,7 +443,7 @@ class _Gathering:
         """Messages of one schema and one length."""
         reader = next(filter(None, readers.values()))
         if reader.layouts is not None:
-            side = Side(self._messages.records, self._messages.starts[rows], length)
+            side = UniformBatch(self._messages.records, self._messages.starts[rows], length)
             for layout in reader.layouts.of_length(length):
                 fits = side.fits(layout)
                 if fits is None:
@@ -457,7 +459,12 @@ class _Gathering:
         self._take_each(readers, rows)
 
     def _take_side(
-        self, readers: Readers, reader: MessageReader, rows: Array, side: Side, layout: Layout
+        self,
+        readers: Readers,
+        reader: MessageReader,
+        rows: Array,
+        side: UniformBatch,
+        layout: WireLayout,
     ) -> Array:
         """Rows that keep to the layout; returns a mask of those that make no row all the same."""
         log_times = self._times.take(rows)

@@ -33,7 +33,7 @@ _Others = list[tuple[int, bytes]]
 
 
 @dataclass(frozen=True, slots=True)
-class Messages:
+class MessageIndex:
     """The messages of an unpacked chunk, or of several one behind the other."""
 
     records: bytes
@@ -97,7 +97,7 @@ def indexed_places(indexes: Sequence[bytes], size: int) -> Array | None:
     return places.astype(np.int64)
 
 
-def message_starts(records: bytes, places: Array | None) -> Messages:
+def message_starts(records: bytes, places: Array | None) -> MessageIndex:
     """The messages of an unpacked chunk, or of several one behind the other.
 
     Args:
@@ -115,11 +115,11 @@ def message_starts(records: bytes, places: Array | None) -> Messages:
     return found
 
 
-def _messages(records: bytes, starts: Array, others: _Others) -> Messages:
+def _messages(records: bytes, starts: Array, others: _Others) -> MessageIndex:
     fronts = _fronts(records, starts)
     lengths = numbers(fronts, LENGTH_PLACE, "<i8")
     lengths -= MESSAGE_HEAD - HEAD.size
-    return Messages(records, starts, lengths, fronts, others)
+    return MessageIndex(records, starts, lengths, fronts, others)
 
 
 def _fronts(records: bytes, starts: Array) -> Array:
@@ -137,7 +137,7 @@ def _fronts(records: bytes, starts: Array) -> Array:
     return found
 
 
-def _confirmed(records: bytes, places: Array) -> Messages | None:
+def _confirmed(records: bytes, places: Array) -> MessageIndex | None:
     """The same, if the records tile the chunk with messages at these places and nowhere else."""
     if not len(places) or places[0] < 0 or places[-1] > len(records) - MESSAGE_HEAD:
         return None
@@ -170,7 +170,7 @@ def _between(records: bytes, start: int, end: int) -> _Others | None:
     return found if start == end else None
 
 
-def _walked(records: bytes) -> Messages:
+def _walked(records: bytes) -> MessageIndex:
     """From record to record, as it must be done where no index helps."""
     starts: list[int] = []
     others: _Others = []

@@ -28,7 +28,7 @@ from fte_sniff.protocol import (
     status_of,
 )
 from fte_sniff.protocol.spec import CMD_PLACE, NUM_PLACE
-from fte_sniff.recording.mcap.writer import Batch
+from fte_sniff.recording.mcap.writer import McapBatch
 from fte_sniff.recording.messages.codec import class_of, encode_event, encode_row, plain
 from fte_sniff.recording.messages.schema import (
     EVENTS,
@@ -67,7 +67,7 @@ class Columns:
     """The rows' ten bytes, one row a line."""
 
 
-class Model:
+class RowModel:
     """Writes messages of one form: sound frames of one kind on one topic."""
 
     def __init__(
@@ -146,7 +146,7 @@ class Packer:
         self._channel_of_form: dict[_Form, int | None] = {}
         self._sequences: dict[int, int] = {}
 
-    def pack(self, taken: Sequence[Row | PortEvent], times: NDArray[np.int64]) -> Batch:
+    def pack(self, taken: Sequence[Row | PortEvent], times: NDArray[np.int64]) -> McapBatch:
         """The messages of `taken`, in that order.
 
         Args:
@@ -222,14 +222,14 @@ class Packer:
 
 
 @cache
-def _row_model(head: bytes, uncertain: bool) -> Model:
+def _row_model(head: bytes, uncertain: bool) -> RowModel:
     """The model of all sound frames that begin with `head`, and whose order is so certain."""
     raw = head + bytes(FRAME_LENGTH - len(head))
     model = Frame("", 0, raw, 0, (), 0, uncertain)
     topic, kind = topic_of(model), model.kind
     assert kind is not None
     lacking = SOUND_LACKS - {"order_uncertain"} if uncertain else SOUND_LACKS
-    return Model(encode_row(topic, model, 0), class_of(topic), kind.fields, lacking)
+    return RowModel(encode_row(topic, model, 0), class_of(topic), kind.fields, lacking)
 
 
 def _columns(
@@ -261,9 +261,11 @@ def message_record(entry: Row | PortEvent, channel: int, sequence: int, time: in
     return MESSAGE.pack(*head) + data
 
 
-def _joined(records: list[bytes], channels: NDArray[np.int64], times: NDArray[np.int64]) -> Batch:
+def _joined(
+    records: list[bytes], channels: NDArray[np.int64], times: NDArray[np.int64]
+) -> McapBatch:
     places = np.fromiter(accumulate(map(len, records), initial=0), np.int64, len(records))
-    return Batch(b"".join(records), channels, times, places)
+    return McapBatch(b"".join(records), channels, times, places)
 
 
 ChannelId = Callable[[str, Topic], int]
@@ -301,7 +303,7 @@ class ColumnPacker:
         self._channel_id = channel_id
         self._sequences: dict[int, int] = {}
 
-    def pack(self, rows: RowColumns, times: Array, event_times: Array) -> Batch:
+    def pack(self, rows: RowColumns, times: Array, event_times: Array) -> McapBatch:
         """The messages of the rows and of their events, in order of log time.
 
         Args:
@@ -343,7 +345,7 @@ class ColumnPacker:
         for place, record in records.items():
             start = int(places[place])
             data[start : start + len(record)] = np.frombuffer(record, np.uint8)
-        return Batch(data.data, channels, times, places)
+        return McapBatch(data.data, channels, times, places)
 
     def _forms_of(self, rows: RowColumns, times: Array) -> Array:
         """The form of every row that can be written by columns."""
@@ -424,7 +426,7 @@ def _topic(form: int, motor: int) -> Topic:
 
 
 @cache
-def _model(code: int) -> Model:
+def _model(code: int) -> RowModel:
     """The layout of the messages of a form."""
     kind, cmd = _FORMS[code]
     raw = bytes([kind.header, cmd, MOTORS[0]]).ljust(FRAME_LENGTH, b"\0")
@@ -432,7 +434,7 @@ def _model(code: int) -> Model:
     topic = topic_of(frame)
     assert topic is not MALFORMED
     assert status_of(()) is Status.OK
-    return Model(encode_row(topic, frame, 0), class_of(topic), kind.fields, SOUND_LACKS)
+    return RowModel(encode_row(topic, frame, 0), class_of(topic), kind.fields, SOUND_LACKS)
 
 
 @cache

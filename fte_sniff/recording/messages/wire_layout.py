@@ -119,7 +119,7 @@ _MAY_LACK = {
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class WireLayout:
     """Places of the fields, in bytes from the start of the message."""
 
     mask: bytes
@@ -143,7 +143,7 @@ class Layout:
     """Place of the byte that tells whether the order is uncertain; None where it is certain."""
 
 
-class Layouts:
+class WireLayouts:
     """The layouts that messages of one schema can have."""
 
     def __init__(self, descriptor: Any) -> None:
@@ -151,7 +151,7 @@ class Layouts:
         self._fields = list(descriptor.fields)
         self._tells_framed = "framed" in descriptor.fields_by_name
         self._usable = _is_usable(descriptor)
-        self._found: dict[int, tuple[Layout, ...]] = {}
+        self._found: dict[int, tuple[WireLayout, ...]] = {}
         names = [name for name in _MAY_LACK if name in descriptor.fields_by_name]
         self._lacking = [
             frozenset(compress(names, lacks))
@@ -160,7 +160,7 @@ class Layouts:
         self.usual = self._built(FRAME_LENGTH, 0, self._lacking[0]) if self._usable else None
         """That of the most usual messages, whose rows are ten bytes without faults."""
 
-    def of_length(self, length: int) -> tuple[Layout, ...]:
+    def of_length(self, length: int) -> tuple[WireLayout, ...]:
         """The layouts that make a message so long, the most usual first."""
         if length not in self._found:
             if len(self._found) >= _MOST_KEPT:
@@ -168,13 +168,13 @@ class Layouts:
             self._found[length] = tuple(self._layouts(length)) if self._usable else ()
         return self._found[length]
 
-    def _layouts(self, length: int) -> Iterator[Layout]:
+    def _layouts(self, length: int) -> Iterator[WireLayout]:
         for faults, lacking in product(range(MOST_FAULTS + 1), self._lacking):
             layout = self._layout(length, faults, lacking)
             if layout is not None:
                 yield layout
 
-    def _layout(self, length: int, faults: int, lacking: frozenset[str]) -> Layout | None:
+    def _layout(self, length: int, faults: int, lacking: frozenset[str]) -> WireLayout | None:
         last = laid(self._fields, lacking, 0, faults)[-1]
         raw_length = length - last.place - last.size
         if raw_length >= MORE_FOLLOWS:
@@ -184,10 +184,10 @@ class Layouts:
         fits = 0 < raw_length < _MOST_IN_TWO if self._tells_framed else raw_length == FRAME_LENGTH
         return self._built(raw_length, faults, lacking) if fits else None
 
-    def _built(self, raw_length: int, faults: int, lacking: frozenset[str]) -> Layout:
+    def _built(self, raw_length: int, faults: int, lacking: frozenset[str]) -> WireLayout:
         fields = laid(self._fields, lacking, raw_length, faults)
         places = {field.name: field.place for field in fields}
-        return Layout(
+        return WireLayout(
             b"".join(b"\xff" * len(one.tag) + bytes([one.zeros]) * one.size for one in fields),
             b"".join(one.tag + bytes(one.size) for one in fields),
             places["offset"],

@@ -15,7 +15,7 @@ from rich.text import Text
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import Row, Status
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.panes.pane import Pane, Sight
+from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.table.theme import Palette
 
 TITLE: Final = later("bytes around offset {offset:,}")
@@ -157,7 +157,7 @@ class BytesPane(Pane):
         super().__init__(HINT)
         self._shown: tuple[object, ...] | None = None
 
-    def see(self, sight: Sight) -> None:
+    def see(self, sight: PaneContext) -> None:
         """Dump what stands around the cursor's row, unless that is what stands there."""
         if sight.row is None or sight.index is None:
             self._shown = None

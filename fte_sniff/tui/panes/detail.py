@@ -11,13 +11,13 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.statistics import NO_BENCH, Bench
+from fte_sniff.analysis.statistics import NO_BENCH, LineSetup
 from fte_sniff.errors import shown
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
-from fte_sniff.protocol.dissect import Bit, Part, dissect, explain
+from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.panes.pane import Pane, Sight
+from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.table.columns import MARKS
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import moment_text, padded, turns_text, wrap
@@ -54,7 +54,7 @@ _INDENT = " " * (2 + _HEX_WIDTH)
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class Width:
     """What there is room for."""
 
     width: int
@@ -64,7 +64,7 @@ class Room:
 
 
 def detail_text(
-    row: Row, palette: Palette, room: Room, bench: Bench = NO_BENCH, zone: tzinfo = UTC
+    row: Row, palette: Palette, room: Width, bench: LineSetup = NO_BENCH, zone: tzinfo = UTC
 ) -> Text:
     """The row explained; positions in turns too, where the bench tells how long a turn is."""
     lines = _heading(row, palette, room, zone)
@@ -86,7 +86,7 @@ def detail_text(
     return Text("\n").join(lines)
 
 
-def _heading(row: Row, palette: Palette, room: Room, zone: tzinfo) -> list[Text]:
+def _heading(row: Row, palette: Palette, room: Width, zone: tzinfo) -> list[Text]:
     kind = row.kind if isinstance(row, Frame) else None
     name = kind.name if kind else _("unknown frame") if isinstance(row, Frame) else _("damage")
     time = _("no time") if row.t_ns is None else moment_text(row.t_ns, zone)
@@ -104,7 +104,7 @@ def _heading(row: Row, palette: Palette, room: Room, zone: tzinfo) -> list[Text]
     return lines
 
 
-def _with_turns(part: Part, bench: Bench) -> Part:
+def _with_turns(part: ExplainedField, bench: LineSetup) -> ExplainedField:
     """A decoded position also tells its turns."""
     if part.name != "pulses" or not part.value:
         return part
@@ -113,7 +113,7 @@ def _with_turns(part: Part, bench: Bench) -> Part:
     return replace(part, value=TURNS.format(pulses=part.value, turns=turns)) if turns else part
 
 
-def _part_lines(part: Part, palette: Palette, room: Room, values: int) -> Iterator[Text]:
+def _part_lines(part: ExplainedField, palette: Palette, room: Width, values: int) -> Iterator[Text]:
     """The bytes, the name, the value in its cells and what it is; then what is wrong, and the bits.
 
     More bytes than stand before a name follow in lines of their own, each with the part's mark.
@@ -147,7 +147,7 @@ def _part_lines(part: Part, palette: Palette, room: Room, values: int) -> Iterat
         yield from _indented(said, Style.null() if bit.is_set else palette.muted, room)
 
 
-def _bits_in_a_line(bits: Sequence[Bit]) -> str:
+def _bits_in_a_line(bits: Sequence[ExplainedBit]) -> str:
     """Every bit from the highest down; those of one name together."""
     runs = groupby(reversed(bits), key=lambda bit: bit.label)
     told = [
@@ -157,7 +157,7 @@ def _bits_in_a_line(bits: Sequence[Bit]) -> str:
     return _(BITS).format(bits=", ".join(told)) if told else ""
 
 
-def _wrapped_beside(words: str, start: int, room: Room) -> list[str]:
+def _wrapped_beside(words: str, start: int, room: Width) -> list[str]:
     """The words from cell `start` on, its other lines indented; all below where that is narrow."""
     if not words:
         return [""]
@@ -167,7 +167,7 @@ def _wrapped_beside(words: str, start: int, room: Room) -> list[str]:
     return ["", *(_INDENT + line for line in wrap(words, room.width - len(_INDENT)))]
 
 
-def _indented(words: str, style: Style, room: Room) -> list[Text]:
+def _indented(words: str, style: Style, room: Width) -> list[Text]:
     lines = wrap(words, room.width - len(_INDENT))
     return [Text(_INDENT + line, style=style) for line in lines]
 
@@ -181,9 +181,9 @@ class DetailPane(Pane):
 
     def __init__(self) -> None:
         super().__init__(HINT)
-        self._shown: tuple[Row, Palette, Room, Bench, tzinfo] | None = None
+        self._shown: tuple[Row, Palette, Width, LineSetup, tzinfo] | None = None
 
-    def see(self, sight: Sight) -> None:
+    def see(self, sight: PaneContext) -> None:
         """Explain the cursor's row, if it is not the one explained."""
         self.entitle(_(TITLE))
         if sight.row is None:
@@ -191,7 +191,7 @@ class DetailPane(Pane):
             self.draw(Text(_(NO_ROW)))
             return
         roomy = self.app.size.height >= ROOMY_LINES
-        room = Room(self.room.width, roomy)
+        room = Width(self.room.width, roomy)
         now = (sight.row, sight.palette, room, sight.bench, sight.zone)
         if self._shown != now:
             self._shown = now

@@ -13,11 +13,11 @@ from rich.text import Text
 
 from fte_sniff.analysis.fields import subject
 from fte_sniff.analysis.motors import Flags, Motors, MotorState
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.traces import QUANTITIES, Traces
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, Field, FrameKind, Status
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.panes.pane import Pane, Sight
+from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.plot import Curves, Strokes, dots_across, plot
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import UNKNOWN, clock_text, padded, rate_text, span_text, turns_text
@@ -34,7 +34,7 @@ DEFAULT_WINDOW: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
-class MotorsLook:
+class MotorsView:
     """The motors as they were at one moment."""
 
     states: tuple[MotorState, ...]
@@ -43,7 +43,7 @@ class MotorsLook:
     """The moment, nanoseconds since 1970 UTC; None where rows have no times."""
     window_ns: int
     """How far back the plots look."""
-    bench: Bench
+    bench: LineSetup
     zone: tzinfo = UTC
     """Of times of day."""
 
@@ -120,7 +120,7 @@ def head_line(form: str, state: MotorState, palette: Palette) -> Text:
     return text.append(f" {_(ERROR).format(byte=error.byte)}", wrong if error.byte else _PLAIN)
 
 
-def title_line(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
+def title_line(look: MotorsView, state: MotorState, width: int, palette: Palette) -> Text:
     """The head with the latest change of the error byte, if it ever changed."""
     text, error = head_line(_(MOTOR), state, palette), state.flags.get("error")
     changes = _changes(error) if error is not None else []
@@ -142,7 +142,7 @@ def _changes(flags: Flags) -> list[tuple[int, int]]:
     return sorted(((t_ns, bit) for bit, t_ns in changed if t_ns is not None), reverse=True)
 
 
-def bit_lines(look: MotorsLook, state: MotorState, palette: Palette) -> Iterator[Text]:
+def bit_lines(look: MotorsView, state: MotorState, palette: Palette) -> Iterator[Text]:
     """The bits one by one; of those of ERROR, the latest changes."""
     error = state.flags.get("error")
     if error is not None:
@@ -213,7 +213,7 @@ class CardSize:
         return self.height >= ROOMY_LINES
 
 
-def brief(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
+def brief(look: MotorsView, state: MotorState, width: int, palette: Palette) -> Text:
     """The motor in one line, where there is no room for more."""
     line = head_line(MOTOR_BRIEF, state, palette)
     reading = _reading(look, state, _asked_for(state), palette)
@@ -224,7 +224,7 @@ def brief(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> 
 
 
 def compact(
-    look: MotorsLook, state: MotorState, width: int, height: int, palette: Palette
+    look: MotorsView, state: MotorState, width: int, height: int, palette: Palette
 ) -> list[Text]:
     """The motor in fewer lines than a card has."""
     if height < 2:
@@ -238,13 +238,13 @@ def compact(
     return lines
 
 
-def words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> list[Text]:
+def words(look: MotorsView, state: MotorState, size: CardSize, palette: Palette) -> list[Text]:
     """What is said of the motor above its plots."""
     lines = list(_words(look, state, size, palette))
     return lines if size.roomy else lines[: max(WORD_LINES, size.height - PLOT_LINES)]
 
 
-def plots(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> list[Text]:
+def plots(look: MotorsView, state: MotorState, size: CardSize, palette: Palette) -> list[Text]:
     """Both quantities where there is much room, else that which the motor is asked for."""
     if size.height < 1 or dots_across(size.width) < 1 or look.now_ns is None:
         return []
@@ -260,7 +260,7 @@ def plots(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette)
     return lines
 
 
-def _words(look: MotorsLook, state: MotorState, size: CardSize, palette: Palette) -> Iterator[Text]:
+def _words(look: MotorsView, state: MotorState, size: CardSize, palette: Palette) -> Iterator[Text]:
     yield title_line(look, state, size.width, palette)
     yield _target_line(look, state, size.width, palette)
     first = _asked_for(state)
@@ -280,7 +280,7 @@ def _label(word: str, palette: Palette) -> Text:
     return Text.assemble((padded(word, _LABEL), palette.muted))
 
 
-def _target(look: MotorsLook, state: MotorState, palette: Palette) -> Iterator[Text]:
+def _target(look: MotorsView, state: MotorState, palette: Palette) -> Iterator[Text]:
     target = state.target
     if target is None:
         yield Text(NEVER_ASKED, style=palette.muted)
@@ -298,7 +298,7 @@ def _target(look: MotorsLook, state: MotorState, palette: Palette) -> Iterator[T
             yield Text(f" {field.option}={value}")
 
 
-def _target_line(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
+def _target_line(look: MotorsView, state: MotorState, width: int, palette: Palette) -> Text:
     """The target, with what has room: since when it is the same, and how old the last word is."""
     line = Text.assemble(_label(_(TARGET), palette), *_target(look, state, palette))
     target = state.target
@@ -321,7 +321,7 @@ def _by_use(kind: FrameKind) -> list[Field]:
     return sorted(kind.fields, key=lambda field: field.name != subject(kind))
 
 
-def _reading(look: MotorsLook, state: MotorState, name: str, palette: Palette) -> Text:
+def _reading(look: MotorsView, state: MotorState, name: str, palette: Palette) -> Text:
     reading, unit = state.present.get(name), _FIELD[name].unit
     if reading is None:
         return Text(f"{UNKNOWN} {unit}", style=palette.muted)
@@ -331,7 +331,7 @@ def _reading(look: MotorsLook, state: MotorState, name: str, palette: Palette) -
     return text.append_text(_age(look, reading.t_ns, palette))
 
 
-def _age(look: MotorsLook, t_ns: int | None, palette: Palette) -> Text:
+def _age(look: MotorsView, t_ns: int | None, palette: Palette) -> Text:
     """How old something is, where it is no longer fresh."""
     age = look.ago_ns(t_ns)
     if age is None or age < STALE_NS:
@@ -339,7 +339,7 @@ def _age(look: MotorsLook, t_ns: int | None, palette: Palette) -> Text:
     return Text(" " + _(AGO).format(span=span_text(age)), style=palette.muted)
 
 
-def _commands(look: MotorsLook, state: MotorState, width: int, palette: Palette) -> Text:
+def _commands(look: MotorsView, state: MotorState, width: int, palette: Palette) -> Text:
     rate, waits = rate_text(state.commands_per_s), look.ago_ns(state.waiting_since_ns)
     if waits is not None and waits >= STALE_NS:
         words = _(WAITING).format(rate=rate, span=span_text(waits))
@@ -369,7 +369,7 @@ def _asked_for(state: MotorState) -> str:
 
 
 def _plot(
-    look: MotorsLook,
+    look: MotorsView,
     state: MotorState,
     name: str,
     size: CardSize,
@@ -401,7 +401,7 @@ GAP: Final = 2
 """Cells between two cards."""
 
 
-def grid(look: MotorsLook, width: int, height: int, palette: Palette) -> Text:
+def grid(look: MotorsView, width: int, height: int, palette: Palette) -> Text:
     """All motors in so many cells; in more lines where they do not fit."""
     abreast = 4 if width >= FOUR_ABREAST else 2 if width >= TWO_ABREAST else 1
     rows = -(-len(look.states) // abreast)
@@ -419,7 +419,7 @@ def grid(look: MotorsLook, width: int, height: int, palette: Palette) -> Text:
     return Text("\n").join(lines)
 
 
-def _compact(look: MotorsLook, width: int, height: int, palette: Palette) -> Iterator[Text]:
+def _compact(look: MotorsView, width: int, height: int, palette: Palette) -> Iterator[Text]:
     """One below the other in all lines that there are; the first motors get what is left over."""
     each, more = divmod(height, len(look.states))
     for place, state in enumerate(look.states):
@@ -427,7 +427,7 @@ def _compact(look: MotorsLook, width: int, height: int, palette: Palette) -> Ite
 
 
 def _row(
-    look: MotorsLook, states: Sequence[MotorState], size: CardSize, palette: Palette
+    look: MotorsView, states: Sequence[MotorState], size: CardSize, palette: Palette
 ) -> Iterator[list[Text]]:
     """Cards side by side, equally long; their plots begin on one line."""
     said = [words(look, state, size, palette) for state in states]
@@ -441,7 +441,7 @@ def _row(
         yield lines
 
 
-def _as_of(sight: Sight) -> str:
+def _as_of(sight: PaneContext) -> str:
     """Which row is looked at, and the way to the newest; empty where that is looked at."""
     if sight.following or sight.row is None:
         return ""
@@ -475,7 +475,7 @@ class MotorsPane(Pane):
         """Look further back (by 1), or less far (by -1)."""
         self._window = zoomed(self._window, by)
 
-    def see(self, sight: Sight) -> None:
+    def see(self, sight: PaneContext) -> None:
         """Draw the motors as they were when the cursor's row had come."""
         title = _(TITLE).format(span=span_text(WINDOWS_NS[self._window]))
         as_of = _as_of(sight)
@@ -487,7 +487,7 @@ class MotorsPane(Pane):
         room = self.room
         self.draw(grid(look, room.width, room.height, sight.palette))
 
-    def _look(self, sight: Sight) -> MotorsLook | None:
+    def _look(self, sight: PaneContext) -> MotorsView | None:
         models, now_ns, window_ns = sight.models, sight.now_ns, WINDOWS_NS[self._window]
         if sight.following or sight.index is None:
             self._past = None
@@ -498,9 +498,9 @@ class MotorsPane(Pane):
                 return None
             motors, traces = past.motors, past.traces
         states = tuple(motors.states(now_ns))
-        return MotorsLook(states, traces, now_ns, window_ns, sight.bench, sight.zone)
+        return MotorsView(states, traces, now_ns, window_ns, sight.bench, sight.zone)
 
-    def _looked_back(self, sight: Sight, index: int, window_ns: int) -> _Past | None:
+    def _looked_back(self, sight: PaneContext, index: int, window_ns: int) -> _Past | None:
         past = self._past
         if past is not None and (past.index, past.window_ns) == (index, window_ns):
             return past

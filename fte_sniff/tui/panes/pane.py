@@ -14,9 +14,9 @@ from textual.containers import VerticalScroll
 from textual.geometry import Size
 from textual.widgets import Static
 
-from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import Row
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.table.theme import Palette
@@ -26,7 +26,7 @@ _CORNERS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class PaneContext:
     """What there is to be looked at by a pane, at one moment."""
 
     row: Row | None
@@ -42,8 +42,8 @@ class Sight:
     newest_ns: int | None
     """The newest row's time and what has passed since; the same where the end is followed."""
     store: RowStore
-    models: Following
-    bench: Bench
+    models: LiveModels
+    bench: LineSetup
     palette: Palette
     zone: tzinfo
     """Of the times of day that the table shows."""
@@ -75,7 +75,7 @@ class Pane(VerticalScroll, can_focus=False, metaclass=AbstractMeta):
         return Size(max(1, region.width - bar), max(1, region.height))
 
     @abstractmethod
-    def see(self, sight: Sight) -> None:
+    def see(self, sight: PaneContext) -> None:
         """Draw what there is to see."""
 
     @property

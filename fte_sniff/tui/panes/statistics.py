@@ -18,7 +18,7 @@ from fte_sniff.errors import shown
 from fte_sniff.protocol import Direction, status_of
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.notices import event_words
-from fte_sniff.tui.panes.pane import Pane, Sight
+from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import (
@@ -34,7 +34,7 @@ from fte_sniff.tui.text import (
 )
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.motor_stats import Seen
+    from fte_sniff.analysis.motor_stats import FlagCount
 
 
 ERROR_BIT: Final = later("motor {motor}: ERROR bit {bit} set in {seen}")
@@ -68,7 +68,7 @@ def from_to(first_ns: int, last_ns: int | None, when: When) -> str:
     return _(FROM_TO).format(start=when(first_ns), end=when(last_ns))
 
 
-def _seen(seen: Seen, when: When) -> str:
+def _seen(seen: FlagCount, when: When) -> str:
     """`12 frames, 12:00:01.000 to 12:00:09.000`."""
     frames = _(ONE_FRAME) if seen.frames == 1 else _(FRAMES).format(count=seen.frames)
     if seen.first_ns is None:
@@ -145,7 +145,7 @@ STREAMS_HEAD: Final = later("kind and motor")
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class StatisticsText:
     """What the page is about."""
 
     statistics: Statistics
@@ -164,7 +164,7 @@ class Told:
         return UNKNOWN if t_ns is None else clock_text(t_ns, _MILLISECONDS, self.zone)
 
 
-def page(told: Told, width: int, palette: Palette) -> Text:
+def page(told: StatisticsText, width: int, palette: Palette) -> Text:
     """All numbers, for so many cells."""
     lines = list(_lines(told, width, palette))
     for line in lines:
@@ -172,7 +172,7 @@ def page(told: Told, width: int, palette: Palette) -> Text:
     return Text("\n").join(lines)
 
 
-def _lines(told: Told, width: int, palette: Palette) -> Iterator[Text]:
+def _lines(told: StatisticsText, width: int, palette: Palette) -> Iterator[Text]:
     if told.behind:
         yield Text(_(BEHIND).format(rows=told.behind), style=palette.muted)
     if told.missed:
@@ -268,12 +268,12 @@ def _streams(
         yield Text.assemble("  ", (fit(name, _NAME_WIDTH), style), cells)
 
 
-def _flags(told: Told, palette: Palette) -> Iterator[Text]:
+def _flags(told: StatisticsText, palette: Palette) -> Iterator[Text]:
     for words in flag_words(told.flags, told.when, in_order=True):
         yield Text.assemble((RAISED_MARK, palette.raised_mark), " ", (words, palette.raised))
 
 
-def _faults(told: Told, width: int, palette: Palette) -> Iterator[Text]:
+def _faults(told: StatisticsText, width: int, palette: Palette) -> Iterator[Text]:
     faults = told.statistics.faults()
     if not faults:
         yield Text(_(NO_FAULTS))
@@ -315,11 +315,11 @@ class StatisticsPane(Pane):
     def __init__(self) -> None:
         super().__init__(HINT)
 
-    def see(self, sight: Sight) -> None:
+    def see(self, sight: PaneContext) -> None:
         """Draw the numbers as they are now."""
         self.entitle(_(TITLE))
         models = sight.models
-        told = Told(
+        told = StatisticsText(
             models.statistics,
             models.flags.numbers(),
             sight.newest_ns,

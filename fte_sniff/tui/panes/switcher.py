@@ -6,15 +6,15 @@ from collections.abc import Iterator, Sequence
 from time import perf_counter
 from typing import Final
 
-from fte_sniff.analysis.feed import Seam
-from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import PortEvent
 from fte_sniff.tui.panes.bytes import BytesPane
 from fte_sniff.tui.panes.detail import DetailPane
 from fte_sniff.tui.panes.motors import MotorsPane
-from fte_sniff.tui.panes.pane import Pane, Sight
+from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.table.theme import palette_of
 from fte_sniff.tui.table.widget import RowTable
@@ -38,10 +38,10 @@ UNSEEN_ROWS: Final = 4_096
 class Panes:
     """The panes, at most one of them shown."""
 
-    def __init__(self, store: RowStore, table: RowTable, bench: Bench) -> None:
+    def __init__(self, store: RowStore, table: RowTable, bench: LineSetup) -> None:
         """No pane is shown."""
         self._store, self._table, self._bench = store, table, bench
-        self._models = Following(store, bench)
+        self._models = LiveModels(store, bench)
         self._motors = MotorsPane()
         self._panes: dict[str, Pane] = {
             "detail": DetailPane(),
@@ -106,7 +106,7 @@ class Panes:
         """Something happened to ports."""
         self._models.statistics.add_events(events)
 
-    def tell_seams(self, seams: Sequence[Seam]) -> None:
+    def tell_seams(self, seams: Sequence[StreamChange]) -> None:
         """These stand between rows of the store."""
         self._models.meet(seams)
 
@@ -158,11 +158,11 @@ class Panes:
             self._seen_at_s = self._clock_ns / 1e9
             self._shown.see(self._sight())
 
-    def _sight(self) -> Sight:
+    def _sight(self) -> PaneContext:
         table = self._table
         following = table.viewport.following and not table.viewport.paused
         row, newest_ns = table.cursor_row, self._newest_ns
-        return Sight(
+        return PaneContext(
             row=row,
             index=table.cursor_index,
             place=table.viewport.cursor + 1 if row is not None else 0,

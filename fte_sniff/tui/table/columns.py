@@ -66,7 +66,7 @@ class ColumnChoice:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class TableView:
     """All of it."""
 
     ports: tuple[str, ...] = ()
@@ -175,7 +175,7 @@ class TableColumn:
         return replace(self, width=min(max(width, LEAST), MOST))
 
 
-def column_of(name: str, look: Look) -> TableColumn:
+def column_of(name: str, look: TableView) -> TableColumn:
     """The column of that name as wide as it is where there is room."""
     field = next((field for field in VALUE_FIELDS if field.name == name), None)
     if field is not None:
@@ -198,7 +198,7 @@ def column_of(name: str, look: Look) -> TableColumn:
     return TableColumn(name, name, max(widest, len(name)), False, text)
 
 
-def _time_column(look: Look) -> TableColumn:
+def _time_column(look: TableView) -> TableColumn:
     head: str = look.times
     if look.times is TimeStyle.LOCAL:
         head = _(ZONED).format(zone=str(look.zone).removeprefix("UTC"))
@@ -287,7 +287,7 @@ _NARROW_PORT_WIDTHS = {"time": MINUTES_WIDTH, "port": 4, "kind": 7, VALUES: 14}
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class TableLayout:
     """The columns of a table, side by side with one cell between them."""
 
     columns: tuple[TableColumn, ...]
@@ -297,11 +297,11 @@ class Layout:
         """Cells that the mark and all columns take."""
         return len(MARKS[Status.OK]) + sum(column.width + 1 for column in self.columns)
 
-    def without(self, hidden: int) -> Layout:
+    def without(self, hidden: int) -> TableLayout:
         """The layout moved sideways by so many columns; the first stays at the left."""
-        return Layout((self.columns[0], *self.columns[1 + hidden :]))
+        return TableLayout((self.columns[0], *self.columns[1 + hidden :]))
 
-    def within(self, width: int) -> Layout:
+    def within(self, width: int) -> TableLayout:
         """What is seen of it in `width` cells: the last column is narrowed, not cut by the edge.
 
         A cell then says itself that it is cut; where that takes too much room, it is left out.
@@ -314,7 +314,7 @@ class Layout:
             room -= column.width + 1
             if room < 0:
                 left = room + column.width
-                return Layout((*whole, column.sized(left)) if left >= LEAST else tuple(whole))
+                return TableLayout((*whole, column.sized(left)) if left >= LEAST else tuple(whole))
             whole.append(column)
         return self
 
@@ -344,13 +344,13 @@ class Layout:
 
 
 @cache
-def layout_for(width: int, look: Look) -> Layout:
+def layout_for(width: int, look: TableView) -> TableLayout:
     """The layout for a table of `width` cells that is to look like that."""
     if look.choice is not None:
         return _chosen(look.choice, look)
     names = tuple(name for name in ORDER if name != "port" or len(look.ports) > 1)
     if width >= ROOMY:
-        return Layout(tuple(column_of(name, look) for name in names))
+        return TableLayout(tuple(column_of(name, look) for name in names))
     at = names.index(VALUE_NAMES[0])
     names = tuple(name for name in names if name not in VALUE_NAMES)
     widths = tuple(_widths_for(width, "port" in names).items())
@@ -363,7 +363,7 @@ def _widths_for(width: int, ports: bool) -> dict[str, int]:
     return _NARROW_PORT_WIDTHS if ports else _NARROW_WIDTHS
 
 
-def _chosen(choice: ColumnChoice, look: Look) -> Layout:
+def _chosen(choice: ColumnChoice, look: TableView) -> TableLayout:
     widths = dict(choice.widths)
     columns = (column_of(name, look) for name in choice.names)
-    return Layout(tuple(c.sized(widths[c.name]) if c.name in widths else c for c in columns))
+    return TableLayout(tuple(c.sized(widths[c.name]) if c.name in widths else c for c in columns))

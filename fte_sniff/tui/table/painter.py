@@ -14,9 +14,16 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.formats.text_layout import mark_of
 from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, Value, record
-from fte_sniff.tui.table.columns import MARKS, RAISED_MARK, VALUES, Layout, TableColumn, TimeStyle
+from fte_sniff.tui.table.columns import (
+    MARKS,
+    RAISED_MARK,
+    VALUES,
+    TableColumn,
+    TableLayout,
+    TimeStyle,
+)
 from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.table.viewport import Marks, Viewport
+from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import faulty_text, is_raised, values_text
 
 SPANNED = ("kind", VALUES, *(field.name for field in VALUE_FIELDS), "raw")
@@ -44,7 +51,7 @@ _MEANINGS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class CellPosition:
     """A row, and what stands around it."""
 
     row: Row
@@ -57,7 +64,7 @@ class Place:
 class Painter:
     """Paints rows for one layout, palette and width."""
 
-    layout: Layout
+    layout: TableLayout
     palette: Palette
     width: int
     """Cells in the window."""
@@ -67,7 +74,7 @@ class Painter:
     search: Search | None = None
     """What is looked for, to be set off."""
 
-    def row(self, place: Place, line: Style) -> Strip:
+    def row(self, place: CellPosition, line: Style) -> Strip:
         """The row over the style of its line."""
         row, columns = place.row, self._columns
         values = self._values(place)
@@ -105,7 +112,7 @@ class Painter:
         return strip
 
     @property
-    def shown(self) -> Layout:
+    def shown(self) -> TableLayout:
         """The columns in view, the first of those at the left."""
         return self.layout.without(self.hidden)
 
@@ -113,7 +120,7 @@ class Painter:
     def _columns(self) -> tuple[TableColumn, ...]:
         return self.shown.within(self.width).columns
 
-    def _values(self, place: Place) -> dict[str, Value]:
+    def _values(self, place: CellPosition) -> dict[str, Value]:
         values = {**record(place.row), VALUES: ""}
         if self.times.counts:
             known = place.row.t_ns is not None and place.since_ns is not None
@@ -173,11 +180,11 @@ class Painter:
 def places(
     store: RowStore,
     view: Viewport,
-    marks: Marks,
+    marks: RowMarks,
     selected: range,
     times: TimeStyle,
     start_ns: int | None,
-) -> list[Place]:
+) -> list[CellPosition]:
     """What the window holds, from top to bottom.
 
     Args:
@@ -192,20 +199,20 @@ def places(
     since = _since(store, view.top, times, marks, start_ns)
     made = []
     for index, row in store.shown.slice(view.top, end):
-        made.append(Place(row, _sign(index, marks, selected), since))
+        made.append(CellPosition(row, _sign(index, marks, selected), since))
         if times is TimeStyle.BEFORE:
             since = row.t_ns
     return made
 
 
-def _sign(index: int, marks: Marks, selected: range) -> Sign:
+def _sign(index: int, marks: RowMarks, selected: range) -> Sign:
     if index in marks:
         return Sign.MARKED
     return Sign.SELECTED if index in selected else Sign.NONE
 
 
 def _since(
-    store: RowStore, top: int, times: TimeStyle, marks: Marks, start_ns: int | None
+    store: RowStore, top: int, times: TimeStyle, marks: RowMarks, start_ns: int | None
 ) -> int | None:
     """The time that the window's first row counts from."""
     if times is TimeStyle.BEFORE:

@@ -151,7 +151,7 @@ def palette_of(theme: Theme) -> Palette:
     return _PALETTES.get(theme.name, DARK if theme.dark else LIGHT)
 
 
-class Colourless(LineFilter):
+class NoColor(LineFilter):
     """Takes every colour out of a line."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:

@@ -98,7 +98,7 @@ class Viewport:
         self.top = min(max(self.top, lowest, 0), self.cursor)
 
 
-class Marks:
+class RowMarks:
     """Indices of marked rows."""
 
     def __init__(self) -> None:

@@ -25,10 +25,10 @@ from fte_sniff.analysis.search import Search, find_fault, find_raised
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Row
 from fte_sniff.tui.keys import MOVING, bindings, say_keys
-from fte_sniff.tui.table.columns import Look, TableColumn, layout_for
-from fte_sniff.tui.table.painter import Painter, Place, Sign, places
+from fte_sniff.tui.table.columns import TableColumn, TableView, layout_for
+from fte_sniff.tui.table.painter import CellPosition, Painter, Sign, places
 from fte_sniff.tui.table.theme import palette_of
-from fte_sniff.tui.table.viewport import Marks, Viewport
+from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import fit
 
 
@@ -185,13 +185,13 @@ class RowTable(Scrolling, can_focus=True):
             super().__init__()
             self.failure = failure
 
-    def __init__(self, store: RowStore, header: TableHeader, look: Look) -> None:
+    def __init__(self, store: RowStore, header: TableHeader, look: TableView) -> None:
         super().__init__()
         say_keys(self)
         self.viewport = Viewport()
         self.look = look
         """How the user wants it to look."""
-        self.marks = Marks()
+        self.marks = RowMarks()
         self.selecting_from: int | None = None
         """Index of the row at which a selection began; None where there is none."""
         self.search: Search | None = None
@@ -206,7 +206,7 @@ class RowTable(Scrolling, can_focus=True):
         self._paused_index = 0
         self._hidden = 0
         self._header = header
-        self._places: Sequence[Place] = ()
+        self._places: Sequence[CellPosition] = ()
         self._drawn: tuple[object, ...] = ()
 
     @property
@@ -272,7 +272,7 @@ class RowTable(Scrolling, can_focus=True):
         return self._painter.layout.columns
 
     def set_look(self, **changes: object) -> None:
-        """Let the table look otherwise; see `Look` for what can change."""
+        """Let the table look otherwise; see `TableView` for what can change."""
         look = replace(self.look, **changes)  # type: ignore[arg-type]
         if look != self.look:
             self.look = look

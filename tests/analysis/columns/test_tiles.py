@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
 from fte_sniff.protocol import Chunk, Framer, Row
-from fte_sniff.protocol.framer.segments import Decided
+from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.row_batch import PackedRows, packed_tiles
 from tests.protocol.streams import raw_bytes
 
@@ -35,7 +35,7 @@ def one_by_one(chunks: Sequence[Chunk]) -> list[Row]:
     return [row for rows in fed for row in rows] + framer.flush()
 
 
-def kept(chunks: Sequence[Chunk], taken_after: int) -> list[Decided]:
+def kept(chunks: Sequence[Chunk], taken_after: int) -> list[DecidedSpan]:
     """The same in portions, each taken after so many chunks."""
     framer, found = Framer("p"), []
     for count, chunk in enumerate(chunks):

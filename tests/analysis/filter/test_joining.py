@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.filter.terms import MAX_DEPTH, MAX_SQL, Joining, Term, TermType
+from fte_sniff.analysis.filter.terms import MAX_DEPTH, MAX_SQL, BooleanTerms, Term, TermType
 from fte_sniff.errors import FilterError
 
-JOIN = Joining("")
+JOIN = BooleanTerms("")
 
 
 def conditions(count: int) -> list[Term]:

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import Missing, Pace
+from fte_sniff.analysis.feed import BaudChange, MissingRows
 from fte_sniff.analysis.fields import Decoded
-from fte_sniff.analysis.live_models import Following
+from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.statistics import Bench
+from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import KIND_BY_NAME, Direction, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, pack
 
@@ -48,7 +48,7 @@ def test_the_state_at_any_row_is_that_of_all_rows_up_to_it(
 ) -> None:
     rows = _rows(count)
     store = RowStore(1000, block_rows)
-    following = Following(store, Bench(), every)
+    following = LiveModels(store, LineSetup(), every)
     for start in range(0, count, 7):
         store.append(rows[start : start + 7])
         following.step(budget)
@@ -66,7 +66,7 @@ def test_the_state_at_any_row_is_that_of_all_rows_up_to_it(
 
 def test_rows_that_leave_before_they_are_looked_at_are_told() -> None:
     store = RowStore(100, 32)
-    following = Following(store, Bench(), 32)
+    following = LiveModels(store, LineSetup(), 32)
     store.append(_rows(250))
     assert following.behind == 100
     assert following.step(1000)
@@ -77,7 +77,7 @@ def test_rows_that_leave_before_they_are_looked_at_are_told() -> None:
 
 def test_nothing_is_told_of_rows_that_were_not_looked_at() -> None:
     store = RowStore()
-    following = Following(store, Bench())
+    following = LiveModels(store, LineSetup())
     store.append(_rows(50))
     assert not following.step(20)
     assert following.motors_at(20) is None
@@ -88,7 +88,7 @@ def test_nothing_is_told_of_rows_that_were_not_looked_at() -> None:
 def test_traces_of_the_past_reach_back_as_far_as_is_asked(window_ms: int) -> None:
     rows = _rows(2000)
     store = RowStore(5000, 64)
-    following = Following(store, Bench(), 128)
+    following = LiveModels(store, LineSetup(), 128)
     store.append(rows)
     following.step(10**6)
     index = 1000
@@ -122,9 +122,9 @@ def test_nothing_is_measured_across_a_seam(
 ) -> None:
     rows = _rows(count)
     store = RowStore(1000, 7)
-    following = Following(store, Bench(), every)
+    following = LiveModels(store, LineSetup(), every)
     for start in range(0, count, 9):
-        following.meet([Missing(place) for place in places if start <= place < start + 9])
+        following.meet([MissingRows(place) for place in places if start <= place < start + 9])
         store.append(rows[start : start + 9])
         following.step(budget)
     while not following.step(budget):
@@ -145,7 +145,7 @@ def test_nothing_is_measured_across_a_seam(
 
 def test_rows_that_left_before_they_were_looked_at_are_no_silence() -> None:
     store = RowStore(10, 5)
-    following = Following(store, Bench())
+    following = LiveModels(store, LineSetup())
     rows = _rows(100)
     store.append(rows[:5])
     while not following.step(100):
@@ -160,8 +160,8 @@ def test_rows_that_left_before_they_were_looked_at_are_no_silence() -> None:
 
 def test_the_use_of_a_line_is_reckoned_by_what_the_recording_says() -> None:
     store = RowStore(100)
-    following = Following(store, Bench())
-    following.meet([Pace(0, "p", 9600), Pace(3, "p", 57_600)])
+    following = LiveModels(store, LineSetup())
+    following.meet([BaudChange(0, "p", 9600), BaudChange(3, "p", 57_600)])
     store.append(_rows(3))
     following.step(100)
     assert following.statistics.ports()[0].baud == 9600

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.fields import NO_TIME
-from fte_sniff.analysis.motors import Moments, Pairing
+from fte_sniff.analysis.motors import Pairing, PendingCommands
 
 COMMAND, FEEDBACK = True, False
 EVENTS = st.lists(
@@ -21,11 +21,11 @@ EVENTS = st.lists(
 def add(pairing: Pairing, events: list[tuple[bool, int]], begin: int = 0) -> None:
     """Events one time unit apart."""
 
-    def moments(side: bool) -> Moments:
+    def moments(side: bool) -> PendingCommands:
         places = [place for place, (kind, _) in enumerate(events) if kind is side]
         cmds = [events[place][1] for place in places]
         times = [begin + place for place in places]
-        return Moments(*(np.array(part, np.int64) for part in (places, cmds, times)))
+        return PendingCommands(*(np.array(part, np.int64) for part in (places, cmds, times)))
 
     pairing.add(moments(COMMAND), moments(FEEDBACK))
 
@@ -65,9 +65,9 @@ def test_pairs_without_times_are_counted_and_not_measured() -> None:
     pairing = Pairing()
     one = np.array([0]), np.array([1]), np.array([NO_TIME])
     other = np.array([1]), np.array([1]), np.array([NO_TIME])
-    pairing.add(Moments(*one), Moments(*other))
+    pairing.add(PendingCommands(*one), PendingCommands(*other))
     assert pairing.answered == 1
     assert pairing.delays.percentile(50) is None
-    pairing.add(Moments(*one), Moments(*(part[:0] for part in other)))
+    pairing.add(PendingCommands(*one), PendingCommands(*(part[:0] for part in other)))
     assert pairing.waiting
     assert pairing.waiting_since_ns is None

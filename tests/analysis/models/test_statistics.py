@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.fields import Decoded
-from fte_sniff.analysis.statistics import Bench, Statistics
+from fte_sniff.analysis.statistics import LineSetup, Statistics
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KIND_BY_NAME,
@@ -27,7 +27,7 @@ from fte_sniff.row_batch import Codebook, pack
 
 SECOND = 1_000_000_000
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=15)
-BENCH = Bench()
+BENCH = LineSetup()
 
 
 def statistics_of(rows: list[Row], cut: int = 0) -> Statistics:
@@ -147,5 +147,5 @@ def test_port_events_are_counted_also_before_the_first_row() -> None:
 
 
 def test_a_bench_tells_turns() -> None:
-    assert Bench().turns(500) is None
-    assert Bench(resolution=500, gear_ratio=20).turns(-15_000) == -1.5
+    assert LineSetup().turns(500) is None
+    assert LineSetup(resolution=500, gear_ratio=20).turns(-15_000) == -1.5

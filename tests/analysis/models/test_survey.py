@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motors import Motors
-from fte_sniff.analysis.statistics import Bench
-from fte_sniff.analysis.summary import Survey
+from fte_sniff.analysis.statistics import LineSetup
+from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     MOTORS,
@@ -35,8 +35,8 @@ SECOND = 1000 * MS
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=15)
 
 
-def survey_of(*sources: Sequence[Row], baud: int = 115_200) -> Survey:
-    survey = Survey(Bench(baud))
+def survey_of(*sources: Sequence[Row], baud: int = 115_200) -> StatisticsSummary:
+    survey = StatisticsSummary(LineSetup(baud))
     for number, rows in enumerate(sources):
         survey.begin(f"{number}.mcap", {})
         survey.add(rows)
@@ -78,7 +78,7 @@ def test_pieces_with_gaps_between_tell_what_each_tells_alone(sizes: list[int], c
         gaps.append((t_ns + size * MS, t_ns + size * MS + SECOND))
         t_ns += size * MS + 2 * SECOND
     rows = [row for piece in pieces for row in piece]
-    survey = Survey(Bench(115_200))
+    survey = StatisticsSummary(LineSetup(115_200))
     survey.begin("a.mcap", {}, gaps)
     survey.add(rows[:cut])
     survey.add(rows[cut:])
@@ -187,7 +187,7 @@ def test_the_use_of_a_line_follows_its_baud() -> None:
     change = PortEvent(2 * SECOND - 1, "p", PortEventKind.BAUD_CHANGED, "", 9600)
     expected = (20 * fast + 20 * slow) / (3 * SECOND + 10 * slow)
     for cut in range(5):
-        survey = Survey(Bench(1200))
+        survey = StatisticsSummary(LineSetup(1200))
         survey.begin("a", {"p": 115_200})
         survey.add(rows[:cut], [change] if cut > 1 else [])
         # The next file of a capture tells how it began.
@@ -200,7 +200,7 @@ def test_the_use_of_a_line_follows_its_baud() -> None:
 
 
 def test_a_baud_that_the_user_said_is_not_overruled() -> None:
-    survey = Survey(Bench(1200))
+    survey = StatisticsSummary(LineSetup(1200))
     survey.begin("a", {})
     rows = [frame("reset", at * SECOND) for at in range(2)]
     survey.add(rows, [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)])

@@ -10,7 +10,7 @@ import pytest
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.search import Hits, Standing
+from fte_sniff.analysis.search import HitCounter, HitPosition
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, Packed, pack
 
@@ -25,18 +25,18 @@ def third(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> npt.NDArray[n
     return np.asarray(packed["offset"] % 30 == 0)
 
 
-def counted(store: RowStore) -> Hits:
-    hits = Hits(store, third)
+def counted(store: RowStore) -> HitCounter:
+    hits = HitCounter(store, third)
     while hits.step():
         pass
     return hits
 
 
-def by_hand(store: RowStore, index: int) -> Standing:
+def by_hand(store: RowStore, index: int) -> HitPosition:
     places = [store.shown.index(at) for at in range(store.shown.count)]
     passing = [at for at in places if at % 3 == 0]
     number = passing.index(index) + 1 if index in passing else None
-    return Standing(number, len(passing), left_out=False, behind=False)
+    return HitPosition(number, len(passing), left_out=False, behind=False)
 
 
 @pytest.mark.parametrize("row_filter", [None, "motor = 1", "rpm > 10", "motor = 9"])
@@ -44,7 +44,7 @@ def by_hand(store: RowStore, index: int) -> Standing:
 def test_each_row_stands_where_it_does_by_hand(row_filter: str | None, bound: int) -> None:
     store = RowStore(bound, block_rows=16)
     store.shown.set_filter(RowFilter.parse(row_filter) if row_filter else None)
-    hits = Hits(store, third)
+    hits = HitCounter(store, third)
     for start in range(0, 120, 7):
         store.append(rows(start, start + 7))
         while hits.step():
@@ -56,14 +56,14 @@ def test_each_row_stands_where_it_does_by_hand(row_filter: str | None, bound: in
 def test_what_is_not_counted_yet_is_behind() -> None:
     store = RowStore(1000, block_rows=16)
     store.append(rows(0, 40))
-    hits = Hits(store, third)
-    assert hits.standing(3) == Standing(None, 0, left_out=False, behind=True)
+    hits = HitCounter(store, third)
+    assert hits.standing(3) == HitPosition(None, 0, left_out=False, behind=True)
     assert hits.step()
-    assert hits.standing(3) == Standing(2, 6, left_out=False, behind=True)
+    assert hits.standing(3) == HitPosition(2, 6, left_out=False, behind=True)
     while hits.step():
         pass
     store.append(rows(40, 45))
-    assert hits.standing(3) == Standing(2, 14, left_out=False, behind=True)
+    assert hits.standing(3) == HitPosition(2, 14, left_out=False, behind=True)
 
 
 class Again:
@@ -78,13 +78,13 @@ def test_rows_that_left_memory_before_they_were_counted_are_left_out_and_said_to
     store.append(rows(0, 64))
     late = counted(store)
     assert (
-        late.standing(63) == Standing(6, 6 + 5, left_out=True, behind=False)
+        late.standing(63) == HitPosition(6, 6 + 5, left_out=True, behind=False)
         or late.standing(63).left_out
     )
     early = RowStore(1000, block_rows=16, source=Again(), most_blocks=2)
-    hits = Hits(early, third)
+    hits = HitCounter(early, third)
     for start in range(0, 64, 16):
         early.append(rows(start, start + 16))
         while hits.step():
             pass
-    assert hits.standing(63) == Standing(22, 22, left_out=False, behind=False)
+    assert hits.standing(63) == HitPosition(22, 22, left_out=False, behind=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import Missing, Pace, Seam, SeamFinder, shifted
+from fte_sniff.analysis.feed import BaudChange, GapDetector, MissingRows, StreamChange, shifted
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
 
 RAW = bytes.fromhex("AA00000000000000 00EE".replace(" ", ""))
@@ -21,10 +21,10 @@ def rows_at(times: list[int]) -> list[Row]:
 def test_a_stretch_parts_the_rows_before_it_from_those_behind(
     times: list[int], gaps: list[tuple[int, int]], cut: int
 ) -> None:
-    finder = SeamFinder()
+    finder = GapDetector()
     assert finder.begin({}, [(first, first + length) for first, length in gaps]) == []
     rows = rows_at(times)
-    found: list[Seam] = list(finder.seams(rows[:cut]))
+    found: list[StreamChange] = list(finder.seams(rows[:cut]))
     found += shifted(finder.seams(rows[cut:]), len(rows[:cut]))
     places = {seam.place for seam in found}
     for first, length in gaps:
@@ -40,8 +40,8 @@ def test_a_stretch_parts_the_rows_before_it_from_those_behind(
 
 
 def test_events_stand_before_the_first_row_at_their_time() -> None:
-    finder = SeamFinder()
-    assert finder.begin({"p": 9600}) == [Pace(0, "p", 9600)]
+    finder = GapDetector()
+    assert finder.begin({"p": 9600}) == [BaudChange(0, "p", 9600)]
     assert finder.begin({"p": 9600}) == []
     events = [
         PortEvent(5, "q", PortEventKind.OPENED, ""),
@@ -51,7 +51,7 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
         PortEvent(90, "p", PortEventKind.OVERRUN, "", 7),
     ]
     assert finder.seams(rows_at([10, 20, 30]), events) == [
-        Missing(1, "p"),
-        Pace(2, "p", 1200),
-        Missing(3, "p"),
+        MissingRows(1, "p"),
+        BaudChange(2, "p", 1200),
+        MissingRows(3, "p"),
     ]

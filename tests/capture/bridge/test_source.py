@@ -15,7 +15,7 @@ import pytest
 import serial
 
 from fte_sniff.capture.bridge import BridgeSource, open_bridge
-from fte_sniff.capture.bridge_io import HOST, MOST_AHEAD, Departures, Wires
+from fte_sniff.capture.bridge_io import HOST, MOST_AHEAD, WireEvents, WireTimes
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.pty import ROOM, HostEnd, speed_of
 from fte_sniff.capture.serial_port import PortSettings, open_port
@@ -317,7 +317,7 @@ def test_what_is_written_at_stop_is_still_passed_on(bridges, pty, until):
 
 
 def test_bytes_leave_one_after_the_other_at_the_lines_pace():
-    departures, byte_ns = Departures(115200), byte_time_ns(115200)
+    departures, byte_ns = WireTimes(115200), byte_time_ns(115200)
     assert departures.last_of(10, 0) == 10 * byte_ns
     assert departures.last_of(10, 0) == 20 * byte_ns
     assert departures.last_of(1, 10**9) == 10**9 + byte_ns
@@ -326,7 +326,7 @@ def test_bytes_leave_one_after_the_other_at_the_lines_pace():
 
 
 def test_no_byte_is_timed_further_ahead_than_a_driver_holds():
-    departures = Departures(115200)
+    departures = WireTimes(115200)
     for _ in range(100):
         latest = departures.last_of(1000, 0)
     assert latest == MOST_AHEAD * byte_time_ns(115200)
@@ -361,7 +361,7 @@ def test_nothing_is_passed_on_before_somebody_is_ready_to_record_it(pty, tmp_pat
 
 def test_what_the_consumer_cannot_take_is_passed_on_all_the_same(pty, tmp_path, until):
     port = open_port(pty.device)
-    bridge = BridgeSource(port, HostEnd(115200), Wires("port", 115200, CLOCK, 3000))
+    bridge = BridgeSource(port, HostEnd(115200), WireEvents("port", 115200, CLOCK, 3000))
     with bridge, serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
         host.write(b"x")
         from_far(pty, 1)

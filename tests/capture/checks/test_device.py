@@ -4,7 +4,7 @@ import pytest
 
 from fte_sniff.capture.diagnostics import device_findings, granted_findings, holder_findings
 from fte_sniff.capture.discovery import Holder, PortListing
-from fte_sniff.capture.serial_port import Granted, LowLatency
+from fte_sniff.capture.serial_port import LowLatency, PortCapabilities
 from fte_sniff.capture.uart_errors import BlindWatch, UartWatch
 from fte_sniff.protocol import LineErrorCounts
 
@@ -47,23 +47,23 @@ def test_who_holds_a_port_is_named_with_what_makes_it_let_go(name, way_out):
 @pytest.mark.parametrize(
     ("granted", "levels", "way_out"),
     [
-        (Granted(COUNTING, LowLatency.GRANTED, 1, True), ["ok", "ok"], None),
+        (PortCapabilities(COUNTING, LowLatency.GRANTED, 1, True), ["ok", "ok"], None),
         (
-            Granted(COUNTING, LowLatency.REFUSED, 16, True),
+            PortCapabilities(COUNTING, LowLatency.REFUSED, 16, True),
             ["warn", "ok"],
             "echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB3/latency_timer",
         ),
         (
-            Granted(COUNTING, LowLatency.REFUSED, None, False),
+            PortCapabilities(COUNTING, LowLatency.REFUSED, None, False),
             ["warn", "ok"],
             "sudo setserial /dev/ttyUSB3 low_latency",
         ),
         (
-            Granted(BlindWatch(), LowLatency.ABSENT, None, True),
+            PortCapabilities(BlindWatch(), LowLatency.ABSENT, None, True),
             ["ok", "warn"],
             "use an adapter whose driver tells them (FTDI, CP210x)",
         ),
-        (Granted(BlindWatch(), LowLatency.ABSENT, None, False), ["ok", "ok"], None),
+        (PortCapabilities(BlindWatch(), LowLatency.ABSENT, None, False), ["ok", "ok"], None),
     ],
 )
 def test_what_was_not_granted_comes_with_what_mends_it(granted, levels, way_out):

@@ -3,7 +3,7 @@ import os
 import pytest
 
 from fte_sniff.capture.diagnostics import (
-    Host,
+    HostFacts,
     Level,
     clock_finding,
     clock_state,
@@ -44,14 +44,14 @@ VIRTUAL_CPU = {"proc/cpuinfo": "processor: 0\nflags\t\t: fpu hypervisor sse\n"}
 @pytest.mark.parametrize(
     ("files", "host"),
     [
-        ({}, Host.METAL),
-        ({"proc/version": "Linux version 6.1.0-generic"}, Host.METAL),
-        ({"proc/version": "Linux version 5.15.1-microsoft-standard-WSL2"}, Host.WSL),
-        ({".dockerenv": ""}, Host.CONTAINER),
-        ({"run/.containerenv": "", **VIRTUAL_CPU}, Host.CONTAINER),
-        ({"proc/1/cgroup": "0::/kubepods/besteffort/pod1"}, Host.CONTAINER),
-        (VIRTUAL_CPU, Host.VIRTUAL),
-        ({"proc/cpuinfo": "flags: fpu sse\n"}, Host.METAL),
+        ({}, HostFacts.METAL),
+        ({"proc/version": "Linux version 6.1.0-generic"}, HostFacts.METAL),
+        ({"proc/version": "Linux version 5.15.1-microsoft-standard-WSL2"}, HostFacts.WSL),
+        ({".dockerenv": ""}, HostFacts.CONTAINER),
+        ({"run/.containerenv": "", **VIRTUAL_CPU}, HostFacts.CONTAINER),
+        ({"proc/1/cgroup": "0::/kubepods/besteffort/pod1"}, HostFacts.CONTAINER),
+        (VIRTUAL_CPU, HostFacts.VIRTUAL),
+        ({"proc/cpuinfo": "flags: fpu sse\n"}, HostFacts.METAL),
     ],
 )
 def test_what_kind_of_machine_it_is(tmp_path, files, host):

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import PortSource, open_source
 from fte_sniff.capture.serial_port import (
-    Granted,
     LowLatency,
+    PortCapabilities,
     PortSettings,
     ask_low_latency,
     has_low_latency,
@@ -167,7 +167,7 @@ def test_a_source_tells_of_errors_and_marks_the_bytes(pty):
     counters = Counting()
     port = open_port(pty.device)
     ask_for_marks(port.fileno())
-    granted = Granted(UartWatch(counters), LowLatency.ABSENT, None, False)
+    granted = PortCapabilities(UartWatch(counters), LowLatency.ABSENT, None, False)
     source = PortSource(port, "tap", Clock.tied(), granted=granted)
     items = iter(source)
     next(items)
@@ -238,11 +238,11 @@ def test_the_latency_timer_is_read_through_links(tmp_path):
     ("granted", "words"),
     [
         (
-            Granted(BlindWatch(), LowLatency.ABSENT, None, False),
+            PortCapabilities(BlindWatch(), LowLatency.ABSENT, None, False),
             "no low latency setting; line errors unavailable",
         ),
         (
-            Granted(UartWatch(Counting()), LowLatency.GRANTED, 1, True),
+            PortCapabilities(UartWatch(Counting()), LowLatency.GRANTED, 1, True),
             "low latency granted, latency timer 1 ms; line errors counted and marked",
         ),
     ],

@@ -7,7 +7,7 @@ from itertools import islice
 
 import pytest
 
-from fte_sniff.capture.chunk_queue import Backlog
+from fte_sniff.capture.chunk_queue import ChunkQueue
 from fte_sniff.capture.source import Item
 from fte_sniff.protocol import Chunk, Damage, Framer, PortEvent, PortEventKind
 
@@ -21,7 +21,7 @@ def lengths_and_kinds(items: list[Item]) -> list[int | str]:
 
 
 def test_what_waits_is_counted_in_bytes() -> None:
-    backlog = Backlog("a")
+    backlog = ChunkQueue("a")
     backlog.tell(OPENED)
     backlog.put(Chunk("a", 1, b"abc"))
     backlog.put(Chunk("a", 2, b"de"))
@@ -32,7 +32,7 @@ def test_what_waits_is_counted_in_bytes() -> None:
 
 @pytest.mark.parametrize("taken", [0, 1, 3])
 def test_what_is_dropped_at_the_end_is_one_overrun_with_a_true_count(taken: int) -> None:
-    backlog = Backlog("a", capacity=3000)
+    backlog = ChunkQueue("a", capacity=3000)
     backlog.tell(OPENED)
     for t_ns in range(1, 9):
         backlog.put(Chunk("a", t_ns, bytes(500)))
@@ -53,7 +53,7 @@ def test_what_is_dropped_at_the_end_is_one_overrun_with_a_true_count(taken: int)
 
 
 def test_once_full_it_takes_bytes_again_when_half_is_free() -> None:
-    backlog = Backlog("a", capacity=10_000)
+    backlog = ChunkQueue("a", capacity=10_000)
     for t_ns in range(12):
         backlog.put(Chunk("a", t_ns, bytes(744)))
     assert backlog.waiting == 10 * 744
@@ -70,7 +70,7 @@ def test_once_full_it_takes_bytes_again_when_half_is_free() -> None:
 
 
 def test_an_overrun_costs_the_frames_at_its_seams_and_no_other() -> None:
-    backlog, framer = Backlog("a", capacity=20_000), Framer("a", 115_200)
+    backlog, framer = ChunkQueue("a", capacity=20_000), Framer("a", 115_200)
     stream = FRAME * 20_000
     taking = iter(backlog)
     rows, overruns = [], 0

@@ -11,7 +11,7 @@ from fte_sniff.capture.serial_port import (
     USB_FRAME_NS,
     USB_UNKNOWN_NS,
     PortSettings,
-    lateness_ns,
+    max_latency_ns,
     open_port,
 )
 from fte_sniff.protocol import byte_time_ns
@@ -41,16 +41,16 @@ def test_a_device_is_as_late_as_its_driver_holds_bytes(pty, tmp_path, subsystem,
         if timer is not None:
             (facts / "latency_timer").write_text(timer)
     with open_port(pty.device, PortSettings(9600)) as port:
-        assert lateness_ns(port, tmp_path / "tty") == expected
+        assert max_latency_ns(port, tmp_path / "tty") == expected
 
 
 def test_a_simulated_line_is_as_late_as_this_machine():
     with open_port("sim://") as port:
-        assert lateness_ns(port) == HOST_NS
+        assert max_latency_ns(port) == HOST_NS
 
 
 def test_a_server_is_as_late_as_a_network():
     with socket.create_server(("127.0.0.1", 0)) as server:
         name = f"socket://127.0.0.1:{server.getsockname()[1]}"
         with open_port(name) as port:
-            assert lateness_ns(port) == HOST_NS + NETWORK_NS
+            assert max_latency_ns(port) == HOST_NS + NETWORK_NS

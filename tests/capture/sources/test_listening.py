@@ -3,8 +3,8 @@ import threading
 
 import pytest
 
-from fte_sniff.capture.diagnostics import Listener
-from fte_sniff.capture.serial_port import Granted, LowLatency, PortSettings
+from fte_sniff.capture.diagnostics import LineListener
+from fte_sniff.capture.serial_port import LowLatency, PortCapabilities, PortSettings
 from fte_sniff.capture.uart_errors import UartWatch
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import LineErrorCounts
@@ -14,7 +14,7 @@ SETTINGS = PortSettings()
 
 
 def test_what_comes_is_heard_until_it_is_enough_and_nothing_is_written(pty):
-    with Listener(pty.device, SETTINGS) as listener:
+    with LineListener(pty.device, SETTINGS) as listener:
         pty.send(b"x" * 500)
         heard = listener.listen(FOR_EVER_S, 500)
     assert (heard.data, heard.line_errors) == (b"x" * 500, LineErrorCounts())
@@ -22,16 +22,16 @@ def test_what_comes_is_heard_until_it_is_enough_and_nothing_is_written(pty):
 
 
 def test_silence_is_heard_for_as_long_as_was_asked(pty):
-    with Listener(pty.device, SETTINGS) as listener:
+    with LineListener(pty.device, SETTINGS) as listener:
         assert listener.listen(0.05, 1).data == b""
 
 
 def test_line_errors_are_told_with_what_was_heard(pty):
     counted = [LineErrorCounts(framing=3), LineErrorCounts(framing=3), LineErrorCounts(framing=5)]
     counters = iter([*counted, *[counted[-1]] * 10_000])
-    with Listener(pty.device, SETTINGS) as listener:
+    with LineListener(pty.device, SETTINGS) as listener:
         watch = UartWatch(lambda: next(counters))
-        listener.granted = Granted(watch, LowLatency.ABSENT, None, False)
+        listener.granted = PortCapabilities(watch, LowLatency.ABSENT, None, False)
         pty.send(b"abc")
         heard = listener.listen(FOR_EVER_S, 3)
         heard_then = listener.listen(0.05, 1)
@@ -40,7 +40,7 @@ def test_line_errors_are_told_with_what_was_heard(pty):
 
 
 def test_a_sample_is_taken_at_another_baud_with_the_same_care(pty, until):
-    with Listener(pty.device, SETTINGS) as listener:
+    with LineListener(pty.device, SETTINGS) as listener:
         found = []
         sampling = threading.Thread(
             target=lambda: found.append(listener.sample(57_600, FOR_EVER_S, 4))
@@ -59,14 +59,14 @@ def test_a_sample_is_taken_at_another_baud_with_the_same_care(pty, until):
 
 
 def test_a_port_that_goes_while_it_is_heard_is_one_line(pty):
-    with Listener(pty.device, SETTINGS) as listener:
+    with LineListener(pty.device, SETTINGS) as listener:
         threading.Timer(0.05, pty.unplug).start()
         with pytest.raises(PortError, match=r"was lost: .*; check cable and power"):
             listener.listen(FOR_EVER_S, 1)
 
 
 def test_a_baud_that_a_port_cannot_have_is_passed_over():
-    with Listener("sim://?seed=1&rate=1000&wire=feedback", SETTINGS) as listener:
+    with LineListener("sim://?seed=1&rate=1000&wire=feedback", SETTINGS) as listener:
         assert len(listener.listen(FOR_EVER_S, 100).data) >= 100
         # A line of 9600 baud cannot carry what is simulated here.
         assert listener.sample(9600, FOR_EVER_S, 100) is None

@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.multi_source import Tap
+from fte_sniff.capture.multi_source import PortGroup
 from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError, UsageError
@@ -15,7 +15,7 @@ CLOCK = Clock.tied()
 
 
 def opened(*names, reconnect=True):
-    return Tap(names, PortSettings(), reconnect=reconnect).open(CLOCK)
+    return PortGroup(names, PortSettings(), reconnect=reconnect).open(CLOCK)
 
 
 def data_of(items, port):
@@ -100,7 +100,7 @@ def test_each_port_is_as_uncertain_as_it_is(pty):
 
 def test_a_port_can_be_named_once_only():
     with pytest.raises(UsageError, match="named twice"):
-        Tap(("sim://", "sim://"))
+        PortGroup(("sim://", "sim://"))
 
 
 def test_a_port_can_be_named_once_only_however_it_is_spelled(tmp_path):
@@ -108,4 +108,4 @@ def test_a_port_can_be_named_once_only_however_it_is_spelled(tmp_path):
     (tmp_path / "link").symlink_to("one")
     for other in (tmp_path / "link", f"{tmp_path}/./one"):
         with pytest.raises(UsageError, match="named twice"):
-            Tap((str(tmp_path / "one"), str(other)))
+            PortGroup((str(tmp_path / "one"), str(other)))

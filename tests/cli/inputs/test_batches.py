@@ -16,9 +16,9 @@ from fte_sniff.errors import FileError
 from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
-from fte_sniff.recording.passages import Span
+from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.row_batch import Codebook, PackedRows, RowColumns, Words, pack
-from fte_sniff.session.inputs import Batch, ColumnBatch, PackedBatch, RowBatch
+from fte_sniff.session.inputs import ColumnBatch, InputBatch, PackedBatch, RowBatch
 
 PORTS = [
     "/dev/ttyUSB0",
@@ -67,7 +67,7 @@ def each(rows: list[Row]) -> tuple[RowBatch, ColumnBatch, PackedBatch]:
     return (*both(rows), packed(rows))
 
 
-def written(batch: Batch, form: OutputFormat) -> str:
+def written(batch: InputBatch, form: OutputFormat) -> str:
     stream = io.StringIO()
     writer = row_writer(form, stream, ports=True)
     batch.write_to(writer)
@@ -137,7 +137,7 @@ def test_the_first_rows_are_the_same(rows: list[Row], count: int) -> None:
 
 @given(UNTIMED, st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1))
 def test_a_span_holds_the_same(rows: list[Row], first_ns: int, end_ns: int) -> None:
-    span = Span(first_ns, end_ns)
+    span = TimeRange(first_ns, end_ns)
     one_by_one, at_once = RowBatch(rows), packed(rows)
     assert at_once.timed == one_by_one.timed
     assert at_once.within(span).rows() == one_by_one.within(span).rows()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.protocol import Chunk, Framer, Row
-from fte_sniff.recording.passages import Span
+from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.session.inputs import FEW, PORTION, LogInput, decided, log_batches
 from tests.protocol.streams import raw_bytes
 
@@ -19,7 +19,7 @@ FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
 CUT = ["f: ends in the middle of a frame (4 of 10 bytes)"]
 
 
-def rows_of(log: LogInput, notes: list[str], span: Span | None = None) -> list[list[Row]]:
+def rows_of(log: LogInput, notes: list[str], span: TimeRange | None = None) -> list[list[Row]]:
     return [list(batch.sequence()) for batch in log.batches(span, notes.append)]
 
 
@@ -86,20 +86,20 @@ def test_rows_before_an_error_are_not_lost() -> None:
 def test_a_span_takes_what_lies_in_it(count: int) -> None:
     chunks = [Chunk("f", 10**18 + at * 10**9, FRAME) for at in range(count)]
     notes: list[str] = []
-    inside = Span(10**18 + 2 * 10**9, 10**18 + 5 * 10**9)
+    inside = TimeRange(10**18 + 2 * 10**9, 10**18 + 5 * 10**9)
     found = rows_of(LogInput(chunks, "f"), notes, inside)
     assert [row.offset for rows in found for row in rows] == [30, 40, 50]
     assert not notes
-    assert not any(rows_of(LogInput(chunks, "f"), notes, Span(0, 10)))
+    assert not any(rows_of(LogInput(chunks, "f"), notes, TimeRange(0, 10)))
     assert f"none of its {count:,} rows lies between" in notes[0]
 
 
 def test_a_large_file_is_read_in_pieces(tmp_path: Path) -> None:
-    from fte_sniff.cli.input_files import HowToRead, opened
+    from fte_sniff.cli.input_files import ReadOptions, opened
 
     path = tmp_path / "large.bin"
     path.write_bytes(FRAME * 200_000)
-    (one,) = opened([path], HowToRead())
+    (one,) = opened([path], ReadOptions())
     sizes = [len(batch) for batch in one.batches(None, lambda _: None)]
     assert sum(sizes) == 200_000
     assert max(sizes) <= PORTION // len(FRAME) + 1

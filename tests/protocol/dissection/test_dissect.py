@@ -8,19 +8,19 @@ from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
 from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, frame_faults
-from fte_sniff.protocol.dissect import Part, dissect, explain
+from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 
 
-def frame(text: str) -> list[Part]:
+def frame(text: str) -> list[ExplainedField]:
     raw = bytes.fromhex(text)
     return dissect(Frame("p", 0, raw, None, frame_faults(raw)))
 
 
-def damage(text: str, fault: Fault) -> list[Part]:
+def damage(text: str, fault: Fault) -> list[ExplainedField]:
     return dissect(Damage("p", 0, bytes.fromhex(text), None, (fault,)))
 
 
-def named(parts: list[Part], name: str) -> Part:
+def named(parts: list[ExplainedField], name: str) -> ExplainedField:
     (part,) = [part for part in parts if part.name == name]
     return part
 

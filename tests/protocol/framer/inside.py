@@ -12,11 +12,18 @@ from typing import NamedTuple
 from fte_sniff.protocol import Fault
 from fte_sniff.protocol.framer import decoder as enclosed
 from fte_sniff.protocol.framer import predicates as shapes
-from fte_sniff.protocol.framer.candidates import Window
-from fte_sniff.protocol.framer.decoder import Gap, calmly, chosen, undisputed
+from fte_sniff.protocol.framer.candidates import CandidateSet
+from fte_sniff.protocol.framer.decoder import DamagedSpan, calmly, chosen, undisputed
 from fte_sniff.protocol.framer.likelihood import BOUNDARY, CLOSED, OPEN
-from fte_sniff.protocol.framer.posterior import Carry, Weighing, joined, lost, settled, trusted
-from fte_sniff.protocol.framer.segments import Stretch
+from fte_sniff.protocol.framer.posterior import (
+    BoundaryState,
+    ForwardBackward,
+    joined,
+    lost,
+    settled,
+    trusted,
+)
+from fte_sniff.protocol.framer.segments import Segment
 from fte_sniff.protocol.framer.tables import FAULT_SETS
 
 __all__ = [
@@ -52,17 +59,17 @@ class Part(NamedTuple):
         return self.framed and not self.faults
 
 
-def _part(stretch: Stretch) -> Part:
+def _part(stretch: Segment) -> Part:
     return Part(stretch.start, stretch.stop, stretch.framed, FAULT_SETS[stretch.faults])
 
 
-def _parts(reading: Sequence[Stretch]) -> list[Part]:
+def _parts(reading: Sequence[Segment]) -> list[Part]:
     return [_part(stretch) for stretch in reading]
 
 
-def whole_frames(data: bytes, carry: Carry, ending: int) -> dict[int, float]:
+def whole_frames(data: bytes, carry: BoundaryState, ending: int) -> dict[int, float]:
     """Where a whole frame can stand in a stretch, and how probable it is (0-1)."""
-    weighing = Weighing(Window(data), carry, ending)
+    weighing = ForwardBackward(CandidateSet(data), carry, ending)
     probable = weighing.whole_frames()
     return {
         front.place: probable[number]
@@ -72,18 +79,23 @@ def whole_frames(data: bytes, carry: Carry, ending: int) -> dict[int, float]:
 
 
 def reading_of(
-    data: bytes, carry: Carry, ending: int, *, before_frame: bool = False, calm: bool = False
+    data: bytes,
+    carry: BoundaryState,
+    ending: int,
+    *,
+    before_frame: bool = False,
+    calm: bool = False,
 ) -> list[Part]:
     """The chosen reading of a stretch; `before_frame` if one is known to stand behind it."""
-    weighing = Weighing(Window(data), carry, ending)
-    following = Stretch(0, 10, True, 0, 1.0) if before_frame else None
+    weighing = ForwardBackward(CandidateSet(data), carry, ending)
+    following = Segment(0, 10, True, 0, 1.0) if before_frame else None
     reading = chosen(weighing, following)
     return _parts(calmly(weighing, reading) if calm else reading)
 
 
 def piece_weights(data: bytes) -> dict[tuple[int, int], float]:
     """Where each frame, whole or damaged, can begin and end in a stretch, and what it weighs."""
-    window = Window(data)
+    window = CandidateSet(data)
     weights: dict[tuple[int, int], float] = {}
 
     def add(start: int, stop: int, weight: float) -> None:
@@ -102,7 +114,7 @@ def piece_weights(data: bytes) -> dict[tuple[int, int], float]:
 
 def gap_of(data: bytes) -> list[Part]:
     """How a stretch is divided in which no whole frame is shown."""
-    return _parts(Gap(Window(data), 0, len(data)).parts())
+    return _parts(DamagedSpan(CandidateSet(data), 0, len(data)).parts())
 
 
 def read_alone(data: bytes, firm: int, *, calm: bool) -> list[Part] | None:

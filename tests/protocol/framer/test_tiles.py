@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, Row
-from fte_sniff.protocol.framer.segments import Decided
+from fte_sniff.protocol.framer.segments import DecidedSpan
 from tests.protocol.streams import raw_bytes
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
@@ -25,7 +25,7 @@ def cut(data: bytes, size: int) -> list[bytes]:
     return [data[at : at + size] for at in range(0, len(data), size)]
 
 
-def taken(chunks: Sequence[Chunk]) -> list[Decided]:
+def taken(chunks: Sequence[Chunk]) -> list[DecidedSpan]:
     """One portion for each chunk, and one for the end."""
     framer = Framer("p")
     portions = []
@@ -36,11 +36,11 @@ def taken(chunks: Sequence[Chunk]) -> list[Decided]:
     return [*portions, framer.take()]
 
 
-def rows_of(portions: Sequence[Decided]) -> list[Row]:
+def rows_of(portions: Sequence[DecidedSpan]) -> list[Row]:
     return [row for portion in portions for row in portion.rows()]
 
 
-def check(portions: Sequence[Decided], data: bytes) -> None:
+def check(portions: Sequence[DecidedSpan], data: bytes) -> None:
     """Fails unless the portions tile these bytes, and say of themselves what their rows say."""
     at = 0
     for portion in portions:

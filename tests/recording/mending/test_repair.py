@@ -20,7 +20,7 @@ from fte_sniff.recording.mcap.records import bytes_of
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.repair import Damage, is_whole, repair
+from fte_sniff.recording.repair import FileDamage, is_whole, repair
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import some_rows
 
@@ -61,7 +61,7 @@ def _opens(path: Path) -> int:
     return count
 
 
-def _mended(folder: Path, content: bytes) -> tuple[list[Row], Damage] | None:
+def _mended(folder: Path, content: bytes) -> tuple[list[Row], FileDamage] | None:
     """The rows that are kept of a damaged file; None where nothing can be."""
     path, output = folder / "damaged.mcap", folder / "mended.mcap"
     path.write_bytes(content)

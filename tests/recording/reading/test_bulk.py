@@ -15,10 +15,10 @@ from fte_sniff.recording.messages.schema import schema_data, schema_name, topic_
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.parallel import JOB
-from fte_sniff.recording.passages import Span
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.row_batch import Room, RowColumns, Words
+from fte_sniff.row_batch import Capacity, RowColumns, Words
 from tests.examples import examples
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
@@ -26,7 +26,7 @@ MakeRows = Callable[..., list[Row]]
 Told = Callable[[list[Row]], list[tuple[Row, int | None]]]
 
 
-def _columns(path: Path, span: Span | None = None) -> tuple[list[Row], list[PortEvent]]:
+def _columns(path: Path, span: TimeRange | None = None) -> tuple[list[Row], list[PortEvent]]:
     reader = RecordingReader(path)
     batches = list(reader.batches() if span is None else reader.batches(span=span))
     assert reader.losses == ()
@@ -195,7 +195,7 @@ def test_a_span_leaves_out_what_is_outside(recorded: Recorded) -> None:
         (0, times[0]),
         (times[59], 2**63 - 1),
     ]:
-        span = Span(first, end)
+        span = TimeRange(first, end)
         found, told_events = _columns(path, span)
         assert found == [row for row in rows if first <= (row.t_ns or 0) < end]
         assert told_events == [event for event in events if first <= event.t_ns < end]
@@ -208,7 +208,7 @@ def test_a_span_unpacks_only_the_chunks_that_it_touches(recorded: Recorded) -> N
     chunk = content.index(b"zstd")
     content[chunk + 40] ^= 0xFF
     path.write_bytes(content)
-    found, _ = _columns(path, Span(rows[45].t_ns or 0))
+    found, _ = _columns(path, TimeRange(rows[45].t_ns or 0))
     assert found == rows[45:]
 
 
@@ -244,18 +244,18 @@ def test_a_channel_that_a_chunk_defines_is_known_when_the_chunk_is_passed_over(
         for start in range(0, len(rows), 20):
             writer.write(rows[start : start + 20])
             writer.flush()
-    found, _ = _columns(path, Span(rows[45].t_ns or 0))
+    found, _ = _columns(path, TimeRange(rows[45].t_ns or 0))
     assert found == rows[45:]
     content = path.read_bytes()
     path.write_bytes(content[: content.index(b"fte.MotorControl", len(content) // 2)])
     reader = RecordingReader(path)
-    batches = list(reader.batches(span=Span(rows[45].t_ns or 0)))
+    batches = list(reader.batches(span=TimeRange(rows[45].t_ns or 0)))
     assert [row for batch in batches for row in batch.rows()] == rows[45:]
     assert reader.losses == ()
 
 
 def test_room_is_one_only_if_all_that_was_taken_fits() -> None:
-    room = Room(Words(), 10)
+    room = Capacity(Words(), 10)
     for start, end in ((0, 4), (4, 10)):
         taken = room.take(end - start)
         taken.t_ns[:] = range(start, end)

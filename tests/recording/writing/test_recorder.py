@@ -19,16 +19,16 @@ from mcap.reader import make_reader
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.recording import recorder as gaps
-from fte_sniff.recording.metadata import GAP_NAME, LEFT_OUT_NAME, PortFacts, Stretch, stretch_of
+from fte_sniff.recording.metadata import GAP_NAME, LEFT_OUT_NAME, PortFacts, RecordedGap, gap_of
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import NEXT_NAME, Recorder
-from fte_sniff.recording.retention import Keeping, OnFull, Surroundings
+from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindow
 from tests.examples import examples
 from tests.recording.conftest import START, STEP, some_rows
 
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
-ALL = Keeping(free_bytes=0)
+ALL = RecordingOptions(free_bytes=0)
 
 
 def _metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
@@ -264,7 +264,7 @@ def test_the_oldest_of_our_own_files_makes_room_and_nobody_elses(tmp_path: Path)
 
 
 def test_a_file_that_took_the_place_of_ours_is_not_deleted(tmp_path: Path) -> None:
-    keeping = Keeping(
+    keeping = RecordingOptions(
         free_bytes=0, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=1, most_bytes=100_000
     )
     recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping)
@@ -281,7 +281,7 @@ def test_a_file_that_took_the_place_of_ours_is_not_deleted(tmp_path: Path) -> No
 
 
 def test_the_bound_of_all_files_stops_the_recording_and_is_told(tmp_path: Path) -> None:
-    keeping = Keeping(free_bytes=0, most_bytes=60_000)
+    keeping = RecordingOptions(free_bytes=0, most_bytes=60_000)
     batches = [some_rows(300, start=START + n * 300 * STEP) for n in range(8)]
     recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping)
     _record(recorder, batches)
@@ -296,7 +296,7 @@ def test_the_bound_of_all_files_stops_the_recording_and_is_told(tmp_path: Path) 
 
 def test_a_disk_without_room_is_told_before_anything_is_made(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="--min-free"):
-        Recorder(tmp_path / "x.mcap", [PORT], keeping=Keeping(free_bytes=2**60))
+        Recorder(tmp_path / "x.mcap", [PORT], keeping=RecordingOptions(free_bytes=2**60))
     assert _files(tmp_path) == []
 
 
@@ -353,7 +353,7 @@ def test_a_trigger_keeps_exactly_what_surrounds_its_rows(
 ) -> None:
     path = tmp_path_factory.mktemp("trigger") / "x.mcap"
     rows = some_rows(sum(sizes))
-    around = Surroundings(before * STEP / 1e9, after * STEP / 1e9)
+    around = TriggerWindow(before * STEP / 1e9, after * STEP / 1e9)
     keeping = replace(ALL, around=around)
     event = PortEvent(START, PORT.name, PortEventKind.OPENED, "")
     with_event = Recorder(path, [PORT], keeping=keeping, select=_picks)
@@ -380,7 +380,7 @@ def test_what_waits_for_a_trigger_is_bounded(
 ) -> None:
     monkeypatch.setattr("fte_sniff.recording.trigger.MOST_WAITING", 50)
     rows = some_rows(400)
-    keeping = replace(ALL, around=Surroundings(1e6, 0))
+    keeping = replace(ALL, around=TriggerWindow(1e6, 0))
     recorder = Recorder(
         tmp_path / "x.mcap",
         [PORT],
@@ -406,11 +406,11 @@ def test_what_waits_for_a_trigger_is_bounded(
     ],
 )
 def test_a_note_that_makes_no_sense_tells_of_no_stretch(changed: dict[str, str]) -> None:
-    stretch = Stretch(3, START, START + 5, "why")
+    stretch = RecordedGap(3, START, START + 5, "why")
     told = stretch.told()
-    assert [stretch_of(name, told) for name in (GAP_NAME, LEFT_OUT_NAME, NEXT_NAME)] == [
+    assert [gap_of(name, told) for name in (GAP_NAME, LEFT_OUT_NAME, NEXT_NAME)] == [
         stretch,
         stretch,
         None,
     ]
-    assert stretch_of(GAP_NAME, told | changed) is None
+    assert gap_of(GAP_NAME, told | changed) is None

@@ -19,15 +19,15 @@ from time import monotonic
 
 import pytest
 
-from fte_sniff.analysis.feed import WakingFeed
-from fte_sniff.capture.multi_source import Tap
+from fte_sniff.analysis.feed import LiveFeed
+from fte_sniff.capture.multi_source import PortGroup
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session import live_session as live
 from fte_sniff.session.capture_process import capture
-from fte_sniff.session.capture_state import Batch, CapturePlan, Ended, Started
+from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage, Started
 from fte_sniff.session.live_session import END_WITHIN_S, LiveSession
 from tests.cli.processes import BOUND_S, holding, wait_until
 
@@ -35,7 +35,7 @@ SIM = "sim://?seed=1&rate=1000"
 
 
 def plan(recording: Path | None = None, port: str = SIM, **limits: float) -> CapturePlan:
-    return CapturePlan(Tap((port,)), recording, **limits)  # type: ignore[arg-type]
+    return CapturePlan(PortGroup((port,)), recording, **limits)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def until(session: LiveSession, holds: Callable[[int], bool]) -> None:
 
 def test_what_has_come_can_be_waited_for() -> None:
     with LiveSession(plan()) as session:
-        assert isinstance(session, WakingFeed)
+        assert isinstance(session, LiveFeed)
         assert select.select([session.descriptor], [], [], BOUND_S)[0]
         update = session.poll()
         assert update.rows or update.events
@@ -257,7 +257,7 @@ def is_behind(_plan: CapturePlan, view: Connection) -> None:
     view.recv()
     for total in range(15):
         view.poll(0.2)
-        view.send(Batch([], [], total, 0))
+        view.send(RowsMessage([], [], total, 0))
     view.send(Ended())
 
 

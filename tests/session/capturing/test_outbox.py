@@ -10,7 +10,7 @@ from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind
 from fte_sniff.recording.recorder import Change
 from fte_sniff.session.capture_process import MOST_WAITING, Outbox
-from fte_sniff.session.capture_state import Batch, Ended
+from fte_sniff.session.capture_state import Ended, RowsMessage
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
 
@@ -59,7 +59,7 @@ def test_a_view_that_does_not_look_loses_the_oldest_rows_and_is_told_how_many() 
         outbox.put_rows(rows(start, 1024))
     closing = threading.Thread(target=outbox.close, args=(Ended(),))
     closing.start()
-    batches = [message for message in received(theirs) if isinstance(message, Batch)]
+    batches = [message for message in received(theirs) if isinstance(message, RowsMessage)]
     closing.join(60)
     seen = [row for batch in batches for row in batch.rows]
     assert batches[-1].total_rows == total

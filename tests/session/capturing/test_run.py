@@ -9,12 +9,12 @@ from multiprocessing import Pipe
 import pytest
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.multi_source import Tap
+from fte_sniff.capture.multi_source import PortGroup
 from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, Row
 from fte_sniff.session.capture_process import Outbox, Run
-from fte_sniff.session.capture_state import Batch, CapturePlan, Ended
+from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage
 
 MS = 1_000_000
 START_NS = 10**18
@@ -58,13 +58,13 @@ def event(port: str, ms: float, kind: PortEventKind) -> PortEvent:
 def run(source: Known, **limits: int) -> tuple[list[Row], list[PortEvent], Ended]:
     ours, theirs = Pipe()
     outbox = Outbox(ours, lambda: None)
-    plan = CapturePlan(Tap(tuple(source.uncertainty_ns)), None, **limits)  # type: ignore[arg-type]
+    plan = CapturePlan(PortGroup(tuple(source.uncertainty_ns)), None, **limits)  # type: ignore[arg-type]
     ended = Run(plan, Clock.tied(), source, None, outbox).to_the_end()
     closing = threading.Thread(target=outbox.close, args=(ended,))
     closing.start()
     rows: list[Row] = []
     events: list[PortEvent] = []
-    while isinstance(message := theirs.recv(), Batch):
+    while isinstance(message := theirs.recv(), RowsMessage):
         rows += message.rows
         events += message.events
     closing.join(60)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.multi_source import Tap
+from fte_sniff.capture.multi_source import PortGroup
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS
 from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.protocol import Chunk, Fault, PortEvent, PortEventKind
@@ -16,7 +16,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.session.capture_process import Outbox, Run
-from fte_sniff.session.capture_state import Batch, CapturePlan, Ended
+from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage
 
 FRAME = bytes.fromhex("AA010103E800000000EE")
 NOW_NS = 1_795_000_000_000_000_000
@@ -61,7 +61,7 @@ def test_errors_are_in_the_rows_and_beside_them_in_the_recording_and_the_view(
         ]
     )
     ours, theirs = Pipe()
-    plan = CapturePlan(Tap(("tap",), DEFAULT_SETTINGS), path)
+    plan = CapturePlan(PortGroup(("tap",), DEFAULT_SETTINGS), path)
     outbox = Outbox(theirs, source.stop)
     clock = Clock.tied()
     recorder = Recorder(path, (PortFacts("tap", 115_200),))
@@ -80,6 +80,6 @@ def test_errors_are_in_the_rows_and_beside_them_in_the_recording_and_the_view(
     assert marked == [40]
     shown = []
     while not isinstance(message := ours.recv(), Ended):
-        assert isinstance(message, Batch)
+        assert isinstance(message, RowsMessage)
         shown += [row.offset for row in message.rows if Fault.LINE_ERROR in row.faults]
     assert shown == [40]

@@ -14,21 +14,23 @@ from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.recording.recorder import Change, Outcome
-from fte_sniff.session.capture_state import Batch, Ended, Message, Started, Told
+from fte_sniff.session.capture_state import CaptureState, Ended, Message, RowsMessage, Started
 
 ONE, TWO = Path("one.mcap"), Path("two.mcap")
 FULL = FileError("one.mcap: recording stopped: the disk is full")
-NEW = Told(("a", "b"))
+NEW = CaptureState(("a", "b"))
 BEGUN = Started(ONE)
 
 
-def batch(*changes: Change, rows: int = 0, leftover: int = 0, **events: PortEventKind) -> Batch:
+def batch(
+    *changes: Change, rows: int = 0, leftover: int = 0, **events: PortEventKind
+) -> RowsMessage:
     happened = [PortEvent(0, port, kind, "") for port, kind in events.items()]
-    return Batch([], happened, rows, 3, changes, leftover)
+    return RowsMessage([], happened, rows, 3, changes, leftover)
 
 
-def after(*messages: Message, of: Told = NEW) -> Told:
-    return reduce(Told.after, messages, of)
+def after(*messages: Message, of: CaptureState = NEW) -> CaptureState:
+    return reduce(CaptureState.after, messages, of)
 
 
 @pytest.mark.parametrize(

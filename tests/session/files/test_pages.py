@@ -18,10 +18,10 @@ from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.passages import EVERYTHING, Span
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.row_ranges import EVERYTHING, TimeRange
 from fte_sniff.row_batch import Codebook, RowColumns, Words, unpack
-from fte_sniff.session.replay import RecordedPages
+from fte_sniff.session.replay import RecordingPages
 from tests.examples import examples
 
 COUNT = 150_000
@@ -60,9 +60,9 @@ def files(rows: list[Row], tmp_path_factory: pytest.TempPathFactory) -> list[Pat
     ]
 
 
-def noted(files: list[Path], span: Span = EVERYTHING) -> tuple[RecordedPages, list[Row]]:
+def noted(files: list[Path], span: TimeRange = EVERYTHING) -> tuple[RecordingPages, list[Row]]:
     """The pages of the files, read once, and their rows."""
-    pages, found = RecordedPages(), list[Row]()
+    pages, found = RecordingPages(), list[Row]()
     for path in files:
         reader = RecordingReader(path)
         for passage, columns in reader.passages(span=span):
@@ -71,7 +71,7 @@ def noted(files: list[Path], span: Span = EVERYTHING) -> tuple[RecordedPages, li
     return pages, found
 
 
-def loaded(pages: RecordedPages, start: int, count: int) -> list[Row]:
+def loaded(pages: RecordingPages, start: int, count: int) -> list[Row]:
     codebook = Codebook()
     packed, long = pages.load(start, count, codebook)
     return unpack(packed, long, codebook)
@@ -95,7 +95,7 @@ def test_any_rows_come_again_as_they_were(files: list[Path], rows: list[Row]) ->
 
 
 def test_of_a_span_only_its_rows_come_again(files: list[Path], rows: list[Row]) -> None:
-    span = Span((rows[20_000].t_ns or 0) + 1, rows[90_000].t_ns or 0)
+    span = TimeRange((rows[20_000].t_ns or 0) + 1, rows[90_000].t_ns or 0)
     pages, found = noted(files[:1], span)
     assert found == rows[20_001:90_000]
     assert loaded(pages, 0, len(found)) == found

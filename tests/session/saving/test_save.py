@@ -27,14 +27,14 @@ from fte_sniff.protocol import (
     iso_time,
     spaced_hex,
 )
-from fte_sniff.recording.metadata import Selection, Stretch
+from fte_sniff.recording.metadata import RecordedGap, Selection
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session import save as parquet_sink
-from fte_sniff.session.save import FORMS, Origin, Saving, Target
+from fte_sniff.session.save import FORMS, ExportSource, SaveJob, SaveTarget
 
 NOON_NS = 1_769_860_800_000_000_000
 PORTS = ("/dev/ttyUSB0", "b")
-ORIGIN = Origin(PORTS)
+ORIGIN = ExportSource(PORTS)
 
 
 def rows(count: int = 40) -> list[Row]:
@@ -46,7 +46,7 @@ def rows(count: int = 40) -> list[Row]:
 
 
 def saved(path: Path, taken: list[Row]) -> Path:
-    saving = Saving(Target.parse(str(path)), ORIGIN)
+    saving = SaveJob(SaveTarget.parse(str(path)), ORIGIN)
     for at in range(0, len(taken), 7):
         saving.write(taken[at : at + 7])
     saving.finish()
@@ -101,8 +101,8 @@ def test_a_file_in_the_way_is_named_and_replaced_only_where_that_is_said(tmp_pat
     path = tmp_path / "rows.csv"
     path.write_text("mine")
     with pytest.raises(FileError, match=r"rows.csv exists already; name another, or .* rows.csv!"):
-        Target.parse(str(path))
-    saving = Saving(Target.parse(f"{path}!"), ORIGIN)
+        SaveTarget.parse(str(path))
+    saving = SaveJob(SaveTarget.parse(f"{path}!"), ORIGIN)
     assert path.read_text() == "mine"
     saving.finish()
     assert path.read_text().startswith("time,port")
@@ -118,13 +118,13 @@ def test_a_file_that_rows_come_from_is_never_replaced(
     Path("link.mcap").symlink_to(source)
     Path("hard.mcap").hardlink_to(source)
     with pytest.raises(FileError, match=r"would be lost; name another$"):
-        Target.parse(name, ["gone.mcap", str(source)])
-    Target.parse("b.mcap", ["gone.mcap", str(source)])
+        SaveTarget.parse(name, ["gone.mcap", str(source)])
+    SaveTarget.parse("b.mcap", ["gone.mcap", str(source)])
 
 
 def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
-    saving = Saving(Target.parse(str(path)), ORIGIN)
+    saving = SaveJob(SaveTarget.parse(str(path)), ORIGIN)
     path.write_text("mine")
     with pytest.raises(FileError, match="exists already"):
         saving.finish()
@@ -149,25 +149,25 @@ def test_what_cannot_be_saved_to_is_told_before(
     monkeypatch.chdir(tmp_path)
     Path("folder.csv").mkdir()
     with pytest.raises(error, match=said):
-        Target.parse(name)
+        SaveTarget.parse(name)
 
 
 def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "rows.csv").symlink_to("/dev/null")
     with pytest.raises(FileError, match="is no regular file; name another"):
-        Target.parse(f"{tmp_path / 'rows.csv'}!")
+        SaveTarget.parse(f"{tmp_path / 'rows.csv'}!")
 
 
 @pytest.mark.parametrize("suffix", FORMS)
 def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
-    saving = Saving(Target.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
+    saving = SaveJob(SaveTarget.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
     saving.write(rows())
     saving.abandon()
     assert not list(tmp_path.iterdir())
 
 
 def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
-    saving = Saving(Target.parse(str(tmp_path / "rows.mcap")), ORIGIN)
+    saving = SaveJob(SaveTarget.parse(str(tmp_path / "rows.mcap")), ORIGIN)
     with pytest.raises(FileError, match=r"it has no time since 1970.*write another format"):
         saving.write([Damage("b", 0, b"\x01", None, (Fault.NOISE,))])
     assert not list(tmp_path.iterdir())
@@ -177,7 +177,7 @@ def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
 def test_a_file_that_cannot_grow_is_one_line_and_leaves_nothing(
     tmp_path: Path, suffix: str
 ) -> None:
-    saving = Saving(Target.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
+    saving = SaveJob(SaveTarget.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
     taken = rows(20_000)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
@@ -189,15 +189,18 @@ def test_a_file_that_cannot_grow_is_one_line_and_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def _write_all(saving: Saving, taken: list[Row]) -> None:
+def _write_all(saving: SaveJob, taken: list[Row]) -> None:
     saving.write(taken)
     saving.finish()
 
 
 def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None:
-    left_out = [Stretch(7, NOON_NS + 1, NOON_NS + 2, "why"), Stretch(None, NOON_NS, NOON_NS, "")]
-    origin = Origin(PORTS, {"b": 9600}, left_out, [Selection("motor = 1", 99)])
-    saving = Saving(Target.parse(str(tmp_path / "rows.mcap")), origin)
+    left_out = [
+        RecordedGap(7, NOON_NS + 1, NOON_NS + 2, "why"),
+        RecordedGap(None, NOON_NS, NOON_NS, ""),
+    ]
+    origin = ExportSource(PORTS, {"b": 9600}, left_out, [Selection("motor = 1", 99)])
+    saving = SaveJob(SaveTarget.parse(str(tmp_path / "rows.mcap")), origin)
     saving.write(rows())
     saving.finish()
     reader = RecordingReader(tmp_path / "rows.mcap")
@@ -206,8 +209,8 @@ def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None
 
 
 def test_a_part_of_a_stretch_has_as_many_rows_as_nobody_knows() -> None:
-    stretch = Stretch(7, 10, 20, "why")
+    stretch = RecordedGap(7, 10, 20, "why")
     assert stretch.within(None, 20) is stretch
-    assert stretch.within(11, None) == Stretch(None, 11, 20, "why")
-    assert stretch.within(5, 10) == Stretch(None, 10, 10, "why")
+    assert stretch.within(11, None) == RecordedGap(None, 11, 20, "why")
+    assert stretch.within(5, 10) == RecordedGap(None, 10, 10, "why")
     assert stretch.within(21, None) is None

@@ -19,7 +19,7 @@ _LATEST = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class TimeRange:
     """From one time to another, nanoseconds since 1970 UTC; the end is not part of it."""
 
     first_ns: int = 0
@@ -54,7 +54,7 @@ class Span:
         return columns.parted(inside, events)
 
 
-EVERYTHING = Span()
+EVERYTHING = TimeRange()
 """All of time."""
 
 
@@ -71,13 +71,13 @@ class Definitions:
 
 
 @dataclass(frozen=True, slots=True)
-class Passage:
+class RowRange:
     """Some rows of a recording, by where they stand in the file."""
 
     known: Definitions
     ranges: tuple[Range, ...]
     """Of the records that hold the rows, rising."""
-    span: Span
+    span: TimeRange
     """Rows outside it were left out."""
     skipped: int
     """Rows that these records hold before them."""
@@ -97,7 +97,7 @@ def ranges_of(records: Iterable[Range]) -> tuple[Range, ...]:
     return tuple(found)
 
 
-class Route:
+class RecordScan:
     """The way through one file; it remembers the chunks that had to be looked for."""
 
     def __init__(self) -> None:
