@@ -1,9 +1,9 @@
 """Makes the catalogues of the screen's languages: `python docs/catalogues.py [--check]`.
 
-Texts are found where they are said, in `_("...")`, `later("...")` and `TranslatableText("...")`, `FileError("... {path}", path=...)`, and in the
-tables that the screen shows: keys, meanings of fields, faults and columns, examples of filters. New
-ones are put into each catalogue's `.po` file, to be translated there by hand; the `.mo` file beside
-it is what the program reads.
+Texts are found in calls, `_("...")`, `later("...")`, `TranslatableText("...")` and
+`FileError("... {path}", path=...)`, and in the tables that the screen shows: keys, meanings of
+fields, faults and columns, examples of filters. New texts are added to each catalogue's `.po` file,
+to be translated there by hand; the program reads the `.mo` file.
 `--check` changes nothing, and fails where a text is not translated, a translation lacks one of its
 text's values in braces, or a file is not current.
 """

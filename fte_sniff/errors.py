@@ -33,7 +33,7 @@ class TranslatableText(str):
 
     form: str
     values: Mapping[str, object]
-    """Those that are `TranslatableText` themselves are said in the other language too, and no other text is."""
+    """Values that are `TranslatableText` are translated too; other texts are not."""
 
     def __new__(cls, form: str, **values: object) -> TranslatableText:
         """The form with the values in their places."""

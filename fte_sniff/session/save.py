@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from mcap.records import Metadata
 
-from fte_sniff.errors import FileError, FteSniffError, TranslatableText, UsageError, reason_of
+from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat, row_writer
 from fte_sniff.protocol import Row
 from fte_sniff.recording.metadata import (

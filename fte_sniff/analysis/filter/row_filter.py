@@ -29,7 +29,7 @@ import polars as pl
 from fte_sniff.analysis.dataframe import packed_frame, row_frame, table_frame, wide
 from fte_sniff.analysis.fields import Bools
 from fte_sniff.analysis.filter.parser import condition
-from fte_sniff.errors import FilterError, TranslatableText, shown
+from fte_sniff.errors import FilterError, shown
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, Packed, SideBySide
 
