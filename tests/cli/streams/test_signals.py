@@ -7,7 +7,7 @@ import sys
 
 PROGRAM = """
 import os, signal, sys, time
-from fte_sniff.cli.streams import signals
+from fte_sniff.cli import streams as signals
 signals.PATIENCE_S = signals._AGAIN_S = 0.05
 
 class Slow:
