@@ -52,7 +52,7 @@ def _again(form: str, values: dict[str, object]) -> TranslatableText:
 _MOST_QUOTED = 60
 
 
-def shown(text: str) -> str:
+def printable(text: str) -> str:
     """Text from outside (a name, metadata) on one line, its control characters made visible."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
@@ -77,10 +77,10 @@ class FteSniffError(Exception):
         super().__init__(TranslatableText(message, **values) if values else message)
 
     def __str__(self) -> str:
-        return shown(super().__str__())
+        return printable(super().__str__())
 
     @property
-    def said(self) -> str:
+    def message(self) -> str:
         """The message with the form and the values it was made of, where it keeps them."""
         message = self.args[0] if len(self.args) == 1 else None
         return message if isinstance(message, TranslatableText) else str(self)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from fte_sniff.analysis.fields import raised
 from fte_sniff.analysis.row_store import Block, Places, RowStore
-from fte_sniff.errors import InputTextError, shown
+from fte_sniff.errors import InputTextError, printable
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, Row
 from fte_sniff.row_batch import Codebook, Packed, unpack
 
@@ -171,7 +171,7 @@ class Search:
             digits = line.removeprefix(HEX).strip()
             if not _NIBBLES.fullmatch(digits):
                 raise InputTextError(
-                    f"'{shown(digits)}' is not hex: two digits a byte, as in hex:AA 02 ??03"
+                    f"'{printable(digits)}' is not hex: two digits a byte, as in hex:AA 02 ??03"
                 )
             return cls._made(typed, "", digits)
         return cls._made(typed, line, line if _BYTES.fullmatch(line) else "")
@@ -219,7 +219,7 @@ class Search:
         return found
 
     def _told(self, texts: Sequence[str]) -> Bools:
-        return np.array([self.text in shown(text).lower() for text in texts], np.bool_)
+        return np.array([self.text in printable(text).lower() for text in texts], np.bool_)
 
     def _has_bytes(self, packed: Packed, long: Mapping[int, bytes]) -> Bools:
         wanted, care = _byte_pattern(self.nibbles)

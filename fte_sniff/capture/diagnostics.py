@@ -29,7 +29,7 @@ from fte_sniff.capture.serial_port import (
     reader_of,
 )
 from fte_sniff.capture.uart_errors import UNAVAILABLE
-from fte_sniff.errors import PortError, shown
+from fte_sniff.errors import PortError, printable
 from fte_sniff.protocol import LineErrorCounts
 
 
@@ -318,5 +318,5 @@ class LineListener:
         except OSError as error:
             told = one_line(error)
             raise PortError(
-                f"{shown(self._name)} was lost: {told}; check cable and power"
+                f"{printable(self._name)} was lost: {told}; check cable and power"
             ) from error

@@ -16,7 +16,7 @@ from typing import Protocol
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.errors import TranslatableText, shown
+from fte_sniff.errors import TranslatableText, printable
 
 _PROC = Path("/proc")
 
@@ -91,7 +91,7 @@ def _open_files(pid: int) -> Iterator[os.stat_result]:
 
 def _name_of(pid: int) -> str:
     try:
-        return shown((_PROC / str(pid) / "comm").read_text(errors="replace").strip())
+        return printable((_PROC / str(pid) / "comm").read_text(errors="replace").strip())
     except OSError:
         return "a program"
 
@@ -193,7 +193,7 @@ def _listing(port: ListPortInfo, by_id: str | None) -> PortListing:
 
 
 def _shown(text: str | None) -> str | None:
-    return None if text is None else shown(text)
+    return None if text is None else printable(text)
 
 
 def _links_in(folder: Path) -> dict[str, str]:
@@ -356,7 +356,7 @@ def _stray(device: Path) -> StrayAdapter | None:
         return None
     drivers = [i / "driver" for i in interfaces if (i / "driver").exists()]
     driver = drivers[0].resolve().name if drivers else None
-    return StrayAdapter(f"{vid}:{pid}", shown(_word(device / "product")), wanted, driver)
+    return StrayAdapter(f"{vid}:{pid}", printable(_word(device / "product")), wanted, driver)
 
 
 def _has_port(interface: Path) -> bool:

@@ -13,7 +13,7 @@ from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import open_source
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, PortSettings
 from fte_sniff.capture.source import Item, Source, SourceEnd
-from fte_sniff.errors import UsageError, shown
+from fte_sniff.errors import UsageError, printable
 from fte_sniff.protocol import PortEvent, PortEventKind
 
 
@@ -106,7 +106,7 @@ class PortGroup:
     def __post_init__(self) -> None:
         meant = [_meant_by(name) for name in self.names]
         if len(set(meant)) < len(meant):
-            twice = shown(max(self.names, key=lambda name: meant.count(_meant_by(name))))
+            twice = printable(max(self.names, key=lambda name: meant.count(_meant_by(name))))
             raise UsageError(
                 f"{twice} is named twice: name the port of the other wire "
                 "(for simulated ones: 'sim://?wire=control' 'sim://?wire=feedback')"

@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 import serial
 
 from fte_sniff.capture.discovery import have_open, holders_of
-from fte_sniff.errors import PortError, TranslatableText, reason_of, shown
+from fte_sniff.errors import PortError, TranslatableText, printable, reason_of
 
 _GROUP_MAY = stat.S_IRGRP | stat.S_IWGRP
 
@@ -85,7 +85,7 @@ def one_line(error: BaseException) -> str:
     """The error's own text on one line, with nothing that a terminal could obey."""
     if error.args and isinstance(error.args[0], TranslatableText):
         return error.args[0]
-    return worded(shown(" ".join(str(error).split())))
+    return worded(printable(" ".join(str(error).split())))
 
 
 def worded(text: str) -> str:
@@ -154,7 +154,7 @@ def check_name(name: str) -> None:
             there = _ports_there_are("")
             raise PortError(
                 "{port} is the terminal that this runs in, no port; {there}",
-                port=shown(name),
+                port=printable(name),
                 there=there,
             )
         return
@@ -162,24 +162,24 @@ def check_name(name: str) -> None:
     if scheme.lower() not in known:
         listed = ", ".join(f"{scheme}://" for scheme in known)
         raise PortError(
-            "{port}: no such kind of port; known are {listed}", port=shown(name), listed=listed
+            "{port}: no such kind of port; known are {listed}", port=printable(name), listed=listed
         )
     if scheme.lower() in _NETWORK_SCHEMES and not _names_host_and_port(name):
         example = f"{scheme.lower()}://192.168.0.7:4001"
         raise PortError(
             "{port} names no host and TCP port: write it like {example}",
-            port=shown(name),
+            port=printable(name),
             example=example,
         )
     if scheme.lower() == "spy" and "file=" not in name:
         raise PortError(
             "{port} would write over what is shown here: give it a file to "
             "write to, as spy:///dev/ttyUSB0?file=spy.txt",
-            port=shown(name),
+            port=printable(name),
         )
     if _LOGGING.search(name):
         raise PortError(
-            "{port} would write over what is shown here: leave logging out", port=shown(name)
+            "{port} would write over what is shown here: leave logging out", port=printable(name)
         )
 
 
@@ -193,13 +193,13 @@ def refusal(name: str, device: str | None, error: BaseException) -> PortError:
     """
     if isinstance(error.__cause__, PortError):
         return error.__cause__
-    named = shown(name)
+    named = printable(name)
     if _NOT_SPOKEN in str(error):
         # pyserial's own words go on with a dump of the options that it asked for.
         bare = f"socket://{urlsplit(name).netloc}"
         told = TranslatableText(
             "what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}",
-            bare=shown(bare),
+            bare=printable(bare),
         )
         return PortError("{port} cannot be opened: {why}", port=named, why=told)
     hung_up = _errno_of(error) in (errno.ECONNRESET, errno.EPIPE)

@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from fte_sniff.capture.serial_port import READ_TIMEOUT_S
-from fte_sniff.errors import FileError, shown
+from fte_sniff.errors import FileError, printable
 
 _DEVICES = "/dev/pts/"
 
@@ -66,7 +66,7 @@ class PseudoTerminal:
         try:
             link.symlink_to(self.device)
         except FileExistsError:
-            named = shown(str(link))
+            named = printable(str(link))
             raise FileError(f"{named} is in the way: remove it, or name another") from None
         except (OSError, ValueError) as error:
             raise _refusal(link, error) from error
@@ -84,7 +84,7 @@ def _remove_left_over(link: Path) -> None:
 
 def _refusal(link: Path, error: OSError | ValueError) -> FileError:
     told = error.strerror if isinstance(error, OSError) else error
-    return FileError(f"{shown(str(link))} cannot be made: {told}")
+    return FileError(f"{printable(str(link))} cannot be made: {told}")
 
 
 _TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B

@@ -80,7 +80,7 @@ def _open_device(found: str, settings: PortSettings) -> OpenedPort:
     try:
         return OpenedPort(open_port(found, settings), target)
     except PortError as error:
-        raise RefusedError(error.said) from error
+        raise RefusedError(error.message) from error
 
 
 class Reconnector:
@@ -140,7 +140,7 @@ class Reconnector:
             # At first it may just not be ready: a system takes a moment to set a device up.
             if self._refusals == _TOLD_AT:
                 with self._changed:
-                    self._refusal = TranslatableText("it is back, but {why}", why=error.said)
+                    self._refusal = TranslatableText("it is back, but {why}", why=error.message)
 
     def _gives_up_within(self, seconds: float) -> bool:
         with self._changed:

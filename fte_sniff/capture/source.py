@@ -212,7 +212,7 @@ class ThreadedSource(ABC):
             try:
                 self._take_over(opened, away_s)
             except FileError as refused:
-                self._finish(SourceEnd.LOST, PortEventKind.LOST, refused.said)
+                self._finish(SourceEnd.LOST, PortEventKind.LOST, refused.message)
                 return
         self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, TranslatableText("as asked"))
 

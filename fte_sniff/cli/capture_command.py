@@ -32,7 +32,7 @@ from fte_sniff.cli.output import summary
 from fte_sniff.cli.recording_options import plan_of, recording_options
 from fte_sniff.cli.settings import Remembered, config_option, lang_option
 from fte_sniff.cli.streams import ENDING, abandon_stdout, nobody_reads, signals_call, tell
-from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
 from fte_sniff.session.live_session import LOOK_EVERY_S, LiveSession
@@ -169,7 +169,7 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
     with signals_call(session.stop, _ending(plan), session.drop_leftover):
         session.begin()
         if session.told.device is not None:
-            tell(f"a host program can open {shown(session.told.device)}")
+            tell(f"a host program can open {printable(session.told.device)}")
         if session.told.recording is not None:
             tell(f"recording to {session.told.recording}")
         _tell_who_goes_on(plan, session)
@@ -185,7 +185,7 @@ def _fill_stdout(plan: CapturePlan) -> None:
     with signals_call(session.stop, _ending(plan), session.drop_leftover):
         session.begin()
         if session.told.device is not None:
-            tell(f"a host program can open {shown(session.told.device)}")
+            tell(f"a host program can open {printable(session.told.device)}")
         tell("recording to standard output")
         tell_troubles(session)
         if session.told.error is not None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.options import Seconds, list_format_option
-from fte_sniff.errors import UsageError, shown
+from fte_sniff.errors import UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Itera
 
 def _line(finding: Finding) -> str:
     way_out = "" if finding.way_out is None else f"  ->  {finding.way_out}"
-    return shown(f"{finding.level:<4}  {finding.about}: {finding.what}{way_out}")
+    return printable(f"{finding.level:<4}  {finding.about}: {finding.what}{way_out}")
 
 
 def _json(finding: Finding) -> str:

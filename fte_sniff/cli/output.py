@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from fte_sniff.cli.streams import tell
-from fte_sniff.errors import FileError, UsageError, shown, unwritable
+from fte_sniff.errors import FileError, UsageError, printable, unwritable
 from fte_sniff.formats.writers import FORM_BY_END, TEXT_FORMS, OutputFormat
 from fte_sniff.protocol import Status, iso_time, status_of
 
@@ -221,7 +221,7 @@ def _missed(tally: Tally, written: int | None, filter_text: str | None, *, spann
     if not tally.rows and spanned:
         return "none lies between --from and --to"
     if tally.rows and written == 0 and filter_text is not None:
-        return f"none of them passes the filter: {shown(filter_text)}"
+        return f"none of them passes the filter: {printable(filter_text)}"
     return ""
 
 

@@ -13,7 +13,7 @@ import click
 from fte_sniff.capture.simulation import PARAMETERS, Parameter, SimulationParameters
 from fte_sniff.cli.options import FileName
 from fte_sniff.cli.streams import signals_call
-from fte_sniff.errors import PortError, UsageError, shown
+from fte_sniff.errors import PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
 
 _DEFAULTS = {"host": "off", "wire": Direction.FEEDBACK.value}
@@ -47,7 +47,9 @@ def _run(link: Path | None, baud: int, **parameters: Any) -> None:
         raise UsageError(str(error).replace("sim://", "simulate")) from error
     with ControllerPty(asked, baud, link) as controller:
         click.echo(str(link) if link else controller.device)
-        click.echo(f"a controller answers on {shown(controller.device)}; Ctrl-C ends it", err=True)
+        click.echo(
+            f"a controller answers on {printable(controller.device)}; Ctrl-C ends it", err=True
+        )
         with signals_call(controller.stop):
             controller.run()
 

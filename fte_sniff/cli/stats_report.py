@@ -14,7 +14,7 @@ from rich.text import Text
 
 from fte_sniff.cli.output import rows_in_places
 from fte_sniff.cli.stats_json import COUNTED, ReportOptions, line_use
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 from fte_sniff.formats.text_layout import STATUS_MARK
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
 from fte_sniff.tui.panes.statistics import ALL_IN_ORDER, When, flag_words, from_to
@@ -130,17 +130,17 @@ def _clock(total: Count) -> When:
 
 def _whole(survey: StatisticsSummary, asked: ReportOptions) -> Iterator[Text]:
     total, sources = survey.total, survey.sources
-    yield _line("files", shown(sources[0].name) if len(sources) == 1 else f"{len(sources):,}")
+    yield _line("files", printable(sources[0].name) if len(sources) == 1 else f"{len(sources):,}")
     if asked.filter_text is not None:
         of_them = f"holds for {total.rows:,} of {asked.rows_read:,} rows"
-        yield _line("filter", f"{shown(asked.filter_text)}  {of_them}")
+        yield _line("filter", f"{printable(asked.filter_text)}  {of_them}")
     yield _line("rows", f"{total.rows:,}, {total.bytes:,} bytes")
     for selection in asked.selections:
         chosen = f"only those of {selection.rows:,} rows for which this held: "
-        yield _line("selection", f"{chosen}{shown(selection.filter_text)}")
+        yield _line("selection", f"{chosen}{printable(selection.filter_text)}")
     for reason in dict.fromkeys(one.reason for one in asked.left_out):
         own = [one for one in asked.left_out if one.reason == reason]
-        yield _line("left out", f"{rows_in_places(own)}: {shown(reason)}")
+        yield _line("left out", f"{rows_in_places(own)}: {printable(reason)}")
     if total.first_ns is not None and total.last_ns is not None:
         yield _line("first", iso_time(total.first_ns))
         span = f"{(total.span_ns or 0) / 1e9:,.3f} s after the first"
@@ -156,7 +156,7 @@ def _files(survey: StatisticsSummary) -> TextTable:
     for source in survey.sources:
         count = source.count
         first = UNKNOWN if count.first_ns is None else iso_time(count.first_ns)[:23]
-        table.add([shown(source.name), f"{count.rows:,}", f"{count.bytes:,}", first])
+        table.add([printable(source.name), f"{count.rows:,}", f"{count.bytes:,}", first])
     return table
 
 
@@ -175,7 +175,7 @@ def _share(count: int, whole: int) -> str:
 
 
 def _port(port: PortNumbers, when: When) -> Iterator[Text]:
-    yield _line("port", Text(shown(port.port), "bold"))
+    yield _line("port", Text(printable(port.port), "bold"))
     rate = "" if port.per_s is None else f", {rate_text(port.per_s)}"
     yield _line("  rows", f"{port.rows:,}{rate}, {port.bytes:,} bytes")
     frames = ", ".join(f"{count:,} {direction}" for direction, count in port.frames.items())

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 
 import click
 
-from fte_sniff.errors import FileError, reason_of, shown
+from fte_sniff.errors import FileError, printable, reason_of
 
 
 class ClosedOutput(io.TextIOBase):
@@ -66,7 +66,7 @@ def abandon(descriptor: int) -> None:
 def tell(line: str) -> None:
     """Say one line on standard error; where that is refused, it and the lines to come are lost."""
     try:
-        click.echo(shown(line), err=True)
+        click.echo(printable(line), err=True)
     except OSError:
         abandon(sys.stderr.fileno())
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import polars as pl
 
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 from fte_sniff.formats.text_layout import (
     GAP,
     KIND_WIDTH,
@@ -33,7 +33,7 @@ def frame_lines(frame: pl.DataFrame, layout: TextLayout) -> str:
         pl.col("faults").cast(pl.List(pl.String())).list.join(","),
     ]
     if layout.ports:
-        names = {port: shown(port).ljust(PORT_WIDTH) for port in frame["port"].unique()}
+        names = {port: printable(port).ljust(PORT_WIDTH) for port in frame["port"].unique()}
         cells.insert(0, pl.col("port").replace_strict(names, return_dtype=pl.String()))
     if layout.times:
         time = pl.col("time").dt.strftime(TIME_FORMAT).fill_null("-")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KINDS,
@@ -56,7 +56,7 @@ class TextLayout:
         """The row's cells, padded to their widths; the last, which may be empty, is not padded."""
         return self._padded(
             "-" if row.t_ns is None else iso_time(row.t_ns),
-            shown(row.port),
+            printable(row.port),
             str(row.offset).rjust(OFFSET_WIDTH),
             mark_of(row),
             kind_text(row),
@@ -82,7 +82,7 @@ class TextLayout:
         told = "  ".join(filter(None, (values_text(row), faults, spaced_hex(row.raw))))
         if not isinstance(row, Frame):
             kind, told = faults, spaced_hex(row.raw)
-        return self._narrow(clock, shown(row.port), mark_of(row), kind, told)
+        return self._narrow(clock, printable(row.port), mark_of(row), kind, told)
 
     def _narrow(self, clock: str, port: str, mark: str, kind: str, told: str) -> tuple[str, ...]:
         times = (clock.ljust(_CLOCK_WIDTH),) if self.times else ()

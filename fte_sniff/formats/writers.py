@@ -9,7 +9,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol, TextIO, runtime_checkable
 
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 from fte_sniff.protocol import COLUMN_BY_NAME, Row, Value, faults_text, iso_time, record, spaced_hex
 from fte_sniff.protocol.row_schema import TIME_FORMAT
 
@@ -146,7 +146,7 @@ class CsvWriter:
 
         self._head()
         ports = frame.get_column("port")
-        names = {port: shown(port) or None for port in ports.unique()}
+        names = {port: printable(port) or None for port in ports.unique()}
         if any(port != name for port, name in names.items()):
             ports = ports.replace_strict(names, return_dtype=pl.String())
         # An empty text would be written as two quotes.
@@ -169,7 +169,7 @@ class CsvWriter:
 def _values(row: Row) -> list[Value]:
     values = record(row)
     values["time"] = None if row.t_ns is None else iso_time(row.t_ns)
-    values["port"] = shown(row.port)
+    values["port"] = printable(row.port)
     values["faults"] = faults_text(row.faults)
     return list(values.values())
 

@@ -109,7 +109,7 @@ class SequentialReading:
         except RecordError as error:
             told = TranslatableText(
                 "{error} at byte {position} ({size} bytes)",
-                error=error.said,
+                error=error.message,
                 position=record.position,
                 size=len(record.body),
             )
@@ -190,7 +190,7 @@ class SequentialReading:
             elif opcode == Opcode.HEADER:
                 self._ours = parse(Header, body).library.startswith(PROGRAM)
         except RecordError as error:
-            self.lose(error.said)
+            self.lose(error.message)
 
     def _take(self, record: _Definition, known: dict[int, _Definition]) -> None:
         if known.get(record.id) == record:
@@ -214,9 +214,9 @@ class SequentialReading:
         try:
             return self._our_reader(channel)
         except FileError as error:
-            refused = FileError("{path}: {why}", path=self._path, why=error.said)
+            refused = FileError("{path}: {why}", path=self._path, why=error.message)
             self._refused = self._refused or refused
-            self.lose(error.said)
+            self.lose(error.message)
             return None
 
     def _our_reader(self, channel: Channel) -> MessageReader:

@@ -160,7 +160,7 @@ class CaptureState:
             return TranslatableText(
                 "writing what has arrived: {bytes:,} bytes wait", bytes=self.leftover
             )
-        trouble = self.error.said
+        trouble = self.error.message
         if not self.recording:
             return trouble
         return TranslatableText(

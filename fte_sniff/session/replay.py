@@ -114,7 +114,7 @@ class ReplaySession:
     def _state(self) -> FeedState:
         ended = None
         if not self._running:
-            ended = self.error.said if self.error else None
+            ended = self.error.message if self.error else None
         progress = None
         if self._running and self._total:
             progress = min(1.0, self._rows / self._total)

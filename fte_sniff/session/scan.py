@@ -13,7 +13,7 @@ from polars.exceptions import PolarsError
 from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
-from fte_sniff.errors import RecordingWarning, shown
+from fte_sniff.errors import RecordingWarning, printable
 from fte_sniff.recording.reader import RecordingReader, recordings_in, start_of
 from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.row_batch import RowColumns, Words
@@ -172,7 +172,7 @@ def _warn_of(reader: RecordingReader) -> None:
         lost[_MOST_LOSSES:] = [f"{len(lost) - _MOST_LOSSES} more losses"]
     if lost:
         # Above are the generators and `read`: the line that called it is where the warning belongs.
-        told = shown(f"{reader.path}: {'; '.join(lost)}")
+        told = printable(f"{reader.path}: {'; '.join(lost)}")
         warnings.warn(told, RecordingWarning, stacklevel=6)
 
 

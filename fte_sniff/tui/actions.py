@@ -16,7 +16,7 @@ from textual.worker import WorkType
 
 from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
 from fte_sniff.analysis.search import Search, find_raised, find_step
-from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.session.save import SaveJob
 from fte_sniff.tui.goto import GotoField, ToOffset, parse_goal
 from fte_sniff.tui.help import HelpPage
@@ -192,7 +192,7 @@ class FilterActions(Parts):
         cells = cell_filters(row)
         names = [cell.column for cell in cells]
         at = names.index(self._table.column) if self._table.column in names else 0
-        entries = [Entry(shown(cell.only), said(cell)) for cell in cells]
+        entries = [Entry(printable(cell.only), said(cell)) for cell in cells]
         self.push_screen(Picker(title, entries, at), self._add_filter)
 
     def _add_filter(self, condition: str | None) -> None:
@@ -235,7 +235,7 @@ class GotoActions(Parts):
             words, end = _("{time} lies before the first row ({end})"), first
         else:
             return
-        self._tell(words.format(time=shown(line.strip()), end=clock_text(end, 3, zone)))
+        self._tell(words.format(time=printable(line.strip()), end=clock_text(end, 3, zone)))
 
     def action_goto(self) -> None:
         """Ask where to go."""
@@ -360,7 +360,7 @@ class SearchActions(Parts):
         while (look := self._step(search, steps)) is not None:
             share = look.seen / max(1, len(self._watched.store))
             words = _("looking for {text}: {share:.0%} seen, esc ends it")
-            words = words.format(text=shown(search.typed), share=min(share, 1.0))
+            words = words.format(text=printable(search.typed), share=min(share, 1.0))
             self._notice.hold(GROUP, words, worry=False)
             await asyncio.sleep(0)
 
@@ -413,7 +413,7 @@ class SearchActions(Parts):
             words = _("no row has {text}")
         else:
             words = _("no row that the filter shows has {text}")
-        self._tell(words.format(text=shown(search.typed)))
+        self._tell(words.format(text=printable(search.typed)))
 
     @property
     def _searching(self) -> bool:

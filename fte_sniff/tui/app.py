@@ -22,7 +22,7 @@ from textual.filter import LineFilter
 from fte_sniff.analysis.counters import Tally
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
-from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.session.save import SaveJob
 from fte_sniff.tui.actions import (
     FilterActions,
@@ -177,7 +177,7 @@ class SniffApp(FilterActions, GotoActions, NavigationActions, Leaving):
         """Begin to look at the feed, a file at its first row; end when the system says so."""
         self._table.focus()
         if self._opening.trouble:
-            self._notice.warn(shown("; ".join(self._opening.trouble)))
+            self._notice.warn(printable("; ".join(self._opening.trouble)))
         self.tick()
         if not self._watched.state.live:
             self._table.action_first()
@@ -269,13 +269,13 @@ class SniffApp(FilterActions, GotoActions, NavigationActions, Leaving):
         for event in news.events if state.live else ():
             self._notice.tell_event(event, self._table.look.shown_zone)
         if news.trouble:
-            self._notice.hold("recording", shown(_(news.trouble)))
+            self._notice.hold("recording", printable(_(news.trouble)))
         elif not state.trouble:
             self._notice.release("recording")
         if news.ended and self._opening.at_end is AtEnd.LEAVE:
             self.exit()
         elif news.ended and state.ended:
-            why = shown(_(state.ended))
+            why = printable(_(state.ended))
             self._notice.hold("end", _("ended: {reason}").format(reason=why))
         elif news.ended and self._watched.events_words:
             self._notice.tell(self._watched.events_words)

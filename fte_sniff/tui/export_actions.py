@@ -16,7 +16,7 @@ from platformdirs import user_cache_path
 from textual.widgets import Input
 
 from fte_sniff.analysis.search import select_rows
-from fte_sniff.errors import FteSniffError, shown
+from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
@@ -104,7 +104,9 @@ class ExportActions(Parts):
         kept = keep_copy(text)
         first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows").format(count=rows)
         form = _("copied {what}") if kept is None else _("copied {what}  (also in {file})")
-        self._tell(form.format(what=shown(first), file=shown(short_path(kept)) if kept else ""))
+        self._tell(
+            form.format(what=printable(first), file=printable(short_path(kept)) if kept else "")
+        )
 
     def action_interrupt(self) -> None:
         """Copy the selection of a field; where nothing is selected, end."""
@@ -118,7 +120,7 @@ class ExportActions(Parts):
         """Ask for the file that the selected rows, or all that are shown, are saved to."""
         if self._saving is not None:
             words = _("{file} is still being saved; esc ends that")
-            self._tell(words.format(file=shown(str(self._saving.path))))
+            self._tell(words.format(file=printable(str(self._saving.path))))
         elif not self._watched.store.shown.count:
             self._tell(_("no row is shown that could be saved"))
         else:
@@ -184,12 +186,12 @@ class ExportActions(Parts):
         else:
             self._end_of_saving()
             words = _("saved {count:,} rows to {file}")
-            self._tell(words.format(count=saving.rows, file=shown(str(saving.path))))
+            self._tell(words.format(count=saving.rows, file=printable(str(saving.path))))
             self._unselect()
 
     def _tell_share(self, saving: SaveJob, share: float) -> None:
         words = _("saving to {file}: {share:.0%}, esc ends it")
-        words = words.format(file=shown(str(saving.path)), share=share)
+        words = words.format(file=printable(str(saving.path)), share=share)
         self._notice.hold(GROUP, words, worry=False)
 
     async def _drawn(self) -> None:
@@ -211,5 +213,5 @@ class ExportActions(Parts):
         self.workers.cancel_group(self, GROUP)
         # The work may not have begun, and then does not hear that it is to end.
         saving.abandon()
-        self._tell(_("{file} was not saved").format(file=shown(str(saving.path))))
+        self._tell(_("{file} was not saved").format(file=printable(str(saving.path))))
         return True

@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Final
 
-from fte_sniff.errors import FteSniffError, TranslatableText, UsageError, shown
+from fte_sniff.errors import FteSniffError, TranslatableText, UsageError, printable
 
 DOMAIN: Final = "fte-sniff"
 """The name of the catalogues."""
@@ -65,7 +65,7 @@ def _(text: str) -> str:
 
 def worded(error: FteSniffError) -> str:
     """What went wrong, in the language that is spoken, on one line."""
-    return shown(_(error.said))
+    return printable(_(error.message))
 
 
 def later(text: str) -> str:

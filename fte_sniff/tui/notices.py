@@ -11,7 +11,7 @@ from textual.geometry import Size
 from textual.timer import Timer
 from textual.widget import Widget
 
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.text import ELLIPSIS, clock_text, fit_path, wrap
@@ -134,7 +134,7 @@ def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
     what = f"{event.port} {_(event_words(event.kind))}"
     if event.detail:
         what = _(WITH_DETAIL).format(event=what, detail=_(event.detail))
-    return shown(f"{when}  {what}")
+    return printable(f"{when}  {what}")
 
 
 def event_words(kind: PortEventKind) -> str:

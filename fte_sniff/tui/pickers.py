@@ -39,7 +39,7 @@ class Entry(Generic[Picked]):
     """One line of the list."""
 
     words: str
-    """What stands there; text from outside must have gone through `errors.shown`."""
+    """What stands there; text from outside must have gone through `errors.printable`."""
     value: Picked
     aside: str = ""
     """What stands at its end, such as a key."""

@@ -14,7 +14,7 @@ from textual.events import Click
 from textual.widget import Widget
 
 from fte_sniff.analysis.feed import FeedState
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.keys import SHOWN_FIRST, key_names
 from fte_sniff.tui.text import fit, fit_path
@@ -68,13 +68,13 @@ def title_text(state: FeedState, mode: Mode, unseen: int, width: int) -> str:
     """
     badge = badge_text(state, mode, unseen)
     room = max(0, width - cell_len(badge))
-    names = f" {shown(state.title)}"
+    names = f" {printable(state.title)}"
     if cell_len(names) + cell_len(NAME) + 2 < room:
         names = f" {NAME} {names}"
     if state.recording is not None:
         lead = "  " + _("rec") + " "
         rest = room - cell_len(names) - cell_len(lead) - 1
-        path = shown(state.recording)
+        path = printable(state.recording)
         shortest = min(cell_len(path), 16)
         if rest < shortest:
             names = fit(names, max(0, room - cell_len(lead) - 1 - shortest)).rstrip()

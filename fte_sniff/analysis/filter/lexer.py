@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from fte_sniff.errors import FilterError, TranslatableText, shown
+from fte_sniff.errors import FilterError, TranslatableText, printable
 
 MAX_LENGTH: Final = 8_000
 """Characters in a filter; more are an accident, not a question."""
@@ -110,7 +110,7 @@ def complaint(text: str, at: int, what: str, way_out: str = "") -> FilterError:
         'filter: {what} at character {number} of "{excerpt}"',
         what=_short(what),
         number=at + 1,
-        excerpt=f"{start}{shown(before)}-->{shown(after)}{end}",
+        excerpt=f"{start}{printable(before)}-->{printable(after)}{end}",
     )
     if not way_out:
         return FilterError(where)
@@ -118,7 +118,7 @@ def complaint(text: str, at: int, what: str, way_out: str = "") -> FilterError:
 
 
 def _short(text: str) -> str:
-    line = shown(text)
+    line = printable(text)
     if len(line) > _LONGEST:
         return f"{line[:_LONGEST]}..."
     return text if line == text else line
@@ -166,7 +166,7 @@ def _token_at(text: str, at: int) -> Token | None:
         raise complaint(
             text,
             at,
-            TranslatableText("'{char}' is in no filter", char=shown(char)),
+            TranslatableText("'{char}' is in no filter", char=printable(char)),
             _ADVICE.get(char, ""),
         )
     name, content = str(match.lastgroup), match.group()

@@ -29,7 +29,7 @@ import polars as pl
 from fte_sniff.analysis.dataframe import packed_frame, row_frame, table_frame, wide
 from fte_sniff.analysis.fields import Bools
 from fte_sniff.analysis.filter.parser import condition
-from fte_sniff.errors import FilterError, shown
+from fte_sniff.errors import FilterError, printable
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, Packed, SideBySide
 
@@ -101,7 +101,7 @@ class RowFilter:
 
 
 def _refused(error: BaseException) -> FilterError:
-    why = shown(str(error).split("\n", 1)[0][:120])
+    why = printable(str(error).split("\n", 1)[0][:120])
     return FilterError(
         "filter: it cannot be computed ({why}); compare fields with plain values", why=why
     )

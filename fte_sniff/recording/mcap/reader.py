@@ -101,11 +101,11 @@ class RecordStream:
             try:
                 record = self._record()
             except RecordError as error:
-                if self._skip_to_next_start(position, error.said):
+                if self._skip_to_next_start(position, error.message):
                     continue
                 self.ending = TranslatableText(
                     "{error} at byte {position}; it ends at byte {end}",
-                    error=error.said,
+                    error=error.message,
                     position=position,
                     end=self._position,
                 )

@@ -40,7 +40,7 @@ class RecordError(ValueError):
     """A record that cannot be what it claims to be; the text says why, in few words."""
 
     @property
-    def said(self) -> TranslatableText:
+    def message(self) -> TranslatableText:
         """The text."""
         text = self.args[0]
         return text if isinstance(text, TranslatableText) else TranslatableText("{text}", text=text)

@@ -12,7 +12,7 @@ from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.statistics import NO_BENCH, LineSetup
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
 from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
@@ -91,7 +91,7 @@ def _heading(row: Row, palette: Palette, room: Width, zone: tzinfo) -> list[Text
     name = kind.name if kind else _("unknown frame") if isinstance(row, Frame) else _("damage")
     time = _("no time") if row.t_ns is None else moment_text(row.t_ns, zone)
     where = _("offset {offset:,}  {length} bytes  {port}").format(
-        offset=row.offset, length=len(row.raw), port=shown(row.port)
+        offset=row.offset, length=len(row.raw), port=printable(row.port)
     )
     style = palette.of_kind(row) if kind else palette.statuses[row.status]
     lines = [Text(name, style=style + Style(bold=True))]

@@ -14,7 +14,7 @@ from rich.text import Text
 from fte_sniff.analysis.counters import Durations, OverTime
 from fte_sniff.analysis.motor_stats import FlagNumbers
 from fte_sniff.analysis.statistics import PortNumbers, Statistics, StreamNumbers
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 from fte_sniff.protocol import Direction, status_of
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.notices import event_words
@@ -198,7 +198,7 @@ def _lines(told: StatisticsText, width: int, palette: Palette) -> Iterator[Text]
 
 def _port(port: PortNumbers, when: When, width: int, palette: Palette) -> Iterator[Text]:
     rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
-    name = fit_path(shown(port.port), max(8, width - cell_len(rows) - 2))
+    name = fit_path(printable(port.port), max(8, width - cell_len(rows) - 2))
     yield Text.assemble((name, _BOLD), "  ", rows)
     if port.share is None:
         yield Text(_(NO_TIMES), style=palette.muted)

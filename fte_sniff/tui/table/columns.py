@@ -10,7 +10,7 @@ from functools import cache
 
 from rich.cells import cell_len
 
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, VALUE_FIELDS, Field, Status, Value
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.text import (
@@ -218,11 +218,11 @@ def _port_column(ports: tuple[str, ...]) -> TableColumn:
     """Port names so short that they fit, and yet not alike."""
 
     def cell(value: Value, width: int) -> str:
-        name = shown(str(value))
-        known = tuple(dict.fromkeys(map(shown, ports)))
+        name = printable(str(value))
+        known = tuple(dict.fromkeys(map(printable, ports)))
         return short_names(known if name in known else (*known, name), width)[name]
 
-    names = tuple(dict.fromkeys(map(shown, ports)))
+    names = tuple(dict.fromkeys(map(printable, ports)))
     widest = max((len(name) for name in short_names(names, _PORT_WIDTH).values()), default=0)
     return TableColumn("port", "port", max(widest, len("port")), False, cell)
 
@@ -261,7 +261,7 @@ def _words_cell(value: Value, width: int) -> str:
 
 
 def _plain_cell(value: Value, width: int) -> str:
-    return shown(str(value))
+    return printable(str(value))
 
 
 MARKS = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}

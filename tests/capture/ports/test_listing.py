@@ -5,7 +5,7 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from fte_sniff.capture.discovery import Holder, holders_of, list_ports, listings
 from fte_sniff.capture.port_errors import way_in
-from fte_sniff.errors import shown
+from fte_sniff.errors import printable
 
 
 def found(device, **facts):
@@ -46,7 +46,7 @@ def test_who_has_a_device_open_is_named_and_oneself_is_not(pty):
 
 
 def test_text_from_outside_is_shown_not_obeyed():
-    assert shown("a\x1b[31m\n\u202eb é") == r"a\x1b[31m\n\u202eb é"
+    assert printable("a\x1b[31m\n\u202eb é") == r"a\x1b[31m\n\u202eb é"
 
 
 def test_the_way_in_names_the_group_or_the_rule(tmp_path):
