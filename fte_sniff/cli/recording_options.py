@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from datetime import UTC, datetime
 from enum import Enum
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,18 @@ import click
 from fte_sniff.cli.options import Seconds, row_filter, seconds_of
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat
+from fte_sniff.recording.output_file import Existing, is_outlet
+from fte_sniff.recording.retention import (
+    DEFAULT_FREE_BYTES,
+    DEFAULT_MOST_INDEX,
+    OnFull,
+    RecordingOptions,
+    TriggerWindow,
+    size_text,
+)
 
 if TYPE_CHECKING:
     from fte_sniff.capture.source import Wiring
-    from fte_sniff.recording.retention import OnFull, RecordingOptions
     from fte_sniff.session.capture_state import CapturePlan
 
 
@@ -29,18 +38,18 @@ _LEAST_SECONDS = 1.0
 
 
 class Rotate(Enum):
-    """What `--rotate` can say but a size or a time."""
+    """The words that `--rotate` accepts besides a size and a time."""
 
     AUTO = "auto"
-    """Begin the next file before the index of one gets too long to be there at every moment."""
+    """Begin the next file before the index of the current one gets too long."""
     NONE = "none"
-    """One file, however long."""
+    """Write one file of any length."""
 
 
 _ROTATE_WORDS = {word.value: word for word in Rotate}
 
-Told = int | float | Rotate | None
-"""Bytes as an int, seconds as a float, what `--rotate` says in a word, or nothing."""
+_Value = int | float | Rotate | None
+"""A parsed option: bytes (int), seconds (float), a word of `--rotate`, or not given."""
 
 
 def _size(text: str) -> int | None:
@@ -53,8 +62,7 @@ def _size(text: str) -> int | None:
     return round(float(found[1]) * _BYTES[found[2].lower()])
 
 
-def _time(text: str) -> float:
-    """Seconds."""
+def _seconds(text: str) -> float:
     seconds = seconds_of(text)
     if seconds is None:
         raise click.BadParameter(f"{text!r} is no time; say for example 10s, 5min or 1h")
@@ -73,75 +81,87 @@ def _rotate(text: str) -> int | float | Rotate | None:
     )
 
 
-def _read_by(parse: Callable[[str], Told]) -> Callable[..., Told]:
-    """A callback that reads what was given."""
+def _parsed_by(parse: Callable[[str], _Value]) -> Callable[..., _Value]:
+    """A click callback that parses the option's text."""
     return lambda _context, _option, text: None if text is None else parse(text)
 
 
-_OPTIONS = (
-    click.option(
-        "--flush-every",
-        type=Seconds(min=0.05, max=60),
-        default=1.0,
-        show_default=True,
-        metavar="S",
-        help="Seconds that rows wait for the disk.",
-    ),
-    click.option(
-        "--rotate",
-        callback=_read_by(_rotate),
-        default=Rotate.AUTO.value,
-        show_default=True,
-        metavar="SIZE|TIME|auto|none",
-        help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ...; "
-        "auto: after about an hour, so that each is indexed at every moment; none: never.",
-    ),
-    click.option(
-        "--max-size",
-        callback=_read_by(_size),
-        default="20GB",
-        show_default=True,
-        metavar="SIZE",
-        help="What all files of this capture may take; or none.",
-    ),
-    click.option(
-        "--min-free",
-        callback=_read_by(_size),
-        metavar="SIZE",
-        help="What to leave free on the disk.  [default: 1GB, less on a small or full disk]",
-    ),
-    click.option(
-        "--on-full",
-        type=click.Choice(["stop", "rotate-oldest"]),
-        default="stop",
-        show_default=True,
-        help="Stop until there is room, or delete this capture's oldest file.",
-    ),
-    click.option(
-        "--trigger",
-        metavar="EXPR",
-        help="Keep only what surrounds rows for which this holds: error > 0.",
-    ),
-    click.option(
-        "--before",
-        callback=_read_by(_time),
-        metavar="TIME",
-        help="... so long before.  [default: 10s]",
-    ),
-    click.option(
-        "--after",
-        callback=_read_by(_time),
-        metavar="TIME",
-        help="... so long behind.  [default: 5s]",
-    ),
-)
+def _compact(size: int | None) -> str:
+    """A size as a user types it: `20GB`."""
+    return "none" if size is None else size_text(size).replace(" ", "")
 
 
-def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """All options of a recording under way; the command hands them to `keeping_of`."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
+_WINDOW = TriggerWindow()
+
+
+def options_with(
+    defaults: RecordingOptions,
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """A decorator that gives a command the options of a recording, with these defaults."""
+    options = (
+        click.option(
+            "--flush-every",
+            type=Seconds(min=0.05, max=60),
+            default=defaults.flush_every_s,
+            show_default=True,
+            metavar="S",
+            help="Write rows to the disk every S seconds.",
+        ),
+        click.option(
+            "--rotate",
+            callback=_parsed_by(_rotate),
+            default=Rotate.AUTO.value,
+            show_default=True,
+            metavar="SIZE|TIME|auto|none",
+            help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ...; "
+            "auto: after about an hour, so that each is indexed at every moment; none: never.",
+        ),
+        click.option(
+            "--max-size",
+            callback=_parsed_by(_size),
+            default=_compact(defaults.most_bytes),
+            show_default=True,
+            metavar="SIZE",
+            help="Limit the total size of this capture's files; none: no limit.",
+        ),
+        click.option(
+            "--min-free",
+            callback=_parsed_by(_size),
+            metavar="SIZE",
+            help="Leave this much free on the disk.  "
+            f"[default: {_compact(DEFAULT_FREE_BYTES)}, less on a small or full disk]",
+        ),
+        click.option(
+            "--on-full",
+            type=click.Choice([word.value for word in OnFull]),
+            default=defaults.on_full.value,
+            show_default=True,
+            help="At a limit: stop recording until there is space, or delete this capture's "
+            "oldest file.",
+        ),
+        click.option(
+            "--trigger",
+            metavar="EXPR",
+            help="Keep only the time around rows for which this filter holds: error > 0.",
+        ),
+        click.option(
+            "--before",
+            callback=_parsed_by(_seconds),
+            metavar="TIME",
+            help=f"Keep this much before each trigger.  [default: {_WINDOW.before_s:g}s]",
+        ),
+        click.option(
+            "--after",
+            callback=_parsed_by(_seconds),
+            metavar="TIME",
+            help=f"Keep this much after each trigger.  [default: {_WINDOW.after_s:g}s]",
+        ),
+    )
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
+
+
+recording_options = options_with(RecordingOptions())
+"""Gives a command all options of a recording; `options_from` reads them."""
 
 
 def check_recording(output: Path | None) -> None:
@@ -150,8 +170,6 @@ def check_recording(output: Path | None) -> None:
     Raises:
         UsageError: it does.
     """
-    from fte_sniff.recording.output_file import is_outlet
-
     if output is None or is_outlet(output):
         return
     if FORM_BY_END.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
@@ -162,7 +180,7 @@ def check_recording(output: Path | None) -> None:
         )
 
 
-def keeping_of(
+def options_from(
     output: Path | None,
     *,
     flush_every: float,
@@ -179,18 +197,13 @@ def keeping_of(
     Raises:
         UsageError: they contradict each other.
     """
-    from fte_sniff.recording.retention import (
-        DEFAULT_MOST_INDEX,
-        OnFull,
-        RecordingOptions,
-        TriggerWindow,
-    )
-
     if trigger is None and (before is not None or after is not None):
         raise UsageError("--before and --after surround a trigger; say which with --trigger")
     _check_sizes(rotate, max_size)
     _check_sequence(output, rotate, OnFull(on_full))
-    around = TriggerWindow(10.0 if before is None else before, 5.0 if after is None else after)
+    window = TriggerWindow(
+        _WINDOW.before_s if before is None else before, _WINDOW.after_s if after is None else after
+    )
     return RecordingOptions(
         flush_every_s=flush_every,
         rotate_bytes=rotate if isinstance(rotate, int) else None,
@@ -199,7 +212,7 @@ def keeping_of(
         on_full=OnFull(on_full),
         most_bytes=max_size,
         free_bytes=min_free,
-        around=None if trigger is None else around,
+        around=None if trigger is None else window,
     )
 
 
@@ -216,9 +229,6 @@ def _check_sizes(rotate: int | float | Rotate | None, max_size: int | None) -> N
 
 def _check_sequence(output: Path | None, rotate: int | float | Rotate | None, full: OnFull) -> None:
     """Refuse more than one file where there can be only one."""
-    from fte_sniff.recording.output_file import is_outlet
-    from fte_sniff.recording.retention import OnFull
-
     rotates_oldest = full is OnFull.ROTATE_OLDEST
     if rotate is Rotate.NONE and rotates_oldest:
         raise UsageError(
@@ -251,7 +261,6 @@ def plan_of(
         UsageError: options contradict each other, or `output` is to hold something else.
         FilterError: the trigger is none.
     """
-    from fte_sniff.recording.output_file import Existing
     from fte_sniff.session.capture_state import CapturePlan
 
     if no_record and output is not None:
@@ -267,7 +276,7 @@ def plan_of(
         wiring=wiring,
         recording=None if no_record else output or _default_path(),
         existing=existing if output else Existing.NUMBER,
-        keeping=keeping_of(output, trigger=trigger, **recording),
+        keeping=options_from(output, trigger=trigger, **recording),
         trigger=trigger,
         outlives_view=keep_recording,
         duration_s=duration,

@@ -53,10 +53,10 @@ class OnFull(StrEnum):
 class TriggerWindow:
     """What to keep around each row that a trigger picks."""
 
-    before_s: float
+    before_s: float = 10.0
     """Seconds of rows before it."""
-    after_s: float
-    """Seconds of rows behind it."""
+    after_s: float = 5.0
+    """Seconds of rows after it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,13 +191,15 @@ class FileRetention:
         most, free = self._keeping.most_bytes, self._free_bytes
         total = size + sum(file.size for file in self._finished)
         if most is not None and total >= most:
-            return TranslatableText("its files have reached {size} (--max-size)", size=_told(most))
+            return TranslatableText(
+                "its files have reached {size} (--max-size)", size=size_text(most)
+            )
         left = self._left()
         if left is not None and left < free:
             return TranslatableText(
                 "the disk is full but for {left} (--min-free {free})",
-                left=_told(left),
-                free=_told(free),
+                left=size_text(left),
+                free=size_text(free),
             )
         return ""
 
@@ -261,7 +263,7 @@ def _literal(text: str) -> str:
     return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in text)
 
 
-def _told(size: int) -> str:
+def size_text(size: int) -> str:
     """A size for people."""
     for unit, name in ((10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
         if size >= unit:

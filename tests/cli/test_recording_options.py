@@ -3,15 +3,54 @@
 import re
 import signal
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import click
 import pytest
+from click.testing import CliRunner
 from mcap.reader import make_reader
 
+from fte_sniff.cli.recording_options import options_from, options_with, recording_options
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindow
 from tests.cli.processes import BOUND_S, PROGRAM, ended, started, until, until_told
 
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 SIM = "sim://?seed=1&rate=500"
+
+
+def _parse(decorator: Decorator, *arguments: str) -> tuple[RecordingOptions, str]:
+    """The recording options that a command line gives, and the command's help."""
+    found: list[RecordingOptions] = []
+
+    @click.command()
+    @decorator
+    def command(**given: Any) -> None:
+        found.append(options_from(None, **given))
+
+    done = CliRunner().invoke(command, arguments)
+    assert done.exit_code == 0, done.output
+    return found[0], " ".join(CliRunner().invoke(command, ["--help"]).output.split())
+
+
+def test_options_that_are_not_given_have_the_defaults_of_a_recording() -> None:
+    assert _parse(recording_options)[0] == RecordingOptions()
+    triggered, _ = _parse(recording_options, "--trigger", "error > 0")
+    assert triggered == RecordingOptions(around=TriggerWindow())
+
+
+def test_other_defaults_of_a_recording_are_those_of_the_options() -> None:
+    defaults = RecordingOptions(
+        flush_every_s=2.5, most_bytes=3_000_000_000, on_full=OnFull.ROTATE_OLDEST
+    )
+    found, shown = _parse(options_with(defaults))
+    assert found == defaults
+    window = TriggerWindow()
+    times = f"{window.before_s:g}s]", f"{window.after_s:g}s]"
+    for default in ("2.5;", "3GB", "rotate-oldest", *times):
+        assert f"[default: {default}" in shown
 
 
 def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
