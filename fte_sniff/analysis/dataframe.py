@@ -30,7 +30,7 @@ from fte_sniff.protocol import (
     Row,
     status_of,
 )
-from fte_sniff.protocol.spec import CMD_PLACE
+from fte_sniff.protocol.spec import CMD_OFFSET
 from fte_sniff.row_batch import Array, Codebook, Packed, PackedRows, SideBySide, pack
 
 _NO_DIRECTION: Final = len(Direction)
@@ -154,7 +154,7 @@ class _Maker:
         return _looked_up(words, self._kind_of_row(), TABLE_SCHEMA["kind"])
 
     def _cmd(self) -> pl.Series:
-        return _known(pl.Series(self._bytes[:, CMD_PLACE].copy()), self._rows.framed)
+        return _known(pl.Series(self._bytes[:, CMD_OFFSET].copy()), self._rows.framed)
 
     def _status(self) -> pl.Series:
         words = [status_of(faults).value for faults in self._rows.words.faults]

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Direction, Field, FrameKind
-from fte_sniff.protocol.spec import CMD_PLACE, NUM_PLACE
+from fte_sniff.protocol.spec import CMD_OFFSET, NUM_OFFSET
 from fte_sniff.row_batch import FRAMED, TIMED, Packed
 
 Array: TypeAlias = npt.NDArray[Any]
@@ -60,7 +60,7 @@ def kind_codes(raw: Array, framed: Bools) -> Codes:
         raw: the first ten bytes of every row.
         framed: which rows are frames.
     """
-    kinds: Codes = KIND_OF[raw[:, 0] | raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)]
+    kinds: Codes = KIND_OF[raw[:, 0] | raw[:, CMD_OFFSET].astype(np.uint16) << np.uint16(8)]
     kinds[~framed] = NO_KIND
     return kinds
 
@@ -124,8 +124,8 @@ class Decoded:
         self.has_time = timed(packed)
         self.t_ns: Ints = np.where(self.has_time, packed["t_ns"], NO_TIME)
         """Nanoseconds since 1970 UTC, or `NO_TIME`."""
-        self.cmds = np.ascontiguousarray(self.raw[:, CMD_PLACE])
-        self.nums = np.ascontiguousarray(self.raw[:, NUM_PLACE])
+        self.cmds = np.ascontiguousarray(self.raw[:, CMD_OFFSET])
+        self.nums = np.ascontiguousarray(self.raw[:, NUM_OFFSET])
 
     def __len__(self) -> int:
         return len(self.packed)

@@ -17,7 +17,7 @@ import numpy as np
 from fte_sniff.analysis.counters import Recent
 from fte_sniff.analysis.fields import NO_TIME, Bools, Decoded, Ints, subject
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
-from fte_sniff.protocol.spec import NUM_PLACE
+from fte_sniff.protocol.spec import NUM_OFFSET
 
 
 def _having(keep: Iterator[bool]) -> Bools:
@@ -320,9 +320,9 @@ class _Motor:
     def _aim(self, rows: Decoded, commands: Ints) -> None:
         place = int(commands[-1])
         kind = KINDS[rows.kinds[place]]
-        fields = [field for field in kind.fields if field.start != NUM_PLACE]
+        fields = [field for field in kind.fields if field.start != NUM_OFFSET]
         values = {field.name: rows.value(field.name, place) for field in fields}
-        told = [at for field in fields for at in field.places]
+        told = [at for field in fields for at in field.offsets]
         same = rows.kinds[commands] == rows.kinds[place]
         same &= (rows.raw[np.ix_(commands, told)] == rows.raw[place, told]).all(axis=1)
         others, before = np.flatnonzero(~same), self._target

@@ -24,33 +24,33 @@ from fte_sniff.protocol.row_schema import (
     spaced_hex,
 )
 from fte_sniff.protocol.rows import (
-    FAULT_MEANINGS,
-    SUSPECT_FAULTS,
     Chunk,
     Damage,
-    Fault,
     Frame,
     LineErrorCounts,
     LineErrorMarker,
     PortEvent,
     PortEventKind,
     Row,
-    Status,
-    status_of,
 )
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
+    FAULT_MEANINGS,
     FRAME_LENGTH,
     HEADERS,
     KIND_BY_NAME,
     KINDS,
     MOTORS,
+    SUSPECT_FAULTS,
     TAIL,
     VALUE_FIELDS,
     Direction,
+    Fault,
     Field,
     FrameKind,
+    Status,
     byte_time_ns,
+    status_of,
 )
 
 __all__ = [

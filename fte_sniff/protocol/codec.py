@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 
 from fte_sniff.errors import ValueRangeError
-from fte_sniff.protocol.rows import Fault
 from fte_sniff.protocol.spec import (
-    CMD_PLACE,
+    CMD_OFFSET,
     FRAME_LENGTH,
     HEADERS,
     KIND_BY_HEADER_AND_CMD,
     TAIL,
+    Fault,
     Field,
     FrameKind,
 )
@@ -37,7 +37,7 @@ def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -
     if unknown:
         raise ValueRangeError(f"{kind.name} has no {', '.join(sorted(unknown))}")
     raw = bytearray(FRAME_LENGTH)
-    raw[0], raw[CMD_PLACE], raw[-1] = kind.header, chosen, TAIL
+    raw[0], raw[CMD_OFFSET], raw[-1] = kind.header, chosen, TAIL
     for field in kind.fields:
         value = values.get(field.name, field.default)
         if value is None:
@@ -48,7 +48,7 @@ def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -
 
 def frame_faults(raw: bytes) -> tuple[Fault, ...]:
     """The faults that ten framed bytes show by themselves (PROTOCOL.md, "What is left open")."""
-    kind = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_PLACE]))
+    kind = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_OFFSET]))
     if kind is None:
         return (Fault.UNKNOWN_CMD,)
     return tuple(dict.fromkeys(_faults_in(raw, kind)))
@@ -87,7 +87,11 @@ def legal_bytes(kind: FrameKind) -> tuple[bytes | None, ...]:
     leaves open").
     """
     places: list[bytes | None] = [None] * FRAME_LENGTH
-    places[0], places[CMD_PLACE], places[-1] = bytes([kind.header]), bytes(kind.cmds), bytes([TAIL])
+    places[0], places[CMD_OFFSET], places[-1] = (
+        bytes([kind.header]),
+        bytes(kind.cmds),
+        bytes([TAIL]),
+    )
     for place in kind.reserved:
         places[place] = b"\x00"
     for field in kind.fields:

@@ -10,16 +10,18 @@ from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.codec import HEADER_BYTES
 from fte_sniff.protocol.framer.predicates import dividing, head_fit, rest_fit
 from fte_sniff.protocol.row_schema import spaced_hex
-from fte_sniff.protocol.rows import FAULT_MEANINGS, Damage, Fault, Frame, Row
+from fte_sniff.protocol.rows import Damage, Frame, Row
 from fte_sniff.protocol.spec import (
-    CMD_PLACE,
+    CMD_OFFSET,
     DIRECTION_OF_HEADER,
+    FAULT_MEANINGS,
     FRAME_LENGTH,
     KIND_BY_HEADER_AND_CMD,
     KINDS,
-    NUM_PLACE,
+    NUM_OFFSET,
     TAIL,
     Direction,
+    Fault,
     Field,
     FrameKind,
 )
@@ -68,10 +70,14 @@ class ExplainedField:
 def framed_parts(raw: bytes, kind: FrameKind | None) -> Iterator[ExplainedField]:
     """The parts of ten framed bytes; of no kind where header and CMD name none."""
     yield header_part(raw[0])
-    yield _cmd(raw[0], raw[CMD_PLACE])
+    yield _cmd(raw[0], raw[CMD_OFFSET])
     if kind is None:
         yield part_of(
-            raw, NUM_PLACE, NUM_PLACE + 1, "num", meaning=TranslatableText("unknown under this CMD")
+            raw,
+            NUM_OFFSET,
+            NUM_OFFSET + 1,
+            "num",
+            meaning=TranslatableText("unknown under this CMD"),
         )
         yield part_of(
             raw, 3, FRAME_LENGTH - 1, "payload", meaning=TranslatableText("unknown under this CMD")
@@ -119,7 +125,7 @@ def header_part(byte: int) -> ExplainedField:
 
 
 def _cmd(header: int, cmd: int) -> ExplainedField:
-    places = range(CMD_PLACE, CMD_PLACE + 1)
+    places = range(CMD_OFFSET, CMD_OFFSET + 1)
     kind = KIND_BY_HEADER_AND_CMD.get((header, cmd))
     if kind is None:
         legal = ", ".join(
@@ -146,12 +152,12 @@ def _cmd(header: int, cmd: int) -> ExplainedField:
 
 def layout(kind: FrameKind) -> Iterator[tuple[range, Field | None]]:
     """The places between CMD and tail, field by field; None for bytes that are no field."""
-    place = NUM_PLACE
+    place = NUM_OFFSET
     starts = {field.start: field for field in kind.fields}
     while place < FRAME_LENGTH - 1:
         field = starts.get(place)
         stop = field.places.stop if field else place + 1
-        if field is None and place != NUM_PLACE:
+        if field is None and place != NUM_OFFSET:
             while stop < FRAME_LENGTH - 1 and stop not in starts:
                 stop += 1
         yield range(place, stop), field
@@ -162,7 +168,7 @@ def _content(raw: bytes, places: range, field: Field | None) -> ExplainedField:
     if field is not None:
         return _value(raw, field)
     own = raw[places.start : places.stop]
-    if places.start == NUM_PLACE:
+    if places.start == NUM_OFFSET:
         return ExplainedField(
             places,
             own,
@@ -277,7 +283,7 @@ def _kinds_of(raw: bytes) -> tuple[FrameKind, ...]:
 
     With a CMD that the header knows this is one kind; otherwise every kind with this header.
     """
-    named = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_PLACE])) if len(raw) > 1 else None
+    named = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_OFFSET])) if len(raw) > 1 else None
     return (named,) if named else tuple(kind for kind in KINDS if kind.header == raw[0])
 
 
@@ -311,17 +317,17 @@ def damaged_parts(row: Damage) -> Iterable[ExplainedField]:
 
 
 def _in_step(raw: bytes) -> Iterator[ExplainedField]:
-    kind = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_PLACE]))
+    kind = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_OFFSET]))
     yield header_part(raw[0])
     if kind is None:
-        yield part_of(raw, CMD_PLACE, NUM_PLACE, "cmd", meaning=TranslatableText("CMD"))
-        yield part_of(raw, NUM_PLACE, NUM_PLACE + 1, "num", meaning=TranslatableText("NUM"))
+        yield part_of(raw, CMD_OFFSET, NUM_OFFSET, "cmd", meaning=TranslatableText("CMD"))
+        yield part_of(raw, NUM_OFFSET, NUM_OFFSET + 1, "num", meaning=TranslatableText("NUM"))
         yield part_of(raw, 3, FRAME_LENGTH - 1, "payload", meaning=_payload_guess(raw))
     else:
         yield part_of(
             raw,
-            CMD_PLACE,
-            NUM_PLACE,
+            CMD_OFFSET,
+            NUM_OFFSET,
             "cmd",
             meaning=TranslatableText("CMD: {kind}", kind=kind.name),
         )
@@ -332,7 +338,7 @@ def _in_step(raw: bytes) -> Iterator[ExplainedField]:
 def _payload_guess(raw: bytes) -> str:
     if raw[0] in DIRECTION_OF_HEADER:
         return TranslatableText("unknown under this CMD")
-    fitting = [kind.name for kind in KINDS if raw[CMD_PLACE] in kind.cmds]
+    fitting = [kind.name for kind in KINDS if raw[CMD_OFFSET] in kind.cmds]
     kinds = TranslatableText("not decoded; by its CMD it was {kinds}", kinds=" or ".join(fitting))
     return kinds if fitting else TranslatableText("not decoded")
 
@@ -341,7 +347,7 @@ def _undecoded(raw: bytes, places: range, field: Field | None, shift: int = 0) -
     """The bytes of a field in damage: named, never decoded."""
     if field is not None:
         name, meaning = field.name, field.meaning
-    elif places.start == NUM_PLACE:
+    elif places.start == NUM_OFFSET:
         name, meaning = "num", TranslatableText("NUM")
     else:
         name, meaning = "reserve", TranslatableText("reserve")
@@ -351,7 +357,7 @@ def _undecoded(raw: bytes, places: range, field: Field | None, shift: int = 0) -
 def _spliced(raw: bytes, split: ExplainedSpan) -> Iterator[ExplainedField]:
     """A frame that lost bytes or got some put in: its head, the fault, its rest."""
     kind, head = split.kind, split.head
-    known = head > CMD_PLACE
+    known = head > CMD_OFFSET
     yield from _pieces(raw, kind if known else None, range(head), 0)
     shift = len(raw) - FRAME_LENGTH
     found = FRAME_LENGTH - split.rest
@@ -463,7 +469,7 @@ def _pieces(
             continue
         if name:
             yield part_of(raw, cut.start + shift, cut.stop + shift, name, meaning=name)
-        elif kind is None and own.start > NUM_PLACE:
+        elif kind is None and own.start > NUM_OFFSET:
             yield part_of(
                 raw,
                 cut.start + shift,
@@ -514,11 +520,11 @@ def _why_not(raw: bytes, place: int) -> TranslatableText:
             wanted=f"{TAIL:02X}",
             found=f"{own[-1]:02X}",
         )
-    if (own[0], own[CMD_PLACE]) not in KIND_BY_HEADER_AND_CMD:
+    if (own[0], own[CMD_OFFSET]) not in KIND_BY_HEADER_AND_CMD:
         return TranslatableText(
             "{header}: CMD {cmd} unknown, and not in step with frames beside it",
             header=header,
-            cmd=f"{own[CMD_PLACE]:02X}",
+            cmd=f"{own[CMD_OFFSET]:02X}",
         )
     return TranslatableText(
         "{header}: ten bytes that look like a frame, but out of step with the frames beside it",

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import TypeAlias
 
-from fte_sniff.protocol.rows import FAULT_MEANINGS, Fault, Frame, Row, Status
-from fte_sniff.protocol.spec import KINDS, VALUE_FIELDS, Direction
+from fte_sniff.protocol.rows import Frame, Row
+from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS, Direction, Fault, Status
 
 Value: TypeAlias = int | str | list[str] | None
 """What a column holds: a number, a text, the list of faults, or nothing."""

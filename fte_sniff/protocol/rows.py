@@ -10,74 +10,23 @@ LineErrorCounts  how often the UART reported what kind of error
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import reduce
-from types import MappingProxyType
 from typing import TypeAlias
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.spec import (
-    CMD_PLACE,
+    CMD_OFFSET,
     DIRECTION_OF_HEADER,
     KIND_BY_HEADER_AND_CMD,
     Direction,
+    Fault,
     FrameKind,
+    Status,
+    status_of,
 )
-
-
-class Status(StrEnum):
-    """How far a row can be believed; the gravest of its faults decides."""
-
-    OK = "ok"
-    SUSPECT = "suspect"
-    MALFORMED = "malformed"
-
-
-class Fault(StrEnum):
-    """What is wrong with a row."""
-
-    UNKNOWN_CMD = "unknown_cmd"
-    BAD_MOTOR = "bad_motor"
-    BAD_HEADER = "bad_header"
-    BAD_TAIL = "bad_tail"
-    TRUNCATED = "truncated"
-    OVERLONG = "overlong"
-    NOISE = "noise"
-    RESERVED_NONZERO = "reserved_nonzero"
-    UNDEFINED_FLAGS = "undefined_flags"
-    AMBIGUOUS = "ambiguous"
-    LINE_ERROR = "line_error"
-
-
-FAULT_MEANINGS: Mapping[Fault, str] = MappingProxyType(
-    {
-        Fault.UNKNOWN_CMD: "framed, but the protocol has no such CMD for this header",
-        Fault.BAD_MOTOR: "framed, but NUM is not 1-4 where a motor is named",
-        Fault.BAD_HEADER: "ten bytes in step with their neighbours, the header wrong",
-        Fault.BAD_TAIL: "ten bytes in step with their neighbours, the tail wrong",
-        Fault.TRUNCATED: "starts like a frame, bytes are missing",
-        Fault.OVERLONG: "starts and ends like a frame, bytes too many",
-        Fault.NOISE: "bytes that belong to no frame",
-        Fault.RESERVED_NONZERO: "a reserve byte is not 00, as it is in all examples",
-        Fault.UNDEFINED_FLAGS: "bits 4-7 of ERROR or ONLINE are set",
-        Fault.AMBIGUOUS: "another reading of these bytes is as good",
-        Fault.LINE_ERROR: "the UART reported an error around these bytes",
-    }
-)
-
-SUSPECT_FAULTS = frozenset(
-    {Fault.RESERVED_NONZERO, Fault.UNDEFINED_FLAGS, Fault.AMBIGUOUS, Fault.LINE_ERROR}
-)
-"""Faults that leave a row readable; every other fault makes it malformed."""
-
-
-def status_of(faults: tuple[Fault, ...]) -> Status:
-    """The status that a row with these faults has."""
-    if not faults:
-        return Status.OK
-    return Status.SUSPECT if SUSPECT_FAULTS.issuperset(faults) else Status.MALFORMED
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +91,7 @@ class Frame:
     @property
     def cmd(self) -> int:
         """CMD as it stands on the wire."""
-        return self.raw[CMD_PLACE]
+        return self.raw[CMD_OFFSET]
 
     @property
     def values(self) -> dict[str, int]:

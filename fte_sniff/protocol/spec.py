@@ -29,10 +29,10 @@ FRAME_LENGTH = 10
 TAIL = 0xEE
 """The last byte of every frame."""
 
-CMD_PLACE = 1
+CMD_OFFSET = 1
 """The place of CMD in a frame."""
 
-NUM_PLACE = 2
+NUM_OFFSET = 2
 """The place of NUM in a frame."""
 
 MOTORS = range(1, 5)
@@ -54,6 +54,59 @@ def byte_time_ns(baud: int) -> int:
     if baud < 1:
         raise ValueRangeError(f"baud {baud} is out of range: 1 or more bits per second")
     return round(BITS_PER_BYTE * 1_000_000_000 / baud)
+
+
+class Status(StrEnum):
+    """How far a row can be believed; the gravest of its faults decides."""
+
+    OK = "ok"
+    SUSPECT = "suspect"
+    MALFORMED = "malformed"
+
+
+class Fault(StrEnum):
+    """What is wrong with a row."""
+
+    UNKNOWN_CMD = "unknown_cmd"
+    BAD_MOTOR = "bad_motor"
+    BAD_HEADER = "bad_header"
+    BAD_TAIL = "bad_tail"
+    TRUNCATED = "truncated"
+    OVERLONG = "overlong"
+    NOISE = "noise"
+    RESERVED_NONZERO = "reserved_nonzero"
+    UNDEFINED_FLAGS = "undefined_flags"
+    AMBIGUOUS = "ambiguous"
+    LINE_ERROR = "line_error"
+
+
+FAULT_MEANINGS: Mapping[Fault, str] = MappingProxyType(
+    {
+        Fault.UNKNOWN_CMD: "framed, but the protocol has no such CMD for this header",
+        Fault.BAD_MOTOR: "framed, but NUM is not 1-4 where a motor is named",
+        Fault.BAD_HEADER: "ten bytes in step with their neighbours, the header wrong",
+        Fault.BAD_TAIL: "ten bytes in step with their neighbours, the tail wrong",
+        Fault.TRUNCATED: "starts like a frame, bytes are missing",
+        Fault.OVERLONG: "starts and ends like a frame, bytes too many",
+        Fault.NOISE: "bytes that belong to no frame",
+        Fault.RESERVED_NONZERO: "a reserve byte is not 00, as it is in all examples",
+        Fault.UNDEFINED_FLAGS: "bits 4-7 of ERROR or ONLINE are set",
+        Fault.AMBIGUOUS: "another reading of these bytes is as good",
+        Fault.LINE_ERROR: "the UART reported an error around these bytes",
+    }
+)
+
+SUSPECT_FAULTS = frozenset(
+    {Fault.RESERVED_NONZERO, Fault.UNDEFINED_FLAGS, Fault.AMBIGUOUS, Fault.LINE_ERROR}
+)
+"""Faults that leave a row readable; every other fault makes it malformed."""
+
+
+def status_of(faults: tuple[Fault, ...]) -> Status:
+    """The status that a row with these faults has."""
+    if not faults:
+        return Status.OK
+    return Status.SUSPECT if SUSPECT_FAULTS.issuperset(faults) else Status.MALFORMED
 
 
 class Direction(StrEnum):
@@ -160,7 +213,7 @@ class FrameKind:
     @property
     def names_motor(self) -> bool:
         """Whether NUM is a motor number; otherwise it means nothing and may be anything."""
-        return any(field.start == NUM_PLACE for field in self.fields)
+        return any(field.start == NUM_OFFSET for field in self.fields)
 
     def field(self, name: str) -> Field | None:
         """The field of that row name, or None where this kind has no such field."""
@@ -179,7 +232,7 @@ def _flags(name: str, start: int, meaning: str, default: int) -> Field:
     return Field(name, start, 1, 0, 0xFF, "", meaning, name, defined_bits=0x0F, default=default)
 
 
-_MOTOR = Field("motor", NUM_PLACE, 1, MOTORS[0], MOTORS[-1], "", "motor (driver) number", "motor")
+_MOTOR = Field("motor", NUM_OFFSET, 1, MOTORS[0], MOTORS[-1], "", "motor (driver) number", "motor")
 _ERROR = _flags("error", 7, "error flags; 00 is all normal, single bits are undocumented", 0x00)
 _ONLINE = _flags("online", 8, "online flags; 0F is four motors online", 0x0F)
 

@@ -36,7 +36,7 @@ from fte_sniff.protocol.framer.tables import (
     SHARES,
     WEIGHTS,
 )
-from fte_sniff.protocol.spec import FRAME_LENGTH, NUM_PLACE
+from fte_sniff.protocol.spec import FRAME_LENGTH, NUM_OFFSET
 
 LONGEST: Final[i64] = LONGEST_OVERLONG
 """Bytes that a damaged frame has at most."""
@@ -49,7 +49,7 @@ _CUT: Final[vec[float]] = vec[float](
 """By length left, up to `LONGEST`: the weight of a frame having lost its first bytes; 0 where none
 is lost."""
 _CHANGED: Final[vec[float]] = vec[float](CHANGED)
-_NAMED: Final[i64] = NUM_PLACE + 1
+_NAMED: Final[i64] = NUM_OFFSET + 1
 _ROW: Final[i64] = LENGTH + 1
 """Entries of a head or a rest."""
 

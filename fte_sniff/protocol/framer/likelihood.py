@@ -24,7 +24,7 @@ from librt.vecs import vec
 from mypy_extensions import i64
 
 from fte_sniff.protocol.codec import HEADER_BYTES, LONGEST_OVERLONG, legal_bytes
-from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, NUM_PLACE, TAIL, FrameKind
+from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, NUM_OFFSET, TAIL, FrameKind
 
 DAMAGED: Final = 0.1
 """Share of frames that are damaged."""
@@ -81,7 +81,7 @@ def _place_weights(kind: FrameKind, place: int) -> tuple[float, ...]:
     """For one place of a kind the weight of each byte value; 0 where it does not fit."""
     legal = legal_bytes(kind)[place]
     if legal is None:
-        return _UNUSED_NUM if place == NUM_PLACE else _PAYLOAD
+        return _UNUSED_NUM if place == NUM_OFFSET else _PAYLOAD
     weights = [0.0] * 256
     usual = next((f.default for f in kind.fields if f.start == place and f.size == 1), None)
     for byte in legal:

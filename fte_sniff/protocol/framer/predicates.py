@@ -45,12 +45,12 @@ from fte_sniff.protocol.framer.tables import (
     WORD_FORBIDDEN,
     WORD_TELLS,
 )
-from fte_sniff.protocol.spec import FRAME_LENGTH, NUM_PLACE
+from fte_sniff.protocol.spec import FRAME_LENGTH, NUM_OFFSET
 
 BEHIND: Final[i64] = LONGEST_OVERLONG - FRAME_LENGTH
 """Bytes behind a frame with which it could be an overlong one."""
 
-_NUM: Final[i64] = NUM_PLACE
+_NUM: Final[i64] = NUM_OFFSET
 
 
 def kind_named(data: bytes, at: i64) -> i64:

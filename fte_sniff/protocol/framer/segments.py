@@ -10,7 +10,8 @@ from mypy_extensions import i64, mypyc_attr
 
 from fte_sniff.protocol.framer.tables import AMBIGUOUS, FAULT_SETS, LENGTH, NOISE, TRUNCATED
 from fte_sniff.protocol.framer.timestamps import ArrivalTime, ArrivalTimes
-from fte_sniff.protocol.rows import Damage, Fault, Frame, Row
+from fte_sniff.protocol.rows import Damage, Frame, Row
+from fte_sniff.protocol.spec import Fault
 
 
 @final

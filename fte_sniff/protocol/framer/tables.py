@@ -10,14 +10,14 @@ from mypy_extensions import i64
 
 from fte_sniff.protocol.codec import HEADER_BYTES, frame_faults, legal_bytes
 from fte_sniff.protocol.framer.likelihood import KIND_SHARE, PLACE_WEIGHTS
-from fte_sniff.protocol.rows import Fault
 from fte_sniff.protocol.spec import (
     FRAME_LENGTH,
     KIND_BY_HEADER_AND_CMD,
     KINDS,
     MOTORS,
-    NUM_PLACE,
+    NUM_OFFSET,
     TAIL,
+    Fault,
     FrameKind,
 )
 
@@ -130,7 +130,7 @@ HEADERS: Final = bytes(kind.header for kind in KINDS)
 def _free(kind: FrameKind) -> list[int]:
     """The places of the payload that may be anything."""
     legal = legal_bytes(kind)
-    return [place for place in range(NUM_PLACE + 1, FRAME_LENGTH) if legal[place] is None]
+    return [place for place in range(NUM_OFFSET + 1, FRAME_LENGTH) if legal[place] is None]
 
 
 def _rows(lists: Iterator[list[int]]) -> bytes:
@@ -139,7 +139,7 @@ def _rows(lists: Iterator[list[int]]) -> bytes:
 
 
 CHECKED: Final = _rows(
-    [place for place in range(NUM_PLACE, FRAME_LENGTH - 1) if legal_bytes(kind)[place]]
+    [place for place in range(NUM_OFFSET, FRAME_LENGTH - 1) if legal_bytes(kind)[place]]
     for kind in KINDS
 )
 """By kind * 10: the places behind header and CMD, and before the tail, that must be something."""
@@ -147,7 +147,7 @@ CHECKED: Final = _rows(
 FREE: Final = _rows(_free(kind) for kind in KINDS)
 """By kind * 10: the places of the payload that may be anything."""
 
-FREE_NUM: Final = bytes(legal_bytes(kind)[NUM_PLACE] is None for kind in KINDS)
+FREE_NUM: Final = bytes(legal_bytes(kind)[NUM_OFFSET] is None for kind in KINDS)
 """By kind: 1 where NUM means nothing."""
 
 # The eight bytes from NUM to the tail as one number, the first byte the lowest
@@ -171,7 +171,7 @@ def _word_of(kind: FrameKind) -> tuple[int, int, int]:
     """The same for all places from NUM to before the tail; and whether bits tell all of them."""
     first = mask = 0
     tells = 1
-    for number, legal in enumerate(legal_bytes(kind)[NUM_PLACE:-1]):
+    for number, legal in enumerate(legal_bytes(kind)[NUM_OFFSET:-1]):
         bits = _bits_of(legal)
         if bits is None:
             tells = 0
@@ -192,7 +192,7 @@ WORD_TELLS: Final = bytes(tells for _, _, tells in _WORDS)
 
 def _repeated(value: int) -> int:
     """A byte in each place from NUM to before the tail."""
-    return int.from_bytes(bytes([value]) * (FRAME_LENGTH - 1 - NUM_PLACE), "little")
+    return int.from_bytes(bytes([value]) * (FRAME_LENGTH - 1 - NUM_OFFSET), "little")
 
 
 EVERY_LOW_BIT: Final[i64] = _repeated(0x01)
@@ -233,7 +233,7 @@ def _fault_at(number: int, place: int) -> int:
 
 PLACE_FAULTS: Final[vec[i64]] = vec[i64](
     [
-        _fault_at(number, place) if NUM_PLACE <= place < FRAME_LENGTH - 1 else 0
+        _fault_at(number, place) if NUM_OFFSET <= place < FRAME_LENGTH - 1 else 0
         for number in range(len(KINDS))
         for place in range(FRAME_LENGTH)
     ]

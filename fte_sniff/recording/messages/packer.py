@@ -27,7 +27,7 @@ from fte_sniff.protocol import (
     Status,
     status_of,
 )
-from fte_sniff.protocol.spec import CMD_PLACE, NUM_PLACE
+from fte_sniff.protocol.spec import CMD_OFFSET, NUM_OFFSET
 from fte_sniff.recording.mcap.writer import McapBatch
 from fte_sniff.recording.messages.codec import class_of, encode_event, encode_row, plain
 from fte_sniff.recording.messages.schema import (
@@ -349,11 +349,11 @@ class ColumnPacker:
 
     def _forms_of(self, rows: RowColumns, times: Array) -> Array:
         """The form of every row that can be written by columns."""
-        head = rows.raw[:, 0] | rows.raw[:, CMD_PLACE].astype(np.uint16) << np.uint16(8)
+        head = rows.raw[:, 0] | rows.raw[:, CMD_OFFSET].astype(np.uint16) << np.uint16(8)
         forms: Array = _FORM_CODES.take(head)
         clean = np.array([not faults for faults in rows.words.faults]).take(rows.faults)
         plain = rows.framed & rows.delayed & ~rows.unordered & clean & (rows.t_ns == times)
-        num = rows.raw[:, NUM_PLACE]
+        num = rows.raw[:, NUM_OFFSET]
         plain &= ~_NAMES_MOTOR.take(forms) | (num >= MOTORS[0]) & (num <= MOTORS[-1])
         forms[~plain] = _NO_FORM
         return forms
@@ -361,7 +361,7 @@ class ColumnPacker:
     def _channels(self, rows: RowColumns, forms: Array) -> Array:
         """The channel of each row: one for every port, form and motor that there is."""
         ports = rows.port.astype(np.int64)
-        motors = np.where(_NAMES_MOTOR.take(forms), rows.raw[:, NUM_PLACE], MOTORS[0])
+        motors = np.where(_NAMES_MOTOR.take(forms), rows.raw[:, NUM_OFFSET], MOTORS[0])
         keys = (ports * len(_FORMS) + forms) * len(MOTORS) + motors - MOTORS[0]
         odd = np.flatnonzero(forms == _NO_FORM)
         keys[odd] = 0

@@ -40,7 +40,7 @@ from fte_sniff.protocol import (
     Row,
     Status,
 )
-from fte_sniff.protocol.spec import CMD_PLACE, KIND_BY_HEADER_AND_CMD, NUM_PLACE
+from fte_sniff.protocol.spec import CMD_OFFSET, KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,16 +102,16 @@ def topic_of(row: Row) -> Topic:
     """Where a row goes: to its kind's topic if it can be believed, else to `MALFORMED`."""
     if not isinstance(row, Frame) or (row.faults and row.status is Status.MALFORMED):
         return MALFORMED
-    return _topic_of_head(row.raw[: NUM_PLACE + 1])
+    return _topic_of_head(row.raw[: NUM_OFFSET + 1])
 
 
 @lru_cache(maxsize=1024)
 def _topic_of_head(head: bytes) -> Topic:
     """Where frames go whose kind is not in doubt, by their bytes up to NUM."""
-    kind = KIND_BY_HEADER_AND_CMD.get((head[0], head[CMD_PLACE]))
+    kind = KIND_BY_HEADER_AND_CMD.get((head[0], head[CMD_OFFSET]))
     if kind is None:
         return MALFORMED
-    motor = head[NUM_PLACE] if kind.names_motor else None
+    motor = head[NUM_OFFSET] if kind.names_motor else None
     return _TOPIC_BY_KIND_AND_MOTOR.get((kind.name, motor), MALFORMED)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS
 from fte_sniff.protocol.codec import legal_bytes
-from fte_sniff.protocol.spec import NUM_PLACE
+from fte_sniff.protocol.spec import NUM_OFFSET
 
 IMITATING = bytes.fromhex("AA 55 EE 00 01 02 03 04 05 0F 10 7F FF")
 """Values that mean something at some place, and their neighbours."""
@@ -33,8 +33,8 @@ def _legal(random: Random) -> bytearray:
         free[place] if legal is None else random.choice(legal)
         for place, legal in enumerate(legal_bytes(kind))
     )
-    if legal_bytes(kind)[NUM_PLACE] is None and random.random() < 0.5:
-        raw[NUM_PLACE] = 0
+    if legal_bytes(kind)[NUM_OFFSET] is None and random.random() < 0.5:
+        raw[NUM_OFFSET] = 0
     return raw
 
 
@@ -49,7 +49,7 @@ def near_frame(random: Random) -> bytes:
         place = random.randrange(1, FRAME_LENGTH - len(end))
         raw[place : place + len(end)] = end
     elif change < 0.35:
-        raw[NUM_PLACE] = random.choice(IMITATING)
+        raw[NUM_OFFSET] = random.choice(IMITATING)
     elif change < 0.5:
         raw[random.randrange(FRAME_LENGTH)] = random.choice(IMITATING)
     elif change < 0.55:

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, TAIL, FrameKind
 from fte_sniff.protocol.codec import HEADER_BYTES, LONGEST_OVERLONG, legal_bytes
-from fte_sniff.protocol.spec import MOTORS, NUM_PLACE
+from fte_sniff.protocol.spec import MOTORS, NUM_OFFSET
 
 _INSIDE = FRAME_LENGTH - 2
 """Bytes between the header and the tail."""
@@ -49,8 +49,8 @@ def _places(places: Iterable[bytes | None]) -> bytes:
 def _with_num(kind: FrameKind, meaningless: bytes) -> list[bytes | None]:
     """What fits each place, and such a NUM where it means nothing."""
     places = list(legal_bytes(kind))
-    if places[NUM_PLACE] is None:
-        places[NUM_PLACE] = meaningless
+    if places[NUM_OFFSET] is None:
+        places[NUM_OFFSET] = meaningless
     return places
 
 
@@ -84,7 +84,7 @@ def _not_as_flags(kind: FrameKind) -> bytes:
 
 def _other_num(flags: bytes) -> bytes:
     """Any NUM but 00, and what stands between it and the flags at the end."""
-    return rb"[^\x00].{%d}" % (_INSIDE - len(flags) - NUM_PLACE)
+    return rb"[^\x00].{%d}" % (_INSIDE - len(flags) - NUM_OFFSET)
 
 
 _STRICT = _any_kind(_places(legal_bytes(kind)) for kind in KINDS)

@@ -15,7 +15,7 @@ from fte_sniff.protocol import codec as structure
 from fte_sniff.protocol.codec import HEADER_BYTES, LONGEST_OVERLONG
 from fte_sniff.protocol.framer import predicates as shapes
 from fte_sniff.protocol.framer.tables import FAULT_SETS
-from fte_sniff.protocol.spec import CMD_PLACE, KIND_BY_HEADER_AND_CMD, NUM_PLACE
+from fte_sniff.protocol.spec import CMD_OFFSET, KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 from tests.examples import examples
 from tests.protocol.framer import patterns
 from tests.protocol.framer.near_frames import near_frames, near_frames_of
@@ -45,7 +45,7 @@ RUNS = {"plain": (False, patterns.PLAIN_RUN), "undivided": (True, patterns.UNDIV
 
 
 def _kind_named(data: bytes, at: int) -> str:
-    kind = KIND_BY_HEADER_AND_CMD.get((data[at], data[at + CMD_PLACE]))
+    kind = KIND_BY_HEADER_AND_CMD.get((data[at], data[at + CMD_OFFSET]))
     return kind.name if kind else ""
 
 
@@ -59,7 +59,7 @@ def _on_all(same: Callable[[bytes], None]) -> None:
 ANYTHING = {
     kind.name
     for kind in KINDS
-    if all(legal is None for legal in structure.legal_bytes(kind)[NUM_PLACE:-1])
+    if all(legal is None for legal in structure.legal_bytes(kind)[NUM_OFFSET:-1])
 }
 """Kinds that everything fits behind header and CMD."""
 
