@@ -36,13 +36,20 @@ from fte_sniff.row_batch import Array, Codebook, Packed, PackedRows, SideBySide,
 _NO_DIRECTION: Final = len(Direction)
 
 
-def _value_type(field: Field) -> pl.DataType:
-    by_form: dict[tuple[bool, int], pl.DataType] = {
-        (False, 1): pl.UInt8(),
-        (True, 2): pl.Int16(),
-        (True, 4): pl.Int32(),
-    }
-    return by_form[field.signed, field.size]
+_INT_TYPES: Final[Mapping[tuple[bool, int], pl.DataType]] = {
+    (False, 1): pl.UInt8(),
+    (False, 2): pl.UInt16(),
+    (False, 4): pl.UInt32(),
+    (True, 1): pl.Int8(),
+    (True, 2): pl.Int16(),
+    (True, 4): pl.Int32(),
+}
+"""By sign and size of a field."""
+
+
+def value_type(field: Field) -> pl.DataType:
+    """The polars type of a field's values."""
+    return _INT_TYPES[field.signed, field.size]
 
 
 def _words_type(words: Sequence[str]) -> pl.Enum:
@@ -53,7 +60,7 @@ _TYPE_OF_NAME: Final[Mapping[str, pl.DataType]] = {
     "offset": pl.Int64(),
     "length": pl.UInt32(),
     "cmd": pl.UInt8(),
-    **{field.name: _value_type(field) for field in VALUE_FIELDS},
+    **{field.name: value_type(field) for field in VALUE_FIELDS},
 }
 _TYPE: Final[Mapping[ColumnType, Callable[[Sequence[str]], pl.DataType]]] = {
     ColumnType.TIME: lambda _: pl.Datetime("ns", "UTC"),

@@ -5,13 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.dataframe import SCHEMA, row_frame
+from fte_sniff.analysis.dataframe import SCHEMA, row_frame, value_type
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
     ColumnType,
     Damage,
     Fault,
+    Field,
     Frame,
     Row,
     record,
@@ -63,3 +64,12 @@ def test_the_types_are_what_readers_of_a_table_expect(column: str, dtype: pl.Dat
 def test_a_port_name_that_is_no_text_is_shown_with_a_mark() -> None:
     frame = row_frame([Damage("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,))])
     assert frame["port"].to_list() == ["/dev/?"]
+
+
+@pytest.mark.parametrize("signed", [False, True])
+@pytest.mark.parametrize("size", [1, 2, 4])
+def test_a_field_of_each_size_and_sign_has_a_column_type(size: int, signed: bool) -> None:
+    low = -(1 << 8 * size - 1) if signed else 0
+    field = Field("f", 2, size, low, low + (1 << 8 * size) - 1, "", "a field", "f")
+    column = pl.Series([field.low, field.high], dtype=value_type(field))
+    assert column.to_list() == [field.low, field.high]
