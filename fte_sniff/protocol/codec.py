@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 
 from fte_sniff.errors import ValueRangeError
@@ -13,7 +13,6 @@ from fte_sniff.protocol.spec import (
     KIND_BY_HEADER_AND_CMD,
     TAIL,
     Fault,
-    Field,
     FrameKind,
 )
 
@@ -47,22 +46,18 @@ def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -
 
 
 def frame_faults(raw: bytes) -> tuple[Fault, ...]:
-    """The faults that ten framed bytes show by themselves (PROTOCOL.md, "What is left open")."""
+    """The faults visible in ten framed bytes (PROTOCOL.md, "What is left open")."""
     kind = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_OFFSET]))
-    if kind is None:
-        return (Fault.UNKNOWN_CMD,)
-    return tuple(dict.fromkeys(_faults_in(raw, kind)))
+    return (Fault.UNKNOWN_CMD,) if kind is None else kind_faults(raw, kind)
 
 
-def _faults_in(raw: bytes, kind: FrameKind) -> Iterator[Fault]:
-    for field in kind.fields:
-        if field.defined_bits is not None:
-            if field.read(raw) & ~field.defined_bits:
-                yield Fault.UNDEFINED_FLAGS
-        elif not field.low <= field.read(raw) <= field.high:
-            yield Fault.BAD_MOTOR
-    if any(raw[place] for place in kind.reserved):
-        yield Fault.RESERVED_NONZERO
+def kind_faults(raw: bytes, kind: FrameKind) -> tuple[Fault, ...]:
+    """The faults visible in the bytes of a frame of `kind`."""
+    fields = (field for field in kind.fields if not field.is_legal(field.read(raw)))
+    faults = [field.fault for field in fields if field.fault]
+    if any(raw[offset] for offset in kind.reserved):
+        faults.append(Fault.RESERVED_NONZERO)
+    return tuple(dict.fromkeys(faults))
 
 
 HEADER_BYTES = bytes(HEADERS.values())
@@ -72,29 +67,19 @@ LONGEST_OVERLONG = 14
 """Bytes that an overlong frame has at most: four too many."""
 
 
-def _field_bytes(field: Field) -> bytes:
-    """The bytes that a one-byte field may have."""
-    if field.defined_bits is not None:
-        return bytes(value for value in range(256) if not value & ~field.defined_bits)
-    return bytes(range(field.low, field.high + 1))
-
-
 @cache
 def legal_bytes(kind: FrameKind) -> tuple[bytes | None, ...]:
-    """For each of the ten places the bytes that fit it; None where every byte does.
+    """For each offset in a frame of `kind` the legal bytes; None where every byte is legal.
 
-    "Fit" is strict: reserve is 00, and no undefined flag is set (PROTOCOL.md, "What the document
-    leaves open").
+    Strict: reserve is 00, and no undefined flag is set (PROTOCOL.md, "What the document leaves
+    open"). Fields of several bytes have no illegal values, so bytes can be judged one by one.
     """
-    places: list[bytes | None] = [None] * FRAME_LENGTH
-    places[0], places[CMD_OFFSET], places[-1] = (
-        bytes([kind.header]),
-        bytes(kind.cmds),
-        bytes([TAIL]),
-    )
-    for place in kind.reserved:
-        places[place] = b"\x00"
+    legal: list[bytes | None] = [None] * FRAME_LENGTH
+    legal[0], legal[-1] = bytes([kind.header]), bytes([TAIL])
+    legal[CMD_OFFSET] = bytes(kind.cmds)
+    for offset in kind.reserved:
+        legal[offset] = b"\x00"
     for field in kind.fields:
-        if field.size == 1:
-            places[field.start] = _field_bytes(field)
-    return tuple(places)
+        if field.fault:
+            legal[field.start] = bytes(byte for byte in range(256) if field.is_legal(byte))
+    return tuple(legal)

@@ -156,7 +156,7 @@ def layout(kind: FrameKind) -> Iterator[tuple[range, Field | None]]:
     starts = {field.start: field for field in kind.fields}
     while place < FRAME_LENGTH - 1:
         field = starts.get(place)
-        stop = field.places.stop if field else place + 1
+        stop = field.offsets.stop if field else place + 1
         if field is None and place != NUM_OFFSET:
             while stop < FRAME_LENGTH - 1 and stop not in starts:
                 stop += 1
@@ -211,7 +211,7 @@ def _value(raw: bytes, field: Field) -> ExplainedField:
             ),
         )
     text = f"{value} {field.unit}".rstrip()
-    return ExplainedField(field.places, own, field.name, text, meaning, fault, note)
+    return ExplainedField(field.offsets, own, field.name, text, meaning, fault, note)
 
 
 def _flags(byte: int, field: Field) -> ExplainedField:
@@ -220,7 +220,7 @@ def _flags(byte: int, field: Field) -> ExplainedField:
         "bits that the protocol does not define are set: {bits}", bits=f"{undefined:#04x}"
     )
     return ExplainedField(
-        field.places,
+        field.offsets,
         bytes([byte]),
         field.name,
         f"0x{byte:02X}",

@@ -128,28 +128,43 @@ DIRECTION_OF_HEADER: Mapping[int, Direction] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field of a frame: where it stands, what it is, and which values are legal."""
+    """One field of a frame: big-endian, two's complement if its range has negative values."""
 
     name: str
     """The row name (a column, a filter field, a schema field)."""
     start: int
-    """Place of the first byte in the frame."""
+    """Offset of the first byte in the frame."""
     size: int
-    """Bytes; big-endian."""
+    """Bytes: 1, 2 or 4."""
     low: int
-    """Least value that can be encoded."""
+    """Lowest legal value."""
     high: int
-    """Greatest value that can be encoded."""
+    """Highest legal value."""
     unit: str
     """Unit of one count; empty for numbers and bit fields."""
     meaning: str
-    """What the value is, for help texts and the dissection."""
+    """Description for help texts and explanations."""
     option: str
     """Its short name on the command line."""
     defined_bits: int | None = None
-    """For a bit field: the bits that the protocol gives a meaning. Others make a frame suspect."""
+    """For a bit field: the bits that the protocol defines."""
     default: int | None = None
-    """The value taken where the user gives none; None where it must be given."""
+    """The value used if the user gives none; None if one must be given."""
+    fault: Fault | None = None
+    """The fault of a frame with an illegal value; None if every value of the type is legal."""
+
+    def __post_init__(self) -> None:
+        """Check that the faults of a frame can be found byte by byte, as the framer does.
+
+        Raises:
+            ValueError: a field with illegal values names no fault, or has several bytes.
+        """
+        every = 1 << 8 * self.size
+        limited = self.high - self.low + 1 < every or self.defined_bits not in {None, every - 1}
+        if limited != (self.fault is not None) or (limited and self.size > 1):
+            raise ValueError(
+                f"{self.name}: a field with illegal values has one byte, and names their fault"
+            )
 
     @property
     def signed(self) -> bool:
@@ -157,30 +172,36 @@ class Field:
         return self.low < 0
 
     @property
-    def places(self) -> range:
-        """The byte places that the field takes in the frame."""
+    def offsets(self) -> range:
+        """The offsets of the field's bytes in the frame."""
         return range(self.start, self.start + self.size)
 
     def read(self, raw: bytes) -> int:
-        """The field's value in the ten bytes of a frame."""
+        """Decode the field from the bytes of a frame."""
         return int.from_bytes(raw[self.start : self.start + self.size], "big", signed=self.signed)
 
+    def is_legal(self, value: int) -> bool:
+        """Whether the value is in range, with no undefined bit set."""
+        return self.low <= value <= self.high and not (
+            self.defined_bits is not None and value & ~self.defined_bits
+        )
+
     def to_bytes(self, value: int) -> bytes:
-        """The field's bytes for `value`.
+        """Encode `value`; undefined bits of a bit field are accepted.
 
         Raises:
-            ValueRangeError: the value does not fit; the message names field, range and unit.
+            ValueRangeError: the value is out of range; the message names field, range and unit.
         """
         if not self.low <= value <= self.high:
             raise ValueRangeError(f"{self.name} {value} is out of range: {self.range_text}")
         return value.to_bytes(self.size, "big", signed=self.signed)
 
     def raised(self, value: int) -> bool:
-        """Whether a bit field tells something else than that all is in order; never of a number."""
+        """Whether a bit field differs from its default; always false for a number."""
         return self.defined_bits is not None and value != self.default
 
     def text(self, value: int) -> str:
-        """A value as people read it: bit fields in hex, all else in decimal, without the unit."""
+        """Format a value without its unit: bit fields in hex, numbers in decimal."""
         return f"{value}" if self.defined_bits is None else f"0x{value:02X}"
 
     @property
@@ -229,10 +250,16 @@ def _int32(name: str, start: int, unit: str, meaning: str, option: str) -> Field
 
 
 def _flags(name: str, start: int, meaning: str, default: int) -> Field:
-    return Field(name, start, 1, 0, 0xFF, "", meaning, name, defined_bits=0x0F, default=default)
+    fault = Fault.UNDEFINED_FLAGS
+    return Field(name, start, 1, 0, 0xFF, "", meaning, name, 0x0F, default, fault)
 
 
-_MOTOR = Field("motor", NUM_OFFSET, 1, MOTORS[0], MOTORS[-1], "", "motor (driver) number", "motor")
+def _motor(meaning: str) -> Field:
+    low, high = MOTORS[0], MOTORS[-1]
+    return Field("motor", NUM_OFFSET, 1, low, high, "", meaning, "motor", fault=Fault.BAD_MOTOR)
+
+
+_MOTOR = _motor("motor (driver) number")
 _ERROR = _flags("error", 7, "error flags; 00 is all normal, single bits are undocumented", 0x00)
 _ONLINE = _flags("online", 8, "online flags; 0F is four motors online", 0x0F)
 

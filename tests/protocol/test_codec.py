@@ -1,4 +1,4 @@
-"""Encode and decode of single frames: the protocol's own examples, and every legal value."""
+"""Frame definitions, encode and decode: the protocol's own examples, and every legal value."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ from fte_sniff.protocol import (
     KIND_BY_NAME,
     KINDS,
     Chunk,
+    Direction,
     Fault,
+    Field,
     Frame,
     FrameKind,
     Framer,
     encode,
     frame_faults,
 )
+from fte_sniff.protocol.codec import kind_faults, legal_bytes
 
 GOLDEN = [
     ("AA 00 00 00 00 00 00 00 00 EE", "reset", {}),
@@ -144,3 +147,44 @@ def test_what_one_frame_shows_by_itself(text: str, faults: tuple[Fault, ...]) ->
     (row,) = framer.feed(Chunk("p", None, raw)) + framer.flush()
     assert isinstance(row, Frame)
     assert row.faults == faults
+
+
+def ranged(size: int, low: int, high: int, fault: Fault | None) -> Field:
+    return Field("level", 3, size, low, high, "", "a level", "level", fault=fault)
+
+
+def test_a_value_out_of_range_has_the_fault_that_its_field_names() -> None:
+    level = ranged(1, 0, 9, Fault.UNDEFINED_FLAGS)
+    kind = FrameKind("level", Direction.CONTROL, (0x10,), (level,), range(4, 9), "a level")
+    assert kind_faults(bytes.fromhex("AA 10 00 09 00 00 00 00 00 EE"), kind) == ()
+    raw = bytes.fromhex("AA 10 00 0A 00 00 00 00 00 EE")
+    assert kind_faults(raw, kind) == (Fault.UNDEFINED_FLAGS,)
+    assert legal_bytes(kind)[3] == bytes(range(10))
+
+
+@pytest.mark.parametrize(
+    ("size", "low", "high", "fault"),
+    [
+        (1, 0, 9, None),
+        (1, 0, 255, Fault.BAD_MOTOR),
+        (2, 0, 1000, None),
+        (2, 0, 1000, Fault.BAD_MOTOR),
+    ],
+)
+def test_a_field_that_the_framer_could_not_judge_byte_by_byte_is_refused(
+    size: int, low: int, high: int, fault: Fault | None
+) -> None:
+    with pytest.raises(ValueError, match="level: a field with illegal values"):
+        ranged(size, low, high, fault)
+
+
+@given(st.sampled_from(KINDS), st.data())
+def test_a_byte_is_legal_exactly_where_it_brings_no_fault(
+    kind: FrameKind, data: st.DataObject
+) -> None:
+    legal = legal_bytes(kind)
+    raw = bytearray(0 if fitting is None else fitting[0] for fitting in legal)
+    offset = data.draw(st.integers(2, len(raw) - 2))
+    raw[offset] = data.draw(st.integers(0, 255))
+    fitting = legal[offset]
+    assert bool(kind_faults(raw, kind)) == (fitting is not None and raw[offset] not in fitting)
