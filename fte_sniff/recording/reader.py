@@ -54,7 +54,6 @@ class RecordingReader:
         self._metadata: dict[str, dict[str, str]] = {}
         self._summary: Summary | None = None
         self._noted: list[Metadata] | None = None
-        self._finished = False
         self._ending = ""
         self._losses: tuple[str, ...] = ()
         self._times: tuple[int, int] | None = None
@@ -105,11 +104,6 @@ class RecordingReader:
     def losses(self) -> tuple[str, ...]:
         """What could not be read, one line each; empty where all could."""
         return self._losses
-
-    @property
-    def complete(self) -> bool:
-        """Whether an iteration came to its end, in a whole and undamaged file."""
-        return self._finished and not self._ending and not self._losses
 
     def left_out(self) -> list[RecordedGap]:
         """The rows that came and are not in the file, as it tells; no chunk is read for it."""
@@ -251,7 +245,6 @@ class RecordingReader:
                 count=expected.message_count,
             )
             self._losses += (told,)
-        self._finished = True
 
     def _beginning_lost(self, count: int) -> TranslatableText:
         return TranslatableText(

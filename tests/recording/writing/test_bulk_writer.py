@@ -103,7 +103,7 @@ def test_rows_come_back_from_a_file_of_many_chunks(tmp_path: Path, make_rows: Ma
     found = list(reader)
     assert found == rows
     assert [row.read_delay_ns for row in found] == [row.read_delay_ns for row in rows]
-    assert reader.complete
+    assert (reader.ending, reader.losses) == ("", ())
 
 
 def _chunks(count: int) -> Iterator[RowColumns]:
@@ -125,7 +125,7 @@ def test_chunks_that_threads_pack_stay_in_order(tmp_path: Path) -> None:
     write_recording(path, [PortFacts("p")], _chunks(count))
     reader = RecordingReader(path)
     columns = RowColumns.joined(list(reader.batches()))
-    assert reader.complete
+    assert (reader.ending, reader.losses) == ("", ())
     at = np.arange(count * CHUNK_ROWS)
     assert (columns.t_ns == at * 1000).all()
     assert (columns.delay_ns == at * 7919 % 10_000).all()
@@ -175,7 +175,7 @@ def test_times_that_fall_and_ports_that_nobody_named(tmp_path: Path, make_rows: 
     write_recording(path, [], [RowColumns.of_rows(Words(), rows)])
     reader = RecordingReader(path)
     assert list(reader) == rows
-    assert reader.complete
+    assert (reader.ending, reader.losses) == ("", ())
     times = [log_time for _, _, _, log_time, *_ in _messages(path)]
     assert times == sorted(times)
 
@@ -199,7 +199,7 @@ def test_no_rows_make_a_recording_that_says_so(tmp_path: Path) -> None:
     write_recording(path, [PortFacts("p", 9600)], [], {"host": "bench"})
     reader = RecordingReader(path)
     assert list(reader) == []
-    assert reader.complete
+    assert (reader.ending, reader.losses) == ("", ())
     assert reader.ports == (PortFacts("p", 9600),)
     assert reader.metadata["fte-sniff"]["host"] == "bench"
 

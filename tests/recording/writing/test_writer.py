@@ -65,7 +65,8 @@ def test_an_empty_capture_explains_itself_in_every_reader(tmp_path: Path) -> Non
     assert metadata.metadata["host"] == "bench"
     assert metadata.metadata["port.1.baud"] == "115200"
     reader2 = RecordingReader(path)
-    assert (list(reader2), reader2.complete, reader2.ports) == ([], True, (PORT,))
+    assert (list(reader2), reader2.ports) == ([], (PORT,))
+    assert (reader2.ending, reader2.losses) == ("", ())
     assert reader2.metadata["fte-sniff"] == metadata.metadata
 
 
@@ -128,7 +129,7 @@ def test_the_file_is_whole_and_indexed_after_every_flush(tmp_path: Path, make_ro
             assert _statistics(path).message_count == start + 10
             reader = RecordingReader(path)
             assert list(reader) == rows[: start + 10]
-            assert reader.complete
+            assert (reader.ending, reader.losses) == ("", ())
 
 
 def test_a_long_summary_waits_for_data_and_the_file_is_readable_meanwhile(
@@ -148,7 +149,7 @@ def test_a_long_summary_waits_for_data_and_the_file_is_readable_meanwhile(
                 assert sum(1 for _ in reader.iter_messages()) == number + 1
             ours = RecordingReader(path)
             assert list(ours) == rows[: number + 1]
-            assert ours.complete
+            assert (ours.ending, ours.losses) == ("", ())
     assert True in summaries
     assert False in summaries
     assert _statistics(path).message_count == 40
@@ -293,7 +294,7 @@ def test_a_write_that_fails_leaves_all_that_was_flushed_in_a_whole_file(
     assert _statistics(path).message_count == 100
     reader = RecordingReader(path)
     assert list(reader) == rows[:100]
-    assert reader.complete
+    assert (reader.ending, reader.losses) == ("", ())
 
 
 def test_no_room_for_the_head_leaves_no_file(tmp_path: Path) -> None:
