@@ -145,10 +145,12 @@ class _Writer:
 
     def _messages(self, chunk: RowColumns) -> McapBatch:
         times = self._log_times(chunk.t_ns)
-        events = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
-        batch = self._packer.pack(chunk, times, events)
-        self._last_time = max([self._last_time, *times[-1:].tolist(), *events[-1:].tolist()])
-        return batch
+        event_times = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
+        # Each event stands before the first row that is later.
+        at = np.searchsorted(times, event_times, "right")
+        times = np.insert(times, at, event_times)
+        self._last_time = int(times[-1])
+        return self._packer.pack(chunk, times, at + np.arange(len(at)))
 
     def _log_times(self, times: Array) -> Array:
         return np.maximum(np.maximum.accumulate(times), self._last_time) if len(times) else times

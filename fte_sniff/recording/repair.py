@@ -91,7 +91,7 @@ class UnpackedMessages:
 
     def only(self, kept: NDArray[np.bool_]) -> McapBatch:
         """The messages that are kept, packed anew."""
-        starts, stops = self.batch.places[kept], self.stops[kept]
+        starts, stops = self.batch.starts[kept], self.stops[kept]
         data = [self.batch.data[a:b] for a, b in zip(starts, stops, strict=True)]
         places = np.cumsum(stops - starts) - (stops - starts)
         return McapBatch(b"".join(data), self.batch.channels[kept], self.batch.times[kept], places)

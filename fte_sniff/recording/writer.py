@@ -21,7 +21,7 @@ from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile
 from fte_sniff.recording.messages.codec import plain
-from fte_sniff.recording.messages.packer import Channels, Packer
+from fte_sniff.recording.messages.packer import Channels, ColumnPacker
 from fte_sniff.recording.messages.schema import Topic
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, library_name, recording_facts
 from fte_sniff.recording.output_file import Existing, opened, stopped, taken_away
@@ -72,7 +72,7 @@ class RecordingWriter:
         self._span: tuple[int, int] | None = None
         self._last_of_port: dict[str, int] = {}
         self._last_time = 0
-        self._packer = Packer(self._channel_id)
+        self._packer = ColumnPacker(self._channel_id)
         self._channels = Channels()
         channels = [channel for port in ports for channel in self._channels.of_port(port)]
         self._notes: list[Metadata] = []
@@ -257,7 +257,7 @@ class RecordingWriter:
         own = np.array([time for time, _ in pending], np.int64)
         times = np.maximum(own, self._last_time)
         self._last_time = int(times[-1])
-        return self._packer.pack([taken for _, taken in pending], times)
+        return self._packer.pack_entries([taken for _, taken in pending], times)
 
     def _channel_id(self, port: str, topic: Topic) -> int:
         for channel in self._channels.of_port(PortFacts(port)):

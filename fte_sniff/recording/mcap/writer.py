@@ -40,7 +40,7 @@ class McapBatch:
     channels: NDArray[np.int64]
     times: NDArray[np.int64]
     """Log times, nanoseconds since 1970 UTC."""
-    places: NDArray[np.int64]
+    starts: NDArray[np.int64]
     """Where each message record begins in `data`."""
 
 
@@ -77,7 +77,7 @@ def packed(definitions: bytes, batch: McapBatch) -> PackedChunk:
         uncompressed_crc=crc32(records),
         uncompressed_size=len(records),
     )
-    return indexed(chunk, replace(batch, places=batch.places + len(definitions)))
+    return indexed(chunk, replace(batch, starts=batch.starts + len(definitions)))
 
 
 def indexed(chunk: Chunk, batch: McapBatch) -> PackedChunk:
@@ -124,7 +124,7 @@ def _message_indexes(
     order = np.argsort(batch.channels.astype(np.uint16), kind="stable")
     entries = np.empty((len(order), 2), "<u8")
     entries[:, 0] = batch.times.take(order)
-    entries[:, 1] = batch.places.take(order)
+    entries[:, 1] = batch.starts.take(order)
     found, places, first = bytearray(), {}, 0
     for channel_id, count in counts.items():
         places[channel_id] = position + len(found)

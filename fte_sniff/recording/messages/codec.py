@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import nan
-from operator import attrgetter
-from typing import Any, TypeAlias
+from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
@@ -23,7 +21,6 @@ from fte_sniff.protocol import (
     Fault,
     Field,
     Frame,
-    FrameKind,
     PortEvent,
     PortEventKind,
     Row,
@@ -42,7 +39,7 @@ from fte_sniff.recording.messages.schema import (
     schema_name,
     value_fields,
 )
-from fte_sniff.recording.messages.wire_layout import SOUND_LACKS, WireField, WireLayouts, laid
+from fte_sniff.recording.messages.wire_layout import WireLayouts
 
 _GREATEST = 2**63 - 1
 """The largest offset and time that the columns of any tool can hold."""
@@ -218,69 +215,6 @@ def _words_of(field: Any) -> dict[int, str]:
     }
 
 
-_Get: TypeAlias = Callable[[Frame], Any]
-
-
-@dataclass(frozen=True, slots=True)
-class PlainForm:
-    """How sound frames of one kind become messages."""
-
-    pack: Callable[..., bytes]
-    """Packs constant parts and numbers in turn."""
-    parts: tuple[tuple[bytes, _Get], ...]
-    """Each constant part, and where the number behind it comes from."""
-    rest: bytes
-    """The constant part behind the last number."""
-
-    def encode(self, row: Frame) -> bytes:
-        """The message of a row that has a read delay, no faults, and its message's own time."""
-        values: list[Any] = []
-        for constant, get in self.parts:
-            values += (constant, get(row))
-        return self.pack(*values, self.rest)
-
-
-def plain_form(message: Any, kind: FrameKind, fixed: Mapping[str, int]) -> PlainForm:
-    """The form of a kind's messages.
-
-    Args:
-        message: the protobuf class.
-        kind: of the frames.
-        fixed: the numbers of fields that are the same in all of them; other fields of the message
-            that a frame of this kind does not have are NaN.
-    """
-    parts: list[tuple[bytes, _Get]] = []
-    layout, constant = "<", b""
-    for field in laid(message.DESCRIPTOR.fields, SOUND_LACKS - fixed.keys()):
-        get = _getter(field.name, kind)
-        if get is not None:
-            constant += field.tag
-            layout += f"{len(constant)}s{_struct_code(field)}"
-            parts.append((constant, get))
-            constant = b""
-        elif field.name in fixed:
-            constant += field.tag + struct.pack(f"<{field.code}", fixed[field.name])
-        else:
-            constant += field.tag + struct.pack(f"<{field.code}", nan)
-    layout += f"{len(constant)}s"
-    return PlainForm(struct.Struct(layout).pack, tuple(parts), constant)
-
-
-def _struct_code(field: WireField) -> str:
-    return f"{field.size}s" if field.code == "s" else field.code
-
-
-def _getter(name: str, kind: FrameKind) -> _Get | None:
-    """Where the number of a message's field comes from; None where a frame does not have it."""
-    if name in ("offset", "read_delay_ns", "raw", "cmd"):
-        return attrgetter(name)
-    field = kind.field(name)
-    if field is None:
-        return None
-    read = field.read
-    return lambda row: read(row.raw)
-
-
 _STATUS_NUMBER = {status: enum_number("Status", status) for status in Status}
 _FAULT_NUMBER = {fault: enum_number("Fault", fault) for fault in Fault}
 _EVENT_NUMBER = {kind: enum_number("PortEventKind", kind) for kind in PortEventKind}
@@ -321,28 +255,10 @@ def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
     """The message of a row on its topic.
 
     Args:
-        topic: where `topic_of` sends the row.
+        topic: the result of `topic_of`.
         row: the row; its time must not be None.
-        log_time: the message's log time; the row's own time is told where it differs.
+        log_time: the message's log time; the message holds the row's own time if it differs.
     """
-    if not row.faults and row.t_ns == log_time and row.read_delay_ns is not None:
-        kind = row.kind if isinstance(row, Frame) else None
-        if kind is not None and topic is not MALFORMED:
-            assert isinstance(row, Frame)
-            return _plain_form_of(topic.name, kind.name, row.order_uncertain).encode(row)
-    return _encode_by_protobuf(topic, row, log_time)
-
-
-@cache
-def _plain_form_of(topic_name: str, kind_name: str, order_uncertain: bool) -> PlainForm:
-    topic, kind = TOPIC_BY_NAME[topic_name], KIND_BY_NAME[kind_name]
-    fixed = {"status": _STATUS_NUMBER[Status.OK], "kind": enum_number("Kind", kind.name)}
-    if order_uncertain:
-        fixed["order_uncertain"] = True
-    return plain_form(class_of(topic), kind, fixed)
-
-
-def _encode_by_protobuf(topic: Topic, row: Row, log_time: int) -> bytes:
     values: dict[str, Any] = {"offset": row.offset, "raw": row.raw}
     if row.read_delay_ns is not None:
         values["read_delay_ns"] = row.read_delay_ns

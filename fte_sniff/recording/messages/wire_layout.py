@@ -54,7 +54,7 @@ def has_known_size(field: Any) -> bool:
     return field.type in _FORMS or field.name == "raw"
 
 
-def laid(
+def wire_fields(
     fields: Iterable[Any],
     lacking: Collection[str] = (),
     raw_length: int = FRAME_LENGTH,
@@ -175,7 +175,7 @@ class WireLayouts:
                 yield layout
 
     def _layout(self, length: int, faults: int, lacking: frozenset[str]) -> WireLayout | None:
-        last = laid(self._fields, lacking, 0, faults)[-1]
+        last = wire_fields(self._fields, lacking, 0, faults)[-1]
         raw_length = length - last.place - last.size
         if raw_length >= MORE_FOLLOWS:
             raw_length -= 1
@@ -185,7 +185,7 @@ class WireLayouts:
         return self._built(raw_length, faults, lacking) if fits else None
 
     def _built(self, raw_length: int, faults: int, lacking: frozenset[str]) -> WireLayout:
-        fields = laid(self._fields, lacking, raw_length, faults)
+        fields = wire_fields(self._fields, lacking, raw_length, faults)
         places = {field.name: field.place for field in fields}
         return WireLayout(
             b"".join(b"\xff" * len(one.tag) + bytes([one.zeros]) * one.size for one in fields),

@@ -1,0 +1,179 @@
+"""Messages of batches and of single rows, and what is read from one message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+
+from fte_sniff.protocol import (
+    FRAME_LENGTH,
+    KIND_BY_NAME,
+    KINDS,
+    Fault,
+    Frame,
+    FrameKind,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
+from fte_sniff.recording.messages.codec import MessageReader, encode_event, encode_row
+from fte_sniff.recording.messages.packer import MESSAGE, MESSAGE_HEAD, ColumnPacker
+from fte_sniff.recording.messages.schema import (
+    EVENTS,
+    MALFORMED,
+    Topic,
+    schema_data,
+    schema_name,
+    topic_of,
+)
+from tests.examples import examples
+from tests.recording.test_reader import damage, events, frames
+
+Entry = Row | PortEvent
+RAW = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 77})
+ROW = Frame("p", 10, RAW, 1_000, (), 5)
+
+
+def _topic(entry: Entry) -> Topic:
+    return EVENTS if isinstance(entry, PortEvent) else topic_of(entry)
+
+
+def _reader(topic: Topic) -> MessageReader:
+    return MessageReader(topic.name, "p", schema_name(topic), schema_data(topic.schema))
+
+
+@examples(80)
+@given(
+    st.lists(st.lists(st.one_of(frames, frames, damage, events), min_size=1), max_size=3),
+    st.booleans(),
+)
+def test_each_message_of_a_batch_has_the_bytes_that_protobuf_makes(
+    batches: list[list[Entry]], own: bool
+) -> None:
+    ids: dict[tuple[str, str], int] = {}
+
+    def channel_id(port: str, topic: Topic) -> int:
+        return ids.setdefault((port, topic.name), len(ids) + 1)
+
+    packer = ColumnPacker(channel_id)
+    counts: dict[int, int] = {}
+    for entries in batches:
+        entries = sorted(entries, key=lambda entry: entry.t_ns or 0)
+        times = [entry.t_ns or 0 for entry in entries]
+        if not own:
+            times = [max(times)] * len(times)
+        batch = packer.pack_entries(entries, np.array(times, np.int64))
+        stops = [*batch.starts.tolist(), len(batch.data)]
+        for number, (start, stop) in enumerate(pairwise(stops)):
+            entry, time = entries[number], times[number]
+            topic = _topic(entry)
+            if isinstance(entry, PortEvent):
+                data = encode_event(entry, time)
+            else:
+                data = encode_row(topic, entry, time)
+            channel = ids[entry.port, topic.name]
+            sequence = counts.get(channel, 0)
+            counts[channel] = sequence + 1
+            length = MESSAGE_HEAD + len(data)
+            head = MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence, time, time)
+            assert batch.data[start:stop] == head + data
+            assert (batch.channels[number], batch.times[number]) == (channel, time)
+
+
+def test_sequence_numbers_wrap_as_the_format_says() -> None:
+    packer = ColumnPacker(lambda _port, _topic: 1)
+    packer._sequences[1] = 2**32 - 1
+    kinds = (PortEventKind.OPENED, PortEventKind.CLOSED)
+    entries = [PortEvent(5, "p", kind, "") for kind in kinds]
+    batch = packer.pack_entries(entries, np.array([5, 5], np.int64))
+    sequences = [MESSAGE.unpack_from(batch.data, start)[3] for start in batch.starts.tolist()]
+    assert sequences == [2**32 - 1, 0]
+
+
+@st.composite
+def _frames_of(draw: st.DrawFn, kind: FrameKind) -> Frame:
+    """Any legal frame of a kind, anywhere and at any time."""
+    values = {field.name: draw(st.integers(field.low, field.high)) for field in kind.fields}
+    return Frame(
+        "p",
+        draw(st.integers(0, 2**63 - 1)),
+        encode(kind, values),
+        draw(st.integers(0, 2**63 - 1)),
+        (),
+        draw(st.integers(0, 2**62)),
+        draw(st.booleans()),
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+@given(data=st.data())
+def test_a_batch_of_one_row_is_read_back(kind: FrameKind, data: st.DataObject) -> None:
+    row = data.draw(_frames_of(kind))
+    topic = topic_of(row)
+    assert topic is not MALFORMED
+    batch = ColumnPacker(lambda _port, _topic: 1).pack_entries([row], np.array([row.t_ns]))
+    message = bytes(batch.data)[MESSAGE.size :]
+    assert message == encode_row(topic, row, row.t_ns or 0)
+    read = _reader(topic).row(message, row.t_ns or 0)
+    assert (read, read.order_uncertain) == (row, row.order_uncertain)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{}, {"faults": (Fault.LINE_ERROR,)}, {"read_delay_ns": None}, {"t_ns": 2_000}],
+    ids=["fault-free", "faults", "no delay", "its own time"],
+)
+def test_a_message_keeps_what_its_row_has(change: dict) -> None:
+    row = replace(Frame("p", FRAME_LENGTH, RAW, 1_000, (), 5), **change)
+    topic = topic_of(row)
+    read = _reader(topic).row(encode_row(topic, row, 1_000), 1_000)
+    assert (read, read.read_delay_ns) == (row, row.read_delay_ns)
+
+
+@pytest.mark.parametrize(
+    "raw", [b"\x00" + RAW[1:], RAW[:-1] + b"\x00"], ids=["no header", "no tail"]
+)
+def test_bytes_that_are_not_framed_make_no_frame(raw: bytes) -> None:
+    topic = topic_of(ROW)
+    data = encode_row(topic, ROW, 1_000).replace(RAW, raw)
+    with pytest.raises(ValueError, match="no frame in its 10 bytes"):
+        _reader(topic).row(data, 1_000)
+
+
+@pytest.mark.parametrize(
+    ("row", "log_time", "says"),
+    [(ROW, 2**63, "2262"), (replace(ROW, offset=2**63), 1_000, "offset")],
+)
+def test_times_and_offsets_that_no_column_can_hold(row: Frame, log_time: int, says: str) -> None:
+    topic = topic_of(row)
+    with pytest.raises(ValueError, match=says):
+        _reader(topic).row(encode_row(topic, row, 1_000), log_time)
+
+
+def test_every_row_that_the_framer_makes_has_one_fixed_layout(
+    make_rows: Callable[..., list[Row]],
+) -> None:
+    for row in make_rows(200):
+        topic = topic_of(row)
+        data = encode_row(topic, row, row.t_ns or 0)
+        layouts = _reader(topic).layouts
+        assert layouts is not None
+        fitting = [
+            layout
+            for layout in layouts.of_length(len(data))
+            if all(
+                byte & mask == wanted
+                for byte, mask, wanted in zip(data, layout.mask, layout.expected, strict=True)
+            )
+        ]
+        assert len(fitting) == 1
+        assert fitting[0].raw_length == len(row.raw)
+        assert fitting[0].fault_count == len(row.faults)

@@ -1,0 +1,514 @@
+"""Recordings read back: batches, single rows, time ranges, files of other writers."""
+
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.data_stream import RecordBuilder
+from mcap.reader import make_reader
+from mcap.records import Channel, DataEnd, Footer, Message, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
+
+from fte_sniff.protocol import (
+    HEADERS,
+    KINDS,
+    TAIL,
+    Damage,
+    Fault,
+    Frame,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+)
+from fte_sniff.recording.messages.codec import encode_row
+from fte_sniff.recording.messages.schema import schema_data, schema_name, topic_of
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.parallel import JOB
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.row_ranges import TimeRange
+from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.row_batch import Capacity, RowColumns, Words
+from tests.examples import examples
+
+Recorded = tuple[Path, list[Row], list[PortEvent]]
+MakeRows = Callable[..., list[Row]]
+Told = Callable[[list[Row]], list[tuple[Row, int | None]]]
+
+PORTS = ("/dev/ttyUSB0", "loop://", "串口 \x1b[31m[bold]")
+times = st.integers(0, 2**63 - 1) | st.integers(1000, 1020)
+delays = st.none() | st.integers(-(2**63), 2**63 - 1)
+offsets = st.integers(0, 2**63 - 1)
+faults = st.lists(st.sampled_from(Fault), unique=True, max_size=4).map(tuple)
+
+
+@st.composite
+def frame_bytes(draw: st.DrawFn) -> bytes:
+    if draw(st.booleans()):
+        header = draw(st.sampled_from(list(HEADERS.values())))
+        return bytes([header]) + draw(st.binary(min_size=8, max_size=8)) + bytes([TAIL])
+    kind = draw(st.sampled_from(KINDS))
+    values = {field.name: draw(st.integers(field.low, field.high)) for field in kind.fields}
+    return encode(kind, values, draw(st.sampled_from(kind.cmds)))
+
+
+orders = st.booleans()
+frames = st.builds(
+    Frame, st.sampled_from(PORTS), offsets, frame_bytes(), times, faults, delays, orders
+)
+damage = st.builds(
+    Damage,
+    st.sampled_from(PORTS),
+    offsets,
+    st.binary(min_size=1, max_size=40) | st.integers(1, 1024).map(lambda n: bytes(n)),
+    times,
+    faults,
+    delays,
+    orders,
+)
+events = st.builds(
+    PortEvent,
+    times,
+    st.sampled_from(PORTS),
+    st.sampled_from(PortEventKind),
+    st.text(st.characters(codec="utf-8"), max_size=20),
+    st.integers(0, 2**63),
+)
+Entry = Row | PortEvent
+
+
+def _record(path: Path, batches: list[list[Entry]], ports: tuple[str, ...]) -> None:
+    with RecordingWriter(path, [PortFacts(port) for port in ports]) as writer:
+        for batch in batches:
+            for entry in batch:
+                if isinstance(entry, PortEvent):
+                    writer.write_event(entry)
+                else:
+                    writer.write([entry])
+            writer.flush()
+
+
+def _told(entry: Entry) -> tuple[Entry, int | None, bool]:
+    """An entry, and what rows leave out when they compare."""
+    if isinstance(entry, PortEvent):
+        return entry, None, False
+    return entry, entry.read_delay_ns, entry.order_uncertain
+
+
+@given(
+    st.lists(st.lists(st.one_of(frames, damage, events), max_size=12), max_size=4),
+    st.sampled_from([PORTS, PORTS[:1], ()]),
+)
+def test_what_goes_in_comes_out(batches: list[list[Entry]], ports: tuple[str, ...]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.mcap"
+        _record(path, batches, ports)
+        reader = RecordingReader(path)
+        found = list(reader.entries())
+        assert (reader.ending, reader.losses) == ("", ())
+        with path.open("rb") as file:
+            log_times = [
+                message.log_time
+                for _, _, message in make_reader(file, validate_crcs=True).iter_messages()
+            ]
+    given_entries = [entry for batch in batches for entry in batch]
+    for port in PORTS:
+        assert [_told(entry) for entry in found if entry.port == port] == [
+            _told(entry) for entry in given_entries if entry.port == port
+        ]
+    assert log_times == sorted(log_times)
+    assert len(log_times) == len(found)
+
+
+def test_ports_that_interleave_are_put_in_order_of_time(tmp_path: Path) -> None:
+    kind = KINDS[0]
+    raw = encode(kind, {})
+    left = [Frame("left", 10 * n, raw, 1000 + 20 * n) for n in range(5)]
+    right = [Frame("right", 10 * n, raw, 1010 + 20 * n) for n in range(5)]
+    path = tmp_path / "two.mcap"
+    with RecordingWriter(path, [PortFacts("left"), PortFacts("right")]) as writer:
+        writer.write(left)
+        writer.write(right)
+    found = list(RecordingReader(path))
+    assert [row.t_ns for row in found] == list(range(1000, 1100, 10))
+    with path.open("rb") as file:
+        messages = [message for _, _, message in make_reader(file).iter_messages()]
+    assert [m.log_time for m in messages] == [m.publish_time for m in messages]
+    assert [m.log_time for m in messages] == list(range(1000, 1100, 10))
+
+
+def test_a_row_that_comes_after_its_chunk_keeps_its_own_time(tmp_path: Path) -> None:
+    raw = encode(KINDS[0], {})
+    path = tmp_path / "late.mcap"
+    with RecordingWriter(path, []) as writer:
+        writer.write([Frame("a", 0, raw, 5000)])
+        writer.flush()
+        writer.write([Frame("b", 0, raw, 4000)])
+    assert [row.t_ns for row in RecordingReader(path)] == [5000, 4000]
+    with path.open("rb") as file:
+        assert [m.log_time for _, _, m in make_reader(file).iter_messages()] == [5000, 5000]
+
+
+def _columns(path: Path, span: TimeRange | None = None) -> tuple[list[Row], list[PortEvent]]:
+    reader = RecordingReader(path)
+    batches = list(reader.batches() if span is None else reader.batches(span=span))
+    assert reader.losses == ()
+    assert reader.ending == ""
+    rows = [row for batch in batches for row in batch.rows()]
+    return rows, [event for batch in batches for event in batch.events]
+
+
+@st.composite
+def _rows(draw: st.DrawFn) -> list[Row]:
+    """Rows of one port as no framer gives them, but as a file may hold them."""
+    rows: list[Row] = []
+    for number in range(draw(st.integers(1, 40))):
+        t_ns = draw(st.sampled_from([number * 1000, number * 1000 - 3000, 2**62])) % 2**62
+        uncertain = draw(st.booleans())
+        delay = draw(st.sampled_from([None, 0, -1, 2**40]))
+        faults = tuple(draw(st.lists(st.sampled_from(list(Fault)), max_size=6)))
+        if draw(st.booleans()):
+            kind = draw(st.sampled_from(KINDS))
+            values = {field.name: draw(st.integers(field.low, field.high)) for field in kind.fields}
+            rows.append(Frame("p", number, encode(kind, values), t_ns, faults, delay, uncertain))
+        else:
+            size = draw(st.sampled_from([1, 9, 10, 11, 127, 128, 129, 1024]))
+            rows.append(
+                Damage(
+                    "p",
+                    number,
+                    bytes([draw(st.integers(0, 255))]) * size,
+                    t_ns,
+                    faults,
+                    delay,
+                    uncertain,
+                )
+            )
+    return rows
+
+
+@given(_rows())
+def test_any_row_comes_back_as_it_was(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
+) -> None:
+    path = tmp_path_factory.mktemp("bulk") / "any.mcap"
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write(rows)
+    reader = RecordingReader(path)
+    one_by_one = list(reader)
+    found, _ = _columns(path)
+    assert found == one_by_one
+    assert sorted(found, key=lambda row: row.offset) == rows
+    assert [(row.read_delay_ns, row.order_uncertain) for row in found] == [
+        (row.read_delay_ns, row.order_uncertain) for row in one_by_one
+    ]
+
+
+def test_columns_hold_the_rows_and_the_events(recorded: Recorded, told: Told) -> None:
+    rows, events = _columns(recorded[0])
+    assert told(rows) == told(recorded[1])
+    assert events == recorded[2]
+
+
+def test_many_chunks_of_two_ports_stay_in_order(tmp_path: Path, make_rows: MakeRows) -> None:
+    """More than one batch, so that threads have something to bring out of order."""
+    path = tmp_path / "long.mcap"
+    one = make_rows(30_000, "one")
+    two = make_rows(30_000, "two", one[0].t_ns)
+    with RecordingWriter(path, [PortFacts("one"), PortFacts("two")]) as writer:
+        for start in range(0, len(one), 1000):
+            writer.write(one[start : start + 1000])
+            writer.write(two[start : start + 1000])
+    reader = RecordingReader(path)
+    batches = list(reader.batches())
+    assert len(batches) > 1
+    assert sum(len(batch) for batch in batches) > JOB // 200
+    assert [row for batch in batches for row in batch.rows()] == list(reader)
+
+
+def test_a_message_that_only_looks_equally_long_is_not_misread(
+    tmp_path: Path, make_rows: MakeRows, told: Told
+) -> None:
+    """Without delay but with a time of its own a message is as long as the other way round."""
+    rows = [row for row in make_rows(400) if isinstance(row, Frame) and not row.faults]
+    late = [
+        Frame(row.port, row.offset, row.raw, (row.t_ns or 0) - 10**9, (), None)
+        for row in rows[1::2]
+    ]
+    path = tmp_path / "mixed.mcap"
+    mixed: list[Row] = []
+    with RecordingWriter(
+        path, [PortFacts("a"), PortFacts("b")], existing=Existing.REFUSE
+    ) as writer:
+        for even, odd in zip(rows[::2], late, strict=False):
+            other = Frame("b", odd.offset, odd.raw, odd.t_ns, (), None)
+            for row in (even, other):
+                writer.write([row])
+                writer.flush()
+                mixed.append(row)
+    found, _ = _columns(path)
+    assert told(found) == told(mixed)
+
+
+@examples(80)
+@given(st.data())
+def test_whatever_a_message_says_columns_say_what_reading_one_by_one_says(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """Without checksums a changed byte reaches the messages; the others stay as they are."""
+    path = tmp_path_factory.mktemp("bulk") / "changed.mcap"
+    kinds = data.draw(st.sampled_from([KINDS[:1], KINDS[3:4], KINDS]))
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start()
+        channels: dict[str, int] = {}
+        for number in range(70):
+            kind = kinds[number % len(kinds)]
+            values = {field.name: max(1, field.low) for field in kind.fields}
+            row = Frame("p", number * 10, encode(kind, values), number, (), 5)
+            topic = topic_of(row)
+            if topic.name not in channels:
+                schema = writer.register_schema(
+                    schema_name(topic), "protobuf", schema_data(topic.schema)
+                )
+                channels[topic.name] = writer.register_channel(topic.name, "protobuf", schema)
+            changed = bytearray(encode_row(topic, row, number))
+            if number == 33:
+                place = data.draw(st.integers(0, len(changed) - 1))
+                changed[place] = data.draw(
+                    st.one_of(st.sampled_from([*changed, 0xAA, 0x55, 0xEE]), st.integers(0, 255))
+                )
+            time = data.draw(st.sampled_from([number, 2**63])) if number == 34 else number
+            writer.add_message(channels[topic.name], time, bytes(changed), time)
+        writer.finish()
+    reader = RecordingReader(path)
+    rows = list(reader)
+    lost = reader.losses
+    batches = list(reader.batches())
+    assert [row for batch in batches for row in batch.rows()] == rows
+    assert reader.losses == lost
+
+
+def test_a_span_leaves_out_what_is_outside(recorded: Recorded) -> None:
+    path, rows, events = recorded
+    times = [row.t_ns or 0 for row in rows]
+    for first, end in [
+        (times[3], times[50]),
+        (times[25], times[26]),
+        (0, times[0]),
+        (times[59], 2**63 - 1),
+    ]:
+        span = TimeRange(first, end)
+        found, told_events = _columns(path, span)
+        assert found == [row for row in rows if first <= (row.t_ns or 0) < end]
+        assert told_events == [event for event in events if first <= event.t_ns < end]
+
+
+def test_a_span_unpacks_only_the_chunks_that_it_touches(recorded: Recorded) -> None:
+    """The first chunk is damaged, and it does not matter to rows of the last."""
+    path, rows, _ = recorded
+    content = bytearray(path.read_bytes())
+    chunk = content.index(b"zstd")
+    content[chunk + 40] ^= 0xFF
+    path.write_bytes(content)
+    found, _ = _columns(path, TimeRange(rows[45].t_ns or 0))
+    assert found == rows[45:]
+
+
+def test_columns_are_joined_and_parted_with_their_long_rows(make_rows: MakeRows) -> None:
+    rows, words = make_rows(100), Words()
+    columns = RowColumns.of_rows(words, rows)
+    assert list(columns.rows()) == rows
+    parts = [columns.parted(slice(0, 33)), columns.parted(slice(33, 100))]
+    assert list(RowColumns.joined(parts).rows()) == rows
+    assert list(columns.parted(columns.length > 10).rows()) == [r for r in rows if len(r.raw) > 10]
+
+
+def test_a_reader_that_is_left_early_leaves_no_thread_behind(
+    tmp_path: Path, make_rows: MakeRows
+) -> None:
+    path = tmp_path / "left.mcap"
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write(make_rows(60_000, "p"))
+    before = threading.active_count()
+    batches = RecordingReader(path).batches()
+    next(batches)
+    batches.close()
+    assert threading.active_count() == before
+
+
+def test_a_channel_that_a_chunk_defines_is_known_when_the_chunk_is_passed_over(
+    tmp_path: Path, make_rows: MakeRows
+) -> None:
+    """A port that was not named at first is defined where its first rows stand."""
+    rows = make_rows(60)
+    path = tmp_path / "unnamed.mcap"
+    with RecordingWriter(path, []) as writer:
+        for start in range(0, len(rows), 20):
+            writer.write(rows[start : start + 20])
+            writer.flush()
+    found, _ = _columns(path, TimeRange(rows[45].t_ns or 0))
+    assert found == rows[45:]
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"fte.MotorControl", len(content) // 2)])
+    reader = RecordingReader(path)
+    batches = list(reader.batches(span=TimeRange(rows[45].t_ns or 0)))
+    assert [row for batch in batches for row in batch.rows()] == rows[45:]
+    assert reader.losses == ()
+
+
+def test_room_is_one_only_if_all_that_was_taken_fits() -> None:
+    room = Capacity(Words(), 10)
+    for start, end in ((0, 4), (4, 10)):
+        taken = room.take(end - start)
+        taken.t_ns[:] = range(start, end)
+    whole = room.taken()
+    assert whole is not None
+    assert whole.t_ns.tolist() == list(range(10))
+    assert len(room.take(3)) == 3
+    assert room.taken() is None
+    assert whole.t_ns.tolist() == list(range(10))
+
+
+def _rewritten(source: Path, target: Path, *, port: bool = True, **options: object) -> None:
+    """The same messages by the mcap package's own writer, with another's topic between them."""
+    with source.open("rb") as file, target.open("wb") as out:
+        writer = Writer(out, **options)  # type: ignore[arg-type]
+        writer.start()
+        foreign = writer.register_channel("/tf", "json", 0)
+        schemas: dict[int, int] = {}
+        channels: dict[int, int] = {}
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            if schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
+            if channel.id not in channels:
+                channels[channel.id] = writer.register_channel(
+                    channel.topic,
+                    channel.message_encoding,
+                    schemas[schema.id],
+                    channel.metadata if port else {},
+                )
+            time = message.log_time
+            writer.add_message(channels[channel.id], time, message.data, time, message.sequence)
+            writer.add_message(foreign, time, b"{}", time)
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"compression": CompressionType.LZ4},
+        {"compression": CompressionType.NONE},
+        {"use_chunking": False},
+        {"use_chunking": False, "enable_data_crcs": True},
+        {"chunk_size": 300, "enable_crcs": False},
+        {"chunk_size": 300, "repeat_channels": False, "repeat_schemas": False},
+        {"use_statistics": False, "use_summary_offsets": False},
+        {"index_types": IndexType.NONE, "chunk_size": 300},
+    ],
+)
+def test_other_writers_files_are_read(
+    recorded: Recorded, tmp_path: Path, options: dict[str, object]
+) -> None:
+    path = tmp_path / "other.mcap"
+    _rewritten(recorded[0], path, **options)
+    reader = RecordingReader(path)
+    found = list(reader)
+    assert found == recorded[1]
+    assert [row.read_delay_ns for row in found] == [row.read_delay_ns for row in recorded[1]]
+    assert list(reader.events()) == recorded[2]
+    assert (reader.ending, reader.losses) == ("", ())
+    batches = list(reader.batches())
+    assert [row for batch in batches for row in batch.rows()] == recorded[1]
+    assert [event for batch in batches for event in batch.events] == recorded[2]
+    assert (reader.ending, reader.losses) == ("", ())
+
+
+def test_where_no_port_is_named_the_file_stands_in(recorded: Recorded, tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    _rewritten(recorded[0], path, port=False)
+    assert {row.port for row in RecordingReader(path)} == {"other.mcap"}
+
+
+@pytest.mark.parametrize("options", [{}, {"use_chunking": False}])
+def test_other_writers_files_may_be_cut_too(
+    recorded: Recorded, tmp_path: Path, options: dict[str, object]
+) -> None:
+    path = tmp_path / "other.mcap"
+    _rewritten(recorded[0], path, chunk_size=300, **options)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    reader = RecordingReader(path)
+    found = list(reader)
+    assert 0 < len(found) < len(recorded[1])
+    assert found == recorded[1][: len(found)]
+    assert (reader.ending, reader.losses) != ("", ())
+
+
+def test_a_schema_that_lacks_what_rows_are_made_of(
+    recorded: Recorded, tmp_path: Path, replaced: Callable[[bytes, bytes, bytes], bytes]
+) -> None:
+    path = tmp_path / "other.mcap"
+    _rewritten(recorded[0], path, compression=CompressionType.NONE, enable_crcs=False)
+    path.write_bytes(replaced(path.read_bytes(), b"offset", b"beside"))
+    reader = RecordingReader(path)
+    assert list(reader) == []
+    assert list(reader.events()) == recorded[2]
+    assert any(
+        "/fte/control/motor1: its messages (fte.MotorControl) have no offset" in loss
+        for loss in reader.losses
+    )
+
+
+def test_a_fault_that_this_version_does_not_know_is_told(
+    recorded: Recorded, tmp_path: Path, replaced: Callable[[bytes, bytes, bytes], bytes]
+) -> None:
+    path = tmp_path / "newer.mcap"
+    _rewritten(recorded[0], path, compression=CompressionType.NONE, enable_crcs=False)
+    path.write_bytes(replaced(path.read_bytes(), b"FAULT_NOISE", b"FAULT_NOVEL"))
+    reader = RecordingReader(path)
+    known = [row for row in recorded[1] if Fault.NOISE not in row.faults]
+    assert list(reader) == known
+    lost = len(recorded[1]) - len(known)
+    assert reader.losses == (
+        f"/fte/malformed: a word that this version does not know (number 7) ({lost} times)",
+    )
+
+
+def test_a_channel_may_be_described_after_its_first_messages(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    with recorded[0].open("rb") as file:
+        records = list(StreamReader(file, validate_crcs=True).records)
+    definitions = [record for record in records if isinstance(record, Schema | Channel)]
+    messages = [record for record in records if isinstance(record, Message)]
+    builder = RecordBuilder()
+    for record in (*messages[:5], *definitions, *messages[5:], DataEnd(0), Footer(0, 0, 0)):
+        record.write(builder)
+    path = tmp_path / "late.mcap"
+    path.write_bytes(MCAP0_MAGIC + builder.end() + MCAP0_MAGIC)
+    reader = RecordingReader(path)
+    assert list(reader) == recorded[1][4:]
+    assert any("which nothing describes" in loss for loss in reader.losses)
+
+
+@pytest.mark.parametrize("baud", ["9" * 5000, "fast", "-1", "²", ""])
+def test_a_baud_that_is_none_is_not_told(tmp_path: Path, baud: str) -> None:
+    path = tmp_path / "baud.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("fte.Reset", "protobuf", b"")
+        writer.register_channel("/fte/control/reset", "protobuf", schema, {"baud": baud})
+        writer.finish()
+    assert RecordingReader(path).ports == (PortFacts("baud.mcap", None),)
