@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from fte_sniff.formats.logs.pastes import logged_bytes
+from fte_sniff.formats.logs.text_lines import Piece
+
 FULL_WIDTH = str.maketrans("0123456789ABCDEF ", "０１２３４５６７８９ＡＢＣＤＥＦ　")  # noqa: RUF001
+
+
+def bytes_of_text(text: str, note: Callable[[str], None] | None = None) -> bytes:
+    """All bytes that `text` writes; `note` gets what was doubtful, one line each."""
+    lines = enumerate(text.splitlines(), start=1)
+    pieces = (Piece(line, number, 0) for number, line in lines)
+    return b"".join(logged.data for logged in logged_bytes(pieces, note))
 
 
 def _rows(data: bytes, width: int = 16) -> Iterator[tuple[int, bytes]]:

@@ -42,21 +42,6 @@ class Logged:
     mark: Mark | None
 
 
-def bytes_of_text(text: str, note: Callable[[str], None] | None = None) -> bytes:
-    """All the bytes that `text` writes.
-
-    Args:
-        text: as it was pasted.
-        note: is told, in one line, what was doubtful.
-
-    Raises:
-        InputTextError: something cannot be read; the message names the line.
-    """
-    lines = enumerate(text.splitlines(), start=1)
-    pieces = (Piece(line, number, 0) for number, line in lines)
-    return b"".join(logged.data for logged in logged_bytes(pieces, note))
-
-
 def logged_bytes(
     pieces: Iterable[Piece], note: Callable[[str], None] | None = None
 ) -> Iterator[Logged]:

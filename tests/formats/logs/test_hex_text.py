@@ -1,4 +1,6 @@
-"""Hex as people paste it: whatever the style, the same bytes; whatever is no hex, the place."""
+"""Hex as people paste it: the same bytes in each style, and what is refused is named."""
+
+from __future__ import annotations
 
 from itertools import count
 
@@ -7,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.pastes import bytes_of_text, logged_bytes
+from fte_sniff.formats.logs.pastes import logged_bytes
 from fte_sniff.formats.logs.text_lines import Piece
+from tests.formats.forms import bytes_of_text
 
 FRAME = bytes.fromhex("AA0202 03E8 00002710 EE")
 
@@ -131,3 +134,62 @@ def test_a_bytes_literal_is_what_python_prints(data: bytes) -> None:
 def test_lines_are_read_one_by_one() -> None:
     pieces = (Piece("AA 01", number, 0) for number in count(1))
     assert next(logged_bytes(pieces)).data == b"\xaa\x01"
+
+
+A = "AA 01 01 00 64 00 00 00 00 EE"
+F = "55 01 01 00 64 00 00 00 0F EE"
+BYTES = bytes.fromhex(A + F)
+
+
+def read(text: str) -> tuple[bytes, list[str]]:
+    told: list[str] = []
+    return bytes_of_text(text, told.append), told
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f"{A} 收到 {F}", "收到"),
+        (f"{A}，收到：{F}", "收到"),
+        (f"{A}收到{F}", "收到"),
+        (f"{A} 收到了 {F} 回复", "收到了 回复"),
+        (f"{A} answer: {F}", "answer"),
+        (f"电机: {A} 答复 {F}", "电机 答复"),
+        (f"{A} ответ {F}", "ответ"),
+        (f"0x{A.replace(' ', ' 0x')} 收到 0x{F.replace(' ', ', 0x')}", "收到"),
+    ],
+)
+def test_words_beside_frames_are_no_bytes_and_told(text: str, words: str) -> None:
+    data, told = read(text)
+    assert data == BYTES
+    assert told == [f"line 1: {words!r} beside frames is no hex, and is left out"]
+
+
+def test_of_many_lines_the_first_is_told_and_how_many_more() -> None:
+    data, told = read(f"{A} 收到 {F}\n" * 1500)
+    assert data == BYTES * 1500
+    assert told == [
+        "line 1: '收到' beside frames is no hex, and is left out, as words on 1,499 more lines are"
+    ]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{A[:-2]}收到 {F}",
+        f"{A} 收到 01 01 00 64 00 00 00 0F EE",
+        f"{A} SS 01 01 00 64 00 00 00 0F EE",
+        "AA OI 01 00 64 00 00 00 00 EE",
+        "AA 01 01 00 64 00 00 00 OO EE",
+        "AA 01 01 00 64 00 00 00 00 Ee 5S",
+        f"{A} 收到 10 字节 {F}",
+        "停止",
+        f"{A} GG",
+        f"{A} OFF0 {F}",
+        "nothing here",
+    ],
+)
+def test_what_may_be_a_mistyped_byte_is_refused(text: str) -> None:
+    with pytest.raises(InputTextError) as caught:
+        read(text)
+    assert "not hex: " in str(caught.value)

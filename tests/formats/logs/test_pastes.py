@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, FteSniffError, InputTextError
 from fte_sniff.formats.logs.hex_log import HexLog
-from fte_sniff.formats.logs.pastes import bytes_of_text
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 from tests.examples import examples
-from tests.formats.forms import FORMS, bytes_in
+from tests.formats.forms import FORMS, bytes_in, bytes_of_text
 
 CONTROL = bytes.fromhex("AA010103E800000000EE")
 FEEDBACK = bytes.fromhex("55010103E80000000FEE")
