@@ -1,10 +1,11 @@
-"""Chunk, Frame, Damage, PortEvent, Fault, Status.
+"""Chunks, rows and port events: what the framer reads and returns.
 
-Chunk      the bytes of one read, stamped once
-Frame      ten bytes between a header and a tail (a row)
-Damage     bytes that no frame claims (a row)
-PortEvent  something that happened to the port rather than on the wire
-LineErrorCounts  how often the UART reported what kind of error
+Chunk            the bytes of one read, with its time
+Frame            ten bytes between a header and a tail (a row)
+Damage           bytes that no frame contains (a row)
+PortEvent        something that happened to the port rather than on the wire
+LineErrorCounts  how many errors of each kind the UART reported
+LineErrorMarker  adds `line_error` to the rows around such errors
 """
 
 from __future__ import annotations
@@ -31,38 +32,37 @@ from fte_sniff.protocol.spec import (
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """The bytes of one read, stamped once; no bytes at all means that time passed in silence."""
+    """The bytes of one read, with its time; without bytes it reports that the line was idle."""
 
     port: str
-    """Which wire: the port's name, or the file's."""
+    """The wire: the port's name, or the file's."""
     t_ns: int | None
     """When the read returned, nanoseconds since 1970 UTC; None where the input has no time."""
     data: bytes
     line_errors: tuple[tuple[int, int], ...] = ()
-    """Where in `data` the UART reported errors: stretches, each from its first place to the one
-    behind its last. The last may reach one place past the data: errors are counted before their
-    bytes are read."""
+    """Where the UART reported errors: half-open ranges of offsets in `data`. The last range may end
+    one past the data: errors are counted before their bytes are read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Ten bytes whose framing holds: a header, a tail, and a place in step."""
+    """Ten bytes whose framing holds: a header and a tail, in step with the stream."""
 
     port: str
     offset: int
-    """Of the first byte in that port's stream, from 0."""
+    """Offset of the first byte in the port's stream, from 0."""
     raw: bytes
     t_ns: int | None
-    """When the first byte began on the wire, nanoseconds since 1970 UTC, never falling per port."""
+    """Start of the first byte on the wire, nanoseconds since 1970 UTC; never falls per port."""
     faults: tuple[Fault, ...] = ()
     read_delay_ns: int | None = field(default=None, compare=False)
-    """From `t_ns` to the return of the read that brought the first byte, nanoseconds."""
+    """Nanoseconds from `t_ns` until the read of the first byte returned."""
     order_uncertain: bool = field(default=False, compare=False)
-    """Whether a row of another port, although it stands before or behind, may be the later or the
-    earlier one: their times are closer than the two ports can tell apart."""
+    """Whether the order with a neighbouring row of another port is uncertain: their times are closer
+    than the two ports can resolve."""
 
     def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
-        """For pickling: a row on its way to a view. What dataclasses do by themselves is slow."""
+        """Pickle for another process, faster than dataclasses do."""
         return Frame, (
             self.port,
             self.offset,
@@ -75,22 +75,22 @@ class Frame:
 
     @property
     def status(self) -> Status:
-        """How far the row can be believed."""
+        """How reliable the row is."""
         return status_of(self.faults)
 
     @property
     def direction(self) -> Direction:
-        """Which way the frame goes."""
+        """The direction that the header names."""
         return DIRECTION_OF_HEADER[self.raw[0]]
 
     @property
     def kind(self) -> FrameKind | None:
-        """The table's entry, or None where header and CMD name none."""
+        """The frame kind, or None if header and CMD name none."""
         return KIND_BY_HEADER_AND_CMD.get((self.raw[0], self.cmd))
 
     @property
     def cmd(self) -> int:
-        """CMD as it stands on the wire."""
+        """CMD as on the wire."""
         return self.raw[CMD_OFFSET]
 
     @property
@@ -102,23 +102,23 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Bytes that no frame claims. They are kept, labelled with their cause, and never decoded."""
+    """Bytes that no frame contains: kept, labelled with their cause, never decoded."""
 
     port: str
     offset: int
-    """Of the first byte in that port's stream, from 0."""
+    """Offset of the first byte in the port's stream, from 0."""
     raw: bytes
     t_ns: int | None
-    """When the first byte began on the wire, nanoseconds since 1970 UTC, never falling per port."""
+    """Start of the first byte on the wire, nanoseconds since 1970 UTC; never falls per port."""
     faults: tuple[Fault, ...]
     read_delay_ns: int | None = field(default=None, compare=False)
-    """From `t_ns` to the return of the read that brought the first byte, nanoseconds."""
+    """Nanoseconds from `t_ns` until the read of the first byte returned."""
     order_uncertain: bool = field(default=False, compare=False)
-    """Whether a row of another port, although it stands before or behind, may be the later or the
-    earlier one: their times are closer than the two ports can tell apart."""
+    """Whether the order with a neighbouring row of another port is uncertain: their times are closer
+    than the two ports can resolve."""
 
     def __reduce__(self) -> tuple[type[Damage], tuple[object, ...]]:
-        """For pickling: a row on its way to a view. What dataclasses do by themselves is slow."""
+        """Pickle for another process, faster than dataclasses do."""
         return Damage, (
             self.port,
             self.offset,
@@ -131,7 +131,7 @@ class Damage:
 
     @property
     def status(self) -> Status:
-        """How far the row can be believed."""
+        """How reliable the row is."""
         return status_of(self.faults)
 
 
@@ -156,17 +156,17 @@ class PortEventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LineErrorCounts:
-    """How many errors a UART reported, by kind; false where there are none."""
+    """How many errors a UART reported, by kind; false if there are none."""
 
     framing: int = 0
-    """Stop bits that were none: another baud, another polarity, or a disturbed line."""
+    """Missing stop bits: another baud, another polarity, or a disturbed line."""
     parity: int = 0
     breaks: int = 0
-    """Times that the line was held low for longer than a byte."""
+    """Times that the line was low for longer than a byte."""
     overruns: int = 0
-    """Bytes lost in the UART, because the system was too slow to fetch them."""
+    """Bytes lost in the UART: the system fetched them too late."""
     buffer_overruns: int = 0
-    """Bytes lost in the driver, because nobody read them in time."""
+    """Bytes lost in the driver: no program read them in time."""
 
     @property
     def by_kind(self) -> tuple[int, int, int, int, int]:
@@ -175,7 +175,7 @@ class LineErrorCounts:
 
     @property
     def total(self) -> int:
-        """All of them."""
+        """The number of all errors."""
         return sum(self.by_kind)
 
     def __bool__(self) -> bool:
@@ -185,15 +185,15 @@ class LineErrorCounts:
         return LineErrorCounts(*map(int.__add__, self.by_kind, other.by_kind))
 
     def __str__(self) -> str:
-        """Those that there are: `2 framing, 1 break`."""
-        told = [words for words in self._words() if words.values["count"]]
-        if not told:
+        """The counts that are not 0: `2 framing, 1 break`."""
+        counts = [text for text in self._texts() if text.values["count"]]
+        if not counts:
             return ""
         return reduce(
-            lambda one, other: TranslatableText("{one}, {other}", one=one, other=other), told
+            lambda one, other: TranslatableText("{one}, {other}", one=one, other=other), counts
         )
 
-    def _words(self) -> Iterator[TranslatableText]:
+    def _texts(self) -> Iterator[TranslatableText]:
         yield TranslatableText("{count:,} framing", count=self.framing)
         yield TranslatableText("{count:,} parity", count=self.parity)
         yield TranslatableText("{count:,} break", count=self.breaks)
@@ -210,30 +210,31 @@ class PortEvent:
     port: str
     kind: PortEventKind
     detail: str
-    """One line for people; may hold text from outside, so show it, never obey it."""
+    """One line of text for the user; may contain text from outside."""
     count: int = 0
-    """What there is to count: bytes of an overrun or not passed on, errors on the line, bits per
-    second from here on where the baud changed; else 0."""
+    """Bytes (overrun, not passed on), errors (line error), or the new bits per second (baud
+    changed); else 0."""
 
 
 class LineErrorMarker:
-    """Marks the rows of one port; give it each chunk before the rows that the chunk completes."""
+    """Adds `line_error` to the rows of one port whose bytes the UART reported errors in."""
 
     def __init__(self) -> None:
-        self._offset = 0
-        """In the port's stream, of the next chunk."""
+        self._next_offset = 0
+        """Stream offset of the next chunk."""
         self._errors: deque[tuple[int, int]] = deque()
-        """Stretches of the stream with errors in them that rows may yet come for, rising."""
+        """Half-open ranges of stream offsets with errors, rising; those of future rows."""
 
-    def heed(self, chunk: Chunk) -> None:
-        """Take in where errors were reported."""
+    def observe(self, chunk: Chunk) -> None:
+        """Note the errors of a chunk; call before `mark` for the rows that the chunk completes."""
         self._errors.extend(
-            (self._offset + start, self._offset + stop) for start, stop in chunk.line_errors
+            (self._next_offset + start, self._next_offset + stop)
+            for start, stop in chunk.line_errors
         )
-        self._offset += len(chunk.data)
+        self._next_offset += len(chunk.data)
 
     def mark(self, rows: Sequence[Row]) -> list[Row]:
-        """These rows, which must follow those marked before, with `line_error` where it is due."""
+        """Return the rows, with `line_error` where errors were; call in stream order."""
         return [self._marked(row) for row in rows] if self._errors else list(rows)
 
     def _marked(self, row: Row) -> Row:

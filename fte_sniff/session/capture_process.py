@@ -192,7 +192,7 @@ class Run:
 
     def _take_chunk(self, chunk: Chunk) -> None:
         framer = self._framers[chunk.port]
-        self._markers[chunk.port].heed(chunk)
+        self._markers[chunk.port].observe(chunk)
         self._put_rows(chunk.port, framer.feed(chunk))
         now_ns = chunk.t_ns or 0
         waits_since_ns = framer.waits_since_ns
