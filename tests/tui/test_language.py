@@ -44,7 +44,7 @@ from fte_sniff.tui.notices import event_text
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.status_bar import Mode, StatusCounters, badge_text, status_text, title_text
 from fte_sniff.tui.text import wrap
-from tests.analysis.filter.test_filter_errors import MISTAKES
+from tests.analysis.filter.test_parser import MISTAKES
 from tests.tui.playing import Rows, Scenario, lines, page, play, press, settle, type_line
 
 CHINESE = StartOptions(language="zh")

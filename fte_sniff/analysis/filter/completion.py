@@ -1,4 +1,4 @@
-"""Completions at the cursor."""
+"""Completions of a filter at the cursor."""
 
 from __future__ import annotations
 
@@ -7,55 +7,60 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from fte_sniff.analysis.filter.lexer import Token, TokenType, tokens
-from fte_sniff.analysis.filter.parser import COMPARISONS, OPERATOR_WORDS, PATTERN_WORDS
+from fte_sniff.analysis.filter.parser import (
+    COMPARISONS,
+    OPERATOR_WORDS,
+    PATTERN_WORDS,
+    Token,
+    TokenType,
+    tokens,
+)
 from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, FUNCTIONS
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType, iso_time
 
-_BEGUN: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>(?<=['\"])[\w:.-]*|\w*)$")
-_JOINTS: Final = ("AND", "OR")
-_OPENERS: Final = ("AND", "OR", "NOT", "WHERE")
-_CONSTANTS: Final = ("NULL", "TRUE", "FALSE", "FROM", "WHERE")
+_LAST_WORD: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>(?<=['\"])[\w:.-]*|\w*)$")
+_OPENERS: Final = ("AND", "OR", "NOT", "WHERE", "(", "&&", "||", "!")
+_KEYWORDS: Final = OPERATOR_WORDS | {"NULL", "TRUE", "FALSE", "FROM", "WHERE"}
+_KNOWN: Final = frozenset([*COLUMN_BY_NAME, *COLUMN_OF_WORD, *FUNCTIONS])
+_COMPARED_BY: Final = frozenset([*COMPARISONS, *PATTERN_WORDS])
 _MILLISECONDS: Final = len("12:00:00.000")
-_TEXTS: Final = (ColumnType.TEXT, ColumnType.HEX, ColumnType.WORDS)
 
 
 @dataclass(frozen=True, slots=True)
 class Completions:
-    """What may replace the word before the cursor."""
+    """Replacements of the word before the cursor."""
 
     start: int
-    """Place of the word's first character; the word ends at the cursor."""
+    """Index of the word's first character; the word ends at the cursor."""
     choices: tuple[str, ...]
     """Whole replacements, quotes included, the likeliest first."""
 
 
 def completions(text: str, cursor: int | None = None, t_ns: int | None = None) -> Completions:
-    """The ways in which the word that ends at the cursor can go on.
+    """Completions of the word that ends at the cursor.
 
     Args:
         text: the filter so far.
-        cursor: a place in it; by default its end.
-        t_ns: a time to go by where one is asked for, nanoseconds since 1970 UTC.
+        cursor: an index in it; by default its end.
+        t_ns: the time to suggest, nanoseconds since 1970 UTC.
     """
     cursor = len(text) if cursor is None else min(max(cursor, 0), len(text))
-    begun = _BEGUN.search(text, 0, cursor)
-    if begun is None:
+    match = _LAST_WORD.search(text, 0, cursor)
+    if match is None:
         return Completions(cursor, ())
     try:
-        before = tokens(text[: begun.start()])[:-1]
+        before = tokens(text[: match.start()])[:-1]
     except FilterError:
         return Completions(cursor, ())
     if not all(map(_is_known, before)):
         return Completions(cursor, ())
-    word = begun["word"].lower()
-    if begun["quote"]:
-        choices: Sequence[str] = _quoted_values(_asked(before), t_ns)
-    else:
-        choices = _next(before, t_ns)
+    word = match["word"].lower()
+    choices = (
+        _quoted_values(_compared_column(before), t_ns) if match["quote"] else _next(before, t_ns)
+    )
     return Completions(
-        begun.start(),
+        match.start(),
         tuple(
             choice
             for choice in choices
@@ -65,52 +70,40 @@ def completions(text: str, cursor: int | None = None, t_ns: int | None = None) -
 
 
 def _is_known(token: Token) -> bool:
-    """Whether the token, where it is a name, is one that a filter can have."""
-    name = token.text.lower()
-    return (
-        token.type is not TokenType.NAME
-        or token.word in OPERATOR_WORDS
-        or token.word in _CONSTANTS
-        or name in COLUMN_BY_NAME
-        or name in COLUMN_OF_WORD
-        or name in FUNCTIONS
-    )
+    """Whether the token can be in a filter."""
+    is_name = token.type is TokenType.NAME
+    return not is_name or token.word in _KEYWORDS or token.text.lower() in _KNOWN
 
 
 def _next(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
-    """What may stand behind these tokens."""
-    asked = _asked(before)
-    if asked is not None:
-        return _quoted_values(asked, t_ns) or _alike(asked)
-    if not before or before[-1].word in _OPENERS or before[-1].text in ("(", "&&", "||", "!"):
+    """What can follow these tokens."""
+    compared = _compared_column(before)
+    if compared is not None:
+        same_type = [
+            other.name
+            for other in COLUMN_BY_NAME.values()
+            if other.type is compared.type and other is not compared
+        ]
+        return _quoted_values(compared, t_ns) or same_type
+    last = before[-1] if before else None
+    if last is None or last.operator in _OPENERS:
         return [*COLUMN_BY_NAME, "NOT", *COLUMN_OF_WORD]
-    last = before[-1]
     if last.type is TokenType.SYMBOL and last.text != ")":
         return list(COLUMN_BY_NAME)
     column = _column(last)
-    compared = len(before) > 1 and before[-2].text in COMPARISONS
-    return _JOINTS if column is None or compared else _signs(column)
+    is_value = len(before) > 1 and before[-2].text in COMPARISONS
+    return ("AND", "OR") if column is None or is_value else _operators(column)
 
 
-def _alike(column: Column) -> Sequence[str]:
-    """The other columns that hold the same type."""
-    return [
-        other.name
-        for other in COLUMN_BY_NAME.values()
-        if other.type is column.type and other is not column
-    ]
-
-
-def _signs(column: Column) -> Sequence[str]:
-    """What a field may be asked."""
-    signs = ["IN", "IS NULL", "IS NOT NULL", "NOT IN"]
+def _operators(column: Column) -> Sequence[str]:
+    words = ["IN", "IS NULL", "IS NOT NULL", "NOT IN"]
     if column.type in (ColumnType.INT, ColumnType.TIME):
-        return ["=", ">", "<", "BETWEEN", *signs]
-    return ["=", "!=", *(["LIKE"] if column.type in _TEXTS else []), *signs]
+        return ["=", ">", "<", "BETWEEN", *words]
+    return ["=", "!=", *(["LIKE"] if column.type is not ColumnType.WORD else []), *words]
 
 
-def _asked(before: Sequence[Token]) -> Column | None:
-    """The column whose value comes next, where one is asked for its value."""
+def _compared_column(before: Sequence[Token]) -> Column | None:
+    """The column that the next value is compared with."""
     at = len(before) - 1
     if at >= 0 and before[at].text in ("(", ","):
         while at >= 0 and before[at].text != "(":
@@ -118,18 +111,12 @@ def _asked(before: Sequence[Token]) -> Column | None:
         at -= 1
         if at < 0 or before[at].word != "IN":
             return None
-    elif at < 0 or not _asks(before[at]):
+    elif at < 0 or before[at].operator not in _COMPARED_BY:
         return None
     at -= 1
     if at >= 0 and before[at].word == "NOT":
         at -= 1
     return _column(before[at]) if at >= 0 else None
-
-
-def _asks(token: Token) -> bool:
-    return token.word in PATTERN_WORDS or (
-        token.type is TokenType.SYMBOL and token.text in COMPARISONS
-    )
 
 
 def _column(token: Token) -> Column | None:

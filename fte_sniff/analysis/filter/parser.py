@@ -1,4 +1,4 @@
-"""Grammar.
+"""Lexer and recursive-descent parser of filters.
 
 or          and { (OR | ||) and }
 and         not { (AND | &&) not }
@@ -6,82 +6,294 @@ not         [NOT | !] predicate
 predicate   value [ sign value | [NOT] IN list | [NOT] IN faults | [NOT] BETWEEN value AND value
                   | [NOT] (LIKE | ILIKE | ~ | REGEXP | RLIKE) 'pattern'
                   | IS [NOT] (NULL | TRUE | FALSE | DISTINCT FROM value) ]
-value       numbers joined by + - * / % and the bit signs & and |
+value       numbers joined by + - * / % and the bit operators & and |
 primary     number | 'text' | field | word | function(...) | ( or )
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Final
 
-from fte_sniff.analysis.filter.lexer import (
-    AGGREGATES,
-    LEAVE_OUT,
-    ONE_ROW,
-    REFUSED,
-    Cursor,
-    Token,
-    TokenType,
-    complaint,
+from fte_sniff.analysis.filter.compiler import Compiler
+from fte_sniff.analysis.filter.terms import (
+    COLUMN_OF_WORD,
+    FUNCTIONS,
+    Term,
+    TermType,
+    error_at,
+    quoted,
 )
-from fte_sniff.analysis.filter.operands import Expressions
-from fte_sniff.analysis.filter.predicates import Predicates
-from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, FUNCTIONS, Term, TermType, quoted
-from fte_sniff.errors import FilterError, TranslatableText
+from fte_sniff.errors import FilterError, TranslatableText, printable
 from fte_sniff.protocol import COLUMN_BY_NAME
 
+MAX_LENGTH: Final = 8_000
+"""Most characters in a filter."""
+
+MAX_TOKENS: Final = 600
+"""Most tokens in a filter. Polars evaluates conditions by recursion: this bounds its stack."""
+
 _MAX_NESTING: Final = 25
+_MAX_DIGITS: Final = 64
+
 _SQL_SIGNS: Final = ("=", "!=", "<", ">", "<=", ">=")
 COMPARISONS: Final = dict(zip(["==", "<>", *_SQL_SIGNS], ["=", "!=", *_SQL_SIGNS], strict=True))
-"""The signs that compare, with what SQL writes for each."""
+"""The comparison operators, each with its SQL form."""
 
 PATTERN_WORDS: Final = ("LIKE", "ILIKE", "REGEXP", "RLIKE")
-"""The words that ask for a pattern."""
-
-_LEVELS: Final = (("|",), ("&",), ("+", "-"), ("*", "/", "%"))
-"""The signs that join numbers, the loosest first."""
+"""The operators that take a pattern."""
 
 OPERATOR_WORDS: Final = frozenset(
     ["AND", "OR", "NOT", "IN", "IS", "BETWEEN", "DISTINCT", "ANY", *PATTERN_WORDS]
 )
-"""The words that join the parts of a filter, and so are no names."""
+"""The operators that are words; no name can be one of them."""
+
+_ARITHMETIC: Final = (("|",), ("&",), ("+", "-"), ("*", "/", "%"))
+"""The arithmetic operators by precedence, lowest first."""
+
+_ONE_ROW: Final = TranslatableText(
+    "a filter looks at one row at a time; statistics are for the stats command"
+)
+_CONDITION_ALONE: Final = TranslatableText(
+    "a filter is the condition alone, as in motor = 1 AND rpm > 500"
+)
+_NO_VALUE: Final = TranslatableText("here a field or a value is missing")
+_NO_BRACKET: Final = TranslatableText("a '(' is missing")
+
+_UNSUPPORTED: Final = {
+    **dict.fromkeys(["SELECT", "EXISTS", "OVER", "FROM", "UNION", "GROUP", "HAVING"], _ONE_ROW),
+    **dict.fromkeys(["WHERE", "ORDER", "LIMIT", "AS"], _CONDITION_ALONE),
+    **dict.fromkeys(
+        ["CASE", "WHEN", "IF"], TranslatableText("join conditions with AND, OR and NOT")
+    ),
+    **dict.fromkeys(
+        ["CAST", "DATE", "TIMESTAMP", "INTERVAL"],
+        TranslatableText("times are texts: time > '2026-01-31' or time > '12:00:05'"),
+    ),
+    "XOR": TranslatableText("write (one condition) != (the other)"),
+    "ESCAPE": TranslatableText("leave it out"),
+}
+"""SQL keywords that filters do not support, each with the fix."""
+
+_AGGREGATES: Final = frozenset(
+    ["AVG", "COUNT", "FIRST", "LAST", "MAX", "MEAN", "MEDIAN", "MIN", "RANK", "ROW_NUMBER", "SUM"]
+)
+
+_BAD_CHARACTERS: Final = {
+    "'": TranslatableText(
+        "this quote is never closed; a quote inside a text is written twice: 'it''s'"
+    ),
+    '"': TranslatableText("this quote is never closed"),
+    "`": TranslatableText("this quote is never closed"),
+    ";": TranslatableText("a filter is one expression; leave out the ';'"),
+    "^": TranslatableText(
+        "there is no '^'; bits are asked for with & and |, as in online & 0x01 = 1"
+    ),
+    ".": TranslatableText("names have no dots; write the field alone"),
+    ":": TranslatableText("there is no ':'; times are texts, as in time > '12:00:05'"),
+    **dict.fromkeys(
+        "\u2018\u2019\u201c\u201d\u201e\u00ab\u00bb\uff07\uff02",
+        TranslatableText("texts stand in plain single quotes, as in kind = 'speed'"),
+    ),
+    **dict.fromkeys(
+        "\uff08\uff09\uff0c\uff1d\uff1e\uff1c\uff01",
+        TranslatableText("this is a full-width character; type the ASCII one"),
+    ),
+}
+"""Fixes for characters that start no token."""
 
 
-def condition(text: str) -> Term:
+class TokenType(Enum):
+    """Kind of token."""
+
+    NUMBER = auto()
+    TEXT = auto()
+    """In single quotes."""
+    QUOTED = auto()
+    """In double quotes or backticks: a field name, otherwise a text."""
+    NAME = auto()
+    """A field, a word of the contract, or a keyword."""
+    SYMBOL = auto()
+    END = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """One token and its position in the filter."""
+
+    type: TokenType
+    text: str
+    """As typed; for texts the content of the quotes."""
+    start: int
+    end: int
+
+    @property
+    def word(self) -> str:
+        """A name in upper case; empty for any other token."""
+        return self.text.upper() if self.type is TokenType.NAME else ""
+
+    @property
+    def operator(self) -> str:
+        """A word as above, or a symbol; empty for any other token."""
+        return self.text if self.type is TokenType.SYMBOL else self.word
+
+    @property
+    def number(self) -> int | float:
+        """The value of a number token, decimal, hex or binary."""
+        if self.text[:2].lower() in ("0x", "0b"):
+            return int(self.text, 0)
+        return int(self.text) if self.text.isdigit() else float(self.text)
+
+
+_TOKEN: Final = re.compile(
+    r"""
+      (?P<NUMBER> 0[xX][0-9A-Fa-f]+ | 0[bB][01]+
+                | (?: [0-9]+ (?: \.[0-9]* )? | \.[0-9]+ ) (?: [eE][+-]?[0-9]+ )? )
+    | (?P<TEXT> '(?: [^'] | '' )*' )
+    | (?P<QUOTED> "(?: [^"] | "" )*" | `[^`]*` )
+    | (?P<NAME> [^\W\d]\w* )
+    | (?P<SYMBOL> && | \|\| | == | != | <> | <= | >= | => | =< | !~ | [=<>+\-*/%&|(),!~] )
+    """,
+    re.VERBOSE,
+)
+_SPACE: Final = re.compile(r"\s*")
+_REST_OF_NUMBER: Final = re.compile(r"[\w.]+")
+
+
+def tokens(text: str) -> list[Token]:
+    """The tokens of a filter; the last has type END.
+
+    Raises:
+        FilterError: the text is too long, or contains a character that starts no token.
+    """
+    if len(text) > MAX_LENGTH:
+        raise FilterError(
+            "filter: {count} characters are too many; the limit is {most}: ask for less",
+            count=len(text),
+            most=MAX_LENGTH,
+        )
+    found: list[Token] = []
+    at = _skip_space(text, 0)
+    while at < len(text):
+        found.append(_token_at(text, at))
+        at = _skip_space(text, found[-1].end)
+    if len(found) > MAX_TOKENS:
+        raise FilterError(
+            "filter: {count} words and signs are too many; the limit is "
+            "{most}: split it, or ask for a range with BETWEEN",
+            count=len(found),
+            most=MAX_TOKENS,
+        )
+    return [*found, Token(TokenType.END, "", len(text), len(text))]
+
+
+def _skip_space(text: str, at: int) -> int:
+    space = _SPACE.match(text, at)
+    return space.end() if space else at
+
+
+def _token_at(text: str, at: int) -> Token:
+    match = _TOKEN.match(text, at)
+    if match is None:
+        what = TranslatableText("'{char}' is in no filter", char=printable(text[at]))
+        raise error_at(text, at, what, _BAD_CHARACTERS.get(text[at], ""))
+    token_type, content = TokenType[str(match.lastgroup)], match.group()
+    if token_type is TokenType.NUMBER:
+        _check_number(text, match)
+    elif token_type in (TokenType.TEXT, TokenType.QUOTED):
+        _check_unicode(text, match)
+        content = content[1:-1].replace(content[0] * 2, content[0])
+    return Token(token_type, content, at, match.end())
+
+
+def _check_number(text: str, match: re.Match[str]) -> None:
+    number, start = match.group(), match.start()
+    if len(number) > _MAX_DIGITS:
+        what = TranslatableText("this number is too long")
+        raise error_at(text, start, what, TranslatableText("no field is as large"))
+    rest = _REST_OF_NUMBER.match(text, match.end())
+    if rest:
+        what = TranslatableText("'{number}{rest}' is no number", number=number, rest=rest.group())
+        fix = TranslatableText("write plain digits or hex as 0x0F, without a unit")
+        raise error_at(text, start, what, fix)
+
+
+def _check_unicode(text: str, match: re.Match[str]) -> None:
+    try:
+        match.group().encode()
+    except UnicodeEncodeError as error:
+        what = TranslatableText("this text is not valid Unicode")
+        fix = TranslatableText("type it again")
+        raise error_at(text, match.start() + error.start, what, fix) from None
+
+
+def parse(text: str) -> Term:
     """The whole filter as one condition.
 
     Raises:
-        FilterError: with the place and the way out.
+        FilterError: with the position and the fix.
     """
-    return _Parser(text).whole()
+    return _Parser(text).parse()
 
 
 class _Parser:
     def __init__(self, text: str) -> None:
         self._text = text
-        self._cursor = Cursor(text)
+        self._tokens = tokens(text)
+        self._next = 0
         self._nesting = 0
-        self._expressions = Expressions(text)
-        self._predicates = Predicates(text)
+        self._compiler = Compiler(text)
 
-    def whole(self) -> Term:
-        if self._cursor.peek().type is TokenType.END:
-            raise FilterError("filter: it is empty; {way_out}", way_out=LEAVE_OUT)
+    def parse(self) -> Term:
+        if self._peek().type is TokenType.END:
+            raise FilterError("filter: it is empty; {fix}", fix=_CONDITION_ALONE)
         term = self._or()
-        if self._cursor.peek().type is not TokenType.END:
-            raise self._cursor.unexpected(TranslatableText("join conditions with AND or OR"))
-        return self._predicates.truth(term)
+        if self._peek().type is not TokenType.END:
+            raise self._unexpected(TranslatableText("join conditions with AND or OR"))
+        return self._compiler.condition(term)
 
-    def _deeper(self, read: Callable[[], Term]) -> Term:
+    # Tokens
+
+    def _peek(self) -> Token:
+        return self._tokens[self._next]
+
+    def _advance(self) -> Token:
+        self._next += 1
+        return self._tokens[self._next - 1]
+
+    def _at(self, *choices: str) -> str | None:
+        found = self._peek().operator
+        return found if found in choices else None
+
+    def _accept(self, *choices: str) -> str | None:
+        found = self._at(*choices)
+        self._next += found is not None
+        return found
+
+    def _expect(self, choice: str, fix: str) -> None:
+        if self._accept(choice) is None:
+            raise self._unexpected(fix)
+
+    def _unexpected(self, fix: str) -> FilterError:
+        token = self._peek()
+        if token.type is TokenType.END:
+            what = TranslatableText("the filter ends too soon")
+            return error_at(self._text, token.start, what, fix)
+        what = TranslatableText("{token} is out of place", token=self._typed(token))
+        return error_at(self._text, token.start, what, _UNSUPPORTED.get(token.word, fix))
+
+    def _typed(self, token: Token) -> str:
+        return f"'{self._text[token.start : token.end][:40]}'"
+
+    def _nested(self, read: Callable[[], Term]) -> Term:
         self._nesting += 1
         if self._nesting > _MAX_NESTING:
-            raise complaint(
-                self._text,
-                self._cursor.peek().start,
-                TranslatableText("nested too deeply"),
-                TranslatableText("take it apart"),
-            )
+            what = TranslatableText("nested too deeply")
+            fix = TranslatableText("take it apart")
+            raise error_at(self._text, self._peek().start, what, fix)
         term = read()
         self._nesting -= 1
         return term
@@ -90,205 +302,187 @@ class _Parser:
 
     def _or(self) -> Term:
         terms = [self._and()]
-        while self._cursor.take("OR", "||"):
+        while self._accept("OR", "||"):
             terms.append(self._and())
-        return terms[0] if len(terms) == 1 else self._predicates.chain(terms, "OR")
+        return terms[0] if len(terms) == 1 else self._compiler.chain(terms, "OR")
 
     def _and(self) -> Term:
         terms = [self._not()]
-        while self._cursor.take("AND", "&&"):
+        while self._accept("AND", "&&"):
             terms.append(self._not())
-        return terms[0] if len(terms) == 1 else self._predicates.chain(terms, "AND")
+        return terms[0] if len(terms) == 1 else self._compiler.chain(terms, "AND")
 
     def _not(self) -> Term:
-        if self._cursor.take("NOT", "!"):
-            return self._predicates.negated(self._deeper(self._not))
+        if self._accept("NOT", "!"):
+            return self._compiler.negate(self._nested(self._not))
         return self._predicate()
 
     def _predicate(self) -> Term:
         left = self._value()
-        token = self._cursor.peek()
-        sign = self._cursor.take(*COMPARISONS, "=>", "=<")
+        token = self._peek()
+        sign = self._accept(*COMPARISONS, "=>", "=<")
         if sign:
             return self._comparison(left, sign, token)
-        if self._cursor.take("IS"):
+        if self._accept("IS"):
             return self._is(left)
-        start = self._cursor.place
-        negated = self._cursor.take("NOT", "!~")
+        start = self._next
+        negated = self._accept("NOT", "!~")
         if negated == "!~":
-            return self._predicates.negated(self._predicates.regexp(left, self._value()))
-        found = self._worded(left)
+            return self._compiler.negate(self._compiler.regexp(left, self._value()))
+        found = self._word_operator(left)
         if found is None:
-            self._cursor.place = start
+            self._next = start
             return left
-        return self._predicates.negated(found) if negated else found
+        return self._compiler.negate(found) if negated else found
 
     def _comparison(self, left: Term, sign: str, token: Token) -> Term:
         if sign not in COMPARISONS:
-            raise complaint(
-                self._text,
-                token.start,
-                TranslatableText("'{sign}' is no sign", sign=sign),
-                TranslatableText("write {second}{first}", second=sign[1], first=sign[0]),
-            )
-        if self._cursor.take("ANY"):
-            right = self._bracketed()
-            if right.type is not TermType.WORDS:
-                raise complaint(
-                    self._text,
-                    right.start,
-                    TranslatableText("ANY wants a list"),
-                    TranslatableText("as in 'noise' = ANY(faults)"),
-                )
+            what = TranslatableText("'{sign}' is no sign", sign=sign)
+            fix = TranslatableText("write {second}{first}", second=sign[1], first=sign[0])
+            raise error_at(self._text, token.start, what, fix)
+        if self._accept("ANY"):
+            right = self._brackets()
+            what = TranslatableText("ANY wants a list")
+            self._expect_list(right, what, TranslatableText("as in 'noise' = ANY(faults)"))
         else:
             right = self._value()
-        found = self._predicates.compared(left, COMPARISONS[sign], right)
-        if self._cursor.stands(*COMPARISONS):
-            raise self._cursor.unexpected(
+        found = self._compiler.compare(left, COMPARISONS[sign], right)
+        if self._at(*COMPARISONS):
+            raise self._unexpected(
                 TranslatableText("join comparisons with AND; a single & joins bits")
             )
         return found
 
-    def _bracketed(self) -> Term:
-        self._cursor.need("(", TranslatableText("a '(' is missing"))
-        term = self._deeper(self._or)
-        self._cursor.need(")", TranslatableText("a ')' is missing"))
+    def _expect_list(self, term: Term, what: str, fix: str) -> None:
+        if term.type is not TermType.WORDS:
+            raise error_at(self._text, term.start, what, fix)
+
+    def _brackets(self) -> Term:
+        self._expect("(", _NO_BRACKET)
+        term = self._nested(self._or)
+        self._expect(")", TranslatableText("a ')' is missing"))
         return term
 
     def _is(self, left: Term) -> Term:
-        negated = self._cursor.take("NOT")
-        if self._cursor.take("DISTINCT"):
-            self._cursor.need("FROM", TranslatableText("write IS DISTINCT FROM"))
-            joint = "IS NOT DISTINCT FROM" if negated else "IS DISTINCT FROM"
-            return self._predicates.distinct(left, self._value(), joint)
-        word = self._cursor.take("NULL", "TRUE", "FALSE")
+        negated = self._accept("NOT")
+        if self._accept("DISTINCT"):
+            self._expect("FROM", TranslatableText("write IS DISTINCT FROM"))
+            operator = "IS NOT DISTINCT FROM" if negated else "IS DISTINCT FROM"
+            return self._compiler.distinct(left, self._value(), operator)
+        word = self._accept("NULL", "TRUE", "FALSE")
         if word is None:
-            raise self._cursor.unexpected(
+            raise self._unexpected(
                 TranslatableText("after IS stands NULL, TRUE, FALSE; a value is asked for with =")
             )
         if word == "NULL":
-            found = self._predicates.is_null(left)
+            found = self._compiler.is_null(left)
         else:
-            found = self._predicates.is_truth(left, word)
-        return self._predicates.negated(found) if negated else found
+            found = self._compiler.is_truth(left, word)
+        return self._compiler.negate(found) if negated else found
 
-    def _worded(self, left: Term) -> Term | None:
-        word = self._cursor.take("IN", "BETWEEN", "~", *PATTERN_WORDS)
+    def _word_operator(self, left: Term) -> Term | None:
+        word = self._accept("IN", "BETWEEN", "~", *PATTERN_WORDS)
         if word is None:
             return None
         if word == "IN":
             return self._in(left)
         if word == "BETWEEN":
             low = self._value()
-            self._cursor.need("AND", TranslatableText("write BETWEEN low AND high"))
-            return self._predicates.between(left, low, self._value())
+            self._expect("AND", TranslatableText("write BETWEEN low AND high"))
+            return self._compiler.between(left, low, self._value())
         pattern = self._value()
         if word in ("LIKE", "ILIKE"):
-            return self._predicates.like(left, word, pattern)
-        return self._predicates.regexp(left, pattern)
+            return self._compiler.like(left, word, pattern)
+        return self._compiler.regexp(left, pattern)
 
     def _in(self, left: Term) -> Term:
-        if not self._cursor.stands("("):
+        if not self._at("("):
             right = self._value()
-            if right.type is not TermType.WORDS:
-                raise complaint(
-                    self._text,
-                    right.start,
-                    TranslatableText("IN wants a list"),
-                    TranslatableText("write it in brackets: IN (1, 2)"),
-                )
-            return self._predicates.compared(right, "=", left)
+            what = TranslatableText("IN wants a list")
+            self._expect_list(right, what, TranslatableText("write it in brackets: IN (1, 2)"))
+            return self._compiler.compare(right, "=", left)
         items = self._arguments()
         if not items:
-            raise complaint(
-                self._text,
-                left.start,
-                TranslatableText("the list after IN is empty"),
-                TranslatableText("write IN (1, 2)"),
-            )
-        return self._predicates.among(left, items)
+            what = TranslatableText("the list after IN is empty")
+            raise error_at(self._text, left.start, what, TranslatableText("write IN (1, 2)"))
+        return self._compiler.any_of(left, items)
 
     def _arguments(self) -> list[Term]:
-        self._cursor.need("(", TranslatableText("a '(' is missing"))
-        if self._cursor.take(")"):
+        self._expect("(", _NO_BRACKET)
+        if self._accept(")"):
             return []
-        items = [self._deeper(self._or)]
-        while self._cursor.take(","):
-            items.append(self._deeper(self._or))
-        self._cursor.need(")", TranslatableText("a ')' or a ',' is missing"))
+        items = [self._nested(self._or)]
+        while self._accept(","):
+            items.append(self._nested(self._or))
+        self._expect(")", TranslatableText("a ')' or a ',' is missing"))
         return items
 
     # Values
 
     def _value(self, level: int = 0) -> Term:
-        if level == len(_LEVELS):
+        if level == len(_ARITHMETIC):
             return self._unary()
         terms, signs = [self._value(level + 1)], []
-        while sign := self._cursor.take(*_LEVELS[level]):
+        while sign := self._accept(*_ARITHMETIC[level]):
             signs.append(sign)
             terms.append(self._value(level + 1))
-        return self._expressions.arithmetic(terms, signs) if signs else terms[0]
+        return self._compiler.arithmetic(terms, signs) if signs else terms[0]
 
     def _unary(self) -> Term:
-        token = self._cursor.peek()
-        sign = self._cursor.take("-", "+")
+        token = self._peek()
+        sign = self._accept("-", "+")
         if sign is None:
             return self._primary()
-        if self._cursor.peek().type is TokenType.NUMBER and sign == "-":
-            number = self._cursor.advance()
-            return self._expressions.number(-number.number, token.start, f"-{number.text}")
-        term = self._deeper(self._unary)
-        return self._expressions.minus(term, token.start) if sign == "-" else term
+        if self._peek().type is TokenType.NUMBER and sign == "-":
+            number = self._advance()
+            return self._compiler.number(-number.number, token.start, f"-{number.text}")
+        term = self._nested(self._unary)
+        return self._compiler.minus(term, token.start) if sign == "-" else term
 
     def _primary(self) -> Term:
-        token = self._cursor.peek()
-        if self._cursor.stands("("):
-            return self._bracketed()
+        token = self._peek()
+        if self._at("("):
+            return self._brackets()
         if token.type in (TokenType.END, TokenType.SYMBOL):
-            raise self._cursor.unexpected(TranslatableText("here a field or a value is missing"))
-        self._cursor.advance()
+            raise self._unexpected(_NO_VALUE)
+        self._advance()
         if token.type is TokenType.NUMBER:
-            return self._expressions.number(token.number, token.start, token.text)
+            return self._compiler.number(token.number, token.start, token.text)
         if token.type is TokenType.TEXT:
             return _literal(token)
-        return self._named(token)
+        return self._name(token)
 
-    def _named(self, token: Token) -> Term:
-        column = COLUMN_BY_NAME.get(token.text.lower())
-        called = self._cursor.stands("(")
-        if token.type is TokenType.NAME and called and token.word not in OPERATOR_WORDS:
+    def _name(self, token: Token) -> Term:
+        word = token.word
+        if word and word not in OPERATOR_WORDS and self._at("("):
             return self._call(token)
+        column = COLUMN_BY_NAME.get(token.text.lower())
         if column:
-            return self._expressions.column(column, token.start)
+            return self._compiler.column(column, token.start)
         if token.type is TokenType.QUOTED:
             return _literal(token)
-        if token.word in ("TRUE", "FALSE"):
-            return Term(TermType.TRUTH, token.word, token.start, token.word)
-        if token.word == "NULL":
-            return Term(TermType.NULL, "NULL", token.start, "NULL")
-        if token.word in REFUSED or token.word in OPERATOR_WORDS:
-            self._cursor.place -= 1
-            raise self._cursor.unexpected(TranslatableText("here a field or a value is missing"))
+        if word in ("TRUE", "FALSE"):
+            return Term(TermType.TRUTH, word, token.start, word)
+        if word == "NULL":
+            return Term(TermType.NULL, word, token.start, word)
+        if word in _UNSUPPORTED or word in OPERATOR_WORDS:
+            self._next -= 1
+            raise self._unexpected(_NO_VALUE)
         return Term(TermType.NAME, "", token.start, token.text)
 
     def _call(self, token: Token) -> Term:
         name = token.text.lower()
         if name in FUNCTIONS:
-            return self._expressions.called(name, self._arguments(), token.start)
+            return self._compiler.call(name, self._arguments(), token.start)
         if name in COLUMN_BY_NAME or name in COLUMN_OF_WORD:
-            way_out = TranslatableText("a sign is missing between them: = or IN")
-        elif token.word in AGGREGATES:
-            way_out = ONE_ROW
+            fix = TranslatableText("a sign is missing between them: = or IN")
+        elif token.word in _AGGREGATES:
+            fix = _ONE_ROW
         else:
-            way_out = REFUSED.get(
-                token.word, TranslatableText("there are {names}", names=", ".join(FUNCTIONS))
-            )
-        raise complaint(
-            self._text,
-            token.start,
-            TranslatableText("{token} is no function of a filter", token=self._cursor.shown(token)),
-            way_out,
-        )
+            names = TranslatableText("there are {names}", names=", ".join(FUNCTIONS))
+            fix = _UNSUPPORTED.get(token.word, names)
+        what = TranslatableText("{token} is no function of a filter", token=self._typed(token))
+        raise error_at(self._text, token.start, what, fix)
 
 
 def _literal(token: Token) -> Term:

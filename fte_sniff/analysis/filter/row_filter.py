@@ -1,4 +1,4 @@
-"""RowFilter: compile and apply.
+"""RowFilter: a compiled filter, applied to rows.
 
     motor = 1 AND rpm > 500             AND OR NOT, also && || !; == is =, <> is !=
     kind IN ('speed', 'position')       words are checked; also "speed", and speed without quotes
@@ -12,9 +12,8 @@
     time >= '2026-01-31 12:00'          UTC, or with a zone; numbers are nanoseconds since 1970
     time > '12:00:05'                   that time of any day, UTC: rows later on their own day
 
-As in SQL, a comparison with a value that the row has not is neither true nor false, and such a row
-is not wanted: `kind != 'speed'` leaves out damage. `kind IS DISTINCT FROM 'speed'` keeps it, and
-so does `NOT speed`.
+As in SQL, a comparison with a null is null, and the filter drops the row: `kind != 'speed'` drops
+damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ import polars as pl
 
 from fte_sniff.analysis.dataframe import packed_frame, row_frame, table_frame, wide
 from fte_sniff.analysis.fields import Bools
-from fte_sniff.analysis.filter.parser import condition
+from fte_sniff.analysis.filter.parser import parse
 from fte_sniff.errors import FilterError, printable
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, Packed, SideBySide
@@ -54,7 +53,7 @@ class RowFilter:
         Raises:
             FilterError: one line with what is wrong, where, and what to write instead.
         """
-        found = condition(text)
+        found = parse(text)
         try:
             made = cls(text, found.sql, found.names, pl.sql_expr(found.sql))
             made.mask(_TRIAL)

@@ -1,22 +1,21 @@
-"""Names, types, functions, help and error messages."""
+"""Terms, functions, error messages and help text of the filter language."""
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from textwrap import wrap
 from typing import Final
 
-from fte_sniff.analysis.filter.lexer import complaint
-from fte_sniff.errors import FilterError, TranslatableText
+from fte_sniff.errors import FilterError, TranslatableText, printable
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, Column
 
 
 class TermType(Enum):
-    """What a part of a filter is; the value is how a message names it."""
+    """Type of a term; the value is its name in messages."""
 
     NUMBER = "a number"
     TEXT = "a text"
@@ -26,43 +25,40 @@ class TermType(Enum):
     HEX = "hex digits"
     TRUTH = "a condition"
     LITERAL = "a text in quotes"
-    """Takes the type of what it is compared with."""
+    """Its type comes from what it is compared with."""
     NAME = "a name"
-    """No field; a word of the contract, or a mistake."""
+    """Not a field: a word of the contract, or a mistake."""
     NULL = "NULL"
 
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """A part of a filter as SQL that stands by itself, with its type and place."""
+    """A part of a filter as complete SQL, with its type and position."""
 
     type: TermType
     sql: str
     start: int
-    """Place of its first character in the filter."""
-    shown: str
-    """How a message names it."""
+    """Index of its first character in the filter."""
+    label: str
+    """Its name in messages."""
     depth: int = 0
     """Brackets inside brackets in `sql`."""
     column: Column | None = None
-    """The column, where the term is nothing but one."""
+    """The column, if the term is just a field."""
     names: frozenset[str] = frozenset()
     """The columns it reads."""
 
 
 UNTYPED: Final = (TermType.LITERAL, TermType.NAME)
-"""What has no type by itself."""
+"""Types of terms whose type comes from what they are compared with."""
 
 COLUMN_OF_WORD: Final = {word: column for column in COLUMNS for word in column.words}
 """The column that each word of the contract belongs to."""
 
-INT64: Final = range(-(2**63) + 1, 2**63)
-"""The whole numbers that polars reads as such; -2**63 it takes for a decimal fraction."""
-
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """A function of a filter: the types it takes, the type it gives, and an example."""
+    """A function of the language: argument types, result type, and an example."""
 
     takes: tuple[TermType, ...]
     gives: TermType
@@ -83,7 +79,7 @@ FUNCTIONS: Final = {
         (TermType.TEXT, TermType.LITERAL), TermType.TRUTH, "ends_with(raw, 'EE')"
     ),
 }
-"""The functions that a filter may call, by name."""
+"""The functions by name. polars SQL must have a function of the same name and meaning."""
 
 
 def quoted(text: str) -> str:
@@ -91,83 +87,107 @@ def quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
 
 
+_EXCERPT: Final = 24
+_LONGEST: Final = 160
+
+
+def error_at(text: str, at: int, what: str, fix: str = "") -> FilterError:
+    """An error with a position in a filter.
+
+    Args:
+        text: the whole filter.
+        at: index of the wrong character.
+        what: what is wrong there.
+        fix: what to write instead.
+    """
+    before = text[max(0, at - _EXCERPT) : at]
+    after = text[at : at + _EXCERPT]
+    start = "..." if at > _EXCERPT else ""
+    end = "..." if at + _EXCERPT < len(text) else ""
+    where = TranslatableText(
+        'filter: {what} at character {number} of "{excerpt}"',
+        what=_short(what),
+        number=at + 1,
+        excerpt=f"{start}{printable(before)}-->{printable(after)}{end}",
+    )
+    if not fix:
+        return FilterError(where)
+    return FilterError("{where}; {fix}", where=where, fix=_short(fix))
+
+
+def _short(text: str) -> str:
+    line = printable(text)
+    if len(line) > _LONGEST:
+        return f"{line[:_LONGEST]}..."
+    return text if line == text else line
+
+
 @dataclass(frozen=True, slots=True)
 class FilterErrors:
-    """What is said of the terms of one filter; each points at the term's place in the text."""
+    """Error messages about the terms of one filter."""
 
     text: str
 
-    def about(self, term: Term, what: str, way_out: str = "") -> FilterError:
-        """That something is wrong with a term."""
-        return complaint(self.text, term.start, what, way_out)
+    def about(self, term: Term, what: str, fix: str = "") -> FilterError:
+        """An error at the position of a term."""
+        return error_at(self.text, term.start, what, fix)
 
     def unknown(self, term: Term) -> FilterError:
-        """That nothing has that name."""
-        choices = [*COLUMN_BY_NAME, *COLUMN_OF_WORD]
+        """The name is neither a field nor a word."""
+        what = TranslatableText("unknown name '{term}'", term=term.label)
+        fields = TranslatableText("the fields are {names}", names=", ".join(COLUMN_BY_NAME))
         return self.about(
-            term,
-            TranslatableText("unknown name '{term}'", term=term.shown),
-            (
-                nearest(term.shown, choices)
-                or TranslatableText("the fields are {names}", names=", ".join(COLUMN_BY_NAME))
-            ),
+            term, what, nearest(term.label, [*COLUMN_BY_NAME, *COLUMN_OF_WORD]) or fields
         )
 
-    def other_type(self, term: Term, why: str) -> FilterError:
-        """That a term has another type than is wanted; `why` says what wants which."""
-        told = TranslatableText(
+    def wrong_type(self, term: Term, why: str) -> FilterError:
+        """The term has the wrong type; `why` names the type that is needed, and where."""
+        what = TranslatableText(
             "{why}, and {term} is {type}",
             why=why,
-            term=term.shown,
+            term=term.label,
             type=TranslatableText(term.type.value),
         )
-        return self.about(term, told, how_to_ask(term))
+        return self.about(term, what, how_to_compare(term))
 
     def mismatch(self, left: Term, right: Term) -> FilterError:
-        """That two terms are of types that cannot stand beside each other."""
+        """The types of two terms cannot be compared."""
         if left.type in UNTYPED and right.type in UNTYPED:
-            return self.about(
-                left,
-                TranslatableText("two texts are compared"),
-                TranslatableText("a field's name stands without single quotes"),
-            )
+            what = TranslatableText("two texts are compared")
+            fix: str = TranslatableText("a field's name stands without single quotes")
+            return self.about(left, what, fix)
         if left.column is None and right.type is TermType.LITERAL:
-            near = nearest(right.shown, COLUMN_BY_NAME) or "name a field"
-            return self.about(
-                right,
-                TranslatableText("'{right}' is a text, no field", right=right.shown),
-                TranslatableText("{near} (no quotes)", near=near),
-            )
+            near = nearest(right.label, COLUMN_BY_NAME) or "name a field"
+            what = TranslatableText("'{right}' is a text, no field", right=right.label)
+            return self.about(right, what, TranslatableText("{near} (no quotes)", near=near))
         what = TranslatableText(
             "{left} is {left_is}, {right} is {right_is}",
-            left=left.shown,
+            left=left.label,
             left_is=TranslatableText(left.type.value),
-            right=right.shown,
+            right=right.label,
             right_is=TranslatableText(right.type.value),
         )
+        fix = how_to_compare(left)
         if left.type is TermType.NUMBER and right.type is TermType.LITERAL:
-            return self.about(right, what, TranslatableText("write a number, without quotes"))
-        if left.type is TermType.HEX and right.type is TermType.NUMBER:
-            return self.about(
-                right, what, TranslatableText("write the bytes as a text, as in raw LIKE 'AA01%'")
-            )
-        return self.about(right, what, how_to_ask(left))
+            fix = TranslatableText("write a number, without quotes")
+        elif left.type is TermType.HEX and right.type is TermType.NUMBER:
+            fix = TranslatableText("write the bytes as a text, as in raw LIKE 'AA01%'")
+        return self.about(right, what, fix)
 
 
 def nearest(word: str, choices: Iterable[str]) -> str:
-    """`did you mean x?`, or nothing where the word is short for no choice, nor like one."""
-    names, asked = list(choices), word.lower()
-    begun = [name for name in names if len(word) > 1 and name.startswith(asked)]
+    """`did you mean x?`, or an empty text if no choice is similar."""
+    names, typed = list(choices), word.lower()
     near = (
-        begun
-        or [name for name in names if _is_short_for(asked, name)]
-        or difflib.get_close_matches(asked, names, n=1)
+        [name for name in names if len(word) > 1 and name.startswith(typed)]
+        or [name for name in names if _abbreviates(typed, name)]
+        or difflib.get_close_matches(typed, names, n=1)
     )
     return TranslatableText("did you mean {near}?", near=near[0]) if near else ""
 
 
-def _is_short_for(text: str, name: str) -> bool:
-    """Whether each of a text's words leaves letters out of the name's one, as in `speed fb`."""
+def _abbreviates(text: str, name: str) -> bool:
+    """Whether every word of the text leaves out letters of the name's word, as in `speed fb`."""
     words, parts = re.split(r"[\s_.-]+", text), name.split("_")
     return len(words) == len(parts) > 1 and all(
         re.fullmatch(".*".join(map(re.escape, word)) + ".*", part)
@@ -175,9 +195,10 @@ def _is_short_for(text: str, name: str) -> bool:
     )
 
 
-def how_to_ask(term: Term) -> str:
-    """How a term of that type is asked about."""
-    name = term.shown if term.column else "motor"
+def how_to_compare(term: Term) -> str:
+    """Advice how to compare a term of that type."""
+    name = term.label if term.column else "motor"
+    word = term.column.words[0] if term.column and term.column.words else "speed"
     return {
         TermType.NUMBER: TranslatableText("compare it, as in {name} = 1", name=name),
         TermType.TIME: TranslatableText("compare it, as in time > '2026-01-31T12:00:00Z'"),
@@ -187,7 +208,7 @@ def how_to_ask(term: Term) -> str:
             "ask for one, as in faults = 'noise', or for any: faults IS NOT NULL"
         ),
         TermType.WORD: TranslatableText(
-            "compare it, as in {name} = '{word}'", name=name, word=_first_word(term)
+            "compare it, as in {name} = '{word}'", name=name, word=word
         ),
         TermType.LITERAL: TranslatableText("compare a field with it, as in kind = 'speed'"),
         TermType.NULL: TranslatableText("write IS NULL or IS NOT NULL"),
@@ -196,92 +217,20 @@ def how_to_ask(term: Term) -> str:
     }[term.type]
 
 
-def _first_word(term: Term) -> str:
-    return term.column.words[0] if term.column and term.column.words else "speed"
-
-
-MAX_DEPTH: Final = 18
-"""Brackets inside brackets in the SQL; polars' parser gives up at 23."""
-
-MAX_SQL: Final = 30_000
-"""Characters of SQL; a list of many values asked of a long expression grows fast."""
-
-_WIDTH: Final = 8
-"""Conditions side by side before they are bracketed: polars' time grows with the square of more."""
-
-
-class BooleanTerms:
-    """Makes the terms of one filter out of others."""
-
-    def __init__(self, text: str) -> None:
-        self._complain = FilterErrors(text)
-
-    def made(
-        self,
-        sql: str,
-        terms: Iterable[Term],
-        names: frozenset[str] = frozenset(),
-        of_type: TermType = TermType.TRUTH,
-    ) -> Term:
-        """The term that SQL of other terms is, and by what name a message speaks of it.
-
-        Args:
-            sql: stands by itself, in brackets of its own or as a call.
-            terms: what it is made of, at least one.
-            names: columns that it reads and none of them does.
-            of_type: what it is.
-
-        Raises:
-            FilterError: polars would not read it, or take too long.
-        """
-        parts = tuple(terms)
-        depth = 1 + max(term.depth for term in parts)
-        first = min(parts, key=lambda term: term.start)
-        if depth > MAX_DEPTH or len(sql) > MAX_SQL:
-            raise self._complain.about(
-                first,
-                TranslatableText("the filter is too deep or too large"),
-                TranslatableText("take it apart"),
-            )
-        return Term(
-            of_type,
-            sql,
-            first.start,
-            TranslatableText("this condition")
-            if of_type is TermType.TRUTH
-            else TranslatableText("this value"),
-            depth,
-            names=names.union(*(term.names for term in parts)),
-        )
-
-    def chained(self, conditions: Sequence[Term], joint: str) -> Term:
-        """Conditions joined by AND or OR; many of them in groups of groups."""
-        parts = list(conditions)
-        while len(parts) > 1:
-            groups = (parts[at : at + _WIDTH] for at in range(0, len(parts), _WIDTH))
-            parts = [self._group(group, joint) for group in groups]
-        return parts[0]
-
-    def _group(self, terms: Sequence[Term], joint: str) -> Term:
-        if len(terms) == 1:
-            return terms[0]
-        return self.made(f"({f' {joint} '.join(term.sql for term in terms)})", terms)
-
-
 def _help() -> Iterator[str]:
     yield "A filter says which rows are wanted, in SQL's words: motor = 1 AND rpm > 500"
     yield ""
     yield "Fields"
     for column in COLUMNS:
-        yield from _beside(f"  {column.name:<10} ", column.meaning)
-        yield from _beside(" " * 13, ", ".join(column.words))
+        yield from _wrapped(f"  {column.name:<10} ", column.meaning)
+        yield from _wrapped(" " * 13, ", ".join(column.words))
     yield ""
     yield "Examples"
     for example, meaning in EXAMPLES:
         yield f"  {example:<34} {meaning}"
 
 
-def _beside(start: str, text: str) -> list[str]:
+def _wrapped(start: str, text: str) -> list[str]:
     return wrap(text, 79, initial_indent=start, subsequent_indent=" " * len(start))
 
 
@@ -298,7 +247,7 @@ EXAMPLES: Final = (
     ("rpm BETWEEN -10 AND 10", "both ends included; never rows without rpm"),
     ("kind IS DISTINCT FROM 'speed'", "any other, also rows that have no kind"),
 )
-"""Filters that work, and what each shows."""
+"""Working filters, each with its meaning."""
 
 FILTER_HELP: Final = "\n".join(_help())
-"""The language on one screen, for `--help` and the filter field."""
+"""The language on one screen, for `--help` and the filter prompt."""
