@@ -45,8 +45,8 @@ class Chunk:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """Ten bytes whose framing holds: a header and a tail, in step with the stream."""
+class _Row:
+    """What a frame and a damage have in common."""
 
     port: str
     offset: int
@@ -58,12 +58,12 @@ class Frame:
     read_delay_ns: int | None = field(default=None, compare=False)
     """Nanoseconds from `t_ns` until the read of the first byte returned."""
     order_uncertain: bool = field(default=False, compare=False)
-    """Whether the order with a neighbouring row of another port is uncertain: their times are closer
-    than the two ports can resolve."""
+    """Whether a neighbouring row of another port may belong on the other side of this one: their
+    times are closer than the two ports can resolve."""
 
-    def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[type[_Row], tuple[object, ...]]:
         """Pickle for another process, faster than dataclasses do."""
-        return Frame, (
+        return type(self), (
             self.port,
             self.offset,
             self.raw,
@@ -77,6 +77,11 @@ class Frame:
     def status(self) -> Status:
         """How reliable the row is."""
         return status_of(self.faults)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame(_Row):
+    """Ten bytes whose framing holds: a header and a tail, in step with the stream."""
 
     @property
     def direction(self) -> Direction:
@@ -101,38 +106,10 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
-class Damage:
+class Damage(_Row):
     """Bytes that no frame contains: kept, labelled with their cause, never decoded."""
 
-    port: str
-    offset: int
-    """Offset of the first byte in the port's stream, from 0."""
-    raw: bytes
-    t_ns: int | None
-    """Start of the first byte on the wire, nanoseconds since 1970 UTC; never falls per port."""
     faults: tuple[Fault, ...]
-    read_delay_ns: int | None = field(default=None, compare=False)
-    """Nanoseconds from `t_ns` until the read of the first byte returned."""
-    order_uncertain: bool = field(default=False, compare=False)
-    """Whether the order with a neighbouring row of another port is uncertain: their times are closer
-    than the two ports can resolve."""
-
-    def __reduce__(self) -> tuple[type[Damage], tuple[object, ...]]:
-        """Pickle for another process, faster than dataclasses do."""
-        return Damage, (
-            self.port,
-            self.offset,
-            self.raw,
-            self.t_ns,
-            self.faults,
-            self.read_delay_ns,
-            self.order_uncertain,
-        )
-
-    @property
-    def status(self) -> Status:
-        """How reliable the row is."""
-        return status_of(self.faults)
 
 
 Row: TypeAlias = Frame | Damage
