@@ -29,7 +29,7 @@ from benchmarks.faults import damaged_stream
 from benchmarks.recording_speed import PORTS, frame_pool
 from fte_sniff.protocol import FRAME_LENGTH
 from fte_sniff.recording.bulk_writer import write_recording
-from fte_sniff.row_batch import RowColumns, Words
+from fte_sniff.row_batch import Codebook, RowBatch
 
 START_NS = 1_770_000_000 * 10**9
 PART = 8
@@ -74,11 +74,11 @@ def written(folder: Path, frames: int) -> Path:
             for at, text in enumerate(texts)
         )
     )
-    words = Words()
-    columns = RowColumns.blank(words, frames)
+    codebook = Codebook()
+    columns = RowBatch.allocate(codebook, frames)
     at = np.arange(frames)
     columns.t_ns[:], columns.offset[:] = START_NS + at * 868_056, at * FRAME_LENGTH
-    columns.port[:], columns.raw[:] = words.port_code(PORTS[0].name), rows
+    columns.port[:], columns.raw[:] = codebook.port_code(PORTS[0].name), rows
     write_recording(folder / NAME["recording"], PORTS[:1], [columns])
     return folder
 

@@ -1,13 +1,13 @@
-"""Measures the bulk path, from bytes to columns, against other decoders and a copy of the memory.
+"""Speed of framing and decoding bytes in bulk, against other decoders and a copy of the memory.
 
     python -m benchmarks.framer_speed [--megabytes 2] [--sizes 1 10 100] [--live] [--slowest]
 
-All decoders get the same bytes in the same run (the slow ones a part of them); each number is the
-best of three, in seconds of a core, so that other programs do not count: the bulk path, which uses
-all cores for columns, is a little quicker on an idle machine. The framer is measured as it is
-installed, compiled or not. The memory copy is that of the same bytes; small
-ones stay in the processor's cache, so compare `--megabytes 2` with `--megabytes 100`. Needs
-`construct` and `kaitaistruct`.
+"Bulk" is the path of `stats` and `decode` on files: the framer's span becomes a `RowBatch`, in
+pieces of the commands' size, and numpy reads the kind and every field of each row. All decoders get
+the same bytes in the same run (the slow ones a part of them); each number is the best of three, in
+seconds of a core, so that other programs do not count. The framer is measured as it is installed,
+compiled or not. The memory copy is that of the same bytes; small ones stay in the processor's
+cache, so compare `--megabytes 2` with `--megabytes 100`. Needs `construct` and `kaitaistruct`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from collections.abc import Callable
 from random import Random
 from time import process_time
 
-from benchmarks.bulk import bulk_columns
 from benchmarks.faults import damaged_stream
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_machine
-from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer, byte_time_ns
+from fte_sniff.analysis.fields import field_values, kind_codes
+from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Chunk, Framer, byte_time_ns
+from fte_sniff.row_batch import RowBatch
+from fte_sniff.session.inputs import PORTION, decided
 
 SLOW_PART = 200_000
 """Bytes that the slow decoders get."""
@@ -60,12 +62,22 @@ def speed(decode: Callable[[bytes], object], data: bytes, times: int = 3) -> flo
     return len(data) / best / 1e6
 
 
+def in_bulk(data: bytes) -> None:
+    """Frame the bytes, and decode the kind and the fields of every row."""
+    pieces = (Chunk("bench", None, data[at : at + PORTION]) for at in range(0, len(data), PORTION))
+    for span in decided(pieces, "bench", lambda _: None, lambda: False):
+        rows = RowBatch.from_span(span)
+        kinds = kind_codes(rows.raw, rows.framed)
+        for field in VALUE_FIELDS:
+            field_values(rows.raw, kinds, field.name)
+
+
 def compare(size: int) -> None:
     print(f"MB in a second of a core, {size / 1e6:g} MB")
     print(f"{'':14}{'bulk':>9}{'state m.':>10}{'construct':>10}{'kaitai':>9}{'copy':>9}   bulk/…")
     for name, data in streams(size).items():
         part = data[:SLOW_PART]
-        bulk = speed(lambda stream: bulk_columns("bench", stream), data)
+        bulk = speed(in_bulk, data)
         machine = speed(with_state_machine, part)
         slow = speed(with_construct, part, 1)
         kaitai = speed(with_kaitai, part, 1)
@@ -83,7 +95,7 @@ def growth(sizes: list[int]) -> None:
     for megabytes in sizes:
         for name, data in streams(megabytes * 1_000_000).items():
             began = process_time()
-            bulk_columns("bench", data)
+            in_bulk(data)
             print(f"{megabytes:4} MB {name:14}{process_time() - began:8.3f} s", flush=True)
 
 

@@ -1,27 +1,429 @@
-"""RowBatch: a batch of rows as numpy arrays; build, slice, concatenate, iterate.
+"""RowBatch: many rows as numpy columns, with dictionary-encoded ports and faults.
 
-t_ns  offset  delay_ns    nanoseconds since 1970 UTC, bytes, nanoseconds
-length                    bytes of the row; where it is more than ten, the bytes stand aside
-port  faults              numbers in a `Codebook`
-raw                       the first ten bytes, zeros behind them
-form                      which row type, which times there are, whether its order is certain
+`RowBatch` is the only container of many rows: the framer's spans and the recording reader make it;
+the store, filters, statistics and writers take it. A few rows may come as a list instead, and so
+may the rows of a live capture: a batch costs some 30 µs, and numpy as long to load as 20,000 rows
+to write. A batch is a `Sequence[Row]`, so code that is not hot treats both alike.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Any, Final, Protocol, Self, overload
+from typing import Any, Final, Protocol, Self, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.errors import FileError
 from fte_sniff.protocol import FRAME_LENGTH, Damage, Fault, Frame, PortEvent, Row
 from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.tables import FAULT_SETS
 from fte_sniff.protocol.framer.timestamps import ArrivalTime
+
+Array = npt.NDArray[Any]
+
+_Key = TypeVar("_Key")
+
+_ROWS_AT_ONCE: Final = 4096
+"""Rows that iteration converts to objects at a time, so that it needs little memory."""
+
+
+class Codebook:
+    """Dictionary encoding of ports and fault sets; safe for use by several threads."""
+
+    def __init__(self) -> None:
+        self.ports: list[str] = []
+        """Port names, by code."""
+        self.faults: list[tuple[Fault, ...]] = []
+        """Fault sets in the row's order, by code; code 0 is the empty set."""
+        self._port_codes: dict[str, int] = {}
+        self._fault_codes: dict[tuple[Fault, ...], int] = {}
+        self._lock = Lock()
+        self.fault_code(())
+
+    def port_code(self, port: str) -> int:
+        """The code of a port; an unknown port gets the next free code."""
+        return _code_of(port, self._port_codes, self.ports, self._lock)
+
+    def fault_code(self, faults: tuple[Fault, ...]) -> int:
+        """The code of a fault set; an unknown set gets the next free code."""
+        return _code_of(faults, self._fault_codes, self.faults, self._lock)
+
+
+def _code_of(key: _Key, codes: dict[_Key, int], keys: list[_Key], lock: Lock) -> int:
+    code = codes.get(key)
+    if code is None:
+        with lock:
+            code = codes.get(key, len(keys))
+            if code == len(keys):
+                keys.append(key)
+                codes[key] = code
+    return code
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RowBatch(Sequence[Row]):
+    """Rows as columns of equal length, and the port events between them."""
+
+    codebook: Codebook
+    t_ns: Array
+    """Nanoseconds since 1970 UTC, int64; valid where `timed`."""
+    timed: Array
+    """Whether the row has a time, bool."""
+    offset: Array
+    """Offset of the row's first byte in its port's stream, int64."""
+    delay_ns: Array
+    """Read delay, nanoseconds, int64; valid where `delayed`."""
+    delayed: Array
+    """Whether the row has a read delay, bool."""
+    length: Array
+    """Bytes of the row, uint32."""
+    port: Array
+    """Code of the port, uint16."""
+    faults: Array
+    """Code of the fault set, uint16."""
+    framed: Array
+    """Whether the row is a Frame, bool; otherwise it is a Damage."""
+    unordered: Array
+    """Whether the row's order among rows of other ports is uncertain, bool."""
+    raw: Array
+    """The first ten bytes, padded with zeros; uint8, shape (rows, 10)."""
+    long: dict[int, bytes] = field(default_factory=dict)
+    """All bytes of the rows longer than ten, by index."""
+    events: tuple[PortEvent, ...] = ()
+    """Port events, in file order."""
+
+    @classmethod
+    def allocate(cls, codebook: Codebook, rows: int) -> Self:
+        """Columns to fill in; the defaults are those of a sound frame with time and read delay."""
+        return cls(
+            codebook,
+            t_ns=np.empty(rows, np.int64),
+            timed=np.ones(rows, np.bool_),
+            offset=np.empty(rows, np.int64),
+            delay_ns=np.zeros(rows, np.int64),
+            delayed=np.ones(rows, np.bool_),
+            length=np.full(rows, FRAME_LENGTH, np.uint32),
+            port=np.empty(rows, np.uint16),
+            faults=np.zeros(rows, np.uint16),
+            framed=np.ones(rows, np.bool_),
+            unordered=np.zeros(rows, np.bool_),
+            raw=np.zeros((rows, FRAME_LENGTH), np.uint8),
+        )
+
+    @classmethod
+    def from_rows(
+        cls,
+        rows: Sequence[Row],
+        codebook: Codebook | None = None,
+        events: Sequence[PortEvent] = (),
+    ) -> RowBatch:
+        """The batch of these rows; a batch is converted to the codebook."""
+        if isinstance(rows, RowBatch):
+            batch = rows if codebook is None else rows.recoded(codebook)
+            return replace(batch, events=tuple(events))
+        codebook = codebook or Codebook()
+        raws = [row.raw for row in rows]
+        times = [row.t_ns for row in rows]
+        delays = [row.read_delay_ns for row in rows]
+        first_bytes = b"".join([raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0") for raw in raws])
+        return cls(
+            codebook,
+            t_ns=np.array([time or 0 for time in times], np.int64),
+            timed=np.array([time is not None for time in times], np.bool_),
+            offset=np.array([row.offset for row in rows], np.int64),
+            delay_ns=np.array([delay or 0 for delay in delays], np.int64),
+            delayed=np.array([delay is not None for delay in delays], np.bool_),
+            length=np.array([len(raw) for raw in raws], np.uint32),
+            port=np.array([codebook.port_code(row.port) for row in rows], np.uint16),
+            faults=np.array([codebook.fault_code(row.faults) for row in rows], np.uint16),
+            framed=np.array([isinstance(row, Frame) for row in rows], np.bool_),
+            unordered=np.array([row.order_uncertain for row in rows], np.bool_),
+            raw=np.frombuffer(first_bytes, np.uint8).reshape(-1, FRAME_LENGTH),
+            long={at: raw for at, raw in enumerate(raws) if len(raw) > FRAME_LENGTH},
+            events=tuple(events),
+        )
+
+    @classmethod
+    def from_span(cls, span: DecidedSpan) -> RowBatch:
+        """The rows that the framer decided."""
+        return _batch_of_span(span)
+
+    @classmethod
+    def concat(cls, batches: Sequence[RowBatch]) -> RowBatch:
+        """All rows and events of at least one batch, in order."""
+        if len(batches) == 1:
+            return batches[0]
+        codebook, long, start = batches[0].codebook, dict[int, bytes](), 0
+        for batch in batches:
+            long.update((start + at, raw) for at, raw in batch.long.items())
+            start += len(batch)
+        recoded = [batch.recoded(codebook) for batch in batches]
+        arrays = {name: np.concatenate([getattr(b, name) for b in recoded]) for name in COLUMNS}
+        events = tuple(event for batch in batches for event in batch.events)
+        return cls(codebook, long=long, events=events, **arrays)
+
+    def put(self, at: int, row: Row) -> None:
+        """Fill in one row."""
+        self.t_ns[at], self.timed[at] = row.t_ns or 0, row.t_ns is not None
+        self.offset[at], self.length[at] = row.offset, len(row.raw)
+        self.delay_ns[at], self.delayed[at] = row.read_delay_ns or 0, row.read_delay_ns is not None
+        self.port[at] = self.codebook.port_code(row.port)
+        self.faults[at] = self.codebook.fault_code(row.faults)
+        self.framed[at], self.unordered[at] = isinstance(row, Frame), row.order_uncertain
+        first = row.raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0")
+        self.raw[at] = np.frombuffer(first, np.uint8)
+        if len(row.raw) > FRAME_LENGTH:
+            self.long[at] = row.raw
+
+    def assign(self, start: int, batch: RowBatch) -> None:
+        """Fill in rows from index `start` on with those of a batch of the same codebook."""
+        rows = slice(start, start + len(batch))
+        for name in COLUMNS:
+            getattr(self, name)[rows] = getattr(batch, name)
+        self.long.update((start + at, raw) for at, raw in batch.long.items())
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    @overload
+    def __getitem__(self, at: int) -> Row: ...
+    @overload
+    def __getitem__(self, at: slice) -> RowBatch: ...
+    def __getitem__(self, at: int | slice) -> Row | RowBatch:
+        if isinstance(at, slice):
+            return self.select(at)
+        index = range(len(self))[at]
+        return next(self._rows(index, index + 1))
+
+    def __iter__(self) -> Iterator[Row]:
+        for start in range(0, len(self), _ROWS_AT_ONCE):
+            yield from self._rows(start, min(start + _ROWS_AT_ONCE, len(self)))
+
+    def _rows(self, start: int, end: int) -> Iterator[Row]:
+        ports, faults = self.codebook.ports, self.codebook.faults
+        raws = self.raw[start:end].tobytes()
+        scalars = zip(*(getattr(self, name)[start:end].tolist() for name in _SCALARS), strict=True)
+        for at, scalar in enumerate(scalars):
+            t_ns, timed, offset, delay, delayed, length, port, fault, framed, unordered = scalar
+            first = at * FRAME_LENGTH
+            yield (Frame if framed else Damage)(
+                ports[port],
+                offset,
+                self.long[start + at] if length > FRAME_LENGTH else raws[first : first + length],
+                t_ns if timed else None,
+                faults[fault],
+                delay if delayed else None,
+                unordered,
+            )
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """Time of the first row and the latest time; None if a row has none, or without rows."""
+        if not len(self) or not self.timed.all():
+            return None
+        return int(self.t_ns[0]), int(self.t_ns.max())
+
+    def select(self, rows: slice | Array, events: tuple[PortEvent, ...] = ()) -> RowBatch:
+        """The rows of a slice, a mask or an array of indices, with these events."""
+        arrays = {name: getattr(self, name)[rows] for name in COLUMNS}
+        long: dict[int, bytes] = {}
+        if self.long:
+            at = np.flatnonzero(arrays["length"] > FRAME_LENGTH)
+            old = np.arange(len(self))[rows][at]
+            long = {new: self.long[of] for new, of in zip(at.tolist(), old.tolist(), strict=True)}
+        return RowBatch(self.codebook, long=long, events=events, **arrays)
+
+    def recoded(self, codebook: Codebook) -> RowBatch:
+        """The same rows with the codes of another codebook."""
+        if codebook is self.codebook:
+            return self
+        ports = np.array([codebook.port_code(port) for port in self.codebook.ports], np.uint16)
+        faults = np.array([codebook.fault_code(one) for one in self.codebook.faults], np.uint16)
+        if _is_identity(ports) and _is_identity(faults):
+            return replace(self, codebook=codebook)
+        return replace(self, codebook=codebook, port=ports[self.port], faults=faults[self.faults])
+
+    def tobytes(self) -> bytes:
+        """The bytes of all rows, concatenated."""
+        inline = np.ascontiguousarray(self.raw)
+        length = np.minimum(self.length, FRAME_LENGTH)
+        if (length < FRAME_LENGTH).any():
+            inline = inline[np.arange(FRAME_LENGTH) < length[:, None]]
+        inline, ends = inline.reshape(-1), np.cumsum(length, dtype=np.int64)
+        parts, start = list[bytes](), 0
+        for at, raw in sorted(self.long.items()):
+            parts += [inline[start : ends[at]].tobytes(), raw[FRAME_LENGTH:]]
+            start = ends[at]
+        return b"".join([*parts, inline[start:].tobytes()])
+
+    def end_offsets(self) -> dict[str, int]:
+        """By port, the offset after the last byte of its last row."""
+        found = {}
+        for code in np.flatnonzero(np.bincount(self.port)):
+            last = np.flatnonzero(self.port == code)[-1]
+            found[self.codebook.ports[code]] = int(self.offset[last]) + int(self.length[last])
+        return found
+
+
+_SCALARS: Final = (
+    "t_ns",
+    "timed",
+    "offset",
+    "delay_ns",
+    "delayed",
+    "length",
+    "port",
+    "faults",
+    "framed",
+    "unordered",
+)
+COLUMNS: Final = (*_SCALARS, "raw")
+"""The names of the arrays of a `RowBatch`."""
+
+
+def _is_identity(codes: npt.NDArray[np.integer]) -> bool:
+    return bool((codes == np.arange(len(codes))).all())
+
+
+class RowBuffer:
+    """A large batch that is reserved part by part, so that parts need not be copied together."""
+
+    def __init__(self, codebook: Codebook, rows: int) -> None:
+        self._whole = RowBatch.allocate(codebook, rows)
+        self._used = 0
+
+    def reserve(self, rows: int) -> RowBatch:
+        """The next part to fill in; a separate batch where the buffer is full."""
+        start = self._used
+        self._used += rows
+        if self._used > len(self._whole):
+            return RowBatch.allocate(self._whole.codebook, rows)
+        return self._whole[start : self._used]
+
+    def filled(self) -> RowBatch | None:
+        """All reserved parts as one batch; None if the buffer could not hold them all."""
+        return self._whole[: self._used] if self._used <= len(self._whole) else None
+
+
+_FIRST_BYTES: Final = np.dtype(f"V{FRAME_LENGTH}")
+"""The first ten bytes of a row, copied as one item."""
+
+_SOUND_FRAME: Final = 1
+"""The code of segments that are frames without a fault."""
+
+_OWN_BITS: Final = np.tri(FRAME_LENGTH, k=-1, dtype=np.uint8) * np.uint8(0xFF)
+"""By length of a short row, the mask of its own bytes among ten."""
+
+
+def _batch_of_span(span: DecidedSpan) -> RowBatch:
+    codebook, rows = Codebook(), len(span)
+    length, framed, faults = _segment_columns(span, rows, codebook)
+    start = int(span.tiles.starts[0]) if rows else span.start
+    if (length == FRAME_LENGTH).all():
+        offset = np.arange(start, start + rows * FRAME_LENGTH, FRAME_LENGTH)
+        data = np.frombuffer(span.data, np.uint8, rows * FRAME_LENGTH, start - span.start)
+        raw, long = data.reshape(-1, FRAME_LENGTH), dict[int, bytes]()
+    else:
+        ends = np.cumsum(length, dtype=np.int64)
+        offset = start + ends - length
+        raw = _first_bytes(span.data, offset - span.start, length)
+        long = _long_rows(span, offset, length)
+    t_ns, delay_ns, timed = _times(span.marks, offset)
+    return RowBatch(
+        codebook,
+        t_ns=t_ns,
+        timed=timed,
+        offset=offset,
+        delay_ns=delay_ns,
+        delayed=timed,
+        length=length,
+        port=_constant(codebook.port_code(span.port), rows, np.uint16),
+        faults=faults,
+        framed=framed,
+        unordered=_constant(False, rows, np.bool_),
+        raw=raw,
+        long=long,
+    )
+
+
+def _constant(value: int, rows: int, dtype: npt.DTypeLike) -> Array:
+    """A read-only column of one value that takes no memory a row."""
+    return np.broadcast_to(np.array(value, dtype), rows)
+
+
+def _segment_columns(
+    span: DecidedSpan, rows: int, codebook: Codebook
+) -> tuple[Array, Array, Array]:
+    """The columns `length`, `framed` and `faults`."""
+    starts, counts, codes = (
+        np.frombuffer(memoryview(numbers), np.int64) if len(numbers) else np.zeros(0, np.int64)
+        for numbers in (span.tiles.starts, span.tiles.counts, span.tiles.codes)
+    )
+    other = (codes != _SOUND_FRAME).nonzero()[0]
+    at, codes = np.cumsum(counts)[other] - 1, codes[other]
+    sets, which = np.unique(codes >> 1, return_inverse=True)
+    set_codes = [codebook.fault_code(FAULT_SETS[number]) for number in sets.tolist()]
+    length, framed, faults = (
+        np.full(rows, FRAME_LENGTH, np.uint32),
+        np.ones(rows, np.bool_),
+        np.zeros(rows, np.uint16),
+    )
+    length[at] = np.diff(starts, append=np.int64(span.tiles.end))[other]
+    framed[at] = codes & 1
+    faults[at] = np.array(set_codes, np.uint16)[which]
+    return length, framed, faults
+
+
+def _first_bytes(data: bytes, starts: Array, length: Array) -> Array:
+    """The first ten bytes of every row, padded with zeros."""
+    rows = np.empty(len(starts), _FIRST_BYTES)
+    reach = len(data) - FRAME_LENGTH + 1
+    whole = len(starts) if reach > starts[-1] else int(np.searchsorted(starts, max(reach, 0)))
+    if whole:
+        rows[:whole] = np.ndarray((reach,), _FIRST_BYTES, data, 0, (1,))[starts[:whole]]
+    raw = rows.view(np.uint8).reshape(-1, FRAME_LENGTH)
+    for row in range(whole, len(starts)):
+        last = data[starts[row] :][:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0")
+        raw[row] = np.frombuffer(last, np.uint8)
+    short = (length < FRAME_LENGTH).nonzero()[0]
+    if len(short):
+        raw[short] &= _OWN_BITS[length[short]]
+    return raw
+
+
+def _long_rows(span: DecidedSpan, offset: Array, length: Array) -> dict[int, bytes]:
+    """All bytes of the rows longer than ten, by index."""
+    rows = (length > FRAME_LENGTH).nonzero()[0]
+    starts = offset[rows] - span.start
+    ends = starts + length[rows]
+    return {
+        row: span.data[start:end]
+        for row, start, end in zip(rows.tolist(), starts.tolist(), ends.tolist(), strict=True)
+    }
+
+
+def _times(marks: Sequence[ArrivalTime], offset: Array) -> tuple[Array, Array, Array]:
+    """The columns `t_ns`, `delay_ns` and `timed`, as `ArrivalTime.time_and_delay` computes them."""
+    if all(mark.t_ns is None for mark in marks):
+        none = _constant(0, len(offset), np.int64)
+        return none, none, _constant(False, len(offset), np.bool_)
+    stop, floor, byte = (
+        np.array([getattr(mark, name) for mark in marks], np.int64)
+        for name in ("stop", "floor_ns", "byte_ns")
+    )
+    read = np.array([mark.t_ns or 0 for mark in marks], np.int64)
+    own = np.searchsorted(stop, offset, side="right")
+    known = np.array([mark.t_ns is not None for mark in marks])[own]
+    delay = (stop[own] - offset) * byte[own]
+    t_ns, floor = read[own] - delay, floor[own]
+    early = t_ns < floor
+    t_ns[early] = floor[early]
+    delay[early] = np.maximum(read[own][early] - floor[early], 0)
+    t_ns[~known] = delay[~known] = 0
+    return t_ns, delay, known
+
 
 ROW_TYPE: Final = np.dtype(
     [
@@ -51,34 +453,6 @@ _UNPACKED_AT_ONCE: Final = 4096
 
 Packed = npt.NDArray[Any]
 """An array of `ROW_TYPE`."""
-
-
-class Codebook:
-    """The ports and the combinations of faults seen so far, each under a small number."""
-
-    def __init__(self) -> None:
-        self.ports: list[str] = []
-        """Port names, by number."""
-        self.faults: list[tuple[Fault, ...]] = []
-        """Combinations of faults in the row's order, by number."""
-        self._port_codes: dict[str, int] = {}
-        self._fault_codes: dict[tuple[Fault, ...], int] = {}
-
-    def port_code(self, port: str) -> int:
-        """The number of a port; a new one where it was never seen."""
-        code = self._port_codes.get(port)
-        if code is None:
-            code = self._port_codes[port] = len(self.ports)
-            self.ports.append(port)
-        return code
-
-    def fault_code(self, faults: tuple[Fault, ...]) -> int:
-        """The number of a combination of faults; a new one where it was never seen."""
-        code = self._fault_codes.get(faults)
-        if code is None:
-            code = self._fault_codes[faults] = len(self.faults)
-            self.faults.append(faults)
-        return code
 
 
 def pack(rows: Sequence[Row], codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
@@ -151,7 +525,7 @@ class PackedRows(Sequence[Row]):
         self._packed = packed
         self.long = long
         """The bytes of rows longer than ten, by place."""
-        self.words = codebook
+        self.codebook = codebook
         """What the numbers of `port` and `faults` stand for."""
 
     def __len__(self) -> int:
@@ -164,13 +538,13 @@ class PackedRows(Sequence[Row]):
     def __getitem__(self, at: int | slice) -> Row | list[Row]:
         places = range(len(self))[at]
         if isinstance(places, int):
-            return unpack(self._packed[places : places + 1], self.long, self.words, places)[0]
+            return unpack(self._packed[places : places + 1], self.long, self.codebook, places)[0]
         return [self[place] for place in places]
 
     def __iter__(self) -> Iterator[Row]:
         for start in range(0, len(self), _UNPACKED_AT_ONCE):
             part = self._packed[start : start + _UNPACKED_AT_ONCE]
-            yield from unpack(part, self.long, self.words, start)
+            yield from unpack(part, self.long, self.codebook, start)
 
     @property
     def t_ns(self) -> Packed:
@@ -245,10 +619,10 @@ class PackedRows(Sequence[Row]):
 
     def packed_for(self, codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
         """The same as `pack` gives, with the numbers of another codebook."""
-        if codebook is self.words:
+        if codebook is self.codebook:
             return self._packed, dict(self.long)
-        ports = np.array([codebook.port_code(port) for port in self.words.ports], np.uint16)
-        faults = np.array([codebook.fault_code(found) for found in self.words.faults], np.uint32)
+        ports = np.array([codebook.port_code(port) for port in self.codebook.ports], np.uint16)
+        faults = np.array([codebook.fault_code(found) for found in self.codebook.faults], np.uint32)
         if _counts_up(ports) and _counts_up(faults):
             return self._packed, dict(self.long)
         packed = self._packed.copy()
@@ -256,20 +630,20 @@ class PackedRows(Sequence[Row]):
         packed["faults"] = faults[packed["faults"]]
         return packed, dict(self.long)
 
-    def parted(self, rows: slice | npt.NDArray[np.bool_]) -> PackedRows:
+    def select(self, rows: slice | npt.NDArray[np.bool_]) -> PackedRows:
         """Only these rows: a slice, or a mask."""
         long: dict[int, bytes] = {}
         if self.long:
             kept = np.arange(len(self))[rows].tolist()
             long = {at: self.long[old] for at, old in enumerate(kept) if old in self.long}
-        return PackedRows(self._packed[rows], long, self.words)
+        return PackedRows(self._packed[rows], long, self.codebook)
 
     @classmethod
-    def joined(cls, parts: Sequence[PackedRows]) -> PackedRows:
+    def concat(cls, parts: Sequence[PackedRows]) -> PackedRows:
         """One behind the other; one at least."""
         if len(parts) == 1:
             return parts[0]
-        codebook, long, start = parts[0].words, dict[int, bytes](), 0
+        codebook, long, start = parts[0].codebook, dict[int, bytes](), 0
         arrays = []
         for part in parts:
             packed, own = part.packed_for(codebook)
@@ -279,25 +653,11 @@ class PackedRows(Sequence[Row]):
         return cls(np.concatenate(arrays), long, codebook)
 
 
-class CodebookLike(Protocol):
-    """What the numbers in columns stand for."""
-
-    @property
-    def ports(self) -> Sequence[str]:
-        """Port names, by number."""
-        ...
-
-    @property
-    def faults(self) -> Sequence[tuple[Fault, ...]]:
-        """Combinations of faults, by number."""
-        ...
-
-
 class SideBySide(Protocol):
     """Rows as arrays, all equally long: what each row tells that cannot be derived."""
 
     @property
-    def words(self) -> CodebookLike:
+    def codebook(self) -> Codebook:
         """What the numbers of `port` and `faults` stand for."""
         ...
 
@@ -347,386 +707,28 @@ class SideBySide(Protocol):
         ...
 
 
-_TEN: Final = np.dtype(f"V{FRAME_LENGTH}")
-"""The first ten bytes of a row, as one thing."""
-
-_SOUND_FRAME: Final = 1
-"""The code of tiles that are frames with nothing wrong."""
-
-_KEPT: Final = np.tri(FRAME_LENGTH, k=-1, dtype=np.uint8) * np.uint8(0xFF)
-"""By length of a short row: which bits of ten bytes are its own."""
-
-
-@dataclass(frozen=True, slots=True)
-class TileColumns:
-    """The rows that tiles stand for, in stream order: all but their times and their port."""
-
-    raw: Array
-    """The first ten bytes, zeros behind them; uint8, ten for each row."""
-    offset: Array
-    """Of the row's first byte, int64."""
-    length: Array
-    """Bytes, uint32."""
-    framed: Array
-    """Whether the row is a frame, bool."""
-    faults: Array
-    """Place of the row's faults in `FAULT_SETS`, uint16."""
-
-
-def tile_columns(decided: DecidedSpan) -> TileColumns:
-    """The rows side by side."""
-    tiles = decided.tiles
-    if not tiles.starts:
-        return TileColumns(
-            np.zeros((0, FRAME_LENGTH), np.uint8),
-            np.zeros(0, np.int64),
-            np.zeros(0, np.uint32),
-            np.zeros(0, np.bool_),
-            np.zeros(0, np.uint16),
-        )
-    starts, counts, codes = (
-        np.frombuffer(memoryview(numbers), np.int64)
-        for numbers in (tiles.starts, tiles.counts, tiles.codes)
-    )
-    firsts = np.cumsum(counts)
-    rows = int(firsts[-1])
-    odd = (codes != _SOUND_FRAME).nonzero()[0]
-    places, codes = firsts[odd] - 1, codes[odd]
-    sizes = np.diff(starts, append=np.int64(tiles.end))[odd]
-    length, framed, faults = (
-        np.full(rows, FRAME_LENGTH, np.uint32),
-        np.ones(rows, np.bool_),
-        np.zeros(rows, np.uint16),
-    )
-    length[places], framed[places], faults[places] = sizes, codes & 1, codes >> 1
-    offset = np.arange(starts[0], starts[0] + rows * FRAME_LENGTH, FRAME_LENGTH)
-    data, at = decided.data, int(starts[0]) - decided.start
-    if (sizes == FRAME_LENGTH).all():
-        raw = np.frombuffer(data, np.uint8, rows * FRAME_LENGTH, at).reshape(-1, FRAME_LENGTH)
-    else:
-        excess = np.zeros(rows, np.int64)
-        excess[places] = sizes - FRAME_LENGTH
-        offset += np.cumsum(excess) - excess
-        raw = _first_bytes(data, offset - decided.start, length)
-    return TileColumns(raw, offset, length, framed, faults)
-
-
-def _first_bytes(data: bytes, places: Array, length: Array) -> Array:
-    """The first ten bytes of every row, zeros behind shorter ones."""
-    rows = np.empty(len(places), _TEN)
-    reach = len(data) - FRAME_LENGTH + 1
-    whole = len(places) if reach > places[-1] else int(np.searchsorted(places, max(reach, 0)))
-    if whole:
-        rows[:whole] = np.ndarray((reach,), _TEN, data, 0, (1,))[places[:whole]]
-    raw = rows.view(np.uint8).reshape(-1, FRAME_LENGTH)
-    for row in range(whole, len(places)):
-        last = data[places[row] :].ljust(FRAME_LENGTH, b"\0")
-        raw[row] = np.frombuffer(last, np.uint8, FRAME_LENGTH)
-    short = (length < FRAME_LENGTH).nonzero()[0]
-    if len(short):
-        raw[short] &= _KEPT[length[short]]
-    return raw
-
-
 def packed_tiles(decided: DecidedSpan) -> PackedRows:
     """The rows packed, with their times."""
-    columns, codebook = tile_columns(decided), Codebook()
-    codes = np.zeros(len(FAULT_SETS), np.uint32)
-    for number in np.unique(columns.faults).tolist():
-        codes[number] = codebook.fault_code(FAULT_SETS[number])
-    packed = np.zeros(len(columns.offset), ROW_TYPE)
-    packed["offset"] = columns.offset
-    packed["length"] = columns.length
-    packed["faults"] = codes[columns.faults]
-    packed["port"] = codebook.port_code(decided.port)
-    packed["raw"] = columns.raw
-    packed["form"] = columns.framed * np.uint8(FRAMED)
-    if any(mark.t_ns is not None for mark in decided.marks):
-        times = _times(decided.marks, columns.offset)
-        packed["t_ns"], packed["delay_ns"], known = times
-        packed["form"] |= known * np.uint8(TIMED | DELAYED)
-    return PackedRows(packed, _long_rows(decided, columns), codebook)
+    return packed_rows(RowBatch.from_span(decided))
 
 
-def _long_rows(decided: DecidedSpan, columns: TileColumns) -> dict[int, bytes]:
-    """All bytes of the rows longer than ten, by place."""
-    long = (columns.length > FRAME_LENGTH).nonzero()[0]
-    places = columns.offset[long] - decided.start
-    stops = places + columns.length[long]
-    return {
-        row: decided.data[place:stop]
-        for row, place, stop in zip(long.tolist(), places.tolist(), stops.tolist(), strict=True)
-    }
-
-
-def _times(marks: Sequence[ArrivalTime], offset: Array) -> tuple[Array, Array, Array]:
-    """Of every row time and read delay, as `Mark.time_and_delay`, and whether it has any."""
-    stop, floor, byte = (
-        np.array([getattr(mark, name) for mark in marks], np.int64)
-        for name in ("stop", "floor_ns", "byte_ns")
-    )
-    read = np.array([mark.t_ns or 0 for mark in marks], np.int64)
-    known = np.array([mark.t_ns is not None for mark in marks])
-    own = np.searchsorted(stop, offset, side="right")
-    delay = (stop[own] - offset) * byte[own]
-    t_ns, floor = read[own] - delay, floor[own]
-    early = t_ns < floor
-    t_ns[early] = floor[early]
-    delay[early] = np.maximum(read[own][early] - floor[early], 0)
-    t_ns[~known[own]] = delay[~known[own]] = 0
-    return t_ns, delay, known[own]
-
-
-Array = npt.NDArray[Any]
-
-_TIMES = range(2**63)
-
-ARRAYS = (
-    "t_ns",
-    "offset",
-    "delay_ns",
-    "length",
-    "port",
-    "faults",
-    "framed",
-    "delayed",
-    "unordered",
-    "raw",
-)
-"""The names of the arrays of `RowColumns`."""
-
-
-class Words:
-    """The ports and the combinations of faults seen so far, each under a small number.
-
-    Several threads may ask at once.
-    """
-
-    def __init__(self) -> None:
-        self.ports: list[str] = []
-        """Port names, by number."""
-        self.faults: list[tuple[Fault, ...]] = []
-        """Combinations of faults in the row's order, by number; the first is none."""
-        self._port_codes: dict[str, int] = {}
-        self._fault_codes: dict[tuple[Fault, ...], int] = {}
-        self._lock = Lock()
-        self.fault_code(())
-
-    def port_code(self, port: str) -> int:
-        """The number of a port; a new one where it was never seen."""
-        with self._lock:
-            if port not in self._port_codes:
-                self._port_codes[port] = len(self.ports)
-                self.ports.append(port)
-            return self._port_codes[port]
-
-    def fault_code(self, faults: tuple[Fault, ...]) -> int:
-        """The number of a combination of faults; a new one where it was never seen."""
-        with self._lock:
-            if faults not in self._fault_codes:
-                self._fault_codes[faults] = len(self.faults)
-                self.faults.append(faults)
-            return self._fault_codes[faults]
-
-
-@dataclass(frozen=True, slots=True)
-class RowColumns:
-    """So many rows in file order, and the port events that stand among them."""
-
-    words: Words
-    t_ns: Array
-    """Nanoseconds since 1970 UTC, int64."""
-    offset: Array
-    """Of the row's first byte in its port's stream, int64."""
-    delay_ns: Array
-    """Read delay, nanoseconds, int64; it means something where `delayed`."""
-    length: Array
-    """Bytes of the row, uint32."""
-    port: Array
-    """Number of the port in `words`, uint16."""
-    faults: Array
-    """Number of the row's faults in `words`, uint16."""
-    framed: Array
-    """Whether the row is a Frame, bool; otherwise it is a Damage."""
-    delayed: Array
-    """Whether the row tells its read delay, bool."""
-    unordered: Array
-    """Whether the row's place among other ports' rows is not certain, bool."""
-    raw: Array
-    """The first ten bytes, zeros behind them; uint8, one row of ten for each."""
-    long: dict[int, bytes] = field(default_factory=dict)
-    """All bytes of the rows longer than ten, by their place."""
-    events: tuple[PortEvent, ...] = ()
-    """In file order."""
-
-    def __len__(self) -> int:
-        return len(self.t_ns)
-
-    @property
-    def timed(self) -> Array:
-        """Whether the row has a time: each has."""
-        return np.broadcast_to(np.True_, len(self))
-
-    def ends(self) -> dict[str, int]:
-        """By port, the offset behind the last byte of its last row here."""
-        found = {}
-        for code in np.flatnonzero(np.bincount(self.port)):
-            last = np.flatnonzero(self.port == code)[-1]
-            found[self.words.ports[code]] = int(self.offset[last]) + int(self.length[last])
-        return found
-
-    @classmethod
-    def blank(cls, words: Words, rows: int) -> Self:
-        """Room for so many rows, to be filled in; nothing in it means anything yet."""
-        return cls(
-            words,
-            np.empty(rows, np.int64),
-            np.empty(rows, np.int64),
-            np.zeros(rows, np.int64),
-            np.full(rows, FRAME_LENGTH, np.uint32),
-            np.empty(rows, np.uint16),
-            np.zeros(rows, np.uint16),
-            np.ones(rows, np.bool_),
-            np.ones(rows, np.bool_),
-            np.zeros(rows, np.bool_),
-            np.zeros((rows, FRAME_LENGTH), np.uint8),
-        )
-
-    @classmethod
-    def of_rows(cls, words: Words, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> Self:
-        """The columns of rows that are there already.
-
-        Raises:
-            FileError: a row has no time that a recording can hold.
-        """
-        columns = cls.blank(words, len(rows))
-        for place, row in enumerate(rows):
-            if row.t_ns is None or row.t_ns not in _TIMES:
-                raise FileError(
-                    f"{row.port!r}, offset {row.offset}, has no time since 1970, and a recording "
-                    "needs one; write another format"
-                )
-            columns.put(place, row)
-        return columns.parted(slice(None), tuple(events))
-
-    def put(self, place: int, row: Row) -> None:
-        """Fill in one row, which must have a time."""
-        assert row.t_ns is not None
-        self.t_ns[place] = row.t_ns
-        self.offset[place] = row.offset
-        self.delayed[place] = row.read_delay_ns is not None
-        self.delay_ns[place] = row.read_delay_ns or 0
-        self.unordered[place] = row.order_uncertain
-        self.length[place] = len(row.raw)
-        self.port[place] = self.words.port_code(row.port)
-        self.faults[place] = self.words.fault_code(row.faults)
-        self.framed[place] = isinstance(row, Frame)
-        first = row.raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0")
-        self.raw[place] = np.frombuffer(first, np.uint8)
-        if len(row.raw) > FRAME_LENGTH:
-            self.long[place] = row.raw
-
-    def parted(self, rows: slice | Array, events: tuple[PortEvent, ...] = ()) -> Self:
-        """Only these rows: a slice, or a mask."""
-        long: dict[int, bytes] = {}
-        if self.long:
-            kept = np.arange(len(self))[rows].tolist()
-            long = {at: self.long[old] for at, old in enumerate(kept) if old in self.long}
-        arrays = {name: getattr(self, name)[rows] for name in ARRAYS}
-        return type(self)(words=self.words, long=long, events=events, **arrays)
-
-    @classmethod
-    def joined(cls, parts: Sequence[RowColumns]) -> RowColumns:
-        """One behind the other; all of the same words, one at least."""
-        if len(parts) == 1:
-            return parts[0]
-        long: dict[int, bytes] = {}
-        start = 0
-        for part in parts:
-            long.update((start + at, raw) for at, raw in part.long.items())
-            start += len(part)
-        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
-        events = tuple(event for part in parts for event in part.events)
-        return cls(words=parts[0].words, long=long, events=events, **arrays)
-
-    def rows(self) -> Iterator[Row]:
-        """The rows one by one, as they were recorded."""
-        raws = self.raw.tobytes()
-        scalars = zip(*(getattr(self, name).tolist() for name in ARRAYS[:-1]), strict=True)
-        for place, scalar in enumerate(scalars):
-            t_ns, offset, delay, length, port, faults, framed, delayed, unordered = scalar
-            first = place * FRAME_LENGTH
-            long = length > FRAME_LENGTH
-            yield (Frame if framed else Damage)(
-                self.words.ports[port],
-                offset,
-                self.long[place] if long else raws[first : first + length],
-                t_ns,
-                self.words.faults[faults],
-                delay if delayed else None,
-                unordered,
-            )
-
-
-class Capacity:
-    """Columns for rows that come piece by piece, so that they need not be joined by copying."""
-
-    def __init__(self, words: Words, rows: int) -> None:
-        """Room for so many rows; more can be taken."""
-        self._columns = RowColumns.blank(words, rows)
-        self._taken = 0
-
-    def take(self, rows: int) -> RowColumns:
-        """Blank columns: behind those before, where there is room."""
-        start = self._taken
-        self._taken += rows
-        if self._taken > len(self._columns):
-            return RowColumns.blank(self._columns.words, rows)
-        return self._columns.parted(slice(start, self._taken))
-
-    def taken(self) -> RowColumns | None:
-        """All that was taken, as one; None where there was no room for all."""
-        fits = self._taken <= len(self._columns)
-        return self._columns.parted(slice(0, self._taken)) if fits else None
-
-
-def packed_rows(columns: RowColumns) -> PackedRows:
+def packed_rows(columns: RowBatch) -> PackedRows:
     """The same rows, packed."""
     codebook = Codebook()
-    for port in tuple(columns.words.ports):
+    for port in tuple(columns.codebook.ports):
         codebook.port_code(port)
-    for faults in tuple(columns.words.faults):
+    for faults in tuple(columns.codebook.faults):
         codebook.fault_code(faults)
     packed = np.empty(len(columns), ROW_TYPE)
     for name in ("t_ns", "offset", "delay_ns", "length", "port", "faults", "raw"):
         packed[name] = getattr(columns, name)
-    packed["form"] = columns.framed * np.uint8(FRAMED) | np.uint8(TIMED)
+    packed["form"] = columns.framed * np.uint8(FRAMED) | columns.timed * np.uint8(TIMED)
     packed["form"] |= columns.delayed * np.uint8(DELAYED)
     packed["form"] |= columns.unordered * np.uint8(UNORDERED)
     return PackedRows(packed, columns.long, codebook)
 
 
-def row_columns(words: Words, rows: PackedRows) -> RowColumns:
-    """Packed rows as the columns of a recording, with these words.
-
-    Raises:
-        FileError: a row has no time that a recording can hold.
-    """
-    if not rows.timed.all() or (rows.t_ns < 0).any():
-        return RowColumns.of_rows(words, rows)
-    ports = np.array([words.port_code(port) for port in rows.words.ports], np.uint16)
-    faults = np.array([words.fault_code(found) for found in rows.words.faults], np.uint16)
-    return RowColumns(
-        words,
-        t_ns=rows.t_ns,
-        offset=rows.offset,
-        delay_ns=rows.delay_ns,
-        length=rows.length,
-        port=ports[rows.port],
-        faults=faults[rows.faults],
-        framed=rows.framed,
-        delayed=rows.delayed,
-        unordered=rows.unordered,
-        raw=rows.raw,
-        long=dict(rows.long),
-    )
+def row_columns(codebook: Codebook, rows: PackedRows) -> RowBatch:
+    """Packed rows as a batch, with this codebook."""
+    arrays = {name: getattr(rows, name) for name in COLUMNS}
+    return RowBatch(rows.codebook, long=dict(rows.long), **arrays).recoded(codebook)

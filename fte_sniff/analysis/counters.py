@@ -315,7 +315,7 @@ def count_rows(tally: Tally, rows: Sequence[Row]) -> None:
 
 def count_columns(tally: Tally, rows: SideBySide) -> None:
     """Count these rows too, as `tally.add` counts rows."""
-    words = rows.words
+    words = rows.codebook
     tally.rows += len(rows.t_ns)
     tally.bytes += int(rows.length.sum(dtype=np.int64))
     tally.frames += int(np.count_nonzero(rows.framed))

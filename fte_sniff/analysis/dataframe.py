@@ -148,7 +148,7 @@ class _Maker:
 
     def _port(self) -> pl.Series:
         # A device path may hold bytes that are no text; polars takes valid Unicode alone.
-        ports = [port.encode(errors="replace").decode() for port in self._rows.words.ports]
+        ports = [port.encode(errors="replace").decode() for port in self._rows.codebook.ports]
         return _looked_up(ports, self._rows.port, pl.String())
 
     def _direction(self) -> pl.Series:
@@ -164,11 +164,11 @@ class _Maker:
         return _known(pl.Series(self._bytes[:, CMD_OFFSET].copy()), self._rows.framed)
 
     def _status(self) -> pl.Series:
-        words = [status_of(faults).value for faults in self._rows.words.faults]
+        words = [status_of(faults).value for faults in self._rows.codebook.faults]
         return _looked_up(words, self._rows.faults, TABLE_SCHEMA["status"])
 
     def _faults(self) -> pl.Series:
-        words = [[fault.value for fault in faults] for faults in self._rows.words.faults]
+        words = [[fault.value for fault in faults] for faults in self._rows.codebook.faults]
         return _looked_up(words, self._rows.faults, TABLE_SCHEMA["faults"])
 
     def _raw(self) -> pl.Series:

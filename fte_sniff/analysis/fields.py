@@ -60,7 +60,7 @@ def kind_codes(raw: Array, framed: Bools) -> Codes:
         raw: the first ten bytes of every row.
         framed: which rows are frames.
     """
-    kinds: Codes = KIND_OF[raw[:, 0] | raw[:, CMD_OFFSET].astype(np.uint16) << np.uint16(8)]
+    kinds: Codes = KIND_OF.take(raw[:, 0] | raw[:, CMD_OFFSET].astype(np.uint16) << np.uint16(8))
     kinds[~framed] = NO_KIND
     return kinds
 
@@ -95,9 +95,9 @@ def field_values(raw: Array, kinds: Codes, name: str) -> tuple[Array, Bools]:
     The values are as wide as on the wire.
     """
     (place, having), *others = _FIELD_PLACES[name].items()
-    values, known = read_place(raw, *place), having[kinds]
+    values, known = read_place(raw, *place), having.take(kinds)
     for place, having in others:
-        here = having[kinds]
+        here = having.take(kinds)
         np.copyto(values, read_place(raw, *place), where=here)
         known |= here
     return values, known

@@ -123,9 +123,9 @@ def _named(output: Path | None) -> str:
 def _record(output: Path | None, reading: InputReading, *, force: bool) -> None:
     from fte_sniff.recording.bulk_writer import write_recording
     from fte_sniff.recording.metadata import LEFT_OUT_NAME, OF_A_PART, SELECTION_NAME
-    from fte_sniff.row_batch import Words
+    from fte_sniff.row_batch import Codebook
 
-    words = Words()
+    codebook = Codebook()
     with file_output(output, OutputFormat.MCAP, force=force) as path:
         ports = [port for one in reading.inputs for port in one.ports]
         facts = {name: fact for one in reading.inputs for name, fact in one.facts.items()}
@@ -135,4 +135,4 @@ def _record(output: Path | None, reading: InputReading, *, force: bool) -> None:
             yield from ((LEFT_OUT_NAME, one.told()) for one in reading.missing)
             yield from ((SELECTION_NAME, one.told()) for one in reading.selections)
 
-        write_recording(path, ports, (batch.columns(words) for batch in reading), own, notes)
+        write_recording(path, ports, (batch.columns(codebook) for batch in reading), own, notes)

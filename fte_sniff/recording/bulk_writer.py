@@ -17,7 +17,7 @@ from typing import Self
 import numpy as np
 from mcap.records import Metadata
 
-from fte_sniff.errors import unwritable
+from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import PortEvent
 from fte_sniff.recording.mcap.append_file import Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
@@ -27,7 +27,7 @@ from fte_sniff.recording.messages.packer import Channels, ColumnPacker
 from fte_sniff.recording.messages.schema import Topic
 from fte_sniff.recording.metadata import PortFacts, library_name, recording_facts
 from fte_sniff.recording.writer import METADATA_NAME
-from fte_sniff.row_batch import Array, RowColumns
+from fte_sniff.row_batch import Array, RowBatch
 
 
 class BackgroundPacker:
@@ -81,7 +81,7 @@ no more than other writers put into one."""
 def write_recording(
     path: Path,
     ports: Sequence[PortFacts],
-    batches: Iterable[RowColumns],
+    batches: Iterable[RowBatch],
     facts: Mapping[str, str] | None = None,
     notes: Callable[[], Iterable[Note]] = tuple,
 ) -> None:
@@ -129,9 +129,10 @@ class _Writer:
             [channel for port in known.values() for channel in self._channels.of_port(port)],
         )
 
-    def write_all(self, batches: Iterable[RowColumns]) -> None:
+    def write_all(self, batches: Iterable[RowBatch]) -> None:
         with BackgroundPacker(self._file) as ahead:
             for columns in batches:
+                _check_times(columns)
                 for chunk in _chunks(columns):
                     if len(chunk) or chunk.events:
                         ahead.add(self._messages(chunk))
@@ -143,7 +144,7 @@ class _Writer:
         )
         self._file.finish()
 
-    def _messages(self, chunk: RowColumns) -> McapBatch:
+    def _messages(self, chunk: RowBatch) -> McapBatch:
         times = self._log_times(chunk.t_ns)
         event_times = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
         # Each event stands before the first row that is later.
@@ -161,16 +162,26 @@ class _Writer:
         return self._channels.id_of(port, topic)
 
 
-def _chunks(columns: RowColumns) -> Iterator[RowColumns]:
+def _check_times(rows: RowBatch) -> None:
+    untimed = np.flatnonzero(~rows.timed | (rows.t_ns < 0))
+    if len(untimed):
+        row = rows[int(untimed[0])]
+        raise FileError(
+            f"{row.port!r}, offset {row.offset}, has no time since 1970, and a recording needs one;"
+            " write another format"
+        )
+
+
+def _chunks(columns: RowBatch) -> Iterator[RowBatch]:
     """The columns by so many rows as a chunk holds, events with the rows that follow them."""
     events = sorted(columns.events, key=_time_of)
     for start in range(0, max(len(columns), 1), CHUNK_ROWS):
-        part = columns.parted(slice(start, start + CHUNK_ROWS))
+        part = columns[start : start + CHUNK_ROWS]
         last = start + CHUNK_ROWS >= len(columns)
         end = 2**63 if last else int(part.t_ns[-1])
         own = tuple(event for event in events if event.t_ns <= end)
         events = events[len(own) :]
-        yield columns.parted(slice(start, start + CHUNK_ROWS), own)
+        yield columns.select(slice(start, start + CHUNK_ROWS), own)
 
 
 def _time_of(event: PortEvent) -> int:

@@ -38,7 +38,7 @@ from fte_sniff.recording.messages.index import (
 )
 from fte_sniff.recording.row_ranges import Range, RowRange, TimeRange, ranges_of
 from fte_sniff.recording.sequential import SequentialReading
-from fte_sniff.row_batch import Array, Capacity, RowColumns, Words
+from fte_sniff.row_batch import Array, Codebook, RowBatch, RowBuffer
 
 JOB = 8 * 1024 * 1024
 """Unpacked bytes that one batch of columns is made of, more or less: 64 thousand rows at least."""
@@ -95,7 +95,7 @@ class _Outcome:
 
     version: int
     gathered: list[DecodedColumns]
-    columns: RowColumns
+    columns: RowBatch
     definitions: list[tuple[int, bytes]]
 
 
@@ -109,21 +109,21 @@ class _Job:
 class ParallelReading:
     """One pass over a recording by columns."""
 
-    def __init__(self, reading: SequentialReading, words: Words, span: TimeRange) -> None:
+    def __init__(self, reading: SequentialReading, codebook: Codebook, span: TimeRange) -> None:
         """Begin a pass.
 
         Args:
             reading: knows the channels, and reads what must be read record by record.
-            words: takes up ports and faults.
+            codebook: takes up ports and faults.
             span: rows outside it are left out.
         """
         keep_freed_memory()
-        self._reading, self._words, self._span = reading, words, span
+        self._reading, self._codebook, self._span = reading, codebook, span
         self._readers: tuple[int, Readers] = (-1, {})
         self._jobs: deque[_Job] = deque()
         self._ahead = cores() + 1
 
-    def passages(self, records: RecordStream) -> Iterator[tuple[RowRange, RowColumns]]:
+    def passages(self, records: RecordStream) -> Iterator[tuple[RowRange, RowBatch]]:
         """The rows and events of the records, in their order, many thousands at once.
 
         Each time with what it takes to read them again.
@@ -151,14 +151,14 @@ class ParallelReading:
                     job.outcome.cancel()
         self._reading.check_topics(cut=records.cut)
 
-    def again(self, records: Iterable[RawRecord]) -> Iterator[RowColumns]:
+    def again(self, records: Iterable[RawRecord]) -> Iterator[RowBatch]:
         """The rows and events of a few records, in their order and without threads."""
         for parts in self._jobs_of(records):
             outcome: Future[_Outcome | None] = Future()
             outcome.set_result(self._outcome(parts, *self._known()))
             yield from (columns for columns, _ in self._finished(_Job(parts, 0, outcome)))
 
-    def _placed(self, job: _Job) -> Iterator[tuple[RowRange, RowColumns]]:
+    def _placed(self, job: _Job) -> Iterator[tuple[RowRange, RowBatch]]:
         known, skipped = self._reading.definitions, 0
         ranges = ranges_of(one for part in job.parts for one in part.ranges)
         for columns, after_loss in self._finished(job):
@@ -213,7 +213,7 @@ class ParallelReading:
         parts[-1].loose += HEAD.pack(record.opcode, len(record.body)) + record.body
         return HEAD.size + len(record.body)
 
-    def _finished(self, job: _Job) -> Iterator[tuple[RowColumns, bool]]:
+    def _finished(self, job: _Job) -> Iterator[tuple[RowBatch, bool]]:
         """The rows, and whether something was lost right before them."""
         outcome = job.outcome.result()
         if outcome is not None and outcome.version != self._reading.version:
@@ -230,7 +230,7 @@ class ParallelReading:
         whole = not any(gathered.losses for gathered in outcome.gathered)
         return whole and all(self._reading.knows(*known) for known in outcome.definitions)
 
-    def _one_by_one(self, parts: list[_Part]) -> Iterator[tuple[RowColumns, bool]]:
+    def _one_by_one(self, parts: list[_Part]) -> Iterator[tuple[RowBatch, bool]]:
         batch: list[Row | PortEvent] = []
         after_loss = False
         for lost, entry in self._entries(parts):
@@ -255,29 +255,29 @@ class ParallelReading:
                 yield True, None
         yield self._reading.lost > known, None
 
-    def _columns_of(self, batch: list[Row | PortEvent]) -> RowColumns:
+    def _columns_of(self, batch: list[Row | PortEvent]) -> RowBatch:
         events = [entry for entry in batch if isinstance(entry, PortEvent)]
         rows = [entry for entry in batch if not isinstance(entry, PortEvent)]
-        return self._span.part_of(RowColumns.of_rows(self._words, rows, events))
+        return self._span.part_of(RowBatch.from_rows(rows, self._codebook, events))
 
     def _outcome(self, parts: list[_Part], version: int, readers: Readers) -> _Outcome | None:
         """Runs in a thread. None where the parts must be read record by record."""
         gathered: list[DecodedColumns] = []
         definitions: list[tuple[int, bytes]] = []
-        room = Capacity(self._words, min(sum(part.named for part in parts), _MOST_ROOM))
+        room = RowBuffer(self._codebook, min(sum(part.named for part in parts), _MOST_ROOM))
         try:
             for records, places in _pieces(parts):
                 messages = message_starts(records, places)
                 definitions += messages.others
-                gathered.append(decode_columns(messages, readers, room.take(len(messages))))
+                gathered.append(decode_columns(messages, readers, room.reserve(len(messages))))
                 # Let go of before the next are unpacked, which then come where a core's cache has
                 # them.
                 del records, places, messages
         except (RecordError, KeyError):
             return None
-        columns = room.taken() if all(piece.in_place for piece in gathered) else None
+        columns = room.filled() if all(piece.in_place for piece in gathered) else None
         if columns is None:
-            columns = RowColumns.joined([piece.columns for piece in gathered])
+            columns = RowBatch.concat([piece.columns for piece in gathered])
         return _Outcome(version, gathered, self._span.part_of(columns), definitions)
 
 

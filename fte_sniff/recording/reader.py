@@ -29,7 +29,7 @@ from fte_sniff.recording.metadata import PortFacts, RecordedGap, Selection, gap_
 from fte_sniff.recording.parallel import ParallelReading
 from fte_sniff.recording.row_ranges import EVERYTHING, Definitions, RecordScan, RowRange, TimeRange
 from fte_sniff.recording.sequential import SequentialReading, without_our_topics
-from fte_sniff.row_batch import RowColumns, Words
+from fte_sniff.row_batch import Codebook, RowBatch
 
 _MOST_BAUD_DIGITS = 9
 _BUFFER = 128 * 1024
@@ -147,36 +147,36 @@ class RecordingReader:
         self._finish(reading, records, whole=True)
 
     def batches(
-        self, words: Words | None = None, span: TimeRange = EVERYTHING
-    ) -> Iterator[RowColumns]:
+        self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
+    ) -> Iterator[RowBatch]:
         """The same rows and events as columns, in file order, most often 64 thousand and more.
 
         Chunks outside `span` are passed over by their log times; a row that came late is looked
         for where it was recorded. What was passed over is not checked, nor missed.
 
         Args:
-            words: takes up ports and faults; give the same to several readers whose columns are
+            codebook: takes up ports and faults; give the same to several readers whose columns are
                 to be used together.
             span: rows and events outside it are left out.
 
         Raises:
             FileError: as iteration over rows.
         """
-        return (columns for _, columns in self.passages(words, span))
+        return (columns for _, columns in self.passages(codebook, span))
 
     def passages(
-        self, words: Words | None = None, span: TimeRange = EVERYTHING
-    ) -> Iterator[tuple[RowRange, RowColumns]]:
+        self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
+    ) -> Iterator[tuple[RowRange, RowBatch]]:
         """The same as `batches`, each with the place at which `again` finds its rows."""
         known = self._known(span)
         reading = SequentialReading(self._path, self._port_of, known)
         with self._open() as stream:
             passes = known is not None and not span.everything
             records = self._record_stream(stream, span.touches if passes else None)
-            yield from ParallelReading(reading, words or Words(), span).passages(records)
+            yield from ParallelReading(reading, codebook or Codebook(), span).passages(records)
         self._finish(reading, records, whole=span.everything)
 
-    def again(self, passage: RowRange) -> RowColumns:
+    def again(self, passage: RowRange) -> RowBatch:
         """The rows of a passage of this file once more, with words of their own.
 
         Raises:
@@ -187,11 +187,11 @@ class RecordingReader:
             records = list(self._records(passage))
         except RecordError as error:
             raise self._changed() from error
-        parts = list(ParallelReading(reading, Words(), passage.span).again(records))
+        parts = list(ParallelReading(reading, Codebook(), passage.span).again(records))
         end = passage.skipped + passage.count
         if sum(map(len, parts)) < end:
             raise self._changed()
-        return RowColumns.joined(parts).parted(slice(passage.skipped, end))
+        return RowBatch.concat(parts)[passage.skipped : end]
 
     def _records(self, passage: RowRange) -> Iterator[RawRecord]:
         with self._open() as stream:
@@ -394,8 +394,7 @@ def row_times(reader: RecordingReader) -> tuple[int, int] | None:
 
 
 def _first_ns(reader: RecordingReader) -> int | None:
-    batches = reader.batches(Words(), EVERYTHING)
-    return next((int(columns.t_ns[0]) for columns in batches if len(columns)), None)
+    return next((int(rows.t_ns[0]) for rows in reader.batches() if len(rows)), None)
 
 
 def _last_ns(reader: RecordingReader, first_ns: int) -> int:
@@ -411,5 +410,5 @@ def _last_ns(reader: RecordingReader, first_ns: int) -> int:
 
 
 def _latest_ns(reader: RecordingReader, span: TimeRange) -> int | None:
-    latest = [int(columns.t_ns.max()) for columns in reader.batches(Words(), span) if len(columns)]
+    latest = [int(rows.t_ns.max()) for rows in reader.batches(span=span) if len(rows)]
     return max(latest, default=None)

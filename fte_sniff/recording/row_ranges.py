@@ -13,7 +13,7 @@ from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.mcap.reader import Place, RawRecord, RecordStream, Summary
 from fte_sniff.recording.mcap.records import HEAD, records_in
 from fte_sniff.recording.mcap.salvage import FoundChunk, next_chunk
-from fte_sniff.row_batch import Array, RowColumns
+from fte_sniff.row_batch import Array, RowBatch
 
 _LATEST = 2**63 - 1
 
@@ -43,7 +43,7 @@ class TimeRange:
         found: Array = (t_ns >= self.first_ns) & (t_ns < self.end_ns)
         return found
 
-    def part_of(self, columns: RowColumns) -> RowColumns:
+    def part_of(self, columns: RowBatch) -> RowBatch:
         """The rows and events that lie in the span."""
         if self.everything:
             return columns
@@ -51,7 +51,7 @@ class TimeRange:
         events = tuple(filter(self.holds, columns.events))
         if inside.all() and len(events) == len(columns.events):
             return columns
-        return columns.parted(inside, events)
+        return columns.select(inside, events)
 
 
 EVERYTHING = TimeRange()

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from fte_sniff.recording.metadata import PortFacts, RecordedGap, Selection
     from fte_sniff.recording.reader import RecordingReader
     from fte_sniff.recording.row_ranges import TimeRange
-    from fte_sniff.row_batch import PackedRows, RowColumns, SideBySide, Words
+    from fte_sniff.row_batch import Codebook, PackedRows, RowBatch, SideBySide
 
 
 class InputBatch(Protocol):
@@ -82,7 +82,7 @@ class InputBatch(Protocol):
         """As a frame of `analysis.table.TABLE_SCHEMA`."""
         ...
 
-    def columns(self, words: Words) -> RowColumns:
+    def columns(self, codebook: Codebook) -> RowBatch:
         """Side by side; only rows that have a time can be."""
         ...
 
@@ -101,7 +101,7 @@ class LogBatch(InputBatch, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class RowBatch:
+class ListBatch:
     """Rows as objects."""
 
     held: Sequence[Row]
@@ -113,13 +113,13 @@ class RowBatch:
         """Add them to a tally."""
         tally.add(self.held)
 
-    def wanted(self, row_filter: RowFilter) -> RowBatch:
+    def wanted(self, row_filter: RowFilter) -> ListBatch:
         """Only those that the filter wants."""
-        return RowBatch(row_filter.select(self.held))
+        return ListBatch(row_filter.select(self.held))
 
-    def first(self, count: int) -> RowBatch:
+    def first(self, count: int) -> ListBatch:
         """Only so many of them."""
-        return RowBatch(self.held[:count])
+        return ListBatch(self.held[:count])
 
     def rows(self) -> list[Row]:
         """As objects."""
@@ -130,9 +130,9 @@ class RowBatch:
         """Whether each has a time."""
         return all(row.t_ns is not None for row in self.held)
 
-    def within(self, span: TimeRange) -> RowBatch:
+    def within(self, span: TimeRange) -> ListBatch:
         """Only those that lie in the span."""
-        return RowBatch([row for row in self.held if span.holds(row)])
+        return ListBatch([row for row in self.held if span.holds(row)])
 
     def sequence(self) -> Sequence[Row]:
         """The objects."""
@@ -164,11 +164,11 @@ class RowBatch:
 
         return rows_table(self.held)
 
-    def columns(self, words: Words) -> RowColumns:
+    def columns(self, codebook: Codebook) -> RowBatch:
         """Side by side; only rows that have a time can be."""
-        from fte_sniff.row_batch import RowColumns
+        from fte_sniff.row_batch import RowBatch
 
-        return RowColumns.of_rows(words, self.held)
+        return RowBatch.from_rows(self.held, codebook)
 
 
 PORTION: Final = 1 << 19
@@ -236,11 +236,11 @@ class PackedBatch:
 
     def wanted(self, row_filter: RowFilter) -> PackedBatch:
         """Only those that the filter wants."""
-        return PackedBatch(self.held.parted(row_filter.among(self.held).to_numpy()))
+        return PackedBatch(self.held.select(row_filter.among(self.held).to_numpy()))
 
     def first(self, count: int) -> PackedBatch:
         """Only so many of them."""
-        return self if count >= len(self) else PackedBatch(self.held.parted(slice(count)))
+        return self if count >= len(self) else PackedBatch(self.held.select(slice(count)))
 
     def rows(self) -> list[Row]:
         """As objects."""
@@ -253,7 +253,7 @@ class PackedBatch:
 
     def within(self, span: TimeRange) -> PackedBatch:
         """Only those that lie in the span."""
-        return PackedBatch(self.held.parted(span.among(self.held.t_ns) & self.held.timed))
+        return PackedBatch(self.held.select(span.among(self.held.t_ns) & self.held.timed))
 
     def sequence(self) -> Sequence[Row]:
         """As they are."""
@@ -283,19 +283,19 @@ class PackedBatch:
         """As a frame of `analysis.table.TABLE_SCHEMA`."""
         return _frame(self.held)
 
-    def columns(self, words: Words) -> RowColumns:
+    def columns(self, codebook: Codebook) -> RowBatch:
         """In the columns of a recording; only rows that have a time can be."""
         from fte_sniff.row_batch import row_columns
 
-        return row_columns(words, self.held)
+        return row_columns(codebook, self.held)
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnBatch:
     """Rows in the columns of a recording."""
 
-    held: RowColumns
-    again: Callable[[], RowColumns] | None = None
+    held: RowBatch
+    again: Callable[[], RowBatch] | None = None
     """Reads the same rows again, where that can be done."""
     after_loss: bool = False
     """Whether rows before them could not be read."""
@@ -310,18 +310,18 @@ class ColumnBatch:
     def wanted(self, row_filter: RowFilter) -> ColumnBatch:
         """Only those that the filter wants."""
         mask = row_filter.among(self.held).to_numpy()
-        return replace(self, held=self.held.parted(mask, self.held.events), again=None)
+        return replace(self, held=self.held.select(mask, self.held.events), again=None)
 
     def first(self, count: int) -> ColumnBatch:
         """Only so many of them."""
         if count >= len(self):
             return self
-        held = self.held.parted(slice(count), self.held.events)
+        held = self.held.select(slice(count), self.held.events)
         return replace(self, held=held, again=None)
 
     def rows(self) -> list[Row]:
         """As objects."""
-        return list(self.held.rows())
+        return list(self.held)
 
     def sequence(self) -> Sequence[Row]:
         """Packed."""
@@ -348,7 +348,7 @@ class ColumnBatch:
         """As a frame of `analysis.table.TABLE_SCHEMA`."""
         return _frame(self.held)
 
-    def columns(self, words: Words) -> RowColumns:
+    def columns(self, codebook: Codebook) -> RowBatch:
         """As they are: their words are their own."""
         return self.held
 
@@ -391,7 +391,7 @@ def log_batches(portions: Iterable[DecidedSpan], few: int = FEW) -> Iterator[Log
         rows = len(portion)
         count += rows
         if count < few or rows < min(few, _FEWEST):
-            yield RowBatch(portion.rows())
+            yield ListBatch(portion.rows())
             continue
         from fte_sniff.row_batch import packed_tiles
 
@@ -551,7 +551,7 @@ class RecordingInput:
         for passage, columns in self.reader.passages(span=span or EVERYTHING):
             troubles.update(event.kind for event in columns.events)
             some = some or bool(len(columns))
-            self.ends.update(columns.ends())
+            self.ends.update(columns.end_offsets())
             if len(columns) or columns.events or passage.after_loss:
                 again = partial(self.reader.again, passage)
                 yield ColumnBatch(columns, again, passage.after_loss)

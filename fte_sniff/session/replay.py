@@ -14,7 +14,7 @@ import numpy as np
 from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange, shifted
 from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.row_batch import Codebook, Packed, PackedRows, RowColumns, pack, packed_rows
+from fte_sniff.row_batch import Codebook, Packed, PackedRows, RowBatch, pack, packed_rows
 
 MOST_BATCHES_AHEAD = 6
 """Batches that are read ahead of the view at most."""
@@ -171,7 +171,7 @@ def _has_room(taken: list[Read]) -> bool:
 def _joined(taken: list[Sequence[Row]]) -> Sequence[Row]:
     taken = [rows for rows in taken if len(rows)]
     if any(isinstance(rows, PackedRows) for rows in taken):
-        return PackedRows.joined([_packed(rows) for rows in taken])
+        return PackedRows.concat([_packed(rows) for rows in taken])
     return [row for rows in taken for row in rows]
 
 
@@ -195,13 +195,13 @@ class RecordingPages:
 
     def __init__(self) -> None:
         """Nothing was read yet."""
-        self._again: list[Callable[[], RowColumns]] = []
+        self._again: list[Callable[[], RowBatch]] = []
         self._starts: list[int] = []
         self._rows = 0
         self._held: dict[int, _Held] = {}
         self._codebook: Codebook | None = None
 
-    def add(self, again: Callable[[], RowColumns], rows: int) -> None:
+    def add(self, again: Callable[[], RowBatch], rows: int) -> None:
         """The next so many rows were read; `again` reads the same ones."""
         if rows:
             self._again.append(again)

@@ -104,7 +104,7 @@ class RawSink:
         from fte_sniff.row_batch import PackedRows
 
         if isinstance(rows, PackedRows):
-            self.ports.update(rows.words.ports[code] for code in set(rows.port.tolist()))
+            self.ports.update(rows.codebook.ports[code] for code in set(rows.port.tolist()))
             self._stream.write(rows.tobytes())
             return
         self.ports.update(row.port for row in rows)

@@ -16,7 +16,7 @@ from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import RecordingWarning, printable
 from fte_sniff.recording.reader import RecordingReader, recordings_in, start_of
 from fte_sniff.recording.row_ranges import TimeRange
-from fte_sniff.row_batch import RowColumns, Words
+from fte_sniff.row_batch import Codebook, RowBatch
 
 _TIME = "time"
 _CLOSED: tuple[Literal["both", "left", "right", "none"], ...] = ("both", "left", "right", "none")
@@ -147,21 +147,21 @@ def _frames(
         yield make(columns)
 
 
-def _columns(readers: Sequence[RecordingReader], span: TimeRange) -> Iterator[RowColumns]:
-    words = Words()
+def _columns(readers: Sequence[RecordingReader], span: TimeRange) -> Iterator[RowBatch]:
+    codebook = Codebook()
     for reader in readers:
-        yield from (columns for columns in reader.batches(words, span) if len(columns))
+        yield from (columns for columns in reader.batches(codebook, span) if len(columns))
         _warn_of(reader)
 
 
-def _first(batches: Iterator[RowColumns], limit: int | None) -> Iterator[RowColumns]:
+def _first(batches: Iterator[RowBatch], limit: int | None) -> Iterator[RowBatch]:
     """The first so many rows of all batches; nothing is read behind them."""
     if limit is None:
         yield from batches
         return
     left = limit
     while left > 0 and (columns := next(batches, None)) is not None:
-        yield columns if len(columns) <= left else columns.parted(slice(left))
+        yield columns if len(columns) <= left else columns[:left]
         left -= len(columns)
 
 
@@ -176,17 +176,17 @@ def _warn_of(reader: RecordingReader) -> None:
         warnings.warn(told, RecordingWarning, stacklevel=6)
 
 
-def _maker(names: list[str] | None, wanted: pl.Expr | None) -> Callable[[RowColumns], pl.DataFrame]:
+def _maker(names: list[str] | None, wanted: pl.Expr | None) -> Callable[[RowBatch], pl.DataFrame]:
     """What makes the frame of a batch: first the filter's columns, the others for what is left."""
     if wanted is None:
         return lambda columns: table_frame(columns, names).select(names or pl.all())
     asked = wanted.meta.root_names()
 
-    def make(columns: RowColumns) -> pl.DataFrame:
+    def make(columns: RowBatch) -> pl.DataFrame:
         mask = table_frame(columns, asked or ["offset"]).select(wanted).to_series().fill_null(False)
         if len(mask) != len(columns):  # polars gives a constant as a single row
             mask = mask.new_from_index(0, len(columns))
-        left = columns if mask.all() else columns.parted(mask.to_numpy())
+        left = columns if mask.all() else columns.select(mask.to_numpy())
         return table_frame(left, names).select(names or pl.all())
 
     return make

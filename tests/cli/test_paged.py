@@ -10,7 +10,7 @@ import pytest
 from fte_sniff.protocol import KIND_BY_NAME, encode
 from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.row_batch import RowColumns, Words
+from fte_sniff.row_batch import Codebook, RowBatch
 from tests.cli.terminals import terminal
 
 ROWS = 400_000
@@ -21,13 +21,13 @@ RPMS = 1000
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Speed commands, a millisecond apart; the speed is that of the row's number."""
-    words = Words()
+    codebook = Codebook()
     raws = b"".join(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}) for rpm in range(RPMS))
-    columns = RowColumns.blank(words, ROWS)
+    columns = RowBatch.allocate(codebook, ROWS)
     numbers = np.arange(ROWS)
     columns.t_ns[:] = FIRST_NS + numbers * 1_000_000
     columns.offset[:] = numbers * 10
-    columns.port[:] = words.port_code("p")
+    columns.port[:] = codebook.port_code("p")
     columns.raw[:] = np.frombuffer(raws, np.uint8).reshape(-1, 10)[numbers % RPMS]
     path = tmp_path_factory.mktemp("large") / "large.mcap"
     write_recording(path, [PortFacts("p")], [columns])

@@ -32,7 +32,7 @@ with atheris.instrument_imports(include=["fte_sniff.protocol"]):
     )
     from fte_sniff.protocol.dissect import dissect
 
-from benchmarks.bulk import bulk_columns
+from fte_sniff.row_batch import RowBatch
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 SILENCES_NS = (0, 3 * BYTE_NS, 5_000_000, 25_000_000, 600_000_000)
@@ -108,10 +108,10 @@ def check(data: bytes) -> None:
                 )
     assert b"".join(row.raw for row in rows) == data[1:]
     assert rows == rows_in_time(byte_by_byte(chunks))
-    columns = bulk_columns("p", data[1:])
-    untimed = rows_of([Chunk("p", None, data[1:])])
-    assert columns.offset.tolist() == [row.offset for row in untimed]
-    assert [columns.fault_sets[code] for code in columns.faults] == [row.faults for row in untimed]
+    framer = Framer("p")
+    framer.pour(Chunk("p", None, data[1:]))
+    framer.end()
+    assert list(RowBatch.from_span(framer.take())) == rows_of([Chunk("p", None, data[1:])])
 
 
 def main() -> None:

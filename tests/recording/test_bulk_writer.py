@@ -18,7 +18,7 @@ from fte_sniff.recording.mcap.records import cores
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.row_batch import RowColumns, Words
+from fte_sniff.row_batch import Codebook, RowBatch
 
 MakeRows = Callable[..., list[Row]]
 
@@ -86,17 +86,16 @@ def test_message_for_message_what_a_capture_writes(
     folder = tmp_path_factory.mktemp("both")
     with RecordingWriter(folder / "capture.mcap", PORTS) as writer:
         writer.write(rows)
-    write_recording(folder / "bulk.mcap", PORTS, [RowColumns.of_rows(Words(), rows)])
+    write_recording(folder / "bulk.mcap", PORTS, [RowBatch.from_rows(rows)])
     assert _messages(folder / "bulk.mcap") == _messages(folder / "capture.mcap")
 
 
 def test_rows_come_back_from_a_file_of_many_chunks(tmp_path: Path, make_rows: MakeRows) -> None:
     path = tmp_path / "long.mcap"
     rows = make_rows(2 * CHUNK_ROWS + 100, "p")
-    words = Words()
     parts = [
-        RowColumns.of_rows(words, rows[:CHUNK_ROWS]),
-        RowColumns.of_rows(words, rows[CHUNK_ROWS:]),
+        RowBatch.from_rows(rows[:CHUNK_ROWS]),
+        RowBatch.from_rows(rows[CHUNK_ROWS:]),
     ]
     write_recording(path, [PortFacts("p")], parts)
     reader = RecordingReader(path)
@@ -106,16 +105,16 @@ def test_rows_come_back_from_a_file_of_many_chunks(tmp_path: Path, make_rows: Ma
     assert (reader.ending, reader.losses) == ("", ())
 
 
-def _chunks(count: int) -> Iterator[RowColumns]:
+def _chunks(count: int) -> Iterator[RowBatch]:
     """So many chunks of frames, each with other values than the one before."""
-    words, raw = Words(), encode(KINDS[0], {})
+    codebook, raw = Codebook(), encode(KINDS[0], {})
     for number in range(count):
-        columns = RowColumns.blank(words, CHUNK_ROWS)
+        columns = RowBatch.allocate(codebook, CHUNK_ROWS)
         at = np.arange(number * CHUNK_ROWS, (number + 1) * CHUNK_ROWS)
         columns.t_ns[:] = at * 1000
         columns.offset[:] = at * len(raw)
         columns.delay_ns[:] = at * 7919 % 10_000
-        columns.port[:] = words.port_code("p")
+        columns.port[:] = codebook.port_code("p")
         columns.raw[:] = np.frombuffer(raw, np.uint8)
         yield columns
 
@@ -124,7 +123,7 @@ def test_chunks_that_threads_pack_stay_in_order(tmp_path: Path) -> None:
     path, count = tmp_path / "long.mcap", 4 * cores() + 3
     write_recording(path, [PortFacts("p")], _chunks(count))
     reader = RecordingReader(path)
-    columns = RowColumns.joined(list(reader.batches()))
+    columns = RowBatch.concat(list(reader.batches()))
     assert (reader.ending, reader.losses) == ("", ())
     at = np.arange(count * CHUNK_ROWS)
     assert (columns.t_ns == at * 1000).all()
@@ -135,7 +134,7 @@ def test_few_chunks_are_under_way(tmp_path: Path) -> None:
     """Else what is to be written would pile up in memory."""
     path, sizes = tmp_path / "long.mcap", list[int]()
 
-    def told() -> Iterator[RowColumns]:
+    def told() -> Iterator[RowBatch]:
         for columns in _chunks(3 * cores() + 6):
             sizes.append(path.stat().st_size)
             yield columns
@@ -159,7 +158,7 @@ def test_a_disk_that_fills_is_told_and_no_thread_is_left(tmp_path: Path, room: i
 
 
 def test_what_the_rows_raise_is_raised_and_no_thread_is_left(tmp_path: Path) -> None:
-    def cut_short() -> Iterator[RowColumns]:
+    def cut_short() -> Iterator[RowBatch]:
         yield from _chunks(3)
         raise FileError("the input went away")
 
@@ -172,7 +171,7 @@ def test_what_the_rows_raise_is_raised_and_no_thread_is_left(tmp_path: Path) -> 
 def test_times_that_fall_and_ports_that_nobody_named(tmp_path: Path, make_rows: MakeRows) -> None:
     path = tmp_path / "falls.mcap"
     rows = [*make_rows(50, "new"), *make_rows(50, "newer", 10**18)]
-    write_recording(path, [], [RowColumns.of_rows(Words(), rows)])
+    write_recording(path, [], [RowBatch.from_rows(rows)])
     reader = RecordingReader(path)
     assert list(reader) == rows
     assert (reader.ending, reader.losses) == ("", ())
@@ -189,7 +188,7 @@ def test_events_stand_where_their_times_say(tmp_path: Path, make_rows: MakeRows)
         PortEvent(times[20] + 1, "p", PortEventKind.LOST, "gone"),
         PortEvent(times[-1] + 1, "p", PortEventKind.CLOSED, ""),
     ]
-    write_recording(path, [PortFacts("p")], [RowColumns.of_rows(Words(), rows, events)])
+    write_recording(path, [PortFacts("p")], [RowBatch.from_rows(rows, events=events)])
     entries = list(RecordingReader(path).entries())
     assert entries == [events[0], *rows[:21], events[1], *rows[21:], events[2]]
 
@@ -209,6 +208,8 @@ def test_where_a_recording_cannot_be_written(tmp_path: Path) -> None:
         write_recording(tmp_path / "none" / "x.mcap", [], [])
 
 
-def test_rows_without_time_cannot_be_recorded() -> None:
-    with pytest.raises(FileError, match="has no time since 1970"):
-        RowColumns.of_rows(Words(), [Damage("p", 0, b"x", None, (Fault.NOISE,))])
+@pytest.mark.parametrize("t_ns", [None, -1])
+def test_rows_without_time_cannot_be_recorded(tmp_path: Path, t_ns: int | None) -> None:
+    rows = [Damage("p", at, b"x", at_ns, (Fault.NOISE,)) for at, at_ns in enumerate((5, t_ns))]
+    with pytest.raises(FileError, match="'p', offset 1, has no time since 1970"):
+        write_recording(tmp_path / "untimed.mcap", [], [RowBatch.from_rows(rows)])

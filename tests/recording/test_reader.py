@@ -34,7 +34,7 @@ from fte_sniff.recording.parallel import JOB
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.row_batch import Capacity, RowColumns, Words
+from fte_sniff.row_batch import Codebook, RowBatch, RowBuffer
 from tests.examples import examples
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
@@ -160,7 +160,7 @@ def _columns(path: Path, span: TimeRange | None = None) -> tuple[list[Row], list
     batches = list(reader.batches() if span is None else reader.batches(span=span))
     assert reader.losses == ()
     assert reader.ending == ""
-    rows = [row for batch in batches for row in batch.rows()]
+    rows = [row for batch in batches for row in batch]
     return rows, [event for batch in batches for event in batch.events]
 
 
@@ -229,7 +229,7 @@ def test_many_chunks_of_two_ports_stay_in_order(tmp_path: Path, make_rows: MakeR
     batches = list(reader.batches())
     assert len(batches) > 1
     assert sum(len(batch) for batch in batches) > JOB // 200
-    assert [row for batch in batches for row in batch.rows()] == list(reader)
+    assert [row for batch in batches for row in batch] == list(reader)
 
 
 def test_a_message_that_only_looks_equally_long_is_not_misread(
@@ -291,7 +291,7 @@ def test_whatever_a_message_says_columns_say_what_reading_one_by_one_says(
     rows = list(reader)
     lost = reader.losses
     batches = list(reader.batches())
-    assert [row for batch in batches for row in batch.rows()] == rows
+    assert [row for batch in batches for row in batch] == rows
     assert reader.losses == lost
 
 
@@ -321,13 +321,13 @@ def test_a_span_unpacks_only_the_chunks_that_it_touches(recorded: Recorded) -> N
     assert found == rows[45:]
 
 
-def test_columns_are_joined_and_parted_with_their_long_rows(make_rows: MakeRows) -> None:
-    rows, words = make_rows(100), Words()
-    columns = RowColumns.of_rows(words, rows)
-    assert list(columns.rows()) == rows
-    parts = [columns.parted(slice(0, 33)), columns.parted(slice(33, 100))]
-    assert list(RowColumns.joined(parts).rows()) == rows
-    assert list(columns.parted(columns.length > 10).rows()) == [r for r in rows if len(r.raw) > 10]
+def test_batches_are_concatenated_and_cut_with_their_long_rows(make_rows: MakeRows) -> None:
+    rows = make_rows(100)
+    columns = RowBatch.from_rows(rows)
+    assert list(columns) == rows
+    parts = [columns[:33], columns[33:]]
+    assert list(RowBatch.concat(parts)) == rows
+    assert list(columns.select(columns.length > 10)) == [r for r in rows if len(r.raw) > 10]
 
 
 def test_a_reader_that_is_left_early_leaves_no_thread_behind(
@@ -359,20 +359,20 @@ def test_a_channel_that_a_chunk_defines_is_known_when_the_chunk_is_passed_over(
     path.write_bytes(content[: content.index(b"fte.MotorControl", len(content) // 2)])
     reader = RecordingReader(path)
     batches = list(reader.batches(span=TimeRange(rows[45].t_ns or 0)))
-    assert [row for batch in batches for row in batch.rows()] == rows[45:]
+    assert [row for batch in batches for row in batch] == rows[45:]
     assert reader.losses == ()
 
 
-def test_room_is_one_only_if_all_that_was_taken_fits() -> None:
-    room = Capacity(Words(), 10)
+def test_a_buffer_is_one_batch_only_if_all_that_was_reserved_fits() -> None:
+    buffer = RowBuffer(Codebook(), 10)
     for start, end in ((0, 4), (4, 10)):
-        taken = room.take(end - start)
+        taken = buffer.reserve(end - start)
         taken.t_ns[:] = range(start, end)
-    whole = room.taken()
+    whole = buffer.filled()
     assert whole is not None
     assert whole.t_ns.tolist() == list(range(10))
-    assert len(room.take(3)) == 3
-    assert room.taken() is None
+    assert len(buffer.reserve(3)) == 3
+    assert buffer.filled() is None
     assert whole.t_ns.tolist() == list(range(10))
 
 
@@ -429,7 +429,7 @@ def test_other_writers_files_are_read(
     assert list(reader.events()) == recorded[2]
     assert (reader.ending, reader.losses) == ("", ())
     batches = list(reader.batches())
-    assert [row for batch in batches for row in batch.rows()] == recorded[1]
+    assert [row for batch in batches for row in batch] == recorded[1]
     assert [event for batch in batches for event in batch.events] == recorded[2]
     assert (reader.ending, reader.losses) == ("", ())
 

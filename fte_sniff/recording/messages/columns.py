@@ -22,7 +22,7 @@ from fte_sniff.recording.messages.index import (
 )
 from fte_sniff.recording.messages.schema import TOPICS
 from fte_sniff.recording.messages.wire_layout import WireLayout, WireLayouts
-from fte_sniff.row_batch import Array, RowColumns, Words
+from fte_sniff.row_batch import Array, Codebook, RowBatch
 
 RAW = np.dtype(f"V{FRAME_LENGTH}")
 """The bytes of a frame, so that they are copied as one."""
@@ -130,7 +130,7 @@ class UniformBatch:
 
 
 def put_side(
-    columns: RowColumns,
+    columns: RowBatch,
     rows: Array,
     side: UniformBatch,
     log_times: Array,
@@ -155,7 +155,7 @@ def put_side(
     raw = side.raw(layout)
     framed = _framed(side, layout)
     good = (times >= 0) & (offsets >= 0) & _is_sound(raw, framed, layout.raw_length)
-    faults = _fault_codes(columns.words, reader, side, layout)
+    faults = _fault_codes(columns.codebook, reader, side, layout)
     good &= faults >= 0
     if not good.all():
         rows, side, log_times = rows[good], side.parted(good), log_times[good]
@@ -176,7 +176,7 @@ def put_side(
     return good, (int(logged.min()), int(logged.max()))
 
 
-def _put_seldom(columns: RowColumns, rows: Array, side: UniformBatch, layout: WireLayout) -> None:
+def _put_seldom(columns: RowBatch, rows: Array, side: UniformBatch, layout: WireLayout) -> None:
     """What blank columns hold already for most rows."""
     if layout.delay is None:
         columns.delayed[rows] = False
@@ -198,7 +198,7 @@ def _framed(side: UniformBatch, layout: WireLayout) -> Any:
 
 
 def _fault_codes(
-    words: Words, reader: MessageReader, side: UniformBatch, layout: WireLayout
+    codebook: Codebook, reader: MessageReader, side: UniformBatch, layout: WireLayout
 ) -> Array:
     """The number of each row's faults in the words; -1 where this version knows them not."""
     if not layout.fault_count:
@@ -208,13 +208,13 @@ def _fault_codes(
         packed = packed << np.uint32(8) | side.number(layout.faults + at, "u1")
     found, inverse = np.unique(packed, return_inverse=True)
     count = layout.fault_count
-    codes = [_fault_code(words, reader, number.to_bytes(count, "big")) for number in found.tolist()]
-    return np.array(codes)[inverse]
+    sets = [number.to_bytes(count, "big") for number in found.tolist()]
+    return np.array([_fault_code(codebook, reader, numbers) for numbers in sets])[inverse]
 
 
-def _fault_code(words: Words, reader: MessageReader, numbers: bytes) -> int:
+def _fault_code(codebook: Codebook, reader: MessageReader, numbers: bytes) -> int:
     try:
-        return words.fault_code(tuple(map(reader.fault, numbers)))
+        return codebook.fault_code(tuple(map(reader.fault, numbers)))
     except ValueError:
         return -1
 
@@ -282,7 +282,7 @@ def which_usual(side: UniformBatch, layout: WireLayout) -> Array | None:
     return np.asarray(np.logical_or.reduce(each))
 
 
-def put_usual(columns: RowColumns, rows: slice | Array, fronts: Array) -> None:
+def put_usual(columns: RowBatch, rows: slice | Array, fronts: Array) -> None:
     """Fill in these rows from their fronts; all but times and ports."""
     columns.offset[rows] = _column(fronts, _MODEL.offset, "<i8")[rows]
     columns.delay_ns[rows] = _column(fronts, _MODEL.delay or 0, "<i8")[rows]
@@ -305,7 +305,7 @@ _MOST_LENGTHS = 512
 class DecodedColumns:
     """What came of some messages."""
 
-    columns: RowColumns
+    columns: RowBatch
     messages: int
     """Messages seen, of any topic."""
     times: tuple[int, int] | None
@@ -316,7 +316,7 @@ class DecodedColumns:
     """Whether the columns are those that were to be filled in, and nothing stands beside them."""
 
 
-def decode_columns(messages: MessageIndex, readers: Readers, columns: RowColumns) -> DecodedColumns:
+def decode_columns(messages: MessageIndex, readers: Readers, columns: RowBatch) -> DecodedColumns:
     """The rows and events of the messages, in that order.
 
     Args:
@@ -331,7 +331,7 @@ def decode_columns(messages: MessageIndex, readers: Readers, columns: RowColumns
 
 
 class _Gathering:
-    def __init__(self, messages: MessageIndex, readers: Readers, columns: RowColumns) -> None:
+    def __init__(self, messages: MessageIndex, readers: Readers, columns: RowBatch) -> None:
         self._messages, self._readers = messages, readers
         self._rows = columns
         self._kept = np.zeros(len(messages), np.bool_)
@@ -350,10 +350,10 @@ class _Gathering:
         self._take_usual()
         self._events.sort(key=lambda placed: placed[0])
         events = tuple(event for _, event in self._events)
-        columns = self._rows.parted(slice(None), events)
+        columns = self._rows.select(slice(None), events)
         whole = bool(self._kept.all())
         if not whole:
-            columns = columns.parted(self._kept, events)
+            columns = columns.select(self._kept, events)
         times = None if self._last < 0 else (self._first, self._last)
         in_place = whole and not columns.long and not events
         return DecodedColumns(columns, len(self._messages), times, self._losses, in_place)
@@ -478,7 +478,7 @@ class _Gathering:
 
     def _ports(self, readers: Readers, rows: Any) -> Any:
         ports = {channel: reader.port for channel, reader in readers.items() if reader is not None}
-        codes = {channel: self._rows.words.port_code(port) for channel, port in ports.items()}
+        codes = {channel: self._rows.codebook.port_code(port) for channel, port in ports.items()}
         if len(set(codes.values())) == 1:
             return next(iter(codes.values()))
         code_of_channel = np.zeros(max(codes) + 1, np.uint16)

@@ -32,7 +32,7 @@ from fte_sniff.recording.messages.schema import (
 )
 from fte_sniff.recording.messages.wire_layout import SOUND_LACKS, WireField, wire_fields
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.row_batch import Array, RowColumns, Words
+from fte_sniff.row_batch import Array, RowBatch
 
 MESSAGE = struct.Struct("<BQHIQQ")
 """Header of a message record: opcode, length, channel, sequence, log and publish time."""
@@ -167,10 +167,10 @@ class ColumnPacker:
         rows = [entry for entry in entries if not isinstance(entry, PortEvent)]
         events = [entry for entry in entries if isinstance(entry, PortEvent)]
         at = [at for at, entry in enumerate(entries) if isinstance(entry, PortEvent)]
-        columns = RowColumns.of_rows(Words(), rows, events)
+        columns = RowBatch.from_rows(rows, events=events)
         return self.pack(columns, times, np.array(at, np.int64))
 
-    def pack(self, rows: RowColumns, times: Array, events_at: Array) -> McapBatch:
+    def pack(self, rows: RowBatch, times: Array, events_at: Array) -> McapBatch:
         """The messages of the rows and of their events, one at least.
 
         Args:
@@ -183,7 +183,7 @@ class ColumnPacker:
             rows_at = np.delete(np.arange(len(times)), events_at)
         forms = _forms_of(rows, times[rows_at])
         odd = np.flatnonzero(forms == _NO_FORM)
-        odd_rows = list(rows.parted(odd).rows())
+        odd_rows = list(rows.select(odd))
         channels = np.empty(len(times), np.int64)
         channels[rows_at] = self._channels(rows, forms, odd, odd_rows)
         channels[events_at] = [self._channel_of(event) for event in rows.events]
@@ -210,21 +210,19 @@ class ColumnPacker:
             data[starts[at] : ends[at]] = np.frombuffer(record, np.uint8)
         return McapBatch(data.data, channels, times, starts)
 
-    def _channels(
-        self, rows: RowColumns, forms: Array, odd: Array, odd_rows: Sequence[Row]
-    ) -> Array:
+    def _channels(self, rows: RowBatch, forms: Array, odd: Array, odd_rows: Sequence[Row]) -> Array:
         """The channel of each row; each combination of port, form and motor is looked up once."""
         ports = rows.port.astype(np.int64)
         motors = np.where(_NAMES_MOTOR.take(forms), rows.raw[:, NUM_OFFSET], MOTORS[0])
         keys = (ports * len(_FORMS) + forms) * len(MOTORS) + motors - MOTORS[0]
         keys[odd] = 0
-        found = np.zeros(len(rows.words.ports) * len(_FORMS) * len(MOTORS), np.int64)
+        found = np.zeros(len(rows.codebook.ports) * len(_FORMS) * len(MOTORS), np.int64)
         counts = np.bincount(keys)
         counts[:1] -= len(odd)
         for key in np.flatnonzero(counts).tolist():
             port_and_form, motor = divmod(key, len(MOTORS))
             port, form = divmod(port_and_form, len(_FORMS))
-            found[key] = self._channel_id(rows.words.ports[port], _topic(form, MOTORS[motor]))
+            found[key] = self._channel_id(rows.codebook.ports[port], _topic(form, MOTORS[motor]))
         channels = found.take(keys)
         channels[odd] = [self._channel_of(row) for row in odd_rows]
         return channels
@@ -249,11 +247,11 @@ class ColumnPacker:
         return sequences
 
 
-def _forms_of(rows: RowColumns, times: Array) -> Array:
+def _forms_of(rows: RowBatch, times: Array) -> Array:
     """The form of every row that can be packed with numpy, `_NO_FORM` for the others."""
     head = rows.raw[:, 0] | rows.raw[:, CMD_OFFSET].astype(np.uint16) << np.uint16(8)
     forms: Array = _FORM_CODES.take(head)
-    clean = np.array([not faults for faults in rows.words.faults]).take(rows.faults)
+    clean = np.array([not faults for faults in rows.codebook.faults]).take(rows.faults)
     packable = (forms != _NO_FORM) & rows.framed & rows.delayed & clean & (rows.t_ns == times)
     num = rows.raw[:, NUM_OFFSET]
     packable &= ~_NAMES_MOTOR.take(forms) | (num >= MOTORS[0]) & (num <= MOTORS[-1])
@@ -263,7 +261,7 @@ def _forms_of(rows: RowColumns, times: Array) -> Array:
 
 
 def _records_by_form(
-    rows: RowColumns, forms: Array, heads: dict[str, Array]
+    rows: RowBatch, forms: Array, heads: dict[str, Array]
 ) -> Iterator[tuple[Array, Array]]:
     """For each form the indexes of its rows, and their message records."""
     raws = np.ascontiguousarray(rows.raw).view(_RAW)[:, 0]

@@ -52,7 +52,7 @@ def test_packed_rows_are_a_sequence_of_those_rows(rows: list[Row], data: st.Data
 
 @given(TIMED_ROWS, TIMED_ROWS)
 def test_packed_rows_are_packed_and_joined_as_the_rows_are(one: list[Row], two: list[Row]) -> None:
-    joined = PackedRows.joined([packed(one), packed(two)])
+    joined = PackedRows.concat([packed(one), packed(two)])
     assert list(joined) == one + two
     codebook = Codebook()
     codebook.port_code("another first")
@@ -67,10 +67,10 @@ def test_packed_rows_are_parted_and_poured_out_as_the_rows_are(
     found = packed(rows)
     assert found.tobytes() == b"".join(row.raw for row in rows)
     start, end = data.draw(st.integers(-13, 13)), data.draw(st.integers(-13, 13))
-    assert list(found.parted(slice(start, end))) == rows[start:end]
+    assert list(found.select(slice(start, end))) == rows[start:end]
     mask = data.draw(st.lists(st.booleans(), min_size=len(rows), max_size=len(rows)))
-    assert list(found.parted(np.array(mask, np.bool_))) == list(compress(rows, mask))
-    assert found.parted(slice(1, None)).tobytes() == b"".join(row.raw for row in rows[1:])
+    assert list(found.select(np.array(mask, np.bool_))) == list(compress(rows, mask))
+    assert found.select(slice(1, None)).tobytes() == b"".join(row.raw for row in rows[1:])
 
 
 @given(TIMED_ROWS)

@@ -58,7 +58,7 @@ def check(chunks: Sequence[Chunk], taken_after: int) -> None:
     packed = [packed_tiles(portion) for portion in portions]
     assert [len(portion) for portion in portions] == [len(rows) for rows in packed]
     assert told([row for rows in packed for row in rows]) == expected
-    assert told(list(PackedRows.joined(packed))) == expected
+    assert told(list(PackedRows.concat(packed))) == expected
 
 
 @settings(deadline=None)

@@ -16,9 +16,10 @@ from fte_sniff.errors import FileError
 from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
+from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.row_ranges import TimeRange
-from fte_sniff.row_batch import Codebook, PackedRows, RowColumns, Words, pack
-from fte_sniff.session.inputs import ColumnBatch, InputBatch, PackedBatch, RowBatch
+from fte_sniff.row_batch import Codebook, PackedRows, RowBatch, pack
+from fte_sniff.session.inputs import ColumnBatch, InputBatch, ListBatch, PackedBatch
 
 PORTS = [
     "/dev/ttyUSB0",
@@ -54,8 +55,8 @@ UNTIMED = st.lists(
 )
 
 
-def both(rows: list[Row]) -> tuple[RowBatch, ColumnBatch]:
-    return RowBatch(rows), ColumnBatch(RowColumns.of_rows(Words(), rows))
+def both(rows: list[Row]) -> tuple[ListBatch, ColumnBatch]:
+    return ListBatch(rows), ColumnBatch(RowBatch.from_rows(rows))
 
 
 def packed(rows: list[Row]) -> PackedBatch:
@@ -63,7 +64,7 @@ def packed(rows: list[Row]) -> PackedBatch:
     return PackedBatch(PackedRows(*pack(rows, codebook), codebook))
 
 
-def each(rows: list[Row]) -> tuple[RowBatch, ColumnBatch, PackedBatch]:
+def each(rows: list[Row]) -> tuple[ListBatch, ColumnBatch, PackedBatch]:
     return (*both(rows), packed(rows))
 
 
@@ -87,7 +88,7 @@ def test_the_text_is_the_same_byte_for_byte(form: OutputFormat, rows: list[Row])
 @pytest.mark.parametrize("form", [*TEXT_FORMS, OutputFormat.HEX])
 @given(rows=UNTIMED)
 def test_also_where_rows_have_no_times(form: OutputFormat, rows: list[Row]) -> None:
-    assert written(packed(rows), form) == written(RowBatch(rows), form)
+    assert written(packed(rows), form) == written(ListBatch(rows), form)
 
 
 @given(ROWS)
@@ -101,7 +102,7 @@ def test_the_count_is_the_same(rows: list[Row]) -> None:
 @given(UNTIMED)
 def test_also_without_times(rows: list[Row]) -> None:
     one_by_one, at_once = Tally(), Tally()
-    RowBatch(rows).count(one_by_one)
+    ListBatch(rows).count(one_by_one)
     packed(rows).count(at_once)
     assert at_once == one_by_one
 
@@ -138,7 +139,7 @@ def test_the_first_rows_are_the_same(rows: list[Row], count: int) -> None:
 @given(UNTIMED, st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1))
 def test_a_span_holds_the_same(rows: list[Row], first_ns: int, end_ns: int) -> None:
     span = TimeRange(first_ns, end_ns)
-    one_by_one, at_once = RowBatch(rows), packed(rows)
+    one_by_one, at_once = ListBatch(rows), packed(rows)
     assert at_once.timed == one_by_one.timed
     assert at_once.within(span).rows() == one_by_one.within(span).rows()
 
@@ -146,14 +147,16 @@ def test_a_span_holds_the_same(rows: list[Row], first_ns: int, end_ns: int) -> N
 @given(ROWS)
 def test_the_columns_of_a_recording_are_the_same(rows: list[Row]) -> None:
     for batch in each(rows):
-        assert list(batch.columns(Words()).rows()) == rows
+        assert list(batch.columns(Codebook())) == rows
 
 
 @given(UNTIMED.filter(lambda rows: any(row.t_ns is None for row in rows)))
-def test_a_recording_takes_no_row_without_time(rows: list[Row]) -> None:
-    for batch in (RowBatch(rows), packed(rows)):
+def test_a_recording_takes_no_row_without_time(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
+) -> None:
+    for batch in (ListBatch(rows), packed(rows)):
         with pytest.raises(FileError, match="has no time since 1970"):
-            batch.columns(Words())
+            write_recording(tmp_path_factory.getbasetemp() / "x", [], [batch.columns(Codebook())])
 
 
 @given(ROWS)

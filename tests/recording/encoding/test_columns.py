@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import Damage, Fault
-from fte_sniff.row_batch import RowColumns, Words
+from fte_sniff.row_batch import RowBatch
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(1, 30)), max_size=30))
@@ -17,4 +17,4 @@ def test_where_the_rows_of_each_port_end(lengths: list[tuple[str, int]]) -> None
         offset = ends.get(port, 0)
         rows.append(Damage(port, offset, bytes(length), 1, (Fault.NOISE,)))
         ends[port] = offset + length
-    assert RowColumns.of_rows(Words(), rows).ends() == ends
+    assert RowBatch.from_rows(rows).end_offsets() == ends

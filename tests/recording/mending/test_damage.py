@@ -38,7 +38,7 @@ def _records(content: bytes) -> list[tuple[int, int, int]]:
 def _read(path: Path) -> tuple[list[Row], RecordingReader]:
     """The rows record by record; read by columns, they and all that is told are the same."""
     columns = RecordingReader(path)
-    at_once = [row for batch in columns.batches() for row in batch.rows()]
+    at_once = [row for batch in columns.batches() for row in batch]
     reader = RecordingReader(path)
     found = list(reader)
     assert at_once == found
@@ -341,7 +341,7 @@ def test_what_is_whole_behind_a_hole_is_found_without_a_summary(
         assert _assert_true(path, rows, length) == rows, length
         reader = RecordingReader(path)
         for passage, columns in list(reader.passages()):
-            assert list(reader.again(passage).rows()) == list(columns.rows())
+            assert list(reader.again(passage)) == list(columns)
         altered[end - 30] ^= 0x41
         path.write_bytes(altered)
         assert _assert_true(path, rows, length) == rows[:20] + rows[40:], length

@@ -20,7 +20,7 @@ from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.row_ranges import EVERYTHING, TimeRange
-from fte_sniff.row_batch import Codebook, RowColumns, Words, unpack
+from fte_sniff.row_batch import Codebook, RowBatch, unpack
 from fte_sniff.session.replay import RecordingPages
 from tests.examples import examples
 
@@ -42,7 +42,7 @@ def made(port: str, count: int) -> list[Row]:
 
 
 def written(path: Path, port: str, rows: list[Row]) -> Path:
-    write_recording(path, [PortFacts(port)], [RowColumns.of_rows(Words(), rows)])
+    write_recording(path, [PortFacts(port)], [RowBatch.from_rows(rows)])
     return path
 
 
@@ -67,7 +67,7 @@ def noted(files: list[Path], span: TimeRange = EVERYTHING) -> tuple[RecordingPag
         reader = RecordingReader(path)
         for passage, columns in reader.passages(span=span):
             pages.add(partial(reader.again, passage), len(columns))
-            found += columns.rows()
+            found += columns
     return pages, found
 
 

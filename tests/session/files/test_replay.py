@@ -10,7 +10,7 @@ from time import monotonic
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
-from fte_sniff.row_batch import RowColumns, Words, packed_rows
+from fte_sniff.row_batch import RowBatch, packed_rows
 from fte_sniff.session.replay import MOST_BATCHES_AHEAD, Read, ReplaySession
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
@@ -158,8 +158,7 @@ def test_stop_ends_the_reading() -> None:
 
 def test_packed_rows_come_in_order_and_tell_how_far_they_are() -> None:
     rows: list[Row] = [Frame("f", place * 10, FRAME, place) for place in range(1000)]
-    words = Words()
-    parts = [RowColumns.of_rows(words, rows[at : at + 100]) for at in range(0, 1000, 100)]
+    parts = [RowBatch.from_rows(rows[at : at + 100]) for at in range(0, 1000, 100)]
     session = ReplaySession((Read(packed_rows(part)) for part in parts), "file", 1000)
     found: list[Row] = []
     told = []
