@@ -1,7 +1,4 @@
-"""Owns `fte-sniff bridge`: sit between a host program and the controller, record and watch both.
-
-It must not know how bytes are passed on, or how a capture runs or is shown.
-"""
+"""`fte-sniff bridge`: sit between a host program and the controller, record and watch both."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ import click
 
 from fte_sniff.cli.capture_command import capture_options, run_capture
 from fte_sniff.cli.options import FileName
-from fte_sniff.cli.settings import remembered
+from fte_sniff.cli.settings import load_settings
 
 if TYPE_CHECKING:
     from fte_sniff.capture.bridge import Bridge
@@ -28,11 +25,11 @@ def command(
 ) -> None:
     """Sit between a host program and the controller at PORT; record and watch both directions.
 
-    A pseudo-terminal is made, and its name told, for the host program to open instead of PORT;
-    --link gives it a name that stays the same. Every byte is passed on both ways at once. The baud
-    that the host program sets is passed on too; a pseudo-terminal has no DTR and RTS, so these stay
-    as --dtr and --rts say. The host program's wire is called `host`, the controller's PORT. A PORT
-    that is lost hangs up the host program; with --link it is waited for, and can be opened again.
+    The host program opens a pseudo-terminal instead of PORT; its name is printed, and --link gives
+    it a fixed name. Every byte is forwarded at once in both directions. The baud rate that the host
+    program sets is forwarded too; a pseudo-terminal has no DTR and RTS, so --dtr and --rts set
+    them. The host program's wire is called `host`, the controller's PORT. A PORT that is lost hangs
+    up the host program; with --link it is waited for, and can be opened again.
 
     \b
     fte-sniff bridge /dev/ttyUSB0 --link /tmp/motors
@@ -44,4 +41,4 @@ def command(
 
         return Bridge(port, settings, link, reconnect=not no_reconnect)
 
-    run_capture(bridge, (port,), remembered(config), **options)
+    run_capture(bridge, (port,), load_settings(config), **options)

@@ -1,4 +1,4 @@
-"""Run a capture with screen or plain lines."""
+"""Run a capture for `live` and `bridge`: with the screen, with plain lines, or to stdout."""
 
 from __future__ import annotations
 
@@ -23,15 +23,21 @@ from fte_sniff.cli.options import (
     Seconds,
     filter_option,
     keep_rows_option,
-    remembered_bench,
+    line_setup,
     row_filter,
     selection,
     units_options,
 )
 from fte_sniff.cli.output import summary
 from fte_sniff.cli.recording_options import plan_of, recording_options
-from fte_sniff.cli.settings import Remembered, config_option, lang_option
-from fte_sniff.cli.streams import ENDING, abandon_stdout, nobody_reads, signals_call, tell
+from fte_sniff.cli.settings import SavedSettings, config_option, lang_option
+from fte_sniff.cli.streams import (
+    ENDING_SIGNALS,
+    abandon_stdout,
+    ending_signals,
+    has_no_reader,
+    print_err,
+)
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
@@ -79,10 +85,10 @@ _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
 
 
 def capture_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The options of a command that captures.
+    """Add the options of a command that captures.
 
-    `config` is for `remembered`; all others but `no_reconnect`, which the wiring is to know, go on
-    to `run_capture`.
+    The command passes `config` to `load_settings`, `no_reconnect` to its wiring, and all others to
+    `run_capture`.
     """
     return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
 
@@ -90,7 +96,7 @@ def capture_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def run_capture(
     wiring_with: Callable[[PortSettings], Wiring],
     ports: Sequence[str],
-    settings: Remembered,
+    settings: SavedSettings,
     *,
     baud: int | None,
     dtr: str,
@@ -106,13 +112,13 @@ def run_capture(
     """Capture, record and show or print, until the end.
 
     Args:
-        wiring_with: the wiring, given how its ports are to be opened.
-        ports: what the user calls them.
-        settings: what holds where no option says otherwise; the others are the options,
-            `planned` those that `plan_of` knows.
+        wiring_with: builds the wiring from the settings of its ports.
+        ports: the ports' names as the user wrote them.
+        settings: defaults for options that are not given.
+        planned: the options of `plan_of`; the other arguments are options too.
 
     Raises:
-        FteSniffError: what went wrong, once all is closed.
+        FteSniffError: the capture failed; raised after everything is closed.
     """
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
 
@@ -120,29 +126,27 @@ def run_capture(
         baud = settings.defaults(ports, "baud").baud or DEFAULT_BAUD
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
     plan = plan_of(wiring, **planned)
-    bench = remembered_bench(settings, ports, resolution, gear_ratio, baud)
+    bench = line_setup(settings, ports, resolution, gear_ratio, baud)
     if _is_stdout(plan.recording):
-        _fill_stdout(plan)
+        _record_to_stdout(plan)
     elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         if resolution is not None:
-            tell("fte-sniff: lines tell positions in pulses; the screen shows turns too")
+            print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
         _print_lines(plan, filter_text)
     else:
-        opening = _opening(plan, bench, settings, lang)
-        _show_screen(
-            plan, replace(opening, row_filter=row_filter(filter_text), keep_rows=keep_rows)
-        )
+        start = _start_options(plan, bench, settings, lang)
+        _show_screen(plan, replace(start, row_filter=row_filter(filter_text), keep_rows=keep_rows))
 
 
-def _opening(
-    plan: CapturePlan, bench: LineSetup, settings: Remembered, lang: str | None
+def _start_options(
+    plan: CapturePlan, bench: LineSetup, settings: SavedSettings, lang: str | None
 ) -> StartOptions:
-    """How the screen begins, but for what is shown of the rows."""
+    """The screen's start options, without filter and row limit."""
     from fte_sniff.tui.options import AtEnd, StartOptions
 
     return StartOptions(
         AtEnd.STAY if plan.duration_s is None and plan.count is None else AtEnd.LEAVE,
-        signals=tuple(_ending(plan)),
+        signals=tuple(_ending_signals(plan)),
         bench=bench,
         language=settings.language(lang),
         choices=settings.choices,
@@ -152,7 +156,7 @@ def _opening(
 
 
 def _is_stdout(recording: Path | None) -> bool:
-    """Whether the recording goes where rows would be printed: `-`, /dev/stdout and the like."""
+    """True if the recording goes to standard output: `-`, /dev/stdout or the same file."""
     if recording is None or recording == _STDOUT:
         return recording is not None
     try:
@@ -166,84 +170,86 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
     from fte_sniff.session.live_session import LiveSession
 
     session = LiveSession(plan)
-    with signals_call(session.stop, _ending(plan), session.drop_leftover):
+    with ending_signals(session.stop, _ending_signals(plan), session.drop_leftover):
         session.begin()
         if session.told.device is not None:
-            tell(f"a host program can open {printable(session.told.device)}")
+            print_err(f"a host program can open {printable(session.told.device)}")
         if session.told.recording is not None:
-            tell(f"recording to {session.told.recording}")
-        _tell_who_goes_on(plan, session)
+            print_err(f"recording to {session.told.recording}")
+        _report_survivor(plan, session)
         print_lines(session, select, ports=len(plan.wiring.names) > 1)
-        _leave(session)
+        _report_recording(session)
 
 
-def _fill_stdout(plan: CapturePlan) -> None:
-    """Let standard output have the recording, and nothing else."""
+def _record_to_stdout(plan: CapturePlan) -> None:
+    """Write the recording, and nothing else, to standard output."""
     from fte_sniff.session.live_session import LiveSession
 
     session = LiveSession(plan)
-    with signals_call(session.stop, _ending(plan), session.drop_leftover):
+    with ending_signals(session.stop, _ending_signals(plan), session.drop_leftover):
         session.begin()
         if session.told.device is not None:
-            tell(f"a host program can open {printable(session.told.device)}")
-        tell("recording to standard output")
-        tell_troubles(session)
+            print_err(f"a host program can open {printable(session.told.device)}")
+        print_err("recording to standard output")
+        print_problems(session)
         if session.told.error is not None:
-            # What comes once nobody reads is no gap: the recording is what there was to do.
-            ended = nobody_reads(sys.stdout.fileno()) and session.told.stopped_recording
+            # A reader that went away ends the capture; rows after that are no loss.
+            ended = has_no_reader(sys.stdout.fileno()) and session.told.stopped_recording
             raise ended or session.told.error
 
 
-def _show_screen(plan: CapturePlan, opening: StartOptions) -> None:
+def _show_screen(plan: CapturePlan, options: StartOptions) -> None:
     from fte_sniff.session.live_session import LiveSession
 
     code = 0
     seen: list[Tally] = []
     session = LiveSession(plan)
-    with signals_call(session.stop, _ending(plan), session.drop_leftover):
-        # Loaded while the capture process starts on another core, and opens the port.
+    with ending_signals(session.stop, _ending_signals(plan), session.drop_leftover):
+        # Imported while the capture process starts on another core and opens the port.
         from fte_sniff.tui.app import run_screen
 
         session.begin()
-        _tell_who_goes_on(plan, session)
+        _report_survivor(plan, session)
     try:
         if not session.stopping:
-            code = run_screen(session, opening, tell=seen.append)
+            code = run_screen(session, options, tell=seen.append)
     finally:
-        # The screen hears signals in its own way, and forgets ours.
-        with signals_call(session.stop, _ending(plan), session.drop_leftover) as ask:
-            # Nor may a terminal that stands still hold up the end.
-            ask()
-            see_out(session, seen)
-            _leave(session)
+        # The screen has replaced the signal handlers.
+        with ending_signals(
+            session.stop, _ending_signals(plan), session.drop_leftover
+        ) as request_end:
+            # A stopped terminal may not block the exit either.
+            request_end()
+            finish_session(session, seen)
+            _report_recording(session)
     sys.exit(code)
 
 
-def _ending(plan: CapturePlan) -> Sequence[signal.Signals]:
-    """The signals that ask the capture to end; another one ends the view alone."""
+def _ending_signals(plan: CapturePlan) -> Sequence[signal.Signals]:
+    """The signals that end the capture; others end only the view."""
     if plan.outlives_view:
-        return [number for number in ENDING if number is not signal.SIGHUP]
-    return ENDING
+        return [number for number in ENDING_SIGNALS if number is not signal.SIGHUP]
+    return ENDING_SIGNALS
 
 
-def _tell_who_goes_on(plan: CapturePlan, session: LiveSession) -> None:
+def _report_survivor(plan: CapturePlan, session: LiveSession) -> None:
     if plan.outlives_view:
         pid = session.capture_pid
-        tell(f"the capture outlives this view if that is killed; `kill {pid}` ends it then")
+        print_err(f"the capture continues if this view is killed; `kill {pid}` ends it then")
 
 
-def _leave(session: LiveSession) -> None:
-    """Say where the recording lies; raise what went wrong, if something did."""
-    told = session.told
-    if told.recording is not None:
-        _tell_where(told, told.recording)
-    if told.error is not None:
-        raise told.error
+def _report_recording(session: LiveSession) -> None:
+    """Print the path of the recording; raise the error of the capture, if any."""
+    state = session.told
+    if state.recording is not None:
+        _print_recording(state, state.recording)
+    if state.error is not None:
+        raise state.error
 
 
-def _tell_where(told: CaptureState, last: Path) -> None:
-    outcome = told.outcome
-    first = outcome.first if outcome else told.recordings[0]
+def _print_recording(state: CaptureState, last: Path) -> None:
+    outcome = state.outcome
+    first = outcome.first if outcome else state.recordings[0]
     several = f"{first} to " if first != last else ""
     gone = part = ""
     if outcome and outcome.deleted_files:
@@ -254,28 +260,28 @@ def _tell_where(told: CaptureState, last: Path) -> None:
         kept, rows, fired = outcome.triggered
         events = f"{fired:,} event{'s' * (fired != 1)}" if fired else "--trigger never fired"
         part = f"{kept:,} of {rows:,} rows ({events}) "
-    tell(f"recorded {part}to {several}{last}{gone}")
-    there = sum(path.exists() for path in told.recordings)
+    print_err(f"recorded {part}to {several}{last}{gone}")
+    there = sum(path.exists() for path in state.recordings)
     if there > 1:
-        tell(f"{there} files; all of them: fte-sniff decode {_pattern(told.recordings[0])}")
+        print_err(f"{there} files; all of them: fte-sniff decode {_pattern(state.recordings[0])}")
 
 
 def _pattern(first: Path) -> str:
-    """What opens all files of a sequence, for a shell."""
+    """A shell pattern that matches all files of a sequence."""
     stem = first.stem.removesuffix("00001")
     return shlex.quote(str(first.with_name(f"{escape(stem)}*{first.suffix}")))
 
 
-_AS_EXPECTED = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
+_EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 
 
 class PlainLines:
-    """Prints what comes from a capture, and counts it."""
+    """Prints and counts the rows and events of a capture."""
 
     def __init__(
         self, select: Callable[[Sequence[Row]], list[Row]], *, ports: bool = False
     ) -> None:
-        """Print to standard output the rows that `select` picks; with `ports`, whence they came."""
+        """Print the rows that `select` returns; with a port column if `ports` is set."""
         self._select = select
         self._writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=ports)
         self._tally = Tally()
@@ -285,109 +291,112 @@ class PlainLines:
         self._not_shown = 0
         self._leftover = _Leftover()
 
-    def take(self, update: FeedUpdate, failure: FteSniffError | None) -> None:
-        """Print an update, and what went wrong with the capture, once.
+    def write(self, update: FeedUpdate, failure: FteSniffError | None) -> None:
+        """Print an update; report an error of the capture once.
 
         Raises:
             OSError: standard output cannot be written.
         """
         for event in update.events:
-            self._take_event(event)
+            self._print_event(event)
         if update.state.running:
-            self._take_trouble(failure, update.state.recording)
-            self._leftover.take(update)
+            self._print_problem(failure, update.state.recording)
+            self._leftover.report(update)
         self._not_shown = update.state.not_shown
         self._tally.add(update.rows)
         self._writer.write(self._select(update.rows))
         sys.stdout.flush()
 
-    def end(self) -> None:
-        """Say what came."""
+    def close(self) -> None:
+        """Print the summary."""
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
-            tell(f"port events: {kinds}")
+            print_err(f"port events: {kinds}")
         if self._not_shown:
-            tell(f"{self._not_shown:,} rows more came too fast to be printed")
-        tell(summary(self._tally))
+            print_err(f"{self._not_shown:,} rows more came too fast to be printed")
+        print_err(summary(self._tally))
 
-    def _take_trouble(self, failure: FteSniffError | None, recording: str | None) -> None:
-        """Say that the recording has stopped, and that it goes on; each once."""
+    def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
+        """Report once that the recording has stopped, and once that it continues."""
         if failure is not None and str(failure) != str(self._failure):
             self._failure, self._recording = failure, None
-            tell(str(failure))
+            print_err(str(failure))
         if self._failure is not None and recording and recording != self._recording:
             self._recording = recording
-            tell(f"recording goes on in {recording}")
+            print_err(f"recording goes on in {recording}")
 
-    def _take_event(self, event: PortEvent) -> None:
-        if event.kind not in _AS_EXPECTED:
+    def _print_event(self, event: PortEvent) -> None:
+        if event.kind not in _EXPECTED_EVENTS:
             self._events[event.kind] += 1
             detail = f": {event.detail}" if event.detail else ""
-            tell(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
+            print_err(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
 
 
 def print_lines(
     session: LiveSession, select: Callable[[Sequence[Row]], list[Row]], *, ports: bool
 ) -> None:
-    """Print what a session that has begun captures, until it ends or nobody reads."""
+    """Print the rows of a running session until it ends or standard output has no reader."""
     lines = PlainLines(select, ports=ports)
     try:
         for update in _updates(session):
-            lines.take(update, session.told.error)
+            lines.write(update, session.told.error)
     except BrokenPipeError:
         abandon_stdout()
     finally:
-        see_out(session)
-    lines.end()
+        finish_session(session)
+    lines.close()
 
 
-def tell_troubles(session: LiveSession) -> None:
-    """Print no rows, only what goes wrong, until the session ends; a lost recording ends it."""
+def print_problems(session: LiveSession) -> None:
+    """Print only errors and events until the session ends; a lost recording ends it."""
     lines = PlainLines(lambda _: [])
     try:
         for update in _updates(session):
-            gone = session.told.recording is None and nobody_reads(sys.stdout.fileno())
-            lines.take(update, None if gone else session.told.error)
+            gone = session.told.recording is None and has_no_reader(sys.stdout.fileno())
+            lines.write(update, None if gone else session.told.error)
             if session.told.recording is None:
                 session.stop()
     finally:
-        see_out(session)
-    lines.end()
+        finish_session(session)
+    lines.close()
 
 
-def see_out(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
-    """End a session, wait for its end, and say what that has to wait for; rows are not printed.
+def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
+    """Stop a session, wait for its end, and report what it waits for; print no rows.
 
-    They are counted with those that were `seen` on a screen, of which is said then what came.
+    Args:
+        session: the session.
+        seen: counts of the rows that a screen has printable. The remaining rows are added, and the
+            summary is printed.
     """
     session.stop()
     leftover, not_shown = _Leftover(), 0
     for update in _updates(session):
-        leftover.take(update)
+        leftover.report(update)
         not_shown = update.state.not_shown
         for tally in seen:
             tally.add(update.rows)
     session.close()
     for tally in seen:
         if not_shown:
-            tell(f"{not_shown:,} rows more came too fast to be shown")
-        tell(summary(tally))
+            print_err(f"{not_shown:,} rows more came too fast to be printable")
+        print_err(summary(tally))
 
 
 class _Leftover:
-    """Says, once, that much waits to be written at the end."""
+    """Reports once that many bytes are still to be written at the end."""
 
-    _told = False
+    _reported = False
 
-    def take(self, update: FeedUpdate) -> None:
+    def report(self, update: FeedUpdate) -> None:
         count = update.state.leftover
-        if update.state.running and count and not self._told:
-            self._told = True
-            tell(f"writing what has arrived: {count:,} bytes wait; Ctrl-C drops them")
+        if update.state.running and count and not self._reported:
+            self._reported = True
+            print_err(f"writing what has arrived: {count:,} bytes wait; Ctrl-C drops them")
 
 
 def _updates(session: LiveSession) -> Iterator[FeedUpdate]:
-    """What the session hands over, until it has ended."""
+    """The session's updates until it has ended."""
     running = True
     while running:
         update = session.wait(LOOK_EVERY_S)

@@ -1,7 +1,4 @@
-"""Owns `fte-sniff decode`: recordings, raw bytes and hex text to rows in a form that others read.
-
-It must not know formats or the frame table; it wires readers to a filter to a writer.
-"""
+"""`fte-sniff decode`: recordings, raw bytes and hex text to tables, CSV, JSONL, Parquet, MCAP."""
 
 from __future__ import annotations
 
@@ -11,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.input_files import ReadOptions, check_inputs, input_arguments, opened
-from fte_sniff.cli.options import FileName, filter_option, row_filter, span_of, span_options
-from fte_sniff.cli.output import file_output, form_of, format_option, summary, text_output
-from fte_sniff.cli.streams import tell
+from fte_sniff.cli.input_files import ReadOptions, check_inputs, input_arguments, open_inputs
+from fte_sniff.cli.options import FileName, filter_option, row_filter, span_options, time_range
+from fte_sniff.cli.output import file_output, format_for, format_option, summary, text_output
+from fte_sniff.cli.streams import print_err
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.session.pipeline import InputReading
 
@@ -29,7 +26,7 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     type=FileName(),
-    help="Write to this file instead of standard output; without --format its end says the form.",
+    help="Write to this file instead of standard output; its extension selects the format.",
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
 @filter_option
@@ -48,8 +45,8 @@ def command(
 ) -> None:
     """Decode recordings (.mcap), raw bytes (.bin .raw) and hex text (.hex .txt .log).
 
-    '-' reads standard input; a folder stands for the recordings in it, and they come in order of
-    time. Rows go to standard output, a summary to standard error.
+    '-' reads standard input; a folder means the recordings in it, in order of time. Rows go to
+    standard output, a summary to standard error.
 
     \b
     fte-sniff decode samples/clean.mcap
@@ -58,15 +55,15 @@ def command(
     fte-sniff decode samples/clean.hex --format csv -o clean.csv
     """
     check_inputs(files, output)
-    form = form or form_of(output)
+    form = form or format_for(output)
     wanted = row_filter(filter_text)
-    inputs = opened(files, how)
-    span = span_of(since, until, (one.times for one in inputs), how.zone_given())
+    inputs = open_inputs(files, how)
+    span = time_range(since, until, (one.times for one in inputs), how.zone_given())
     reading = InputReading(inputs, span, wanted, limit)
     _write(form, output, reading, force=force)
     for note in reading.notes:
-        tell(f"fte-sniff: {note}")
-    told = summary(
+        print_err(f"fte-sniff: {note}")
+    line = summary(
         reading.tally,
         reading.written,
         partly=reading.written == limit,
@@ -74,7 +71,7 @@ def command(
         spanned=span is not None,
         left_out=reading.left_out,
     )
-    tell(told)
+    print_err(line)
 
 
 def _write(form: OutputFormat, output: Path | None, reading: InputReading, *, force: bool) -> None:
@@ -85,20 +82,20 @@ def _write(form: OutputFormat, output: Path | None, reading: InputReading, *, fo
         with file_output(output, form, force=force) as path:
             write_parquet((batch.frame() for batch in reading), path, dict(TABLE_SCHEMA))
     elif form is OutputFormat.MCAP:
-        _record(output, reading, force=force)
+        _write_recording(output, reading, force=force)
     elif form is OutputFormat.RAW:
-        _pour(output, reading, force=force)
+        _write_raw(output, reading, force=force)
     else:
         with text_output(output, force=force) as stream:
             writer = row_writer(form, stream, ports=len(reading.inputs) > 1)
             for batch in reading:
                 batch.write_to(writer)
-                # Who reads along is not to wait for what has not come yet.
+                # A reader of the pipe gets each batch at once.
                 stream.flush()
             writer.end()
 
 
-def _pour(output: Path | None, reading: InputReading, *, force: bool) -> None:
+def _write_raw(output: Path | None, reading: InputReading, *, force: bool) -> None:
     from fte_sniff.session.save import UNKNOWN, RawSink
 
     with file_output(output, OutputFormat.RAW, force=force) as path:
@@ -110,17 +107,17 @@ def _pour(output: Path | None, reading: InputReading, *, force: bool) -> None:
             sink.end()
     if len(sink.ports) > 1:
         reading.notes.append(
-            f"{_named(output)}: holds the bytes of {len(sink.ports)} ports in one stream, and"
-            " nothing in it tells them apart; for one of them say"
+            f"{_output_name(output)}: holds the bytes of {len(sink.ports)} ports in one stream, and"
+            " nothing in it separates them; for one of them use"
             f" --filter \"port = '{min(sink.ports)}'\""
         )
 
 
-def _named(output: Path | None) -> str:
+def _output_name(output: Path | None) -> str:
     return "standard output" if str(output) == "-" else str(output)
 
 
-def _record(output: Path | None, reading: InputReading, *, force: bool) -> None:
+def _write_recording(output: Path | None, reading: InputReading, *, force: bool) -> None:
     from fte_sniff.recording.bulk_writer import write_recording
     from fte_sniff.recording.metadata import LEFT_OUT_NAME, OF_A_PART, SELECTION_NAME
     from fte_sniff.row_batch import Codebook

@@ -1,6 +1,6 @@
-"""Owns `fte-sniff encode`: a frame's bytes from its values, one subcommand a kind of frame.
+"""`fte-sniff encode`: a frame's bytes from its values; one subcommand per frame kind.
 
-It must not know any kind or field by name: subcommands, options and help come from the frame table.
+Subcommands, options and help come from the frame table.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class _Integer(click.ParamType[int]):
 
 
 class _KindGroup(click.Group):
-    """One subcommand a kind of frame; `speed-feedback` is as good as `speed_feedback`."""
+    """One subcommand per frame kind; accepts `speed-feedback` and `speed_feedback`."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return super().get_command(ctx, cmd_name.replace("-", "_"))
@@ -35,7 +35,7 @@ class _KindGroup(click.Group):
 
 @click.group(name="encode", cls=_KindGroup, short_help="The bytes of a frame from its values.")
 def command() -> None:
-    """Print the bytes of a frame, as hex that `fte-sniff hex` takes back.
+    """Print the bytes of a frame, as hex that `fte-sniff hex` decodes.
 
     \b
     fte-sniff encode speed --motor 1 --rpm 1000

@@ -1,6 +1,6 @@
-"""Owns `fte-sniff hex`: bytes that somebody pasted, taken apart at once.
+"""`fte-sniff hex`: decode pasted bytes field by field.
 
-It must load nothing heavy: people run it for one frame and wait for it.
+Imports nothing heavy: users run it for one frame and wait for it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from shutil import get_terminal_size
 import click
 
 from fte_sniff.cli.output import format_option
-from fte_sniff.cli.streams import tell
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
 from fte_sniff.formats.logs.text_lines import Piece
@@ -20,18 +20,18 @@ from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
 from fte_sniff.protocol import Frame, Framer, Row
 
 PORT_NAME = "hex"
-"""The port of rows that came from the command line."""
+"""The port of rows from the command line."""
 
 
-@click.command(name="hex", short_help="Take pasted bytes apart, field by field.")
+@click.command(name="hex", short_help="Decode pasted bytes, field by field.")
 @click.argument("text", nargs=-1, metavar="BYTES...")
 @format_option(None)
 def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
     """Decode pasted bytes, field by field; without any, or with '-', from standard input.
 
-    Spaces or none, commas, 0x, \\x, colons, upper or lower case, several frames, bytes between
-    them, lines from a serial assistant, hex dumps, arrays of C, Python and JSON: as people paste
-    it. What cannot be told is refused, or told on standard error.
+    Accepts spaces or none, commas, 0x, \\x, colons, upper or lower case, several frames, bytes
+    between them, lines of a serial assistant, hex dumps, and arrays of C, Python and JSON.
+    Ambiguous input is refused with a reason; guesses are reported on standard error.
 
     \b
     fte-sniff hex AA 02 02 03 E8 00 00 27 10 EE
@@ -44,10 +44,10 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
             log.compare((row.offset, row.raw[0]) for row in rows if isinstance(row, Frame))
             writer.write(rows)
     except InputTextError as error:
-        raise _about_a_file(text) or error from error
+        raise _file_name_error(text) or error from error
     writer.end()
     for doubt in log.doubts:
-        tell(f"fte-sniff: {doubt}")
+        print_err(f"fte-sniff: {doubt}")
 
 
 def _dissection() -> RowWriter:
@@ -61,7 +61,7 @@ def _dissection() -> RowWriter:
 
 
 def _rows_of(log: HexLog) -> Iterator[list[Row]]:
-    """The rows of what is asked about, which is at least one byte."""
+    """Rows of the input; an input without bytes is a UsageError."""
     framer = Framer(PORT_NAME)
     some = False
     try:
@@ -84,17 +84,17 @@ def _log_of(words: tuple[str, ...]) -> HexLog:
         raise UsageError("'-' reads standard input; give either that or bytes, not both")
     if words in ((), ("-",)):
         if sys.stdin.isatty():
-            tell("paste the bytes, then press Enter and Ctrl-D")
+            print_err("paste the bytes, then press Enter and Ctrl-D")
         return HexLog.of_stream(sys.stdin.buffer, "standard input")
     lines = enumerate(" ".join(words).splitlines(), start=1)
     return HexLog((Piece(line, number, 0) for number, line in lines), "the command line")
 
 
-def _about_a_file(words: tuple[str, ...]) -> UsageError | None:
-    """What to tell of words that are no bytes but a file's name."""
+def _file_name_error(words: tuple[str, ...]) -> UsageError | None:
+    """The error for an argument that is a file name instead of bytes; None if it is not."""
     from os.path import isfile
 
-    # Not Path.is_file: that raises where a long paste is no possible name.
+    # Path.is_file raises if a long paste is not a valid file name.
     if len(words) == 1 and isfile(words[0]):  # noqa: PTH113
         return UsageError(f"{words[0]} is a file; try: fte-sniff decode {words[0]}")
     return None

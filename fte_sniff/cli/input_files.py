@@ -1,4 +1,4 @@
-"""Input arguments to session inputs."""
+"""Arguments and options of commands that read files, opened as session inputs."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ STDIN = Path("-")
 
 
 def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
-    """FILE... and what says how to read them, as every command that reads files has it.
+    """Add FILE... and the options that say how to read them.
 
-    The command gets `files`, and as `how` a `ReadOptions`.
+    The command receives `files`, and the options as `how`, a `ReadOptions`.
     """
 
     @wraps(command)
@@ -54,31 +54,31 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
         "kind",
         type=click.Choice([kind.value for kind in InputKind]),
         callback=lambda _context, _option, word: InputKind(word) if word else None,
-        help="What the files hold, where their names do not tell.",
+        help="What the files contain, if their names do not show it.",
     )
     topic = click.option(
         "--topic",
         metavar="NAME",
-        help="Of MCAP files by other programs: the topic that holds the serial bytes.",
+        help="For MCAP files of other programs: the topic with the serial bytes.",
     )
     day = click.option(
         "--date",
         "day",
         metavar="DATE",
-        help="Of hex logs that tell the time of day only, or dates as 2/8/2026: the day of the"
-        " first, as 2026-01-31.",
+        help="For hex logs with only a time of day, or dates such as 2/8/2026: the date of the"
+        " first, such as 2026-01-31.",
     )
     zone = click.option(
         "--zone",
         metavar="ZONE",
-        help="The zone of times that name none, in hex logs and in --from and --to, as +08:00 or "
-        "Asia/Shanghai.  [default: UTC]",
+        help="The zone of times without one, in hex logs and in --from and --to, such as +08:00 "
+        "or Asia/Shanghai.  [default: UTC]",
     )
     return files(kind(topic(day(zone(with_how)))))
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
-    """Refuse a list of inputs that cannot work out, before anything is opened.
+    """Refuse an invalid list of inputs before anything is opened.
 
     Raises:
         UsageError: standard input is named twice, or the output is one of the inputs.
@@ -99,50 +99,46 @@ def _same(one: Path, other: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What the user says of the inputs."""
+    """How the inputs are to be read."""
 
     kind: InputKind | None = None
-    """What they hold; None to go by name or content."""
+    """What they contain; None to decide by name or content."""
     topic: str | None = None
-    """Of MCAP files, the topic that holds serial bytes; None where they are recordings."""
+    """For MCAP files, the topic with serial bytes; None for recordings."""
     day: str | None = None
-    """Of hex logs, the day of the first time."""
+    """For hex logs, the date of the first time."""
     zone: str | None = None
-    """The zone of times that name none; None for UTC."""
+    """The zone of times without one; None for UTC."""
 
     def clock(self) -> LogClock:
         """The clock of a log.
 
         Raises:
-            InputTextError: day or zone is none.
+            InputTextError: day or zone is invalid.
         """
         day = None if self.day is None else day_of(self.day)
         return LogClock(day, self.zone_given())
 
     def zone_given(self) -> tzinfo | None:
-        """The zone that was said; None where none was.
+        """The zone of `--zone`; None if it was not given.
 
         Raises:
-            InputTextError: it is none.
+            InputTextError: there is no such zone.
         """
         return None if self.zone is None else zone_of(self.zone)
 
 
-def opened(files: Sequence[Path], how: ReadOptions) -> list[Input]:
-    """What the files are: each itself, a folder's recordings, a pattern's matches.
+def open_inputs(files: Sequence[Path], how: ReadOptions) -> list[Input]:
+    """Open files, the recordings of folders, and the matches of patterns.
 
-    Recordings come in order of their first times, if there is nothing but recordings.
-
-    Args:
-        files: as the user named them.
-        how: what the user says of them.
+    If all inputs are recordings, they are sorted by their first times.
 
     Raises:
-        FileError: one cannot be read, or is not what it should be, or there is none.
-        UsageError: nothing tells what one holds, or what is said of them cannot be.
+        FileError: a file cannot be read, is not what it should be, or does not exist.
+        UsageError: the content of a file is unknown, or does not fit the options.
     """
     how.clock()
-    inputs = [_opened(path, how) for named in files for path in meant(named)]
+    inputs = [_opened(path, how) for named in files for path in expand(named)]
     recordings = [one for one in inputs if isinstance(one, RecordingInput)]
     if len(recordings) < len(inputs):
         return inputs
@@ -152,11 +148,11 @@ def opened(files: Sequence[Path], how: ReadOptions) -> list[Input]:
     return [*recordings]
 
 
-def meant(named: Path) -> list[Path]:
-    """The files that one name means: itself, a folder's recordings, a pattern's matches.
+def expand(named: Path) -> list[Path]:
+    """The files of one argument: the file, a folder's recordings, a pattern's matches.
 
     Raises:
-        FileError: there is none.
+        FileError: there are none.
     """
     if named == STDIN or named.is_file():
         return [named]

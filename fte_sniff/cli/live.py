@@ -1,7 +1,4 @@
-"""Owns `fte-sniff live`: capture a port, record it, and watch it.
-
-It must not know how a capture runs or is shown; it says which ports there are.
-"""
+"""`fte-sniff live`: capture a port, record it, and watch it."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.capture_command import capture_options, run_capture
-from fte_sniff.cli.settings import remembered
+from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
@@ -31,18 +28,18 @@ def command(
 
     PORT is a device, or what else pyserial opens: socket://host:port, rfc2217://host:port, loop://,
     hwgrep://, or sim://, a simulated host and controller (sim://?seed=1&rate=200&drop=0.01).
-    Nothing is ever written to it. The recording goes to fte-sniff-<UTC time>.mcap in this folder,
-    unless -o names it ('-' is standard output) or --no-record does without. The filter is for the
-    eyes: all is recorded, unless --trigger asks for what surrounds certain rows.
-    A device or a server that is lost is waited for, and found again by its link, USB serial or
-    place. Without PORT, those that the settings name are opened.
+    Nothing is ever written to it. The recording goes to fte-sniff-<UTC time>.mcap in this folder;
+    -o names another file ('-' is standard output), --no-record records nothing. The filter applies
+    to the display only: all rows are recorded, unless --trigger selects the rows around an event.
+    A device or a server that is lost is waited for, and found again by its link, USB serial number
+    or USB socket. Without PORT, the ports of the settings are opened.
 
     \b
     fte-sniff live /dev/ttyUSB0
     fte-sniff live /dev/ttyUSB0 /dev/ttyUSB1
     fte-sniff live sim:// --plain --count 20 --no-record
     """
-    settings = remembered(config)
+    settings = load_settings(config)
     ports = ports or settings.settings.ports
     if not ports:
         raise UsageError(
@@ -52,9 +49,9 @@ def command(
     if len(ports) > _MOST_PORTS:
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
 
-    def tap(settings: PortSettings) -> PortGroup:
+    def wiring(settings: PortSettings) -> PortGroup:
         from fte_sniff.capture.multi_source import PortGroup
 
         return PortGroup(ports, settings, reconnect=not no_reconnect)
 
-    run_capture(tap, ports, settings, **options)
+    run_capture(wiring, ports, settings, **options)

@@ -1,7 +1,4 @@
-"""Owns the group of commands, and how every error ends: one line, and an exit code.
-
-It must not know what a command does; each is loaded when it is called for.
-"""
+"""The command group, and the exit code and one-line message of every error."""
 
 from __future__ import annotations
 
@@ -19,8 +16,8 @@ from fte_sniff.cli.streams import (
     abandon,
     abandon_stdout,
     interruptible,
-    settle_streams,
-    tell,
+    prepare_streams,
+    print_err,
     unwritable_stdout,
 )
 from fte_sniff.errors import FteSniffError, unwritable
@@ -33,23 +30,23 @@ _NAMES = (
 )
 
 COMMANDS: Mapping[str, str] = MappingProxyType({name: f"fte_sniff.cli.{name}" for name in _NAMES})
-"""Each command's module; the command in it is called `command`."""
+"""The module of each command; each defines `command`."""
 
 EXIT_INTERRUPTED = 130
-"""What shells report of a program that Ctrl-C ended, where that is not the usual way out."""
+"""The exit code after Ctrl-C, except for commands that normally end that way."""
 
 
 class LazyGroup(click.Group):
-    """A group that imports a command only when it is named, or when all are listed."""
+    """A command group that imports a command when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """The commands, in the order in which a newcomer meets them."""
+        """Command names, the most used first."""
         return list(COMMANDS)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that is named, or an error that names the one that was meant."""
+        """Find the command, or fail with the closest name."""
         name = args[0]
         if name not in COMMANDS and not name.startswith("-"):
             near = get_close_matches(name, COMMANDS, 1)
@@ -58,7 +55,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name, or None."""
+        """Import a command; None if there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
         command = import_module(COMMANDS[cmd_name]).command
@@ -73,35 +70,35 @@ def fte_sniff() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the program and exit with the code of the contract."""
-    settle_streams()
+    """Run the program and exit with its exit code."""
+    prepare_streams()
     try:
         with interruptible():
             code = _run(sys.argv[1:] if arguments is None else arguments)
         sys.exit(code)
     except FteSniffError as error:
-        _end(str(error), error.exit_code)
+        _exit_with(str(error), error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
         with suppress(OSError):
             click.echo(error.format_message(), err=True)
         abandon(sys.stderr.fileno())
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        _end(_one_line(error), error.exit_code)
+        _exit_with(_one_line(error), error.exit_code)
     except BrokenPipeError:
         abandon_stdout()
         sys.exit(0)
     except OSError as error:
         known = error.filename is not None
         refused = unwritable(error.filename, error) if known else unwritable_stdout(error)
-        _end(str(refused), refused.exit_code)
+        _exit_with(str(refused), refused.exit_code)
     except (KeyboardInterrupt, click.Abort):
         abandon_stdout()
         sys.exit(EXIT_INTERRUPTED)
 
 
 def _run(arguments: Sequence[str]) -> int:
-    # Not click's own `main`: that turns a closed pipe into exit code 1.
+    # click's own `main` would turn a closed pipe into exit code 1.
     try:
         with fte_sniff.make_context(PROGRAM, list(arguments)) as context:
             fte_sniff.invoke(context)
@@ -113,11 +110,11 @@ def _run(arguments: Sequence[str]) -> int:
     return code
 
 
-def _end(message: str, code: int) -> NoReturn:
+def _exit_with(message: str, code: int) -> NoReturn:
     with suppress(OSError):
         sys.stdout.flush()
     abandon_stdout()
-    tell(f"{PROGRAM}: {message}")
+    print_err(f"{PROGRAM}: {message}")
     sys.exit(code)
 
 

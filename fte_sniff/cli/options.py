@@ -1,12 +1,12 @@
-"""Shared click options and parameter types.
+"""Click options and parameter types that several commands share.
 
-    2026-01-31T12:00:05.25Z      a time, as `analysis.moments` reads it
-    12:00:05  20:00:05+08:00     a time of day on the day of the first row; for `--to` the first
-                                 behind `--from`, which may be on the day after
-    +10s  +1m30s  +250ms         so long behind the first row
-    -10s                         so long before the last row
+`--from` and `--to` take these forms; a time without a zone is in the zone of `--zone` (UTC):
 
-A time without a zone is of the one that `--zone` names, UTC by default.
+    2026-01-31T12:00:05.25Z      a date and time, see `analysis.time_text`
+    12:00:05  20:00:05+08:00     a time of day on the date of the first row; for `--to` the first
+                                 after `--from`, possibly on the next day
+    +10s  +1m30s  +250ms         this long after the first row
+    -10s                         this long before the last row
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import click
 
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.time_text import ClockTime, clock_time, length_ns, time_ns
-from fte_sniff.cli.settings import Remembered
+from fte_sniff.cli.settings import SavedSettings
 from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
 from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
 
@@ -41,34 +41,34 @@ Times = tuple[int, int] | None
 
 
 def span_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The options `--from` and `--to`, as every command that reads recordings has them."""
+    """Add the options `--from` and `--to`."""
     first = click.option(
-        "--from", "since", metavar="TIME", help=f"Only rows from then on: {_HELP}. See --zone."
+        "--from", "since", metavar="TIME", help=f"Only rows from this time on: {_HELP}. See --zone."
     )
     end = click.option(
         "--to",
         "until",
         metavar="TIME",
-        help="Only rows before then; as --from. A time of day is the first one behind --from.",
+        help="Only rows before this time; as --from. A time of day is the first one after --from.",
     )
     return first(end(command))
 
 
-def span_of(
+def time_range(
     since: str | None, until: str | None, times: Iterable[Times], zone: tzinfo | None = None
 ) -> TimeRange | None:
-    """The span that is asked for; None where none is.
+    """The time range of `--from` and `--to`; None without either.
 
     Args:
         since: the text of `--from`, if given.
         until: the text of `--to`, if given.
-        times: first and last time of each input, nanoseconds since 1970 UTC; asked for only where
-            a text is relative to them, as a log has to be read for them.
+        times: first and last time of each input, nanoseconds since 1970 UTC. Read only for relative
+            times, because a log must be read completely for them.
         zone: the zone of times that name none; None for UTC.
 
     Raises:
-        InputTextError: a text is no time.
-        UsageError: a time is relative and the inputs tell no times, or the span is empty.
+        InputTextError: a text is not a time.
+        UsageError: a time is relative and the inputs have no times, or the range is empty.
     """
     if since is None and until is None:
         return None
@@ -117,7 +117,7 @@ def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> 
 
 
 def _end(text: str, since_ns: int | None, bounds: Callable[[], Times], zone: tzinfo) -> int:
-    """The time of `--to`: one of day is the first behind the beginning, if rows reach its day."""
+    """The time of `--to`; a time of day is the first after the start, if rows reach that date."""
     clock = clock_time(text)
     if clock is None:
         return _time(text, "--to", bounds, zone)
@@ -131,7 +131,7 @@ def _end(text: str, since_ns: int | None, bounds: Callable[[], Times], zone: tzi
 def _known(bounds: Times, option: str, text: str) -> tuple[int, int]:
     if bounds is None:
         raise UsageError(
-            f"{option} {shortened(text)}: the input tells no times;"
+            f"{option} {shortened(text)}: the input has no times;"
             " give a recording or a dated log, with rows"
         )
     return bounds
@@ -172,16 +172,16 @@ filter_option = click.option(
     metavar="EXPR",
     is_eager=True,
     callback=_explain,
-    help="Only rows for which this holds: motor = 1 AND rpm > 500. '--filter help' tells more.",
+    help="Only rows that match: motor = 1 AND rpm > 500. '--filter help' explains the language.",
 )
-"""The `--filter` option, as every command that shows rows has it."""
+"""The `--filter` option."""
 
 
 def row_filter(text: str | None) -> RowFilter | None:
-    """The filter that `--filter` asks for; None where it was not given.
+    """The filter of `--filter`; None if it was not given.
 
     Raises:
-        FilterError: the filter cannot be read.
+        FilterError: the filter is invalid.
     """
     if text is None:
         return None
@@ -191,26 +191,26 @@ def row_filter(text: str | None) -> RowFilter | None:
 
 
 def selection(text: str | None) -> Callable[[Sequence[Row]], list[Row]]:
-    """What picks the rows for which the filter holds; all of them where there is none.
+    """A function that returns the rows that match the filter; all rows without a filter.
 
     Raises:
-        FilterError: the filter cannot be read.
+        FilterError: the filter is invalid.
     """
     wanted = row_filter(text)
     return list if wanted is None else wanted.select
 
 
-LEAVE = "Rows that the screen keeps; the oldest leave it first, never the file."
-REREAD = (
-    "Rows that the screen keeps in memory; others of recordings are read again when they "
-    "are looked at, others of raw bytes and hex text leave the screen, the oldest first."
+DROPPED_ROWS = "Rows that the screen keeps; older rows leave the screen, never the file."
+REREAD_ROWS = (
+    "Rows that the screen keeps in memory; older rows of recordings are read again when "
+    "needed, older rows of raw bytes and hex text leave the screen."
 )
 
 
 def keep_rows_option(
-    default: int, meaning: str = LEAVE
+    default: int, meaning: str = DROPPED_ROWS
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """The `--keep-rows` option; a row takes some 60 bytes of memory."""
+    """The `--keep-rows` option; a row takes about 60 bytes of memory."""
     return click.option(
         "--keep-rows",
         type=click.IntRange(min=1),
@@ -229,18 +229,18 @@ list_format_option = click.option(
     show_default=True,
     help="A table for people, or a JSON object a line.",
 )
-"""The `--format` option of commands that list something else than rows."""
+"""The `--format` option of commands that list other things than rows."""
 
 
 class FileName(click.Path):
-    """The name of a file, there or not; an empty one is none, and would mean the folder."""
+    """A file name, existing or not; not empty, because an empty path is the current folder."""
 
     def __init__(self) -> None:
-        """As a Path."""
+        """Convert to a Path."""
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path; an empty name is refused."""
+        """The path; fails for an empty name."""
         if not str(value):
             self.fail("the name is empty.", param, ctx)
         return super().convert(value, param, ctx)
@@ -250,31 +250,28 @@ _SECONDS: Final = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0}
 _TIME: Final = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h|d)", re.IGNORECASE)
 
 
-def seconds_of(text: str) -> float | None:
-    """A number with its unit, `10s`, `5min`, `1h`, `2d`, in seconds; None for all else."""
+def parse_seconds(text: str) -> float | None:
+    """Seconds of `10s`, `5min`, `1h` or `2d`; None for other texts."""
     found = _TIME.fullmatch(text)
     return None if found is None else float(found[1]) * _SECONDS[found[2].lower()]
 
 
 class Seconds(click.FloatRange):
-    """A time: seconds, or a number with its unit.
-
-    Infinity is one, but what is not a number is none.
-    """
+    """A duration: seconds, or a number with a unit; infinity is allowed, NaN is not."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """The seconds; what is none, or out of range, is refused."""
-        told = seconds_of(value) if isinstance(value, str) else None
-        seconds = float(super().convert(value if told is None else told, param, ctx))
+        """The seconds; fails for other texts and out of range."""
+        parsed = parse_seconds(value) if isinstance(value, str) else None
+        seconds = float(super().convert(value if parsed is None else parsed, param, ctx))
         if isnan(seconds):
             self.fail(f"{value!r} is not a number of seconds.", param, ctx)
         return seconds
 
 
 class _Positive(click.FloatRange):
-    """A number above 0, and not without end."""
+    """A finite number above 0."""
 
     name = "number"
 
@@ -291,7 +288,7 @@ class _Positive(click.FloatRange):
 
 
 def units_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Both options; positions are then shown in turns too: pulses / resolution / gear ratio."""
+    """Add `--resolution` and `--gear-ratio`, which show positions in turns too."""
     resolution = click.option(
         "--resolution",
         type=_Positive(),
@@ -308,37 +305,37 @@ def units_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def line_speed_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """`--baud` of what is read: of recordings only where they are not to be believed."""
+    """Add `--baud` for commands that read files; it overrides the baud of a recording."""
     return click.option(
         "--baud",
         type=click.IntRange(min=1),
-        help=f"Bits/s of every line, instead of what a recording says.  [default: {DEFAULT_BAUD}]",
+        help=f"Bits/s of every line; overrides the recording's.  [default: {DEFAULT_BAUD}]",
     )(command)
 
 
-def remembered_bench(
-    settings: Remembered,
+def line_setup(
+    settings: SavedSettings,
     ports: Sequence[str],
     resolution: float | None,
     gear_ratio: float | None,
     baud: int = DEFAULT_BAUD,
 ) -> LineSetup:
-    """The set-up that the options tell, and where they do not, the settings of these ports.
+    """The line setup from the options, with the settings of the ports as defaults.
 
     Raises:
-        UsageError: the settings contradict each other, or there is a gear ratio, but no resolution.
+        UsageError: the settings of the ports differ, or a gear ratio has no resolution.
     """
     if resolution is None:
         resolution = settings.defaults(ports, "resolution").resolution
     if resolution is not None and gear_ratio is None:
         gear_ratio = settings.defaults(ports, "gear_ratio").gear_ratio
-    return bench_of(resolution, gear_ratio, baud)
+    return check_line_setup(resolution, gear_ratio, baud)
 
 
-def bench_of(
+def check_line_setup(
     resolution: float | None, gear_ratio: float | None, baud: int = DEFAULT_BAUD
 ) -> LineSetup:
-    """The set-up that the options tell.
+    """The line setup from the options.
 
     Raises:
         UsageError: a gear ratio is given, but no resolution.

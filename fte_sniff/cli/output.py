@@ -1,4 +1,4 @@
-"""Output path, format, overwrite, closing summary."""
+"""Outputs of a command: format, path, overwriting, and the summary at the end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from fte_sniff.cli.streams import tell
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError, printable, unwritable
 from fte_sniff.formats.writers import FORM_BY_END, TEXT_FORMS, OutputFormat
 from fte_sniff.protocol import Status, iso_time, status_of
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 _IN_SEQUENCE = (OutputFormat.RAW, OutputFormat.MCAP)
-"""Forms that are no text and need no seeking."""
+"""Binary formats that are written in sequence, so that a pipe can take them."""
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -29,7 +29,7 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 def format_option(
     default: OutputFormat | None, forms: Sequence[OutputFormat] = TEXT_FORMS
 ) -> Decorator:
-    """The `--format` option; without a default the command chooses its own form."""
+    """The `--format` option; without a default the command chooses the format."""
     return click.option(
         "--format",
         "form",
@@ -37,37 +37,37 @@ def format_option(
         callback=lambda _context, _option, word: OutputFormat(word) if word else None,
         default=default and default.value,
         show_default=default is not None,
-        help="How rows are written; a table is plain where the output is no terminal.",
+        help="Format of the rows; a table has no colours if the output is not a terminal.",
     )
 
 
-def form_of(output: Path | None) -> OutputFormat:
-    """The form that the end of the output's name asks for; a table where it has no end.
+def format_for(output: Path | None) -> OutputFormat:
+    """The format for the extension of the output; a table without an extension.
 
     Raises:
-        UsageError: the end is none that is known.
+        UsageError: the extension is unknown.
     """
     end = "" if output is None else output.suffix.lower()
     if not end:
         return OutputFormat.TABLE
     if end not in FORM_BY_END:
         raise UsageError(
-            f"{output}: the name's end says what is written, and {end} is none of"
-            f" {' '.join(FORM_BY_END)}; take one of them, or say --format"
+            f"{output}: the extension selects the format, and {end} is not one of"
+            f" {' '.join(FORM_BY_END)}; use one of them, or --format"
         )
     return FORM_BY_END[end]
 
 
 @contextmanager
 def text_output(path: Path | None, *, force: bool) -> Iterator[TextIO]:
-    """Standard output, or a file that stands at `path` once it is whole.
+    """Open standard output, or a file that replaces `path` when it is complete.
 
-    What is written goes to a file beside it first, so that a command that fails leaves nothing
-    behind, and an old file is replaced only by a new one. What was written when Ctrl-C came is
-    kept, and that it is not all is told.
+    Rows go to a temporary file in the same folder first, so that a command that fails leaves no
+    file, and an old file stays until the new one is complete. After Ctrl-C the rows so far are
+    kept, and this is reported.
 
     Raises:
-        FileError: the file is there already (and `force` is not set), or cannot be written.
+        FileError: the file exists (and `force` is not set), or cannot be written.
     """
     if path is None or str(path) == "-":
         yield sys.stdout
@@ -77,7 +77,7 @@ def text_output(path: Path | None, *, force: bool) -> Iterator[TextIO]:
             with path.open("w", encoding="utf-8", newline="") as device:
                 yield device
             return
-        check_output(path, force=force)
+        check_output_path(path, force=force)
         with _beside(path) as file:
             yield file
     except OSError as error:
@@ -86,24 +86,24 @@ def text_output(path: Path | None, *, force: bool) -> Iterator[TextIO]:
 
 @contextmanager
 def file_output(path: Path | None, form: OutputFormat, *, force: bool) -> Iterator[Path]:
-    """Where to write a file that is not text; it stands at `path` once it is whole.
+    """The path to write a binary file to; it replaces `path` when it is complete.
 
-    `-` stands for standard output, for the forms that are written in sequence.
+    `-` is standard output, for formats that are written in sequence.
 
     Raises:
-        UsageError: no file was named, or it cannot go to standard output.
-        FileError: the file is there already (and `force` is not set), or cannot be written.
-        BrokenPipeError: who read standard output is gone.
+        UsageError: no file was named, or the format cannot go to standard output.
+        FileError: the file exists (and `force` is not set), or cannot be written.
+        BrokenPipeError: standard output lost its reader.
     """
     if path is None:
-        raise UsageError(f"{form} is no text: name a file to write it to with -o{_or_pipe(form)}")
+        raise UsageError(f"{form} is not text: name a file to write it to with -o{_or_pipe(form)}")
     if str(path) == "-":
         with _stdout_as_file(form) as stdout:
             yield stdout
         return
     part = path.with_name(f"{path.name}.part")
     try:
-        check_output(path, force=force)
+        check_output_path(path, force=force)
         try:
             yield part
             part.replace(path)
@@ -122,7 +122,7 @@ def _stdout_as_file(form: OutputFormat) -> Iterator[Path]:
     if form not in _IN_SEQUENCE:
         raise UsageError(f"{form} is not written in sequence: name a file to write it to with -o")
     if sys.stdout.isatty():
-        raise UsageError(f"{form} is no text for a terminal: send it to a pipe, or name a file")
+        raise UsageError(f"{form} is not text for a terminal: send it to a pipe, or name a file")
     try:
         yield Path(f"/dev/fd/{sys.stdout.fileno()}")
     except FileError as error:
@@ -131,11 +131,11 @@ def _stdout_as_file(form: OutputFormat) -> Iterator[Path]:
         raise
 
 
-def check_output(path: Path, *, force: bool) -> None:
-    """Refuse what cannot be an output.
+def check_output_path(path: Path, *, force: bool) -> None:
+    """Refuse a path that cannot be an output.
 
     Raises:
-        OSError: it is a directory, or it exists already and `force` is not set.
+        OSError: it is a directory, or it exists and `force` is not set.
     """
     if path.is_dir():
         raise IsADirectoryError
@@ -145,7 +145,7 @@ def check_output(path: Path, *, force: bool) -> None:
 
 @contextmanager
 def _beside(path: Path) -> Iterator[TextIO]:
-    """A new file next to `path`, which takes its place in the end if anything was written."""
+    """A temporary file next to `path`; replaces it at the end if anything was written."""
     part = path.with_name(f"{path.name}.part")
     with part.open("w", encoding="utf-8", newline="") as file:
         try:
@@ -153,7 +153,7 @@ def _beside(path: Path) -> Iterator[TextIO]:
                 yield file
             except KeyboardInterrupt:
                 if _settled(file, part, path):
-                    tell(f"fte-sniff: interrupted; {path} holds the rows up to there")
+                    print_err(f"fte-sniff: interrupted; {path} holds the rows up to there")
                 raise
             _settled(file, part, path)
         finally:
@@ -161,7 +161,7 @@ def _beside(path: Path) -> Iterator[TextIO]:
 
 
 def _settled(file: TextIO, part: Path, path: Path) -> bool:
-    """Let the file take its place, if there is anything in it."""
+    """Move the file to its path if it is not empty."""
     file.flush()
     some = file.tell() > 0
     if some:
@@ -170,7 +170,7 @@ def _settled(file: TextIO, part: Path, path: Path) -> bool:
 
 
 ENOUGH_ROWS = 5
-"""Rows of damage alone from which on something is wrong with more than a frame."""
+"""This many damaged rows without a frame point to a wrong setup."""
 
 
 def summary(
@@ -182,15 +182,15 @@ def summary(
     spanned: bool = False,
     left_out: Sequence[RecordedGap] = (),
 ) -> str:
-    """What was read: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
+    """Summary of an input: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
     Args:
-        tally: the count of all rows that were read.
-        written: how many of them were written, to be told where that is not all.
-        partly: whether reading stopped at a limit, so that the numbers are not of the whole input.
-        filter_text: what chose the rows that were written; None where all were.
-        spanned: whether only rows of a span of time were read.
-        left_out: rows that came and that the input does not hold.
+        tally: counts of all rows that were read.
+        written: how many of them were written; None for all.
+        partly: reading stopped at a limit, so that the counts do not cover the whole input.
+        filter_text: the filter of the rows that were written; None without a filter.
+        spanned: only rows of a time range were read.
+        left_out: gaps that the input reports.
     """
     if partly:
         return f"stopped at the limit: {tally.rows:,} rows read so far, {written or 0:,} written"
@@ -202,13 +202,13 @@ def summary(
     ]
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
-    advice = _missed(tally, written, filter_text, spanned=spanned) or hint(tally)
-    lacking = f"; {rows_in_places(left_out)} left out when recorded" if left_out else ""
+    advice = _missed(tally, written, filter_text, spanned=spanned) or explain_no_frames(tally)
+    lacking = f"; {gap_text(left_out)} left out when recorded" if left_out else ""
     return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
 
 
-def rows_in_places(left_out: Sequence[RecordedGap]) -> str:
-    """`893 rows in 2 places`, and `893 rows and more` where of one it is not known how many."""
+def gap_text(left_out: Sequence[RecordedGap]) -> str:
+    """`893 rows in 2 places`; `893 rows and more` if the size of a gap is unknown."""
     rows, places = sum(one.rows or 0 for one in left_out), len(left_out)
     told = f"{rows:,} row{'s' * (rows != 1)}"
     if any(one.rows is None for one in left_out):
@@ -217,16 +217,16 @@ def rows_in_places(left_out: Sequence[RecordedGap]) -> str:
 
 
 def _missed(tally: Tally, written: int | None, filter_text: str | None, *, spanned: bool) -> str:
-    """What left no row, where rows may have been there; empty elsewhere."""
+    """Why no row was written although rows may have been read; empty otherwise."""
     if not tally.rows and spanned:
-        return "none lies between --from and --to"
+        return "none is between --from and --to"
     if tally.rows and written == 0 and filter_text is not None:
-        return f"none of them passes the filter: {printable(filter_text)}"
+        return f"none of them matches the filter: {printable(filter_text)}"
     return ""
 
 
-def hint(tally: Tally) -> str:
-    """What to look at where nothing came, or nothing that could be read; empty elsewhere."""
+def explain_no_frames(tally: Tally) -> str:
+    """What to check if there are no rows or no frames; empty otherwise."""
     if not tally.rows:
         return "nothing came: check the wire, the ground and the baud rate"
     if tally.rows >= ENOUGH_ROWS and not tally.frames:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.options import list_format_option
-from fte_sniff.cli.streams import tell
+from fte_sniff.cli.streams import print_err
 
 if TYPE_CHECKING:
     from fte_sniff.capture.discovery import PortListing
@@ -34,7 +34,7 @@ def command(form: str) -> None:
     for line in lines:
         click.echo(line)
     for hint in _hints(found):
-        tell(hint)
+        print_err(hint)
 
 
 def _json(port: PortListing) -> str:

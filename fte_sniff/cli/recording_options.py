@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.options import Seconds, row_filter, seconds_of
+from fte_sniff.cli.options import Seconds, parse_seconds, row_filter
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat
 from fte_sniff.recording.output_file import Existing, is_outlet
@@ -63,7 +63,7 @@ def _size(text: str) -> int | None:
 
 
 def _seconds(text: str) -> float:
-    seconds = seconds_of(text)
+    seconds = parse_seconds(text)
     if seconds is None:
         raise click.BadParameter(f"{text!r} is no time; say for example 10s, 5min or 1h")
     return seconds
@@ -72,7 +72,7 @@ def _seconds(text: str) -> float:
 def _rotate(text: str) -> int | float | Rotate | None:
     if text.lower() in _ROTATE_WORDS:
         return _ROTATE_WORDS[text.lower()]
-    if (seconds := seconds_of(text)) is not None:
+    if (seconds := parse_seconds(text)) is not None:
         return seconds
     if _SIZE.fullmatch(text):
         return _size(text)

@@ -1,7 +1,4 @@
-"""Owns `fte-sniff repair`: a damaged recording to a whole one.
-
-It must not know how a recording is laid out; it says what was found, and what was lost.
-"""
+"""`fte-sniff repair`: copy everything intact in a damaged recording to a new file."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.options import FileName
-from fte_sniff.cli.streams import tell
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError
 
 if TYPE_CHECKING:
@@ -20,7 +17,7 @@ if TYPE_CHECKING:
 _MOST_LOSSES = 20
 
 
-@click.command(name="repair", short_help="Mend a damaged recording.")
+@click.command(name="repair", short_help="Repair a damaged recording.")
 @click.argument("file", type=FileName())
 @click.option(
     "-o",
@@ -30,14 +27,14 @@ _MOST_LOSSES = 20
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
 def command(file: Path, output: Path | None, force: bool) -> None:
-    """Mend a damaged recording (.mcap): keep all that is whole, and say what was lost.
+    """Repair a damaged recording (.mcap): keep everything intact, and report what was lost.
 
-    FILE is never changed; what is whole in it goes to a new file. A file that is whole needs no
-    mending, and none is written.
+    FILE is never changed; its intact rows go to a new file. An intact file needs no repair, and no
+    new file is written.
 
     \b
     fte-sniff repair cut.mcap
-    fte-sniff repair cut.mcap -o mended.mcap
+    fte-sniff repair cut.mcap -o repaired.mcap
     """
     from fte_sniff.recording.output_file import Existing
     from fte_sniff.recording.repair import is_whole, repair
@@ -48,34 +45,34 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     if target.exists() and file.exists() and target.samefile(file):
         raise UsageError(f"{target} is the damaged file itself; name another with -o")
     if is_whole(file):
-        tell(f"{file} is whole; there is nothing to mend")
+        print_err(f"{file} is whole; there is nothing to repair")
         return
     damage = repair(file, target, Existing.REPLACE if force else Existing.REFUSE)
-    _tell_places(damage)
+    _report_damage(damage)
     kept = f"{damage.messages} rows and port events in {damage.chunks} chunks"
-    tell(f"kept all {kept}" if _nothing_lost(damage) else f"kept {kept}; {_missing(damage)}")
-    tell(f"mended into {target}")
+    print_err(f"kept all {kept}" if _nothing_lost(damage) else f"kept {kept}; {_missing(damage)}")
+    print_err(f"repaired into {target}")
 
 
 def _nothing_lost(damage: FileDamage) -> bool:
-    """Whether every row and event is kept, whatever bytes around them are damaged."""
+    """True if every row and event is kept, even if bytes around them are damaged."""
     return damage.missing == 0 or (not damage.losses and not damage.least_missing)
 
 
-def _tell_places(damage: FileDamage) -> None:
-    """Where the file could not be read, and whether rows stood there."""
+def _report_damage(damage: FileDamage) -> None:
+    """Report where the file could not be read, and whether it held rows there."""
     whole = _nothing_lost(damage)
     for loss in damage.losses[:_MOST_LOSSES]:
-        tell(f"damaged: {loss.where}, which held no rows" if whole else f"lost: {loss}")
+        print_err(f"damaged: {loss.where}, which held no rows" if whole else f"lost: {loss}")
     if len(damage.losses) > _MOST_LOSSES:
         more = f"{len(damage.losses) - _MOST_LOSSES} more places"
-        tell(f"damaged: {more}, which held no rows" if whole else f"lost: {more}")
+        print_err(f"damaged: {more}, which held no rows" if whole else f"lost: {more}")
     if damage.undescribed:
-        tell(f"lost: {damage.undescribed} messages of ports that nothing describes any more")
+        print_err(f"lost: {damage.undescribed} messages of ports that nothing describes any more")
 
 
 def _missing(damage: FileDamage) -> str:
-    """How many messages are lost, as far as that is known."""
+    """How many messages are lost, as far as known."""
     if damage.missing is not None:
         return f"{damage.missing} are lost"
     if damage.least_missing:

@@ -1,4 +1,4 @@
-"""Settings file and environment.
+"""The settings file: what it may contain, reading it, and writing screen choices back.
 
 [screen]
 theme = "textual-light"
@@ -6,13 +6,13 @@ columns = ["time", "kind", "values", "faults"]
 widths = { time = 15 }
 language = "zh"                 # or en, or auto: that of the locale
 
-[port."/dev/ttyUSB0"]           # or under its lasting name, /dev/serial/by-id/...
+[port."/dev/ttyUSB0"]           # or its stable name, /dev/serial/by-id/...
 baud = 115200
 resolution = 500
 gear-ratio = 30.0
 
 [live]
-ports = ["/dev/ttyUSB0"]        # what `fte-sniff live` opens when it is given none
+ports = ["/dev/ttyUSB0"]        # what `fte-sniff live` opens without a PORT
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import click
 
-from fte_sniff.cli.streams import tell
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of, unreadable
 from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
 from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
@@ -44,19 +44,19 @@ _COLUMNS: Final = (*ORDER, VALUES)
 
 @dataclass(frozen=True, slots=True)
 class ScreenSettings:
-    """How the screen is to look; None where nothing is said."""
+    """Settings of the screen; None where the file has no value."""
 
     theme: str | None = None
     columns: tuple[str, ...] | None = None
-    """Names of the table's columns, in the order in which they stand; at least one."""
+    """Names of the table's columns in display order; at least one."""
     widths: Mapping[str, int] | None = None
-    """Cells of the columns that have another width than their own."""
+    """Width in cells of the columns that do not have their default width."""
     language: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class PortDefaults:
-    """What is known of one port; None where nothing is said."""
+    """Settings of one port; None where the file has no value."""
 
     baud: int | None = None
     """Bits per second, at least 1."""
@@ -68,17 +68,17 @@ class PortDefaults:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """All that a settings file says."""
+    """The contents of a settings file."""
 
     screen: ScreenSettings = ScreenSettings()
     ports: tuple[str, ...] = ()
-    """What to watch when no port is named; one or two."""
+    """Ports to open when none is named; one or two."""
     by_port: Mapping[str, PortDefaults] = field(default_factory=lambda: MappingProxyType({}))
     faults: tuple[str, ...] = ()
-    """What the file says beside, and cannot be: a line each."""
+    """Invalid entries of the file, one line each."""
 
     def of_port(self, port: str) -> PortDefaults:
-        """What is said of a port by this name, or by another that leads to the same device."""
+        """Settings of a port, by this name or another name of the same device."""
         found = self.by_port.get(port)
         if found is None and "://" not in port:
             device = Path(port).resolve()
@@ -132,7 +132,7 @@ def _widths(value: Any) -> Mapping[str, int]:
 
 
 def _word(words: Collection[str]) -> _Convert:
-    """One of these words."""
+    """A converter that accepts these words."""
 
     def convert(value: Any) -> str:
         if value not in list(words):
@@ -142,7 +142,7 @@ def _word(words: Collection[str]) -> _Convert:
     return convert
 
 
-SCREEN: Mapping[str, _Convert] = {
+SCREEN_FIELDS: Mapping[str, _Convert] = {
     "theme": _word(THEMES),
     "columns": _columns,
     "widths": _widths,
@@ -153,12 +153,12 @@ _PORT: Mapping[str, _Convert] = {"baud": _whole, "resolution": _ratio, "gear-rat
 _TABLES = ("screen", "live", "port")
 
 
-def settings_of(told: Mapping[str, Any]) -> Settings:
-    """What the tables of a file say, as far as it can be."""
+def parse_settings(content: Mapping[str, Any]) -> Settings:
+    """Settings from the tables of a file; invalid entries go to `faults`."""
     check = _Check()
-    tables = check.known(told, _TABLES, "")
+    tables = check.known(content, _TABLES, "")
     return Settings(
-        ScreenSettings(**check.values(tables.get("screen", {}), "screen", SCREEN)),
+        ScreenSettings(**check.values(tables.get("screen", {}), "screen", SCREEN_FIELDS)),
         check.values(tables.get("live", {}), "live", _LIVE).get("ports", ()),
         MappingProxyType(
             {
@@ -171,7 +171,7 @@ def settings_of(told: Mapping[str, Any]) -> Settings:
 
 
 class _Check:
-    """Takes a file's tables apart, and notes where one is not what it should be."""
+    """Validates the tables of a file and collects what is wrong with them."""
 
     def __init__(self) -> None:
         self.faults: list[str] = []
@@ -185,7 +185,7 @@ class _Check:
     def known(
         self, table: Mapping[str, Any], names: Collection[str], where: str
     ) -> Mapping[str, Any]:
-        """What of the table has a name that there is."""
+        """The entries with a known name."""
         for name in table:
             if name not in names:
                 near = get_close_matches(name, names, 1)
@@ -197,7 +197,7 @@ class _Check:
     def values(
         self, table: Any, where: str, converts: Mapping[str, Callable[[Any], Any]]
     ) -> dict[str, Any]:
-        """The values of a table by the names of their fields."""
+        """Converted values of a table, by field name."""
         found = {}
         for name, value in self.known(self.table(table, where), converts, where).items():
             try:
@@ -207,15 +207,15 @@ class _Check:
         return found
 
 
-VARIABLE: Final = "FTE_SNIFF_CONFIG"
-"""The environment's word for another settings file."""
+CONFIG_VARIABLE: Final = "FTE_SNIFF_CONFIG"
+"""Environment variable that names another settings file."""
 
-_WAY_OUT = "mend the file, or move it away"
+_FIX = "correct the file, or move it away"
 
 
 def settings_path() -> Path:
-    """Where the settings lie when nobody says otherwise."""
-    named = os.environ.get(VARIABLE)
+    """Default path of the settings file."""
+    named = os.environ.get(CONFIG_VARIABLE)
     if named:
         return Path(named)
     from platformdirs import user_config_path
@@ -224,7 +224,7 @@ def settings_path() -> Path:
 
 
 def read_settings(path: Path) -> Settings:
-    """What the file says; nothing where there is no such file.
+    """Read a settings file; a missing file has no settings.
 
     Raises:
         FileError: it cannot be read, or is not TOML.
@@ -236,18 +236,18 @@ def read_settings(path: Path) -> Settings:
     except OSError as error:
         raise unreadable(path, error) from error
     try:
-        told = tomllib.loads(content.decode())
+        tables = tomllib.loads(content.decode())
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileError(f"{path} is not TOML: {error}; {_WAY_OUT}") from error
+        raise FileError(f"{path} is not TOML: {error}; {_FIX}") from error
     except RecursionError as error:
-        raise FileError(f"{path} is nested too deeply; {_WAY_OUT}") from error
-    return settings_of(told)
+        raise FileError(f"{path} is nested too deeply; {_FIX}") from error
+    return parse_settings(tables)
 
 
-def keep_screen(path: Path, settings: ScreenSettings) -> None:
-    """Write what is said of the screen into the file, and leave the rest as it is.
+def save_screen(path: Path, settings: ScreenSettings) -> None:
+    """Write the screen settings into the file; comments and other settings stay as they are.
 
-    The new file takes the place of the old one at once, so that no half of it is ever there.
+    The file is replaced atomically.
 
     Raises:
         FileError: the file there cannot be read or written.
@@ -258,7 +258,7 @@ def keep_screen(path: Path, settings: ScreenSettings) -> None:
     try:
         document = tomlkit.parse(path.read_text("utf-8")) if path.exists() else tomlkit.document()
         screen = document.setdefault("screen", tomlkit.table())
-        for name in SCREEN:
+        for name in SCREEN_FIELDS:
             value = getattr(settings, name)
             if value is not None:
                 screen[name] = _toml(value)
@@ -266,13 +266,13 @@ def keep_screen(path: Path, settings: ScreenSettings) -> None:
                 del screen[name]
         _replace(path, tomlkit.dumps(document))
     except (TOMLKitError, UnicodeDecodeError, TypeError) as error:
-        raise FileError(f"{path} is not TOML: {error}; {_WAY_OUT}") from error
+        raise FileError(f"{path} is not TOML: {error}; {_FIX}") from error
     except OSError as error:
         raise FileError(f"{path} cannot be written: {reason_of(error)}") from error
 
 
 def _toml(value: Any) -> Any:
-    """The value as the file holds it."""
+    """The value as a TOML item."""
     import tomlkit
 
     if isinstance(value, Mapping):
@@ -283,7 +283,7 @@ def _toml(value: Any) -> Any:
 
 
 def _replace(path: Path, text: str) -> None:
-    # A link stays one: people keep such files elsewhere and link to them.
+    # Replace the target of a symbolic link, not the link.
     path = path.resolve()
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(
@@ -298,62 +298,62 @@ def _replace(path: Path, text: str) -> None:
 
 
 OPTION_OF = {"baud": "--baud", "resolution": "--resolution", "gear_ratio": "--gear-ratio"}
-"""The option that says the same as a field of `PortDefaults`, and wins."""
+"""The option that overrides a field of `PortDefaults`."""
 
 
 def config_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The `--config` option; the command hands it to `remembered`."""
+    """Add the `--config` option; its value goes to `load_settings`."""
     return click.option(
         "--config",
         type=click.Path(path_type=Path),
         metavar="FILE",
-        help="Settings; by default config.toml in your folder for settings.",
+        help="Settings file; by default config.toml in your settings folder.",
     )(command)
 
 
 def lang_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The `--lang` option; the command hands it to `Remembered.language`."""
+    """The `--lang` option; its value goes to `Remembered.language`."""
     return click.option(
         "--lang",
         type=click.Choice([*LANGUAGES, AUTO]),
-        help="Language of the screen; by default that of the settings, or of the locale.",
+        help="Language of the screen; by default that of the settings or the locale.",
     )(command)
 
 
 @dataclass(frozen=True, slots=True)
-class Remembered:
-    """The settings of a command, and where they lie."""
+class SavedSettings:
+    """The settings, with the path of their file."""
 
     path: Path
     settings: Settings
     trouble: tuple[str, ...] = ()
-    """What is wrong with the file, and was told: a line each."""
+    """Problems with the file that were reported, one line each."""
 
     def defaults(self, ports: Sequence[str], *names: str) -> PortDefaults:
-        """What the settings say of these ports, as far as it is asked for by name.
+        """The named settings of these ports.
 
         Raises:
-            UsageError: they say one thing of one port, and another of another.
+            UsageError: a setting differs between the ports.
         """
-        told = [self.settings.of_port(port) for port in ports]
+        by_port = [self.settings.of_port(port) for port in ports]
         found = {}
         for name in names:
-            said = {getattr(one, name) for one in told} - {None}
-            if len(said) > 1:
+            values = {getattr(one, name) for one in by_port} - {None}
+            if len(values) > 1:
                 raise UsageError(
-                    f"{self.path} says another {name.replace('_', '-')} of each port; "
-                    f"say one with {OPTION_OF[name]}"
+                    f"{self.path} has another {name.replace('_', '-')} for each port; "
+                    f"give one with {OPTION_OF[name]}"
                 )
-            found[name] = next(iter(said), None)
+            found[name] = next(iter(values), None)
         return PortDefaults(**found)
 
     def language(self, lang: str | None) -> str:
-        """The language of the screen, given what `--lang` says of it."""
+        """The language of the screen; `lang` is the value of `--lang`."""
         return language_of(lang or self.settings.screen.language, os.environ)
 
     @property
     def choices(self) -> Choices:
-        """How the screen begins."""
+        """Theme and columns of the screen."""
         from fte_sniff.tui.options import Choices
         from fte_sniff.tui.table.columns import ColumnChoice
 
@@ -363,13 +363,13 @@ class Remembered:
         return Choices(screen.theme, columns)
 
     def keep(self, choices: Choices) -> None:
-        """Let the next screen begin as this one ended; that it cannot is told, and no error."""
+        """Save the choices for the next start of the screen; a failure is only reported."""
         columns = choices.columns
         try:
-            # Read again: another screen may have been there meanwhile.
+            # Read again: another screen may have written it.
             found = read_settings(self.path)
             if found.faults:
-                tell(f"the look of the screen is not kept: mend {self.path} first")
+                print_err(f"the screen settings are not saved: correct {self.path} first")
                 return
             screen = replace(
                 found.screen,
@@ -377,13 +377,13 @@ class Remembered:
                 columns=None if columns is None else columns.names,
                 widths=None if columns is None else dict(columns.widths) or None,
             )
-            keep_screen(self.path, screen)
+            save_screen(self.path, screen)
         except FteSniffError as error:
-            tell(f"the look of the screen is not kept: {error}")
+            print_err(f"the screen settings are not saved: {error}")
 
 
-def remembered(config: Path | None) -> Remembered:
-    """The settings in the file that `--config` names, else in the usual one.
+def load_settings(config: Path | None) -> SavedSettings:
+    """Load the settings from `config`, or from the default file; problems are reported.
 
     Raises:
         FileError: the named file is not there.
@@ -396,9 +396,9 @@ def remembered(config: Path | None) -> Remembered:
     path = config or settings_path()
     try:
         settings = read_settings(path)
-        trouble = [f"{path}: {fault}; going on without it" for fault in settings.faults]
+        trouble = [f"{path}: {fault}; it is ignored" for fault in settings.faults]
     except FteSniffError as error:
-        settings, trouble = Settings(), [f"{error}; going on without settings"]
+        settings, trouble = Settings(), [f"{error}; starting without settings"]
     for line in trouble:
-        tell(f"fte-sniff: {line}")
-    return Remembered(path, settings, tuple(trouble))
+        print_err(f"fte-sniff: {line}")
+    return SavedSettings(path, settings, tuple(trouble))

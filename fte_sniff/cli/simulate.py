@@ -12,7 +12,7 @@ import click
 
 from fte_sniff.capture.simulation import PARAMETERS, Parameter, SimulationParameters
 from fte_sniff.cli.options import FileName
-from fte_sniff.cli.streams import signals_call
+from fte_sniff.cli.streams import ending_signals
 from fte_sniff.errors import PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
 
@@ -50,7 +50,7 @@ def _run(link: Path | None, baud: int, **parameters: Any) -> None:
         click.echo(
             f"a controller answers on {printable(controller.device)}; Ctrl-C ends it", err=True
         )
-        with signals_call(controller.stop):
+        with ending_signals(controller.stop):
             controller.run()
 
 

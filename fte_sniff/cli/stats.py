@@ -1,7 +1,4 @@
-"""Owns `fte-sniff stats`: the numbers over files, for people or as one JSON object.
-
-It must not count anything, nor know how files are read.
-"""
+"""`fte-sniff stats`: statistics over files, as text or as one JSON object."""
 
 from __future__ import annotations
 
@@ -13,17 +10,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.input_files import ReadOptions, check_inputs, input_arguments, opened
+from fte_sniff.cli.input_files import ReadOptions, check_inputs, input_arguments, open_inputs
 from fte_sniff.cli.options import (
     filter_option,
     line_speed_option,
     row_filter,
-    span_of,
     span_options,
+    time_range,
 )
-from fte_sniff.cli.output import hint
-from fte_sniff.cli.stats_json import ReportOptions, document
-from fte_sniff.cli.streams import tell
+from fte_sniff.cli.output import explain_no_frames
+from fte_sniff.cli.stats_json import ReportOptions, statistics_json
+from fte_sniff.cli.streams import print_err
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.pipeline import InputReading
 
@@ -33,13 +30,13 @@ if TYPE_CHECKING:
 
 
 class Form(StrEnum):
-    """The forms that numbers can be written in."""
+    """Output formats of the statistics."""
 
     TEXT = "text"
     JSON = "json"
 
 
-@click.command(name="stats", short_help="Numbers over files: rates, faults, silences, answers.")
+@click.command(name="stats", short_help="Statistics over files: rates, faults, silences, answers.")
 @input_arguments
 @click.option(
     "--format",
@@ -62,11 +59,11 @@ def command(
     until: str | None,
     baud: int | None,
 ) -> None:
-    """Tell the numbers over recordings, raw bytes or hex text: all files together.
+    """Print statistics over recordings, raw bytes or hex text, all files together.
 
-    How long, how many rows and bytes, how full each line was and how long it was silent; faults by
-    kind; rate, period, jitter and values of each kind of frame by motor; how long answers took,
-    and which flags were seen. Where --filter is given, of the rows for which it holds.
+    Duration, rows and bytes, use and silences of each line; faults by kind; rate, period, jitter
+    and values of each kind of frame by motor; answer times and flags seen. With --filter, only
+    matching rows are counted.
 
     \b
     fte-sniff stats samples/damaged.mcap
@@ -75,59 +72,59 @@ def command(
     """
     check_inputs(files)
     wanted = row_filter(filter_text)
-    inputs = opened(files, how)
-    span = span_of(since, until, (one.times for one in inputs), how.zone_given())
+    inputs = open_inputs(files, how)
+    span = time_range(since, until, (one.times for one in inputs), how.zone_given())
     reading = InputReading(inputs, span, wanted)
-    survey = _surveyed(reading, baud)
-    asked = ReportOptions(filter_text, reading.tally.rows, reading.left_out, _selections(reading))
+    summary = _summarize(reading, baud)
+    options = ReportOptions(filter_text, reading.tally.rows, reading.left_out, _selections(reading))
     if form is Form.JSON:
-        numbers = document(survey, asked)
+        numbers = statistics_json(summary, options)
         click.echo(json.dumps(numbers, ensure_ascii=False, indent=2))
     else:
-        _show(survey, asked)
+        _show(summary, options)
     for note in reading.notes:
-        tell(f"fte-sniff: {note}")
+        print_err(f"fte-sniff: {note}")
     if span is not None and not reading.tally.rows:
-        tell("fte-sniff: no row lies between --from and --to")
-    elif advice := hint(reading.tally):
-        tell(f"fte-sniff: {advice}")
+        print_err("fte-sniff: no row is between --from and --to")
+    elif advice := explain_no_frames(reading.tally):
+        print_err(f"fte-sniff: {advice}")
 
 
 def _selections(reading: InputReading) -> list[Selection]:
-    """What the inputs tell of filters before this one."""
+    """Filters that were applied when the inputs were made."""
     return [selection for one in reading.inputs for selection in one.selections()]
 
 
-def _surveyed(reading: InputReading, baud: int | None) -> StatisticsSummary:
+def _summarize(reading: InputReading, baud: int | None) -> StatisticsSummary:
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.analysis.summary import StatisticsSummary
 
-    survey = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD))
+    summary = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD))
     before = None
     for one, left_out in zip(reading.inputs, reading.left_out_of, strict=True):
-        told = {port.name: port.baud for port in one.ports if port.baud} if baud is None else {}
-        survey.begin(one.name, told, [(gap.first_ns, gap.last_ns) for gap in left_out])
+        bauds = {port.name: port.baud for port in one.ports if port.baud} if baud is None else {}
+        summary.begin(one.name, bauds, [(gap.first_ns, gap.last_ns) for gap in left_out])
         if not one.follows(before):
-            survey.interrupt()
+            summary.interrupt()
         for batch in reading.of(one):
             if batch.after_loss:
-                survey.interrupt()
-            survey.add(batch.sequence(), batch.events)
+                summary.interrupt()
+            summary.add(batch.sequence(), batch.events)
         if one.losses:
-            survey.interrupt()
+            summary.interrupt()
         before = one
-    return survey
+    return summary
 
 
-def _show(survey: StatisticsSummary, asked: ReportOptions) -> None:
-    from fte_sniff.cli.stats_report import page
+def _show(summary: StatisticsSummary, options: ReportOptions) -> None:
+    from fte_sniff.cli.stats_report import report_lines
 
     if not sys.stdout.isatty():
-        lines = page(survey, asked, None)
+        lines = report_lines(summary, options, None)
         sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in lines)
         return
     from rich.console import Console
 
     console = Console(file=sys.stdout)
-    for line in page(survey, asked, console.width):
+    for line in report_lines(summary, options, console.width):
         console.print(line, no_wrap=True, overflow="ellipsis", crop=True)

@@ -1,7 +1,7 @@
-"""Statistics as JSON.
+"""Statistics as a JSON object (docs/stats.md).
 
-It must not count anything. Names end in their unit; what is not known or does not apply is null.
-Keys are only ever added; what an existing one means never changes.
+Names end in their unit. A value that is unknown or does not apply is null. Keys may be added, but
+the meaning of a key never changes.
 """
 
 from __future__ import annotations
@@ -21,35 +21,35 @@ if TYPE_CHECKING:
 
 
 VERSION = 1
-"""Of the object; a reader that knows it can read every object with the same."""
+"""Version of the object's layout."""
 
 COUNTED = (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.NOT_PASSED_ON)
-"""Events that have something to count: errors, or bytes."""
+"""Port events whose count means errors or bytes."""
 
 Json = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class ReportOptions:
-    """What the numbers are of."""
+    """What the statistics cover."""
 
     filter_text: str | None
-    """As the user wrote it; None where there was none."""
+    """The filter as the user wrote it; None without one."""
     rows_read: int
-    """How many rows there were before the filter."""
+    """Rows before the filter."""
     left_out: Sequence[RecordedGap] = ()
-    """Rows that came and that the inputs do not hold, as far as they tell."""
+    """Gaps that the inputs report."""
     selections: Sequence[Selection] = ()
-    """The filters that chose the inputs' rows, as far as they tell."""
+    """Filters that were applied when the inputs were made."""
 
 
-def document(survey: StatisticsSummary, asked: ReportOptions) -> Json:
-    """All numbers of the survey."""
-    total = survey.total
+def statistics_json(summary: StatisticsSummary, options: ReportOptions) -> Json:
+    """All statistics as one object."""
+    total = summary.total
     return {
         "version": VERSION,
-        "filter": asked.filter_text,
-        "rows_read": asked.rows_read,
+        "filter": options.filter_text,
+        "rows_read": options.rows_read,
         "left_out": [
             {
                 "rows": one.rows,
@@ -57,19 +57,19 @@ def document(survey: StatisticsSummary, asked: ReportOptions) -> Json:
                 "last_time": _time(one.last_ns),
                 "reason": one.reason,
             }
-            for one in asked.left_out
+            for one in options.left_out
         ],
         "selections": [
-            {"filter": one.filter_text, "rows_read": one.rows} for one in asked.selections
+            {"filter": one.filter_text, "rows_read": one.rows} for one in options.selections
         ],
         **_extent(total),
         "duration_s": _seconds(total.span_ns),
-        "status": _statuses(survey.faults.by_status()),
-        "files": [{"name": source.name, **_extent(source.count)} for source in survey.sources],
-        "ports": [_port(port, survey) for port in survey.ports()],
+        "status": _statuses(summary.faults.by_status()),
+        "files": [{"name": source.name, **_extent(source.count)} for source in summary.sources],
+        "ports": [_port(port, summary) for port in summary.ports()],
         "motors": [
-            _motor(answers, flags, in_order=survey.in_order)
-            for answers, flags in zip(survey.answers(), survey.flags(), strict=True)
+            _motor(answers, flags, in_order=summary.in_order)
+            for answers, flags in zip(summary.answers(), summary.flags(), strict=True)
         ],
     }
 
@@ -88,8 +88,8 @@ def _statuses(counts: Mapping[Status, Count]) -> Json:
     }
 
 
-def _port(port: PortNumbers, survey: StatisticsSummary) -> Json:
-    faults = survey.faults.by_fault(port.port)
+def _port(port: PortNumbers, summary: StatisticsSummary) -> Json:
+    faults = summary.faults.by_fault(port.port)
     return {
         "port": port.port,
         "baud": port.baud,
@@ -98,12 +98,12 @@ def _port(port: PortNumbers, survey: StatisticsSummary) -> Json:
         **_times(port),
         "rows_per_s": port.per_s,
         "line_use": line_use(port),
-        "status": _statuses(survey.faults.by_status(port.port)),
+        "status": _statuses(summary.faults.by_status(port.port)),
         "frames": {str(direction): port.frames[direction] for direction in Direction},
         "faults": [_fault(fault, count, port) for fault, count in faults.items()],
         "silences": {"count": port.silences.count, **_durations(port.silences)},
         "events": [_event(event) for event in port.events],
-        "streams": [_stream(one) for one in survey.streams() if one.port == port.port],
+        "streams": [_stream(one) for one in summary.streams() if one.port == port.port],
     }
 
 
@@ -155,7 +155,7 @@ def _motor(answers: AnswerNumbers, flags: FlagNumbers, *, in_order: bool) -> Jso
         "answered": known(answers.answered),
         "unanswered": known(answers.unanswered),
         "neither": known(answers.neither),
-        "delay": _durations(answers.delays if in_order else _none()),
+        "delay": _durations(answers.delays if in_order else _no_durations()),
         "error_bits": [
             {"bit": bit, "frames": seen.frames, **_times(seen)}
             for bit, seen in flags.error_bits.items()
@@ -168,7 +168,7 @@ def _motor(answers: AnswerNumbers, flags: FlagNumbers, *, in_order: bool) -> Jso
     }
 
 
-def _none() -> Durations:
+def _no_durations() -> Durations:
     from fte_sniff.analysis.counters import Durations
 
     return Durations()

@@ -1,7 +1,4 @@
-"""Statistics as text.
-
-It must not count anything, nor know how wide a terminal is: the width comes with the question.
-"""
+"""Statistics as text: lines and tables that fit a given width."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from rich.cells import cell_len
 from rich.text import Text
 
-from fte_sniff.cli.output import rows_in_places
+from fte_sniff.cli.output import gap_text
 from fte_sniff.cli.stats_json import COUNTED, ReportOptions, line_use
 from fte_sniff.errors import printable
 from fte_sniff.formats.text_layout import STATUS_MARK
@@ -89,29 +86,31 @@ _STYLE: Final = {Status.OK: "default", Status.SUSPECT: "yellow", Status.MALFORME
 _WORRY: Final = _STYLE[Status.MALFORMED]
 
 
-def page(survey: StatisticsSummary, asked: ReportOptions, width: int | None) -> Iterator[Text]:
-    """All numbers of the survey, line by line; tables in at most `width` cells, if there is one."""
-    when = _clock(survey.total)
-    yield from _whole(survey, asked)
-    if len(survey.sources) > 1:
+def report_lines(
+    summary: StatisticsSummary, options: ReportOptions, width: int | None
+) -> Iterator[Text]:
+    """The lines of the report; tables take at most `width` cells, None for no limit."""
+    when = _clock(summary.total)
+    yield from _whole(summary, options)
+    if len(summary.sources) > 1:
         yield Text()
-        yield from _files(survey).lines(width)
-    streams, ports = survey.streams(), survey.ports()
+        yield from _files(summary).lines(width)
+    streams, ports = summary.streams(), summary.ports()
     for port in ports:
         yield Text()
         yield from _port(port, when)
         if len(ports) > 1:
-            yield _line("  status", _statuses(survey.faults.by_status(port.port), port.rows))
-        if faults := survey.faults.by_fault(port.port):
+            yield _line("  status", _statuses(summary.faults.by_status(port.port), port.rows))
+        if faults := summary.faults.by_fault(port.port):
             yield Text()
             yield from _faults(faults, port, when).lines(width)
         if own := [stream for stream in streams if stream.port == port.port]:
             yield Text()
             yield from _streams(own, port, when, width)
-    if any(one.commands or one.feedback for one in survey.answers()):
+    if any(one.commands or one.feedback for one in summary.answers()):
         yield Text()
-        yield from _motors(survey).lines(width)
-        yield from _motor_notes(survey, when)
+        yield from _motors(summary).lines(width)
+        yield from _motor_notes(summary, when)
 
 
 def _clock(total: Count) -> When:
@@ -128,19 +127,19 @@ def _clock(total: Count) -> When:
     return text
 
 
-def _whole(survey: StatisticsSummary, asked: ReportOptions) -> Iterator[Text]:
-    total, sources = survey.total, survey.sources
+def _whole(summary: StatisticsSummary, options: ReportOptions) -> Iterator[Text]:
+    total, sources = summary.total, summary.sources
     yield _line("files", printable(sources[0].name) if len(sources) == 1 else f"{len(sources):,}")
-    if asked.filter_text is not None:
-        of_them = f"holds for {total.rows:,} of {asked.rows_read:,} rows"
-        yield _line("filter", f"{printable(asked.filter_text)}  {of_them}")
+    if options.filter_text is not None:
+        of_them = f"holds for {total.rows:,} of {options.rows_read:,} rows"
+        yield _line("filter", f"{printable(options.filter_text)}  {of_them}")
     yield _line("rows", f"{total.rows:,}, {total.bytes:,} bytes")
-    for selection in asked.selections:
+    for selection in options.selections:
         chosen = f"only those of {selection.rows:,} rows for which this held: "
         yield _line("selection", f"{chosen}{printable(selection.filter_text)}")
-    for reason in dict.fromkeys(one.reason for one in asked.left_out):
-        own = [one for one in asked.left_out if one.reason == reason]
-        yield _line("left out", f"{rows_in_places(own)}: {printable(reason)}")
+    for reason in dict.fromkeys(one.reason for one in options.left_out):
+        own = [one for one in options.left_out if one.reason == reason]
+        yield _line("left out", f"{gap_text(own)}: {printable(reason)}")
     if total.first_ns is not None and total.last_ns is not None:
         yield _line("first", iso_time(total.first_ns))
         span = f"{(total.span_ns or 0) / 1e9:,.3f} s after the first"
@@ -148,12 +147,12 @@ def _whole(survey: StatisticsSummary, asked: ReportOptions) -> Iterator[Text]:
     elif total.rows:
         yield _line("time", "these rows have no times: no rates, no silences")
     if total.rows:
-        yield _line("status", _statuses(survey.faults.by_status(), total.rows))
+        yield _line("status", _statuses(summary.faults.by_status(), total.rows))
 
 
-def _files(survey: StatisticsSummary) -> TextTable:
+def _files(summary: StatisticsSummary) -> TextTable:
     table = TextTable(["file", "rows", "bytes", "first row"])
-    for source in survey.sources:
+    for source in summary.sources:
         count = source.count
         first = UNKNOWN if count.first_ns is None else iso_time(count.first_ns)[:23]
         table.add([printable(source.name), f"{count.rows:,}", f"{count.bytes:,}", first])
@@ -263,7 +262,7 @@ def _stream_name(stream: StreamNumbers) -> str:
     return stream.kind.name if stream.motor is None else f"{stream.kind.name} {stream.motor}"
 
 
-def _motors(survey: StatisticsSummary) -> TextTable:
+def _motors(summary: StatisticsSummary) -> TextTable:
     heads = [
         "commands",
         "feedback",
@@ -275,14 +274,14 @@ def _motors(survey: StatisticsSummary) -> TextTable:
         "longest",
     ]
     table = TextTable(["motor", *heads])
-    for one in survey.answers():
-        table.add([str(one.motor), *_answers(one, survey)])
+    for one in summary.answers():
+        table.add([str(one.motor), *_answers(one, summary)])
     return table
 
 
-def _answers(one: AnswerNumbers, survey: StatisticsSummary) -> list[str]:
+def _answers(one: AnswerNumbers, summary: StatisticsSummary) -> list[str]:
     counts = [f"{one.commands:,}", f"{one.feedback:,}"]
-    if not survey.in_order:
+    if not summary.in_order:
         return [*counts, *[UNKNOWN] * 6]
     delays = one.delays
     return [
@@ -292,19 +291,19 @@ def _answers(one: AnswerNumbers, survey: StatisticsSummary) -> list[str]:
     ]
 
 
-def _motor_notes(survey: StatisticsSummary, when: When) -> Iterator[Text]:
+def _motor_notes(summary: StatisticsSummary, when: When) -> Iterator[Text]:
     """What the table of motors leaves to be told."""
-    if not survey.in_order:
+    if not summary.in_order:
         yield Text("the inputs do not follow each other in time: what answered what is not known")
-    elif any(one.neither for one in survey.answers()):
+    elif any(one.neither for one in summary.answers()):
         yield Text("neither: resets, which await no answer, and commands still open where rows end")
-    if not any(one.feedback for one in survey.answers()):
+    if not any(one.feedback for one in summary.answers()):
         return
-    told = list(flag_words(survey.flags(), when, in_order=survey.in_order))
+    told = list(flag_words(summary.flags(), when, in_order=summary.in_order))
     yield from (Text(f"! {words}", _WORRY) for words in told)
     if not told:
         yield Text(ALL_IN_ORDER)
 
 
-def _line(label: str, told: str | Text) -> Text:
-    return Text.assemble((fit(label, _LABEL), HEAD_STYLE), " ", told)
+def _line(label: str, text: str | Text) -> Text:
+    return Text.assemble((fit(label, _LABEL), HEAD_STYLE), " ", text)

@@ -1,4 +1,4 @@
-"""Signals, stdout, stderr messages."""
+"""Standard streams and signals: closed pipes, blocked output, Ctrl-C, SIGTERM and SIGHUP."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from fte_sniff.errors import FileError, printable, reason_of
 
 
 class ClosedOutput(io.TextIOBase):
-    """Stands for a standard output that was closed before the program began."""
+    """Replacement for a standard output that was closed before the program started."""
 
     def write(self, text: str, /) -> int:
-        """Refuse, in one line."""
+        """Raise FileError."""
         raise FileError("standard output is closed; let it go somewhere, for example > rows.txt")
 
 
-def settle_streams() -> None:
-    """Make the standard streams usable, whatever the program was started with."""
+def prepare_streams() -> None:
+    """Make the standard streams usable even if some were closed at start."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
         except OSError:
-            # Taken by nothing, it would be given to the next file that is opened.
+            # Otherwise the next file that is opened would get this descriptor.
             os.open(os.devnull, os.O_RDWR)
     if sys.stdin is None:
         sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
@@ -44,27 +44,27 @@ def settle_streams() -> None:
 
 
 def unwritable_stdout(error: OSError) -> FileError:
-    """What to tell the user when standard output takes nothing; not every command has a `-o`."""
+    """The error for a standard output that cannot be written; not every command has `-o`."""
     return FileError(
         f"standard output cannot be written: {reason_of(error)}; let it go somewhere else"
     )
 
 
 def abandon_stdout() -> None:
-    """Let what is still buffered for standard output go nowhere, so that the end stays quiet."""
+    """Discard what is still buffered for standard output, so that exit stays quiet."""
     if not isinstance(sys.stdout, ClosedOutput):
         abandon(sys.stdout.fileno())
 
 
 def abandon(descriptor: int) -> None:
-    """Let all that is and will be written there go nowhere; writes that wait do not wait on."""
+    """Redirect a descriptor to /dev/null; a write that blocks on it ends."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, descriptor)
     os.close(nowhere)
 
 
-def tell(line: str) -> None:
-    """Say one line on standard error; where that is refused, it and the lines to come are lost."""
+def print_err(line: str) -> None:
+    """Print one line on standard error; if that fails, drop it and all later ones."""
     try:
         click.echo(printable(line), err=True)
     except OSError:
@@ -72,9 +72,9 @@ def tell(line: str) -> None:
 
 
 def abandon_blocked() -> None:
-    """Abandon standard output and standard error where a write would wait for their reader.
+    """Abandon standard output and standard error if a write to them would block.
 
-    To be called from a signal handler: the write that waits is then done over, and goes nowhere.
+    Call it from a signal handler: the interrupted write is retried and goes to /dev/null.
     """
     stdout, stderr = 1, 2
     if _blocked(stderr):
@@ -91,98 +91,101 @@ def _blocked(descriptor: int) -> bool:
     return not poll.poll(0)
 
 
-def nobody_reads(descriptor: int) -> bool:
-    """Whether a pipe has lost its reader."""
+def has_no_reader(descriptor: int) -> bool:
+    """True if a pipe has lost its reader."""
     poll = select.poll()
     poll.register(descriptor, 0)
     return any(event & select.POLLERR for _, event in poll.poll(0))
 
 
-PATIENCE_S = 3.0
-"""How long an output that nobody takes may hold up the end once that was asked for, seconds."""
+OUTPUT_PATIENCE_S = 3.0
+"""Seconds that a blocked output may delay the exit."""
 
-_AGAIN_S = 1.0
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""The signals that ask for the end, where nobody says otherwise."""
+_REPEAT_S = 1.0
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a capture or a screen."""
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """While in this context, the first Ctrl-C raises KeyboardInterrupt: what is half made goes.
+    """Context in which the first Ctrl-C raises KeyboardInterrupt, to remove partial files.
 
-    Any other ends the program at once and in silence, as it does outside. Where Ctrl-C is ignored
-    or somebody else's, it stays so.
+    A second Ctrl-C ends the program at once and silently. An existing or ignored handler of SIGINT
+    is left alone.
     """
     if signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
         yield
         return
 
-    def hear(*_: object) -> None:
+    def interrupt(*_: object) -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         raise KeyboardInterrupt
 
-    def heed(unraisable: sys.UnraisableHookArgs) -> None:
-        # Where nobody can catch it, as when an object goes, it would be printed, and forgotten.
+    def on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
+        # Raised in a finalizer, KeyboardInterrupt would be printed and dropped.
         if isinstance(unraisable.exc_value, KeyboardInterrupt):
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             signal.raise_signal(signal.SIGINT)
-        tell_unraisable(unraisable)
+        previous_hook(unraisable)
 
-    tell_unraisable = sys.unraisablehook
+    previous_hook = sys.unraisablehook
     try:
-        sys.unraisablehook = heed
-        signal.signal(signal.SIGINT, hear)
+        sys.unraisablehook = on_unraisable
+        signal.signal(signal.SIGINT, interrupt)
         yield
     finally:
-        if signal.getsignal(signal.SIGINT) is hear:
+        if signal.getsignal(signal.SIGINT) is interrupt:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
-        sys.unraisablehook = tell_unraisable
+        sys.unraisablehook = previous_hook
 
 
 @contextmanager
-def signals_call(
+def ending_signals(
     stop: Callable[[], None],
-    numbers: Sequence[signal.Signals] = ENDING,
+    numbers: Sequence[signal.Signals] = ENDING_SIGNALS,
     hurry: Callable[[], None] | None = None,
 ) -> Iterator[Callable[[], None]]:
-    """While in this context, Ctrl-C, SIGTERM and a closed terminal ask for the end.
+    """Context in which Ctrl-C, SIGTERM and a closed terminal request a clean end.
 
-    Asking more often is asking once, also behind this context: once asked, the program ends, and
-    nothing that hurries it can cut that short. In return nothing holds it up: some seconds later
-    blocked outputs are abandoned, and `stop` is called again, every second. What the context gives
-    asks for the end too. `hurry` is called behind `stop` for each signal: what it cuts short is its
-    own affair.
+    After the first request, further signals are ignored, also after this context. Nothing may block
+    the end either: after `OUTPUT_PATIENCE_S` blocked outputs are abandoned and `stop` is called
+    again every second. The context's value requests the end as a signal does.
+
+    Args:
+        stop: called at each request; must be safe in a signal handler.
+        numbers: the signals.
+        hurry: called after `stop` for each signal, to skip optional work.
     """
-    asked = False
+    requested = False
 
-    def ask(*_: object) -> None:
-        nonlocal asked
-        if not asked:
-            asked = True
-            signal.setitimer(signal.ITIMER_REAL, PATIENCE_S, _AGAIN_S)
+    def request(*_: object) -> None:
+        nonlocal requested
+        if not requested:
+            requested = True
+            signal.setitimer(signal.ITIMER_REAL, OUTPUT_PATIENCE_S, _REPEAT_S)
         stop()
 
-    def hear(*_: object) -> None:
-        ask()
+    def on_signal(*_: object) -> None:
+        request()
         if hurry is not None:
             hurry()
 
-    def press(*_: object) -> None:
+    def on_alarm(*_: object) -> None:
         abandon_blocked()
         stop()
 
-    alarm_before = signal.signal(signal.SIGALRM, press)
-    before = [signal.signal(number, hear) for number in numbers]
+    alarm_before = signal.signal(signal.SIGALRM, on_alarm)
+    before = [signal.signal(number, on_signal) for number in numbers]
     try:
-        yield ask
+        yield request
     finally:
         for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, signal.SIG_IGN if asked else handler)
-        signal.signal(signal.SIGALRM, _press_on if asked else alarm_before)
-        if asked:
-            # While Python takes itself apart nobody hears an alarm, and it would kill.
+            signal.signal(number, signal.SIG_IGN if requested else handler)
+        signal.signal(signal.SIGALRM, _on_late_alarm if requested else alarm_before)
+        if requested:
+            # During interpreter shutdown no Python handler runs; SIGALRM would kill the process.
             atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
 
 
-def _press_on(*_: object) -> None:
+def _on_late_alarm(*_: object) -> None:
     abandon_blocked()

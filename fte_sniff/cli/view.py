@@ -1,7 +1,4 @@
-"""Owns `fte-sniff view`: the screen of `live` on files.
-
-It must not know how files are read or how a screen looks; it shows the one what the other gives.
-"""
+"""`fte-sniff view`: the screen of `live` on files."""
 
 from __future__ import annotations
 
@@ -17,23 +14,23 @@ from fte_sniff.cli.input_files import (
     STDIN,
     ReadOptions,
     check_inputs,
+    expand,
     input_arguments,
-    meant,
-    opened,
+    open_inputs,
 )
 from fte_sniff.cli.options import (
-    REREAD,
+    REREAD_ROWS,
     filter_option,
     keep_rows_option,
+    line_setup,
     line_speed_option,
-    remembered_bench,
     row_filter,
-    span_of,
     span_options,
+    time_range,
     units_options,
 )
-from fte_sniff.cli.settings import config_option, lang_option, remembered
-from fte_sniff.cli.streams import signals_call, tell
+from fte_sniff.cli.settings import config_option, lang_option, load_settings
+from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.inputs import Input, RecordingInput
@@ -42,11 +39,11 @@ if TYPE_CHECKING:
     from fte_sniff.session.replay import Read
 
 
-@click.command(name="view", short_help="Look at files on the screen that live has.")
+@click.command(name="view", short_help="Show files on the screen of live.")
 @input_arguments
 @filter_option
 @span_options
-@keep_rows_option(10_000_000, REREAD)
+@keep_rows_option(10_000_000, REREAD_ROWS)
 @line_speed_option
 @units_options
 @config_option
@@ -64,9 +61,9 @@ def command(
     config: Path | None,
     lang: str | None,
 ) -> None:
-    """Look at recordings, raw bytes or hex text on the screen that `live` has.
+    """Show recordings, raw bytes or hex text on the screen of `live`.
 
-    A folder stands for the recordings in it, and they come in order of time.
+    A folder means the recordings in it, in order of time.
 
     \b
     fte-sniff view samples/damaged.mcap
@@ -78,7 +75,7 @@ def command(
         )
     if not (sys.stdout.isatty() and sys.stdin.isatty()):
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
-    settings = remembered(config)
+    settings = load_settings(config)
     check_inputs(files)
     from fte_sniff.session.pipeline import Viewing
     from fte_sniff.session.replay import RecordingPages, ReplaySession
@@ -87,18 +84,18 @@ def command(
 
     wanted = row_filter(filter_text)
     notes: list[str] = []
-    inputs = opened(files, how)
+    inputs = open_inputs(files, how)
     ports = [port.name for one in inputs for port in one.ports]
-    bench = remembered_bench(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
-    span = span_of(since, until, (one.times for one in inputs), how.zone_given())
-    # What cannot be read at all is told before the screen opens, not on it.
+    bench = line_setup(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
+    span = time_range(since, until, (one.times for one in inputs), how.zone_given())
+    # A file that cannot be read is reported before the screen opens.
     pages = RecordingPages() if _recordings_only(inputs) else None
     viewing = Viewing(inputs, span, baud, pages, notes.append)
     session = ReplaySession(
         _begun(iter(viewing)),
         " ".join(map(str, files)),
         None if span else _total(inputs),
-        [str(path) for named in files for path in meant(named)],
+        [str(path) for named in files for path in expand(named)],
     )
     opening = StartOptions(
         row_filter=wanted,
@@ -112,18 +109,18 @@ def command(
         trouble=settings.trouble,
     )
     code = run_screen(session, opening, pages)
-    with signals_call(session.stop) as ask:
-        # A terminal that stands still may not hold up the end.
-        ask()
+    with ending_signals(session.stop) as request_end:
+        # A stopped terminal may not block the exit.
+        request_end()
         for note in notes:
-            tell(f"fte-sniff: {note}")
+            print_err(f"fte-sniff: {note}")
     if session.error is not None:
         raise session.error
     sys.exit(code)
 
 
 def _begun(reads: Iterator[Read]) -> Iterator[Read]:
-    """The same, the first of which is read now."""
+    """The same reads; the first is read at once."""
     first = next(reads, None)
     return reads if first is None else chain([first], reads)
 
@@ -133,6 +130,6 @@ def _recordings_only(inputs: Sequence[Input]) -> bool:
 
 
 def _total(inputs: Sequence[Input]) -> int | None:
-    """How many rows there will be; None where one input cannot tell."""
+    """The number of rows; None if an input does not know its own."""
     counts = [one.count for one in inputs if one.count is not None]
     return sum(counts) if len(counts) == len(inputs) else None

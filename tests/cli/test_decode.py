@@ -352,7 +352,7 @@ def test_an_end_that_says_nothing_is_refused_before_anything_is_read(
     done = run("decode", samples / "clean.mcap", "-o", name)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
-    assert f"{name}: the name's end says what is written" in done.stderr
+    assert f"{name}: the extension selects the format" in done.stderr
     assert ".csv .jsonl .parquet .mcap .txt .hex .raw .bin" in done.stderr
     assert list(tmp_path.iterdir()) == []
 
@@ -380,14 +380,14 @@ def test_rows_that_no_filter_or_span_lets_through_are_not_missed_on_the_wire(
     run, samples: Path
 ) -> None:
     filtered = run("decode", samples / "clean.mcap", "--filter", "rpm > 30000").stderr
-    assert filtered.endswith("; none of them passes the filter: rpm > 30000\n")
+    assert filtered.endswith("; none of them matches the filter: rpm > 30000\n")
     assert "1,200 rows read, 0 written" in filtered
     later = run("decode", samples / "clean.mcap", "--from", "2027-01-01")
     assert later.returncode == 0
     *_, told, total = later.stderr.splitlines()
     assert "clean.mcap: none of its 1,20" in told
     assert "they go from 2026-01-31T12:00:00.000000000Z to 2026-01-31T12:00:" in told
-    assert total == "0 rows; none lies between --from and --to"
+    assert total == "0 rows; none is between --from and --to"
 
 
 SSCOM = (

@@ -10,7 +10,7 @@ from fte_sniff.recording.reader import RecordingReader
 def test_a_whole_file_is_left_alone(run, tmp_path: Path, samples: Path) -> None:
     done = run("repair", samples / "damaged.mcap", "-o", tmp_path / "x.mcap")
     assert (done.returncode, done.stdout) == (0, "")
-    assert "is whole; there is nothing to mend" in done.stderr
+    assert "is whole; there is nothing to repair" in done.stderr
     assert not (tmp_path / "x.mcap").exists()
 
 
@@ -22,7 +22,7 @@ def test_a_cut_file_is_mended_beside_it(run, tmp_path: Path, samples: Path) -> N
     done = run("repair", "cut.mcap")
     assert done.returncode == 0
     assert "lost: bytes" in done.stderr
-    assert "mended into cut-repaired.mcap" in done.stderr
+    assert "repaired into cut-repaired.mcap" in done.stderr
     assert cut.read_bytes() == content
     reader = RecordingReader(tmp_path / "cut-repaired.mcap")
     kept = list(reader)
@@ -43,11 +43,11 @@ def test_where_only_the_index_is_damaged_nothing_is_called_lost(
     (tmp_path / "cut.mcap").write_bytes(whole[:-10])
     done = run("repair", "cut.mcap")
     assert done.returncode == 0
-    damaged, kept, mended = done.stderr.splitlines()
+    damaged, kept, last_line = done.stderr.splitlines()
     assert damaged.startswith("damaged: bytes ")
     assert damaged.endswith(", which held no rows")
     assert kept.startswith(f"kept all {count} rows and port events in ")
-    assert mended == "mended into cut-repaired.mcap"
+    assert last_line == "repaired into cut-repaired.mcap"
     assert "lost" not in done.stderr
 
 
@@ -100,8 +100,8 @@ def test_what_is_whole_behind_a_damaged_beginning_is_read(
     if command == "decode":
         assert done.stdout == run("decode", samples / "damaged.mcap").stdout
     assert run("repair", "head of it.mcap").returncode == 0
-    mended = RecordingReader(tmp_path / "head of it-repaired.mcap")
-    assert list(mended) == list(RecordingReader(samples / "damaged.mcap"))
+    last_line = RecordingReader(tmp_path / "head of it-repaired.mcap")
+    assert list(last_line) == list(RecordingReader(samples / "damaged.mcap"))
 
 
 def test_the_damaged_file_is_never_the_output(run, tmp_path: Path) -> None:

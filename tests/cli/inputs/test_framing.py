@@ -95,11 +95,11 @@ def test_a_span_takes_what_lies_in_it(count: int) -> None:
 
 
 def test_a_large_file_is_read_in_pieces(tmp_path: Path) -> None:
-    from fte_sniff.cli.input_files import ReadOptions, opened
+    from fte_sniff.cli.input_files import ReadOptions, open_inputs
 
     path = tmp_path / "large.bin"
     path.write_bytes(FRAME * 200_000)
-    (one,) = opened([path], ReadOptions())
+    (one,) = open_inputs([path], ReadOptions())
     sizes = [len(batch) for batch in one.batches(None, lambda _: None)]
     assert sum(sizes) == 200_000
     assert max(sizes) <= PORTION // len(FRAME) + 1

@@ -9,8 +9,8 @@ from fte_sniff.cli.settings import (
     PortDefaults,
     ScreenSettings,
     Settings,
-    keep_screen,
     read_settings,
+    save_screen,
     settings_path,
 )
 from fte_sniff.errors import FileError
@@ -145,13 +145,13 @@ def test_what_is_kept_is_read_again(
 ) -> None:
     file = tmp_path_factory.mktemp("settings") / "config.toml"
     for screen in (first, second):
-        keep_screen(file, screen)
+        save_screen(file, screen)
         assert read_settings(file).screen == screen
 
 
 def test_keeping_leaves_the_rest_as_it_was_written(file: Path) -> None:
     written(file, WHOLE)
-    keep_screen(file, ScreenSettings("textual-dark", ("time",), None, "zh"))
+    save_screen(file, ScreenSettings("textual-dark", ("time",), None, "zh"))
     text = file.read_text()
     assert "# mine" in text
     assert text.endswith(WHOLE[WHOLE.index("[live]") :])
@@ -163,7 +163,7 @@ def test_keeping_follows_a_link(file: Path, tmp_path: Path) -> None:
     real = written(tmp_path / "dotfiles" / "fte.toml", WHOLE)
     file.parent.mkdir()
     file.symlink_to(real)
-    keep_screen(file, ScreenSettings(theme="nord"))
+    save_screen(file, ScreenSettings(theme="nord"))
     assert file.is_symlink()
     assert read_settings(real).screen.theme == "nord"
 
@@ -171,7 +171,7 @@ def test_keeping_follows_a_link(file: Path, tmp_path: Path) -> None:
 def test_what_is_broken_is_never_overwritten(file: Path) -> None:
     written(file, "[screen")
     with pytest.raises(FileError, match="is not TOML"):
-        keep_screen(file, ScreenSettings("nord"))
+        save_screen(file, ScreenSettings("nord"))
     assert file.read_text() == "[screen"
 
 
@@ -179,7 +179,7 @@ def test_what_is_broken_is_never_overwritten(file: Path) -> None:
 def test_a_setting_in_place_of_a_table_is_left_alone(file: Path, text: str) -> None:
     written(file, text)
     with pytest.raises(FileError):
-        keep_screen(file, ScreenSettings("nord"))
+        save_screen(file, ScreenSettings("nord"))
     assert file.read_text() == text
 
 

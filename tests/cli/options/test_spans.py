@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.cli.options import span_of
+from fte_sniff.cli.options import time_range
 from fte_sniff.errors import FteSniffError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, iso_time
 from fte_sniff.recording.metadata import PortFacts
@@ -41,33 +41,33 @@ LAST = FIRST + 60 * SECOND
 )
 def test_a_time_can_be_written_so(text: str, t_ns: int) -> None:
     later, earlier = (LAST + 1, LAST + 3600 * SECOND), (FIRST, LAST)
-    span = span_of(text, None, [later[:0] or None, earlier])
+    span = time_range(text, None, [later[:0] or None, earlier])
     assert span is not None
     assert iso_time(span.first_ns) == iso_time(t_ns)
-    assert span_of(None, text, [earlier]).end_ns == t_ns
+    assert time_range(None, text, [earlier]).end_ns == t_ns
 
 
 @pytest.mark.parametrize("since", ["20:00:05", "2026-01-31 20:00:05", "12:00:05Z"])
 def test_a_time_without_zone_is_of_the_zone_that_is_said(since: str) -> None:
     zone = timezone(timedelta(hours=8))
-    span = span_of(since, "20:00:10", [(FIRST, LAST)], zone)
+    span = time_range(since, "20:00:10", [(FIRST, LAST)], zone)
     assert (span.first_ns, span.end_ns) == (FIRST + 4_500_000_000, FIRST + 9_500_000_000)
 
 
 def test_midnight_is_that_of_the_zone() -> None:
     zone = timezone(timedelta(hours=12))  # where the second day begins at 12:00 UTC
-    span = span_of("23:59:59", "00:00:30", [(FIRST - SECOND, LAST)], zone)
+    span = time_range("23:59:59", "00:00:30", [(FIRST - SECOND, LAST)], zone)
     assert iso_time(span.first_ns) == "2026-01-31T11:59:59.000000000Z"
     assert iso_time(span.end_ns) == "2026-01-31T12:00:30.000000000Z"
 
 
 def test_several_inputs_count_from_their_first_row_to_their_last() -> None:
-    span = span_of("+1s", "-1s", [(FIRST + SECOND, LAST), None, (FIRST, FIRST + 2 * SECOND)])
+    span = time_range("+1s", "-1s", [(FIRST + SECOND, LAST), None, (FIRST, FIRST + 2 * SECOND)])
     assert (span.first_ns, span.end_ns) == (FIRST + SECOND, LAST - SECOND)
 
 
 def test_no_text_is_no_span() -> None:
-    assert span_of(None, None, [(FIRST, LAST)]) is None
+    assert time_range(None, None, [(FIRST, LAST)]) is None
 
 
 @pytest.mark.parametrize(
@@ -78,8 +78,8 @@ def test_no_text_is_no_span() -> None:
         ("+10", None, (FIRST, LAST), "'10' is no length of time"),
         ("+s", None, (FIRST, LAST), "is no length of time"),
         ("1969-12-31", None, (FIRST, LAST), "before any row"),
-        (None, "+10s", None, "--to +10s: the input tells no times"),
-        ("12:00", None, None, "the input tells no times"),
+        (None, "+10s", None, "--to +10s: the input has no times"),
+        ("12:00", None, None, "the input has no times"),
         ("+20s", "+10s", (FIRST, LAST), "nothing lies between"),
         ("12:00:20", "12:00:10", (FIRST, LAST), "a time of day is one of the first row's day"),
         ("9999-12-31", None, (FIRST, LAST), "'9999-12-31' is after 2262-04-11T23:47:16.854775807Z"),
@@ -87,7 +87,7 @@ def test_no_text_is_no_span() -> None:
         (f"+{'9' * 5000}s", None, (FIRST, LAST), "and so after any row"),
         ("9" * 5000, "x", (FIRST, LAST), "is no time"),
         (f"+{'9' * 5000}", None, (FIRST, LAST), "is no length of time"),
-        (None, "+" + "9" * 5000, None, "the input tells no times"),
+        (None, "+" + "9" * 5000, None, "the input has no times"),
         (f"-{'0' * 5000}1s", f"-{'0' * 5000}2s", (FIRST, LAST), "is not before --to"),
     ],
 )
@@ -95,7 +95,7 @@ def test_what_is_no_span_is_refused(
     since: str | None, until: str | None, times: tuple[int, int] | None, told: str
 ) -> None:
     with pytest.raises(FteSniffError) as caught:
-        span_of(since, until, [times])
+        time_range(since, until, [times])
     assert told in str(caught.value)
     assert len(str(caught.value)) < 300
     assert caught.value.exit_code == 2
@@ -124,13 +124,13 @@ OVERNIGHT = (FIRST - FIRST % DAY + DAY - 10 * SECOND, FIRST - FIRST % DAY + DAY 
 def test_the_end_is_the_first_such_time_behind_the_beginning(
     since: str | None, until: str, times: tuple[int, int], end: str
 ) -> None:
-    span = span_of(since, until, [times])
+    span = time_range(since, until, [times])
     assert span is not None
     assert iso_time(span.end_ns)[:19] == end
 
 
 def test_a_length_beyond_all_times_lets_all_rows_pass() -> None:
-    assert span_of("-99999999999999999999s", None, [(FIRST, LAST)]).holds(
+    assert time_range("-99999999999999999999s", None, [(FIRST, LAST)]).holds(
         Frame("p", 0, bytes(10), FIRST, (), 0)
     )
 
@@ -178,7 +178,7 @@ def test_a_recording_of_events_alone_has_no_first_row(run, tmp_path: Path) -> No
         writer.write([PortEvent(FIRST, "p", PortEventKind.OPENED, "")])
     done = run("decode", path, "--from", "+1s")
     assert done.returncode == 2
-    assert "the input tells no times; give a recording or a dated log, with rows" in done.stderr
+    assert "the input has no times; give a recording or a dated log, with rows" in done.stderr
 
 
 def test_decode_leaves_out_what_lies_outside(run, samples: Path) -> None:

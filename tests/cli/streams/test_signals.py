@@ -8,7 +8,7 @@ import sys
 PROGRAM = """
 import os, signal, sys, time
 from fte_sniff.cli import streams as signals
-signals.PATIENCE_S = signals._AGAIN_S = 0.05
+signals.OUTPUT_PATIENCE_S = signals._REPEAT_S = 0.05
 
 class Slow:
     def __del__(self, now=time.monotonic):
@@ -18,7 +18,7 @@ class Slow:
             pass
 
 slow = Slow()
-with signals.signals_call(lambda: None):
+with signals.ending_signals(lambda: None):
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.2)
 """
