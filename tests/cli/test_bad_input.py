@@ -129,7 +129,7 @@ def test_turns_that_lines_do_not_show_are_told(run) -> None:
     words = ("live", "sim://", "--plain", "--no-record", "--count", "2", "--resolution", "500")
     done = run(*words)
     assert done.returncode == 0
-    assert done.stderr.count("in pulses; the screen shows turns") == 1
+    assert done.stderr.count("in pulses; only the screen shows turns") == 1
 
 
 def test_two_wires_in_one_raw_file_are_told(run, samples: Path) -> None:

@@ -224,7 +224,7 @@ def test_parquet_and_mcap_need_a_file(run, samples: Path) -> None:
     for form in ("parquet", "mcap"):
         done = run("decode", samples / "clean.mcap", "--format", form)
         assert done.returncode == 2
-        assert f"{form} is no text: name a file to write it to with -o" in done.stderr
+        assert f"{form} is not text: name a file to write it to with -o" in done.stderr
 
 
 @pytest.mark.parametrize("form", ["raw", "mcap"])
@@ -371,7 +371,7 @@ def test_bytes_that_are_written_are_read_back(
 def test_raw_bytes_need_a_file(run, samples: Path) -> None:
     done = run("decode", samples / "idle.hex", "--format", "raw")
     assert done.returncode == 2
-    assert "raw is no text: name a file to write it to with -o" in done.stderr
+    assert "raw is not text: name a file to write it to with -o" in done.stderr
     text = run("decode", samples / "idle.raw", "--format", "hex").stdout
     assert bytes.fromhex(text) == (samples / "idle.raw").read_bytes()
 

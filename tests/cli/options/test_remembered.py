@@ -64,7 +64,7 @@ def test_a_choice_that_cannot_be_kept_is_one_line(environment, tmp_path: Path) -
         screen.until("theme textual-light")
         screen.type("q")
         assert screen.ended() == 0
-    assert screen.drawn.count(b"is not kept") == 1
+    assert screen.drawn.count(b"are not saved") == 1
     assert b"Traceback" not in screen.drawn
 
 
