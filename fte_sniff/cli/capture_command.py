@@ -366,7 +366,7 @@ def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
 
     Args:
         session: the session.
-        seen: counts of the rows that a screen has printable. The remaining rows are added, and the
+        seen: counts of the rows that a screen has shown. The remaining rows are added, and the
             summary is printed.
     """
     session.stop()
@@ -379,7 +379,7 @@ def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
     session.close()
     for tally in seen:
         if not_shown:
-            print_err(f"{not_shown:,} rows more came too fast to be printable")
+            print_err(f"{not_shown:,} rows more came too fast to be shown")
         print_err(summary(tally))
 
 
