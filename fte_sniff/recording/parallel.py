@@ -22,7 +22,6 @@ from fte_sniff.recording.mcap.reader import RawRecord, RecordStream
 from fte_sniff.recording.mcap.records import (
     HEAD,
     LARGEST,
-    RecordError,
     cores,
     keep_freed_memory,
     records_in,
@@ -32,9 +31,9 @@ from fte_sniff.recording.mcap.records import (
 from fte_sniff.recording.messages.columns import DecodedColumns, Readers, decode_columns
 from fte_sniff.recording.messages.index import (
     MESSAGE_HEAD,
-    indexed_places,
-    message_starts,
-    named_messages,
+    index_messages,
+    indexed_starts,
+    message_count,
 )
 from fte_sniff.recording.row_ranges import Range, RowRange, TimeRange, ranges_of
 from fte_sniff.recording.sequential import SequentialReading
@@ -74,7 +73,7 @@ class _Part:
     @property
     def named(self) -> int:
         """How many messages its indexes name."""
-        return named_messages(self.indexes)
+        return message_count(self.indexes)
 
     @property
     def size(self) -> int:
@@ -218,17 +217,12 @@ class ParallelReading:
         outcome = job.outcome.result()
         if outcome is not None and outcome.version != self._reading.version:
             outcome = self._outcome(job.parts, *self._known())
-        if outcome is None or not self._stands(outcome):
+        if outcome is None or not all(self._reading.knows(*known) for known in outcome.definitions):
             yield from self._one_by_one(job.parts)
             return
         for gathered in outcome.gathered:
             self._reading.count(gathered.messages, gathered.times)
         yield outcome.columns, job.parts[0].after_loss
-
-    def _stands(self, outcome: _Outcome) -> bool:
-        """Whether nothing in it must be read record by record: what is new, and what is lost."""
-        whole = not any(gathered.losses for gathered in outcome.gathered)
-        return whole and all(self._reading.knows(*known) for known in outcome.definitions)
 
     def _one_by_one(self, parts: list[_Part]) -> Iterator[tuple[RowBatch, bool]]:
         batch: list[Row | PortEvent] = []
@@ -267,13 +261,13 @@ class ParallelReading:
         room = RowBuffer(self._codebook, min(sum(part.named for part in parts), _MOST_ROOM))
         try:
             for records, places in _pieces(parts):
-                messages = message_starts(records, places)
+                messages = index_messages(records, places)
                 definitions += messages.others
                 gathered.append(decode_columns(messages, readers, room.reserve(len(messages))))
                 # Let go of before the next are unpacked, which then come where a core's cache has
                 # them.
                 del records, places, messages
-        except (RecordError, KeyError):
+        except (ValueError, KeyError):
             return None
         columns = room.filled() if all(piece.in_place for piece in gathered) else None
         if columns is None:
@@ -306,7 +300,7 @@ def _joined_chunks(parts: Iterable[_Part]) -> Iterator[tuple[bytes, Array | None
     for part in parts:
         assert part.chunk is not None
         records.append(unpack(part.chunk.body))
-        named = indexed_places(part.indexes, len(records[-1]))
+        named = indexed_starts(part.indexes, len(records[-1]))
         places.append(named + size if size and named is not None else named)
         size += len(records[-1])
         if size >= PIECE:

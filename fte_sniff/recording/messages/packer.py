@@ -85,7 +85,7 @@ class RowModel:
         self._values = kind.fields
         lacking = SOUND_LACKS - {"order_uncertain"} if uncertain else SOUND_LACKS
         fields = _HEAD_FIELDS | {
-            field.name: (_numpy_type(field), MESSAGE.size + field.place)
+            field.name: (_numpy_type(field), MESSAGE.size + field.offset)
             for field in wire_fields(class_of(topic).DESCRIPTOR.fields, lacking)
         }
         self._type = np.dtype(

@@ -1,4 +1,9 @@
-"""Protobuf wire format offsets and varints."""
+"""Fixed layouts of messages in the protobuf wire format.
+
+Messages of a schema that have the same fields, with rows and fault lists of the same length, are
+equally long, and each field is at the same offset. A layout names those offsets, and the bits that
+all such messages have in common.
+"""
 
 from __future__ import annotations
 
@@ -6,30 +11,31 @@ import struct
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import compress, product
-from typing import Any
+from typing import Any, NamedTuple
 
 from google.protobuf.descriptor import FieldDescriptor
 
-from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.protocol import FRAME_LENGTH, HEADERS, TAIL
 
-MORE_FOLLOWS = 0x80
-"""The bit of a varint's byte that tells of another; enum numbers are below it."""
+_CONTINUED = 0x80
+"""The bit of a varint's byte that announces another byte; enum numbers have one byte without it."""
 
 _VARINT, _FIXED64, _DELIMITED, _FIXED32 = 0, 1, 2, 5
-_FORMS: dict[int, tuple[int, str, int]] = {
+_TYPES: dict[int, tuple[int, str, int]] = {
     FieldDescriptor.TYPE_FIXED64: (_FIXED64, "Q", 0),
     FieldDescriptor.TYPE_SFIXED64: (_FIXED64, "q", 0),
     FieldDescriptor.TYPE_DOUBLE: (_FIXED64, "d", 0),
     FieldDescriptor.TYPE_FIXED32: (_FIXED32, "I", 0),
     FieldDescriptor.TYPE_SFIXED32: (_FIXED32, "i", 0),
     FieldDescriptor.TYPE_FLOAT: (_FIXED32, "f", 0),
-    FieldDescriptor.TYPE_ENUM: (_VARINT, "B", MORE_FOLLOWS),
+    FieldDescriptor.TYPE_ENUM: (_VARINT, "B", _CONTINUED),
     FieldDescriptor.TYPE_BOOL: (_VARINT, "B", 0xFE),
 }
-"""By type the wire type, the code of the value, and the bits that are 0 in each of its bytes."""
+"""By type the wire type, the `struct` code of the value, and the bits that are 0 in each byte."""
 
 SOUND_LACKS = frozenset({"faults", "time_ns", "order_uncertain"})
-"""What messages of sound frames lack, if their order is certain and their time is the log time."""
+"""Fields that a fault-free frame's message lacks if its time is the log time and its order certain.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,20 +44,15 @@ class WireField:
 
     name: str
     tag: bytes
-    """All that stands before the value; with its length, where the type does not tell that."""
-    place: int
+    """The bytes before the value: number and wire type, and the length of a delimited value."""
+    offset: int
     """Of the value, in bytes from the start of the message."""
     size: int
     """Bytes of the value."""
     code: str
-    """The value's form, little-endian, as `struct` and numpy call it; `s` for so many bytes."""
+    """The `struct` and numpy code of the little-endian value; `s` for bytes."""
     zeros: int
     """The bits that are 0 in every byte of any value."""
-
-
-def has_known_size(field: Any) -> bool:
-    """Whether the size of a descriptor's field is known before its value is."""
-    return field.type in _FORMS or field.name == "raw"
 
 
 def wire_fields(
@@ -60,20 +61,20 @@ def wire_fields(
     raw_length: int = FRAME_LENGTH,
     faults: int = 0,
 ) -> tuple[WireField, ...]:
-    """The fields of a message.
+    """The fields of a message, in wire order.
 
     Args:
-        fields: those of its descriptor; each of known size.
-        lacking: the names of those that are not there.
+        fields: the fields of its descriptor, each of known size.
+        lacking: the names of absent fields.
         raw_length: bytes of the row.
-        faults: how many there are; without any, their field is lacking.
+        faults: number of faults; with none, their field is absent.
     """
     found: list[WireField] = []
     end = 0
     for field in sorted(fields, key=lambda field: int(field.number)):
         if field.name in lacking or (field.name == "faults" and not faults):
             continue
-        wire, code, zeros = _FORMS.get(field.type, (_DELIMITED, "s", 0))
+        wire, code, zeros = _TYPES.get(field.type, (_DELIMITED, "s", 0))
         size, length = struct.calcsize(f"<{code}"), b""
         if field.name in ("raw", "faults"):
             wire, code = _DELIMITED, "s"
@@ -87,17 +88,20 @@ def wire_fields(
 
 def _varint(number: int) -> bytes:
     found = bytearray()
-    while number >= MORE_FOLLOWS:
-        found.append(number & 0x7F | MORE_FOLLOWS)
+    while number >= _CONTINUED:
+        found.append(number & 0x7F | _CONTINUED)
         number >>= 7
     found.append(number)
     return bytes(found)
 
 
 _MOST_IN_TWO = 2**14
-_MOST_KEPT = 4096
-MOST_FAULTS = 4
-"""Faults of one row at most that a layout has room for; rows with more are read one by one."""
+"""Row lengths from here on have a varint of three bytes."""
+_MOST_CACHED = 4096
+_MOST_FAULTS = 4
+"""Rows with more faults are decoded one by one."""
+_SIGN = 0x80
+"""The sign bit in the last byte of a little-endian number."""
 
 _ROW_TYPES = {
     "offset": FieldDescriptor.TYPE_FIXED64,
@@ -115,32 +119,55 @@ _MAY_LACK = {
     "time_ns": (True, False),
     "read_delay_ns": (False, True),
 }
-"""The fields that a message may lack, and whether it does; what is most usual stands first."""
+"""The fields that a message may lack, and whether it does, the most frequent case first."""
+
+
+class CommonOffsets(NamedTuple):
+    """Offsets in the messages of fault-free frames, the same in every schema of fte-sniff."""
+
+    offset: int = 1
+    delay: int = 10
+    raw: int = 20
+
+
+COMMON = CommonOffsets()
 
 
 @dataclass(frozen=True, slots=True)
 class WireLayout:
-    """Places of the fields, in bytes from the start of the message."""
+    """Offsets of the fields, in bytes from the start of the message."""
 
     mask: bytes
-    """One byte for each of the message: the bits that every such message has alike."""
+    """The bits that all messages of the layout have in common: tags, lengths, the signs of offset
+    and time, `framed`, header and tail of a frame."""
     expected: bytes
-    """What those bits are."""
+    """The values of those bits."""
     offset: int
     raw: int
     raw_length: int
     """Bytes of the row."""
     faults: int
     fault_count: int
-    """Faults of each row; 0 where there is no such field."""
+    """Number of faults; 0 without the field."""
     delay: int | None
-    """Place of the read delay; None where these rows have none."""
+    """None if the rows have no read delay."""
     time: int | None
-    """Place of the row's own time; None where that is the log time."""
-    framed: int | None
-    """Place of the byte that tells frames from damage; None where all are frames."""
+    """The row's own time; None if it is the log time."""
     unordered: int | None
-    """Place of the byte that tells whether the order is uncertain; None where it is certain."""
+    """The byte `order_uncertain`; None if the order is certain."""
+    framed: bool
+    """Whether the rows are frames; if not, damage."""
+
+    @property
+    def is_common(self) -> bool:
+        """Whether the rows are fault-free frames, whose fields are at the offsets of `COMMON`."""
+        plain = self.time is None and self.unordered is None and not self.fault_count
+        return plain and self.framed and (self.offset, self.delay, self.raw) == COMMON
+
+    def fits(self, message: bytes) -> bool:
+        """Whether a message of the layout's length has this layout."""
+        mask, expected = int.from_bytes(self.mask), int.from_bytes(self.expected)
+        return int.from_bytes(message) & mask == expected
 
 
 class WireLayouts:
@@ -149,69 +176,87 @@ class WireLayouts:
     def __init__(self, descriptor: Any) -> None:
         """Take the message's protobuf descriptor; a schema of another form has no layouts."""
         self._fields = list(descriptor.fields)
-        self._tells_framed = "framed" in descriptor.fields_by_name
+        self._has_damage = "framed" in descriptor.fields_by_name
         self._usable = _is_usable(descriptor)
-        self._found: dict[int, tuple[WireLayout, ...]] = {}
+        self._cached: dict[int, tuple[WireLayout, ...]] = {}
         names = [name for name in _MAY_LACK if name in descriptor.fields_by_name]
         self._lacking = [
             frozenset(compress(names, lacks))
             for lacks in product(*(_MAY_LACK[name] for name in names))
         ]
-        self.usual = self._built(FRAME_LENGTH, 0, self._lacking[0]) if self._usable else None
-        """That of the most usual messages, whose rows are ten bytes without faults."""
 
     def of_length(self, length: int) -> tuple[WireLayout, ...]:
-        """The layouts that make a message so long, the most usual first."""
-        if length not in self._found:
-            if len(self._found) >= _MOST_KEPT:
-                self._found.clear()
-            self._found[length] = tuple(self._layouts(length)) if self._usable else ()
-        return self._found[length]
+        """The layouts of messages of this length."""
+        if length not in self._cached:
+            if len(self._cached) >= _MOST_CACHED:
+                self._cached.clear()
+            self._cached[length] = tuple(self._layouts(length)) if self._usable else ()
+        return self._cached[length]
+
+    def like(self, message: bytes) -> list[WireLayout]:
+        """The layouts of the message's length, first the one that it has."""
+        return sorted(self.of_length(len(message)), key=lambda one: not one.fits(message))
 
     def _layouts(self, length: int) -> Iterator[WireLayout]:
-        for faults, lacking in product(range(MOST_FAULTS + 1), self._lacking):
-            layout = self._layout(length, faults, lacking)
-            if layout is not None:
-                yield layout
+        for faults, lacking in product(range(_MOST_FAULTS + 1), self._lacking):
+            raw_length = self._raw_length(length, faults, lacking)
+            if self._has_damage and 0 < raw_length < _MOST_IN_TWO:
+                yield self._layout(raw_length, faults, lacking, None)
+            if raw_length == FRAME_LENGTH:
+                for header in HEADERS.values():
+                    yield self._layout(raw_length, faults, lacking, header)
 
-    def _layout(self, length: int, faults: int, lacking: frozenset[str]) -> WireLayout | None:
+    def _raw_length(self, length: int, faults: int, lacking: frozenset[str]) -> int:
+        """Bytes of the row in a message of this length; 0 if it cannot be."""
         last = wire_fields(self._fields, lacking, 0, faults)[-1]
-        raw_length = length - last.place - last.size
-        if raw_length >= MORE_FOLLOWS:
-            raw_length -= 1
-            if raw_length < MORE_FOLLOWS:
-                return None
-        fits = 0 < raw_length < _MOST_IN_TWO if self._tells_framed else raw_length == FRAME_LENGTH
-        return self._built(raw_length, faults, lacking) if fits else None
+        raw_length = length - last.offset - last.size
+        if raw_length < _CONTINUED:
+            return max(0, raw_length)
+        return raw_length - 1 if raw_length > _CONTINUED else 0
 
-    def _built(self, raw_length: int, faults: int, lacking: frozenset[str]) -> WireLayout:
+    def _layout(
+        self, raw_length: int, faults: int, lacking: frozenset[str], header: int | None
+    ) -> WireLayout:
+        """The layout of frames with this header, or of damage."""
         fields = wire_fields(self._fields, lacking, raw_length, faults)
-        places = {field.name: field.place for field in fields}
+        offsets = {field.name: field.offset for field in fields}
+        mask = bytearray(b"".join(b"\xff" * len(f.tag) + bytes([f.zeros]) * f.size for f in fields))
+        expected = bytearray(b"".join(f.tag + bytes(f.size) for f in fields))
+        for field in fields:
+            if field.name in ("offset", "time_ns"):
+                mask[field.offset + field.size - 1] |= _SIGN
+        fixed = {}
+        if self._has_damage:
+            fixed[offsets["framed"]] = int(header is not None)
+        if header is not None:
+            fixed |= {offsets["raw"]: header, offsets["raw"] + FRAME_LENGTH - 1: TAIL}
+        for at, byte in fixed.items():
+            mask[at], expected[at] = 0xFF, byte
         return WireLayout(
-            b"".join(b"\xff" * len(one.tag) + bytes([one.zeros]) * one.size for one in fields),
-            b"".join(one.tag + bytes(one.size) for one in fields),
-            places["offset"],
-            places["raw"],
+            bytes(mask),
+            bytes(expected),
+            offsets["offset"],
+            offsets["raw"],
             raw_length,
-            places.get("faults", 0),
+            offsets.get("faults", 0),
             faults,
-            places.get("read_delay_ns"),
-            places.get("time_ns"),
-            places.get("framed"),
-            places.get("order_uncertain"),
+            offsets.get("read_delay_ns"),
+            offsets.get("time_ns"),
+            offsets.get("order_uncertain"),
+            header is not None,
         )
 
 
 def _is_usable(descriptor: Any) -> bool:
-    """Whether every field is of a form whose size is known before its value is."""
+    """Whether the size of every field is known before its value is."""
     fields = descriptor.fields_by_name
     needed = all(name in fields and fields[name].type == kind for name, kind in _ROW_TYPES.items())
     optional = all(
         fields[name].type == kind for name, kind in _OPTIONAL_TYPES.items() if name in fields
     )
-    return needed and optional and all(map(_has_known_form, descriptor.fields))
+    return needed and optional and all(map(_has_known_size, descriptor.fields))
 
 
-def _has_known_form(field: Any) -> bool:
-    known = has_known_size(field)
+def _has_known_size(field: Any) -> bool:
+    known = field.type in _TYPES or field.name == "raw"
     return bool(known and (field.default_value == []) == (field.name == "faults"))
