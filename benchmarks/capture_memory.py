@@ -122,7 +122,8 @@ def main() -> None:
                     shown += 1
         passed = time.monotonic() - start
         print(
-            f"{session.told.total_rows:,} rows, {path.stat().st_size / 1e6:,.0f} MB, {passed:.0f} s"
+            f"{session.state.total_rows:,} rows, {path.stat().st_size / 1e6:,.0f} MB,"
+            f" {passed:.0f} s"
         )
 
 

@@ -41,7 +41,7 @@ from fte_sniff.cli.streams import (
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
-from fte_sniff.session.live_session import LOOK_EVERY_S, LiveSession
+from fte_sniff.session.live_session import WAIT_S, LiveSession
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import LineSetup
@@ -172,10 +172,10 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
     session = LiveSession(plan)
     with ending_signals(session.stop, _ending_signals(plan), session.drop_leftover):
         session.begin()
-        if session.told.device is not None:
-            print_err(f"a host program can open {printable(session.told.device)}")
-        if session.told.recording is not None:
-            print_err(f"recording to {session.told.recording}")
+        if session.state.device is not None:
+            print_err(f"a host program can open {printable(session.state.device)}")
+        if session.state.recording is not None:
+            print_err(f"recording to {session.state.recording}")
         _report_survivor(plan, session)
         print_lines(session, select, ports=len(plan.wiring.names) > 1)
         _report_recording(session)
@@ -188,14 +188,14 @@ def _record_to_stdout(plan: CapturePlan) -> None:
     session = LiveSession(plan)
     with ending_signals(session.stop, _ending_signals(plan), session.drop_leftover):
         session.begin()
-        if session.told.device is not None:
-            print_err(f"a host program can open {printable(session.told.device)}")
+        if session.state.device is not None:
+            print_err(f"a host program can open {printable(session.state.device)}")
         print_err("recording to standard output")
         print_problems(session)
-        if session.told.error is not None:
+        if session.state.error is not None:
             # A reader that went away ends the capture; rows after that are no loss.
-            ended = has_no_reader(sys.stdout.fileno()) and session.told.stopped_recording
-            raise ended or session.told.error
+            ended = has_no_reader(sys.stdout.fileno()) and session.state.stopped_recording
+            raise ended or session.state.error
 
 
 def _show_screen(plan: CapturePlan, options: StartOptions) -> None:
@@ -240,7 +240,7 @@ def _report_survivor(plan: CapturePlan, session: LiveSession) -> None:
 
 def _report_recording(session: LiveSession) -> None:
     """Print the path of the recording; raise the error of the capture, if any."""
-    state = session.told
+    state = session.state
     if state.recording is not None:
         _print_recording(state, state.recording)
     if state.error is not None:
@@ -339,7 +339,7 @@ def print_lines(
     lines = PlainLines(select, ports=ports)
     try:
         for update in _updates(session):
-            lines.write(update, session.told.error)
+            lines.write(update, session.state.error)
     except BrokenPipeError:
         abandon_stdout()
     finally:
@@ -352,9 +352,9 @@ def print_problems(session: LiveSession) -> None:
     lines = PlainLines(lambda _: [])
     try:
         for update in _updates(session):
-            gone = session.told.recording is None and has_no_reader(sys.stdout.fileno())
-            lines.write(update, None if gone else session.told.error)
-            if session.told.recording is None:
+            gone = session.state.recording is None and has_no_reader(sys.stdout.fileno())
+            lines.write(update, None if gone else session.state.error)
+            if session.state.recording is None:
                 session.stop()
     finally:
         finish_session(session)
@@ -399,6 +399,6 @@ def _updates(session: LiveSession) -> Iterator[FeedUpdate]:
     """The session's updates until it has ended."""
     running = True
     while running:
-        update = session.wait(LOOK_EVERY_S)
+        update = session.wait(WAIT_S)
         running = update.state.running
         yield update

@@ -1,4 +1,4 @@
-"""Child process: capture, record, send batches."""
+"""The capture process: read ports, frame, record, and send rows to the view."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ from fte_sniff.session.capture_state import (
     RowsMessage,
     Started,
 )
-from fte_sniff.session.port_merge import Entry, Ordering, WiringWatch
+from fte_sniff.session.port_merge import Entry, PortMerge, WiringWatch
 
 MOST_WAITING = 65_536
-"""Rows that wait for the view at most."""
+"""Most rows that wait for the view; older ones are dropped from the view only."""
 
 MOST_EVENTS = 1024
-"""Port events that wait for the view at most."""
+"""Most port events that wait for the view."""
 
 BATCH_EVERY_S = 0.05
-"""Seconds between two batches: far less than a person sees, far more than a row takes."""
+"""Seconds between two batches: imperceptible, but many rows."""
 
 
 class Outbox:
-    """Sends what is put into it, from a thread of its own, to the other end of a connection."""
+    """Queue of rows and events that a thread sends to the view in batches."""
 
     def __init__(self, connection: Connection, when_gone: Callable[[], None]) -> None:
         """Start sending.
 
         Args:
-            connection: where to.
-            when_gone: called once, from the sending thread, when nobody listens any more.
+            connection: to the view.
+            when_gone: called once, from the sending thread, if the view is gone.
         """
         self._connection = connection
         self._when_gone = when_gone
@@ -63,7 +63,7 @@ class Outbox:
         self._thread.start()
 
     def put_rows(self, rows: Sequence[Row]) -> None:
-        """Hand on rows; the oldest that wait make room where there is none."""
+        """Queue rows; a full queue drops its oldest rows."""
         with self._changed:
             self._total += len(rows)
             self._dropped += max(0, len(self._rows) + len(rows) - MOST_WAITING)
@@ -71,24 +71,24 @@ class Outbox:
             self._changed.notify()
 
     def put_event(self, event: PortEvent) -> None:
-        """Hand on a port event."""
+        """Queue a port event."""
         with self._changed:
             self._events.append(event)
             self._changed.notify()
 
     def put_recording(self, changes: Sequence[Change]) -> None:
-        """Tell what became of the recording."""
+        """Queue changes of the recording's path or state."""
         with self._changed:
             self._recording += changes
             self._changed.notify()
 
     def put_leftover(self, count: int) -> None:
-        """Tell with the rows that come how many bytes waited when nothing more was read."""
+        """Set how many bytes still waited when reading ended; sent with the next batch."""
         with self._changed:
             self._leftover = count
 
     def close(self, end: Ended) -> None:
-        """Send what waits and then `end`; returns when the view has taken it, or is gone."""
+        """Send everything queued, then `end`; return when it is sent or the view is gone."""
         with self._changed:
             self._end = end
             self._changed.notify()
@@ -126,14 +126,14 @@ class Outbox:
 
 
 _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
-"""Events across which bytes do not join."""
+"""Events that break the byte stream."""
 
-MUCH = 2**20
-"""Bytes that take so long to be written that people want to know: more than a second."""
+REPORTED_LEFTOVER = 2**20
+"""This many waiting bytes take over a second to write, and are reported."""
 
 
-class Run:
-    """One run of a plan, from the first chunk to the closed file."""
+class CaptureLoop:
+    """The capture loop, from the first chunk to the closed file."""
 
     def __init__(
         self,
@@ -143,7 +143,7 @@ class Run:
         recorder: Recorder | None,
         outbox: Outbox,
     ) -> None:
-        """Make ready; nothing is taken from the source yet."""
+        """Prepare; reads nothing from the source yet."""
         self._plan = plan
         self._clock = clock
         self._clock_watch = ClockWatch(clock.system_ahead_ns())
@@ -153,35 +153,35 @@ class Run:
         names, baud = plan.wiring.names, plan.wiring.settings.baud
         self._framers = {name: Framer(name, baud) for name in names}
         self._markers = {name: LineErrorMarker() for name in names}
-        self._order = Ordering({name: source.uncertainty_ns[name] for name in names})
+        self._order = PortMerge({name: source.uncertainty_ns[name] for name in names})
         self._wiring = WiringWatch(names)
-        self._left = plan.count
-        self._begun = self._leftover_told = False
+        self._remaining = plan.count
+        self._started = self._leftover_reported = False
         self._flush_every_ns = round(plan.keeping.flush_every_s * 1e9)
         self._flush_ns = 0
         self._lost: PortEvent | None = None
 
-    def to_the_end(self) -> Ended:
-        """Take all that the source has, close the recording, and say how it ended."""
+    def run(self) -> Ended:
+        """Process the source to its end, close the recording, and return how it ended."""
         for item in self._source:
             if isinstance(item, PortEvent):
-                self._take_event(item)
+                self._process_event(item)
             else:
-                self._take_chunk(item)
-            self._hand_on(self._order.take())
-            if self._left == 0:
+                self._process_chunk(item)
+            self._emit(self._order.ready())
+            if self._remaining == 0:
                 break
         for port, framer in self._framers.items():
             self._put_rows(port, framer.flush())
-        self._hand_on(self._order.drain())
+        self._emit(self._order.drain())
         self._record(Recorder.close)
-        return self._ended()
+        return self._result()
 
-    def _ended(self) -> Ended:
+    def _result(self) -> Ended:
         failure: FteSniffError | None = self._recorder.failure if self._recorder else None
         outcome = self._recorder.outcome if self._recorder else None
         lost = self._lost
-        if lost is not None and self._source.end is SourceEnd.LOST and self._left != 0:
+        if lost is not None and self._source.end is SourceEnd.LOST and self._remaining != 0:
             reason = TranslatableText("{port} was lost: {why}", port=lost.port, why=lost.detail)
             return Ended(
                 reason,
@@ -190,15 +190,15 @@ class Run:
             )
         return Ended(None, failure, outcome)
 
-    def _take_chunk(self, chunk: Chunk) -> None:
+    def _process_chunk(self, chunk: Chunk) -> None:
         framer = self._framers[chunk.port]
         self._markers[chunk.port].observe(chunk)
         self._put_rows(chunk.port, framer.feed(chunk))
         now_ns = chunk.t_ns or 0
         waits_since_ns = framer.waits_since_ns
-        self._order.heard(chunk.port, now_ns, waits_since_ns, data=bool(chunk.data))
-        self._begin_at(now_ns)
-        self._tell_what_waits()
+        self._order.advance(chunk.port, now_ns, waits_since_ns, data=bool(chunk.data))
+        self._start_duration(now_ns)
+        self._report_leftover()
         if now_ns >= self._flush_ns:
             self._watch_clock(chunk.port, now_ns)
             self._record(Recorder.flush)
@@ -210,20 +210,20 @@ class Run:
             detail = _step_words(step_ns)
             self._order.put(port, [PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail)])
 
-    def _begin_at(self, now_ns: int) -> None:
-        """The first chunk has come: the source itself knows from now on when the end is due."""
-        if self._plan.duration_s is not None and not self._begun:
+    def _start_duration(self, now_ns: int) -> None:
+        """Start the capture's duration at the first chunk."""
+        if self._plan.duration_s is not None and not self._started:
             self._source.stop_at(now_ns + self._plan.duration_s * 1e9)
-        self._begun = True
+        self._started = True
 
-    def _tell_what_waits(self) -> None:
-        """Where the reading is over and much is yet to be written, say how much, once."""
-        if not self._leftover_told and self._source.end is not None:
-            self._leftover_told = True
-            if (waiting := self._source.waiting) >= MUCH:
+    def _report_leftover(self) -> None:
+        """Report once, after reading has ended, if many bytes are still to be written."""
+        if not self._leftover_reported and self._source.end is not None:
+            self._leftover_reported = True
+            if (waiting := self._source.waiting) >= REPORTED_LEFTOVER:
                 self._outbox.put_leftover(waiting)
 
-    def _take_event(self, event: PortEvent) -> None:
+    def _process_event(self, event: PortEvent) -> None:
         if event.kind in _BREAKS:
             self._put_rows(event.port, self._framers[event.port].cut())
         if event.kind is PortEventKind.LOST:
@@ -236,31 +236,31 @@ class Run:
         if rows:
             rows = self._markers[port].mark(rows)
             self._order.put(port, rows)
-            self._order.put(port, self._wiring.look(port, rows))
+            self._order.put(port, self._wiring.observe(port, rows))
 
-    def _hand_on(self, entries: Sequence[Entry]) -> None:
+    def _emit(self, entries: Sequence[Entry]) -> None:
         for is_event, group in groupby(entries, lambda entry: isinstance(entry, PortEvent)):
             if is_event:
                 for event in group:
                     assert isinstance(event, PortEvent)
-                    self._hand_on_event(event)
+                    self._emit_event(event)
             else:
-                self._hand_on_rows([row for row in group if not isinstance(row, PortEvent)])
+                self._emit_rows([row for row in group if not isinstance(row, PortEvent)])
 
-    def _hand_on_rows(self, rows: list[Row]) -> None:
-        if self._left is not None:
-            rows = rows[: self._left]
-            self._left -= len(rows)
+    def _emit_rows(self, rows: list[Row]) -> None:
+        if self._remaining is not None:
+            rows = rows[: self._remaining]
+            self._remaining -= len(rows)
         if rows:
             self._record(lambda recorder: recorder.write(rows))
             self._outbox.put_rows(rows)
 
-    def _hand_on_event(self, event: PortEvent) -> None:
+    def _emit_event(self, event: PortEvent) -> None:
         self._record(lambda recorder: recorder.write_event(event))
         self._outbox.put_event(event)
 
     def _record(self, do: Callable[[Recorder], None]) -> None:
-        """Do something to the recording, and hand on what became of it."""
+        """Call `do` on the recorder, if there is one, and report its changes to the view."""
         if self._recorder is None:
             return
         do(self._recorder)
@@ -273,83 +273,82 @@ def _step_words(step_ns: int) -> TranslatableText:
     if step_ns < 0:
         return TranslatableText(
             "this machine's clock was set back by {seconds:.3f} s; "
-            "the times here go on evenly from the start of the capture",
+            "times in this capture continue evenly from its start",
             seconds=seconds,
         )
     return TranslatableText(
-        "this machine's clock was set forth by {seconds:.3f} s; "
-        "the times here go on evenly from the start of the capture",
+        "this machine's clock was set forward by {seconds:.3f} s; "
+        "times in this capture continue evenly from its start",
         seconds=seconds,
     )
 
 
 _SWITCH_EVERY_S = 0.0005
-"""How long the thread that frames and records may keep the one that reads from its bytes."""
+"""Longest time that the framing thread may delay the reading thread (interpreter switch)."""
 
-_DEAF_TO = (signal.SIGINT, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
-"""What a terminal tells all that runs on it."""
+_TERMINAL_SIGNALS = (signal.SIGINT, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""Signals that a terminal sends to every process; only the view handles them."""
 
 _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def capture(plan: CapturePlan, view: Connection) -> None:
-    """Run a capture in this process until it ends, telling the view.
+    """Run a capture in this process until it ends, and report to the view.
 
     Args:
-        plan: what to do.
-        view: where `Message`s go, and where STOP comes from; its end means STOP too.
+        plan: the capture.
+        view: receives `Message`s and sends STOP; a closed connection means STOP too.
     """
-    # Whoever asks who has the port open shall read a name that says something.
+    # The name that `lsof` and `fuser` show for the open port.
     with suppress(OSError):
         Path("/proc/self/comm").write_text(PROGRAM)
-    # Ctrl-C and Ctrl-Z reach every process of the terminal; here only the view decides what they
-    # mean. A capture that stood still would lose what comes meanwhile.
-    for number in _DEAF_TO:
+    # Ctrl-C and Ctrl-Z reach every process of the terminal. The view handles them; a stopped
+    # capture would lose bytes.
+    for number in _TERMINAL_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(_SWITCH_EVERY_S)
     clock = Clock.tied()
     try:
         source = plan.wiring.open(clock)
-        # Before it passes anything on: what is passed on is recorded, however soon the end comes.
+        # Before a bridge forwards anything: forwarded bytes are recorded in any case.
         for number in _ENDING_SIGNALS:
             signal.signal(number, lambda *_: source.stop())
         with source:
             _capture_from(source, plan, clock, view)
     except FteSniffError as error:
-        _tell(view, Ended(error=error))
+        _send(view, Ended(error=error))
 
 
 def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connection) -> None:
     if plan.outlives_view:
-        # The terminal is gone, and with it the view; that is no reason to end.
+        # A closed terminal ends the view only.
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if view.poll() and not isinstance(source, BridgeSource):
-        # Whatever comes means the end. Nothing was captured yet: no file is made, none replaced.
-        # (A bridge may have passed bytes on by now, and all of these are recorded.)
-        _tell(view, Ended())
+        # Any message means STOP. Nothing was captured, so no file is created or replaced.
+        # (A bridge may have forwarded bytes by now; they are recorded.)
+        _send(view, Ended())
         return
-    # From here on an end leaves an empty recording, which is a true one: the port was open, and
-    # nothing came.
+    # From here on the result is a recording, possibly empty: the port was open, no byte arrived.
     recorder = _recorder(plan, _facts(plan, clock, source))
     device = source.device if isinstance(source, BridgeSource) else None
-    _tell(view, Started(recorder.path if recorder else None, device))
-    when_gone = _go_on if plan.outlives_view else source.stop
+    _send(view, Started(recorder.path if recorder else None, device))
+    when_gone = _ignore_missing_view if plan.outlives_view else source.stop
     threading.Thread(target=_obey, args=(view, source, when_gone), daemon=True).start()
     outbox = Outbox(view, when_gone)
-    ended = Run(plan, clock, source, recorder, outbox).to_the_end()
-    # The file is closed: what is left to be told is nothing to hold up a signal for.
+    ended = CaptureLoop(plan, clock, source, recorder, outbox).run()
+    # The file is closed; signals may end the process while the last messages are sent.
     for number in _ENDING_SIGNALS:
         signal.signal(number, signal.SIG_DFL)
     outbox.close(ended)
 
 
-def _tell(view: Connection, message: Message) -> None:
-    with suppress(OSError):  # the view is gone; whoever obeys it learns that too
+def _send(view: Connection, message: Message) -> None:
+    with suppress(OSError):  # the view is gone; `_obey` notices it too
         view.send(message)
 
 
 def _facts(plan: CapturePlan, clock: Clock, source: Source) -> dict[str, str]:
-    """What the recording says of its capture."""
+    """Metadata about the capture."""
     facts = host_facts(clock.utc_at_tie_ns) | clock.facts()
     facts["settings"] = str(plan.wiring.settings)
     for number, name in enumerate(plan.wiring.names, 1):
@@ -388,5 +387,5 @@ def _obey(view: Connection, source: Source, when_gone: Callable[[], None]) -> No
         when_gone()
 
 
-def _go_on() -> None:
-    """What a capture does about a view that is gone, where it was asked to outlive it."""
+def _ignore_missing_view() -> None:
+    """Do nothing: the capture outlives its view."""

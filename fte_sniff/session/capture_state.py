@@ -1,4 +1,4 @@
-"""Messages of the capture process and the state folded from them."""
+"""The plan of a capture, the messages of its process, and the state they add up to."""
 
 from __future__ import annotations
 
@@ -16,48 +16,48 @@ from fte_sniff.recording.recorder import Change, Outcome
 from fte_sniff.recording.retention import RecordingOptions
 
 STOP: Final = "stop"
-"""End the capture, and close its file."""
+"""Request: end the capture and close its file."""
 
 DROP: Final = "drop"
-"""Behind STOP: do not write what still waits to be written, but count it."""
+"""Request after STOP: do not write what still waits, only count it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """The port is open, and so is the recording if there is one."""
+    """The port and the recording, if any, are open."""
 
     recording: Path | None
-    """Where the recording lies, which may have become another name than the plan's."""
+    """Path of the recording; may differ from the plan's if that name was taken."""
     device: str | None = None
-    """What a host program is to open, where this is a bridge."""
+    """The device that host programs open, for a bridge."""
 
 
 @dataclass(frozen=True, slots=True)
 class RowsMessage:
-    """What has come since the batch before."""
+    """Rows and events since the previous batch."""
 
     rows: list[Row]
     events: list[PortEvent]
     total_rows: int
     """All rows captured so far."""
     not_shown: int
-    """Rows captured and recorded, but dropped on the way because the view was too slow."""
+    """Rows captured and recorded, but dropped because the view was too slow."""
     recording: tuple[Change, ...] = ()
-    """What became of the recording meanwhile."""
+    """Changes of the recording since the previous batch."""
     leftover: int = 0
-    """Bytes that waited to be written when the reading ended, where these are many."""
+    """Bytes still to be written when reading ended, if many; else 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The capture is over and its file is closed; nothing comes after this."""
+    """The last message: the capture is over and its file is closed."""
 
     reason: str | None = None
-    """Why, one line for people; None where it was asked to end."""
+    """Why it ended, in one line; None if it was requested."""
     error: FteSniffError | None = None
-    """What went wrong, if something did."""
+    """The error that ended it, if any."""
     outcome: Outcome | None = None
-    """What there is of the recording, if there is one."""
+    """What was recorded, if anything."""
 
 
 Message: TypeAlias = Started | RowsMessage | Ended
@@ -65,47 +65,46 @@ Message: TypeAlias = Started | RowsMessage | Ended
 
 @dataclass(frozen=True, slots=True)
 class CaptureState:
-    """What a capture has told."""
+    """State of a capture, folded from its messages."""
 
     names: tuple[str, ...]
-    """The ports, as they were asked for."""
-    begun: bool = False
-    """Whether the port is open, and the recording if there is to be one."""
+    """The ports, by the names of the plan."""
+    started: bool = False
+    """True once the port and the recording, if any, are open."""
     ended: Ended | None = None
-    """How it ended, once it has."""
+    """The last message, once it ended."""
     error: FteSniffError | None = None
-    """What went wrong, once it has: with the port, the recording, or the capture process."""
+    """The latest error of the port, the recording or the capture process."""
     recording: Path | None = None
-    """Where the recording lies; None where there is none, or it has stopped."""
+    """Path of the current file; None without a recording or after it stopped."""
     recordings: tuple[Path, ...] = ()
-    """All files that it was written to, in order; more than one where it was rotated or went on
-    elsewhere."""
+    """All files of the recording, in order; several after rotation or a failed write."""
     stopped_recording: FteSniffError | None = None
-    """Why the recording stopped last, once it has; `error` tells at the end what that cost."""
+    """Why the recording last stopped; at the end `error` says what was lost."""
     device: str | None = None
-    """What a host program is to open, where this is a bridge."""
+    """The device that host programs open, for a bridge."""
     total_rows: int = 0
     """All rows captured so far."""
     not_shown: int = 0
-    """Rows recorded but not handed over, because the view was too slow for them."""
+    """Rows recorded but not sent, because the view was too slow."""
     leftover: int = 0
-    """Bytes that waited to be written when the reading ended, where these are many."""
-    away: frozenset[str] = frozenset()
-    """The ports that are lost at present, and waited for."""
+    """Bytes still to be written when reading ended, if many; else 0."""
+    lost: frozenset[str] = frozenset()
+    """Ports that are currently lost and waited for."""
 
     @property
     def outcome(self) -> Outcome | None:
-        """What there is of the recording, once the capture has ended of itself."""
+        """What was recorded, once the capture process has ended by itself."""
         return self.ended.outcome if self.ended is not None else None
 
     def after(self, message: Message) -> CaptureState:
-        """What is known after one more message."""
+        """The state after one more message."""
         if isinstance(message, Ended):
             return replace(self, ended=message, error=message.error)
         if isinstance(message, Started):
             return replace(
                 self,
-                begun=True,
+                started=True,
                 recording=message.recording,
                 recordings=() if message.recording is None else (message.recording,),
                 device=message.device,
@@ -118,7 +117,7 @@ class CaptureState:
             total_rows=batch.total_rows,
             not_shown=batch.not_shown,
             leftover=batch.leftover,
-            away=reduce(_away_after, batch.events, self.away),
+            lost=reduce(_lost_ports, batch.events, self.lost),
         )
 
     def _after_change(self, change: Change) -> CaptureState:
@@ -131,14 +130,14 @@ class CaptureState:
         )
 
     @property
-    def state(self) -> FeedState:
-        """The same for a view."""
+    def feed_state(self) -> FeedState:
+        """The state as a feed shows it."""
         ended = self.ended
         return FeedState(
             title=self._title(),
             recording=str(self.recording) if self.recording else None,
             running=ended is None,
-            waiting=ended is None and bool(self.away),
+            waiting=ended is None and bool(self.lost),
             ended=(ended.reason or TranslatableText("stopped")) if ended else None,
             trouble=self._trouble() if ended is None else None,
             rows=self.total_rows,
@@ -149,7 +148,7 @@ class CaptureState:
 
     def _title(self) -> str:
         if self.device is not None:
-            # Whoever looks wants to know what the host program is to open.
+            # A bridge shows the device that the host program opens.
             return f"{self.names[0]} + {self.device}"
         return " + ".join(self.names)
 
@@ -168,31 +167,31 @@ class CaptureState:
         )
 
 
-def _away_after(away: frozenset[str], event: PortEvent) -> frozenset[str]:
+def _lost_ports(lost: frozenset[str], event: PortEvent) -> frozenset[str]:
     if event.kind is PortEventKind.LOST:
-        return away | {event.port}
+        return lost | {event.port}
     if event.kind is PortEventKind.FOUND_AGAIN:
-        return away - {event.port}
-    return away
+        return lost - {event.port}
+    return lost
 
 
 @dataclass(frozen=True, slots=True)
 class CapturePlan:
-    """One capture."""
+    """What to capture and how to record it."""
 
     wiring: Wiring
     """Which ports to open, and how."""
     recording: Path | None
-    """Where to record to; None to record nothing."""
+    """Path of the recording; None to record nothing."""
     existing: Existing = Existing.REFUSE
-    """What to do when the recording's file is there already."""
+    """What to do if the file exists."""
     keeping: RecordingOptions = field(default_factory=RecordingOptions)
-    """What the recording is to keep, and how much of the disk it may take."""
+    """Rotation, size limits and trigger window."""
     trigger: str | None = None
-    """A filter: the rows whose surroundings are kept; None to keep all."""
+    """A filter: only rows around matching rows are recorded; None to record all."""
     outlives_view: bool = False
-    """Whether to go on when the view is killed or its terminal gone; not when it asks to end."""
+    """Continue if the view is killed or its terminal is closed; a STOP still ends it."""
     duration_s: float | None = None
-    """End after so many seconds; None, or infinity, to go on."""
+    """End after this many seconds; None or infinity for no limit."""
     count: int | None = None
-    """End after so many rows; None to go on."""
+    """End after this many rows; None for no limit."""

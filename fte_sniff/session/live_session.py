@@ -1,4 +1,4 @@
-"""LiveSession: start, poll, stop."""
+"""A running capture as a feed for one view: start, poll, stop."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ class BatchGaps:
 
 
 MOST_ROWS_A_POLL = 16_384
-"""Rows that one poll hands over at most, so that a view that was stopped can still breathe."""
+"""Most rows of one poll, so that a view that was suspended stays responsive."""
 
 END_WITHIN_S = 5.0
-"""How long a capture that was asked to end may say nothing before it is killed, seconds."""
+"""Seconds without a message after which a capture that should end is killed."""
 
-LOOK_EVERY_S = 0.1
-"""How long one wait for the capture process lasts before the end is thought of again, seconds."""
+WAIT_S = 0.1
+"""Seconds that one wait for the capture process lasts."""
 
 _KILLED = TranslatableText(
     "the capture did not end within {seconds:g} s of being asked, and was killed; "
@@ -66,123 +66,123 @@ _UNEXPECTED = TranslatableText(
 
 
 class LiveSession:
-    """A capture that runs in a process of its own, as a feed for one view.
+    """A capture in another process, as a feed for one view.
 
-    `begin`, or entering it as a context, waits for the port; `stop` may be called before that, and
-    from signal handlers. Once asked to end, it ends: a capture process that is stuck is killed.
+    `begin`, or entering the context, waits for the port. `stop` may be called before that, and from
+    signal handlers. A capture process that does not end when requested is killed.
     """
 
     def __init__(self, plan: CapturePlan) -> None:
-        """Start the capture process; what it finds is told by `begin`.
+        """Start the capture process; errors of the port are raised by `begin`.
 
         Raises:
-            FileError: the working folder is gone, without which no process can be started.
+            FileError: the working folder is gone, so that no process can be started.
         """
         _check_folder()
-        self.told = CaptureState(plan.wiring.names)
-        """What the capture has told by now."""
+        self.state = CaptureState(plan.wiring.names)
+        """The state of the capture."""
         self._seams = BatchGaps(plan.wiring.names, plan.wiring.settings.baud)
         self._stopped_at_s: float | None = None
-        self._heard_at_s = 0.0
+        self._received_at_s = 0.0
         self._receiving_since_s: float | None = None
-        """Since when a message has been coming in, which may have begun and not gone on."""
+        """When receiving of the current, possibly incomplete, message started."""
         self._killed = False
         context = multiprocessing.get_context("spawn")
         self._capture, theirs = context.Pipe()
-        # A daemon gets SIGTERM when this process ends in a way that skips `close`.
+        # A daemon process gets SIGTERM if this process exits without `close`.
         self._process = context.Process(
             target=capture, args=(plan, theirs), name="fte-sniff capture", daemon=True
         )
-        with _undisturbed():
+        with _signals_deferred():
             self._process.start()
         theirs.close()
 
     def begin(self) -> None:
-        """Wait until the port is open, and the recording if there is to be one.
+        """Wait until the port and the recording, if any, are open.
 
-        Where it was asked to stop meanwhile, it may have ended already; `poll` tells.
+        After a `stop` the capture may have ended already; see `poll`.
 
         Raises:
             FteSniffError: the port cannot be opened, or the recording cannot be made.
         """
-        while not self.told.begun and self.told.ended is None:
-            if self._capture.poll(LOOK_EVERY_S):
-                self.told = self.told.after(self._receive())
+        while not self.state.started and self.state.ended is None:
+            if self._capture.poll(WAIT_S):
+                self.state = self.state.after(self._receive())
             else:
                 self._give_up_when_overdue()
-        if self.told.ended is not None and self.told.error is not None:
+        if self.state.ended is not None and self.state.error is not None:
             self.close()
-            raise self.told.error
+            raise self.state.error
 
     @property
     def stopping(self) -> bool:
-        """Whether the capture was asked to end."""
+        """True after `stop`."""
         return self._stopped_at_s is not None
 
     @property
     def capture_pid(self) -> int:
-        """The capture process, for whoever has to end it without this view."""
+        """Process id of the capture, to end it without this view."""
         assert self._process.pid is not None
         return self._process.pid
 
     @property
     def descriptor(self) -> int:
-        """Can be read from when there is something to poll; until `close`."""
+        """File descriptor that is readable if there is something to poll; until `close`."""
         return self._capture.fileno()
 
     def poll(self) -> FeedUpdate:
-        """What came since the poll before; returns at once."""
+        """Rows and events since the previous poll; returns at once."""
         return self.wait(0)
 
     def wait(self, timeout_s: float) -> FeedUpdate:
-        """What comes next, or nothing if nothing comes within `timeout_s` seconds."""
+        """The next rows and events; empty after `timeout_s` seconds without any."""
         rows: list[Row] = []
         events: list[PortEvent] = []
         seams: list[StreamChange] = []
-        while self.told.ended is None and len(rows) < MOST_ROWS_A_POLL:
+        while self.state.ended is None and len(rows) < MOST_ROWS_A_POLL:
             if not self._capture.poll(timeout_s):
                 self._give_up_when_overdue()
                 break
             timeout_s = 0
             message = self._receive()
-            self.told = self.told.after(message)
+            self.state = self.state.after(message)
             if isinstance(message, RowsMessage):
                 seams += shifted(self._seams.of(message), len(rows))
                 rows += message.rows
                 events += message.events
-        return FeedUpdate(self.told.state, rows, events, seams)
+        return FeedUpdate(self.state.feed_state, rows, events, seams)
 
     def stop(self) -> None:
-        """Ask the capture to end; returns at once, and may be called again."""
+        """Request the end of the capture; returns at once, may be called again."""
         if self._stopped_at_s is not None:
             since = self._receiving_since_s
             if since is not None and time.monotonic() > since + END_WITHIN_S:
-                # It stands still within a message, and so does whoever waits for the rest of it.
+                # The capture hangs within a message, and so does the reader of the rest.
                 self._killed = True
                 self._process.kill()
             return
         self._stopped_at_s = time.monotonic()
-        if not self.told.begun:
-            # It may be waiting for a port that takes long to open, and hear nothing else.
+        if not self.state.started:
+            # Opening a port may take long, and no message is read meanwhile.
             self._process.terminate()
-        # Where it has ended already, `wait` tells how.
+        # If it has ended already, `wait` returns how.
         with suppress(OSError):
             self._capture.send(STOP)
 
     def drop_leftover(self) -> None:
-        """Do not wait for what still waits to be written, where that was told to be much.
+        """Skip bytes that still wait to be written, if many were reported.
 
-        It is counted in the recording as an overrun. Returns at once.
+        The recording counts them as an overrun. Returns at once.
         """
-        if self.told.leftover:
+        if self.state.leftover:
             with suppress(OSError):
                 self._capture.send(DROP)
 
     def close(self) -> None:
-        """End the capture, wait until its file is closed, and forget the rows that still come."""
+        """End the capture and wait until its file is closed; discard further rows."""
         self.stop()
-        while self.told.ended is None:
-            self.wait(LOOK_EVERY_S)
+        while self.state.ended is None:
+            self.wait(WAIT_S)
         self._process.join(END_WITHIN_S)
         if self._process.is_alive():
             self._process.kill()
@@ -203,21 +203,21 @@ class LiveSession:
 
     @property
     def _overdue(self) -> bool:
-        asked = self._stopped_at_s
-        if asked is None:
+        requested = self._stopped_at_s
+        if requested is None:
             return False
-        # One that is behind has much to record yet, and tells of it all the while.
-        return time.monotonic() > max(asked, self._heard_at_s) + END_WITHIN_S
+        # A capture that still has much to record keeps sending messages.
+        return time.monotonic() > max(requested, self._received_at_s) + END_WITHIN_S
 
     def _give_up_when_overdue(self) -> None:
-        """Kill a capture that was asked to end and has nothing to say to it."""
+        """Kill a capture that does not react to the requested end."""
         if self._overdue:
             self._process.kill()
-            self.told = self.told.after(self._gone(_KILLED))
+            self.state = self.state.after(self._exit_without_result(_KILLED))
 
-    def _gone(self, reason: str) -> Ended:
-        """What the end of a process means that left no word of its own."""
-        if self.stopping and not self.told.begun:
+    def _exit_without_result(self, reason: str) -> Ended:
+        """The result for a capture process that exited without sending `Ended`."""
+        if self.stopping and not self.state.started:
             return Ended()
         return Ended(reason, PortError(reason))
 
@@ -226,10 +226,10 @@ class LiveSession:
         try:
             message = self._capture.recv()
         except (EOFError, OSError):
-            return self._gone(_KILLED if self._killed else _UNEXPECTED)
+            return self._exit_without_result(_KILLED if self._killed else _UNEXPECTED)
         finally:
             self._receiving_since_s = None
-        self._heard_at_s = time.monotonic()
+        self._received_at_s = time.monotonic()
         assert isinstance(message, Started | RowsMessage | Ended)
         return message
 
@@ -244,8 +244,8 @@ def _check_folder() -> None:
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
-    """A process that is started in this context gets all it is to be told, and hears no Ctrl-C."""
+def _signals_deferred() -> Iterator[None]:
+    """Context to start a process in: it ignores Ctrl-C, and signals here wait until it started."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

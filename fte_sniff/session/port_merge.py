@@ -1,18 +1,18 @@
-"""Order rows of several ports; detect swapped wiring.
+"""Merge the rows of several ports by time; detect swapped wiring.
 
-Each port's rows come in order, but late: a frame is known only when its last byte is, or when the
-bytes behind it are. So a row waits until every other port is known to be past it:
+The rows of each port are in order, but late: a frame is known only with its last byte, or with the
+bytes after it. So a row waits until every other port is known to have passed its time:
 
-    port A   ───a1──────────a2─────────●          heard up to ●, nothing undecided
+    port A   ───a1──────────a2─────────●          read up to ●, nothing undecided
     port B   ────────b1──────┊ ?? pending         its next row begins at ┊, or later
-             given: a1, b1        waits: a2
+             emitted: a1, b1      waits: a2
 
-A port with undecided bytes goes on where the first of them began. A port without goes on at most
-`REACH_NS` before the time up to which it was heard, since an adapter hands on bytes late. What has
-waited for `MOST_HELD_NS` is given all the same, so that no port can hold up another.
+The next row of a port with undecided bytes begins at the first of them. The next row of a port
+without may begin up to `REACH_NS` before its last read, because an adapter delivers bytes late. A
+row waits at most `MOST_HELD_NS`, so that no port can block another.
 
-A row's bytes may have been on the wire as much earlier as its port's uncertainty says. Where that
-reaches back to a row of another port, which of the two came first is not certain: both are marked.
+The bytes of a row may have been on the wire earlier by the uncertainty of its port. If that reaches
+a row of another port, their order is uncertain, and both are marked.
 """
 
 from __future__ import annotations
@@ -27,50 +27,50 @@ from fte_sniff.protocol import Direction, Frame, PortEvent, PortEventKind, Row
 Entry: TypeAlias = Row | PortEvent
 
 REACH_NS = 20_000_000
-"""How far before the time of a read its bytes may have begun, where reads before found none."""
+"""How long before a read its bytes may have begun, if earlier reads were empty."""
 
 MOST_HELD_NS = 1_000_000_000
-"""How long a row waits for another port at most, nanoseconds of the ports' own times."""
+"""Longest time that a row waits for another port, in nanoseconds of the ports' times."""
 
 _NEVER = -(2**63)
 _ALWAYS = 2**63
 
 
-class Ordering:
-    """Puts the rows and events of several ports on one time line."""
+class PortMerge:
+    """Merges the rows and events of several ports by time (a k-way merge with watermarks)."""
 
     def __init__(self, uncertainty_ns: Mapping[str, int]) -> None:
-        """An order for these ports.
+        """Create a merge of these ports.
 
         Args:
-            uncertainty_ns: by port, how much earlier than they say its rows may have begun.
+            uncertainty_ns: by port, how much earlier than their times its rows may have begun.
         """
         self._lanes = [_Lane(port, ns) for port, ns in uncertainty_ns.items()]
         self._lane_of = {lane.port: lane for lane in self._lanes}
         self._now_ns = _NEVER
 
     def put(self, port: str, entries: Sequence[Entry]) -> None:
-        """Take what comes next from one port."""
+        """Append the next rows and events of one port."""
         self._lane_of[port].waiting.extend(entries)
 
-    def heard(self, port: str, t_ns: int, waits_since_ns: int | None, *, data: bool) -> None:
-        """Take note that a port was read.
+    def advance(self, port: str, t_ns: int, waits_since_ns: int | None, *, data: bool) -> None:
+        """Advance the watermark of a port after a read.
 
         Args:
-            port: which.
+            port: the port.
             t_ns: when the read returned.
-            waits_since_ns: when its first undecided byte began; None where there is none.
-            data: whether the read brought bytes; no byte behind them began earlier.
+            waits_since_ns: when its first undecided byte began; None without undecided bytes.
+            data: whether the read returned bytes; later bytes did not begin earlier.
         """
         self._now_ns = max(self._now_ns, t_ns)
-        self._lane_of[port].hear(t_ns, waits_since_ns, data=data)
+        self._lane_of[port].advance(t_ns, waits_since_ns, data=data)
 
-    def take(self) -> list[Entry]:
-        """What is certain to be next, in order of time."""
+    def ready(self) -> list[Entry]:
+        """Remove and return the entries whose order is settled."""
         return self._take(self._now_ns - MOST_HELD_NS)
 
     def drain(self) -> list[Entry]:
-        """All that waits, in order of time; nothing comes behind it."""
+        """Remove and return all entries; none follow."""
         return self._take(_ALWAYS)
 
     def _take(self, overdue_ns: int) -> list[Entry]:
@@ -94,7 +94,7 @@ class Ordering:
             taken.append(entry)
 
     def _earliest(self) -> _Lane | None:
-        """The port whose next row or event is the earliest; None where nothing waits."""
+        """The port with the earliest waiting entry; None if nothing waits."""
         found: _Lane | None = None
         for lane in self._lanes:
             if lane.waiting and (found is None or lane.next_time() < found.next_time()):
@@ -103,34 +103,34 @@ class Ordering:
 
 
 class _Lane:
-    """One port: what waits, and from when on more can come."""
+    """One port: its waiting entries and its watermark."""
 
     def __init__(self, port: str, uncertainty_ns: int) -> None:
         self.port = port
         self.waiting: deque[Entry] = deque()
         self.last_ns = _NEVER
-        """The time of the last row that was given."""
+        """Time of the last emitted row."""
         self._uncertainty_ns = uncertainty_ns
         self._read_ns = self._next_ns = _NEVER
 
     def next_time(self) -> int:
-        """When the first began that waits here."""
+        """Time of the first waiting entry."""
         return self.waiting[0].t_ns or 0
 
-    def hear(self, t_ns: int, waits_since_ns: int | None, *, data: bool) -> None:
+    def advance(self, t_ns: int, waits_since_ns: int | None, *, data: bool) -> None:
         if data:
             self._read_ns = max(self._read_ns, t_ns)
         silent_to_ns = max(self._read_ns, t_ns - REACH_NS)
         self._next_ns = silent_to_ns if waits_since_ns is None else waits_since_ns
 
     def is_past(self, t_ns: int) -> bool:
-        """Whether whatever comes from here is certain to be behind that time."""
+        """True if all further entries of this port are after that time."""
         return bool(self.waiting) or self._next_ns > t_ns + self._uncertainty_ns
 
     def may_swap(self, t_ns: int, other: _Lane) -> bool:
-        """Whether a row of this port at `t_ns` may be before the other's last, or behind its next.
+        """True if a row at `t_ns` may precede the other's last row, or follow its next one.
 
-        The other's next row is the first that waits there, and not before `t_ns`.
+        The other's next row is the first that waits there; it is not before `t_ns`.
         """
         if t_ns - other.last_ns <= self._uncertainty_ns:
             return True
@@ -147,47 +147,47 @@ def _uncertain(row: Row) -> Row:
 
 
 SETTLED = 10
-"""Sound frames of one direction that make a wire that direction's."""
+"""Valid frames of one direction after which a wire is known to carry it."""
 
-STRANGE = 3
-"""Sound frames of the other direction upon which it is pointed out: one can be chance."""
+UNEXPECTED = 3
+"""Valid frames of the other direction after which it is reported; one can be chance."""
 
 
 class WiringWatch:
-    """Points out, once a wire, that it carries what the other one should."""
+    """Reports, once per wire, that it carries the other wire's direction."""
 
     def __init__(self, ports: Sequence[str]) -> None:
-        """Watch these ports; where there is only one it may carry anything."""
+        """Watch these ports; a single port may carry both directions."""
         self._counts: dict[str, Counter[Direction]] = {port: Counter() for port in ports}
         self._own: dict[str, Direction] = {}
         self._quiet = set(ports) if len(ports) < 2 else set()
 
-    def look(self, port: str, rows: Iterable[Row]) -> list[PortEvent]:
-        """What these rows, all of one port, give cause to point out."""
+    def observe(self, port: str, rows: Iterable[Row]) -> list[PortEvent]:
+        """Events that these rows of one port give rise to."""
         if port in self._quiet:
             return []
         counts = self._counts[port]
         for row in rows:
             if isinstance(row, Frame) and not row.faults:
                 counts[row.direction] += 1
-                if detail := self._strange(port, row.direction):
+                if detail := self._problem(port, row.direction):
                     self._quiet.add(port)
                     return [PortEvent(row.t_ns or 0, port, PortEventKind.WIRING, detail)]
         return []
 
-    def _strange(self, port: str, direction: Direction) -> str | None:
-        """What is strange now that one more frame of that direction came."""
+    def _problem(self, port: str, direction: Direction) -> str | None:
+        """What is wrong after one more frame of that direction; None if nothing is."""
         counts, own = self._counts[port], self._own.get(port)
         if own is None:
             if counts[direction] < SETTLED:
                 return None
             self._own[port] = direction
             return self._same_as_another(port, direction)
-        if direction is own or counts[direction] < STRANGE:
+        if direction is own or counts[direction] < UNEXPECTED:
             return None
         return TranslatableText(
             "{direction} frames on the wire that carries {own} frames: swapped "
-            "or mixed wiring; each adapter's RX belongs on a wire of its own",
+            "or mixed wiring; connect each adapter's RX to its own wire",
             direction=direction,
             own=own,
         )
@@ -197,7 +197,7 @@ class WiringWatch:
             if other != port and own is direction:
                 return TranslatableText(
                     "{direction} frames here and on {other} too: are both adapters on "
-                    "the same wire? One RX belongs on each",
+                    "the same wire? Connect one RX to each",
                     direction=direction,
                     other=other,
                 )

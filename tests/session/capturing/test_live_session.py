@@ -94,7 +94,7 @@ def test_rows_seen_are_rows_recorded(tmp_path: Path) -> None:
         rows = to_the_end(session)
     assert len(rows) == 200
     assert list(RecordingReader(tmp_path / "x.mcap")) == rows
-    assert session.told.error is None
+    assert session.state.error is None
 
 
 def test_events_are_seen_and_recorded(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_a_signal_to_the_capture_process_ends_it_well(tmp_path: Path, number: in
         until(session, lambda rows: rows > 20)
         os.kill(session._process.pid or 0, number)
         rows = to_the_end(session)
-        assert session.told.error is None
+        assert session.state.error is None
     assert list(RecordingReader(tmp_path / "x.mcap"))[-len(rows) :] == rows
 
 
@@ -160,7 +160,7 @@ def test_a_killed_capture_is_told(tmp_path: Path) -> None:
         until(session, lambda rows: rows > 20)
         session._process.kill()
         to_the_end(session)
-        assert isinstance(session.told.error, PortError)
+        assert isinstance(session.state.error, PortError)
         assert "unexpectedly" in (session.poll().state.ended or "")
     list(RecordingReader(tmp_path / "x.mcap"))
 
@@ -168,7 +168,7 @@ def test_a_killed_capture_is_told(tmp_path: Path) -> None:
 def test_a_port_that_is_lost_ends_it_and_says_so(tmp_path: Path) -> None:
     with LiveSession(plan(tmp_path / "x.mcap", port=f"{SIM}&frames=30")) as session:
         rows = to_the_end(session)
-        assert isinstance(session.told.error, PortError)
+        assert isinstance(session.state.error, PortError)
         assert "was lost" in (session.poll().state.ended or "")
     assert len(rows) == 30
     assert list(RecordingReader(tmp_path / "x.mcap")) == rows
@@ -194,10 +194,10 @@ def test_a_recording_that_fails_is_told_at_once_and_the_capture_goes_on(tmp_path
         for update in updates(session):
             if update.state.recording is None and rows_when_told is None:
                 rows_when_told = update.state.rows
-        assert isinstance(session.told.error, FileError)
-        assert "recording stopped" in str(session.told.error)
+        assert isinstance(session.state.error, FileError)
+        assert "recording stopped" in str(session.state.error)
         assert rows_when_told is not None
-        assert session.told.total_rows > rows_when_told + 200
+        assert session.state.total_rows > rows_when_told + 200
     told = RecordingReader(tmp_path / "x.mcap").metadata["fte-sniff"]
     assert told["port.1.granted"] == "no low latency setting; line errors unavailable"
 
@@ -208,7 +208,7 @@ def test_a_recording_that_is_deleted_is_told_at_once_and_the_capture_goes_on(
     with LiveSession(plan(tmp_path / "x.mcap")) as session:
         until(session, lambda rows: rows > 20)
         (tmp_path / "x.mcap").unlink()
-        until(session, lambda _rows: session.told.error is not None)
+        until(session, lambda _rows: session.state.error is not None)
         state = session.poll().state
         assert (state.running, state.recording) == (True, str(tmp_path / "x_00002.mcap"))
         assert state.files == (str(tmp_path / "x.mcap"), str(tmp_path / "x_00002.mcap"))
@@ -216,7 +216,7 @@ def test_a_recording_that_is_deleted_is_told_at_once_and_the_capture_goes_on(
         assert "recording goes on in" in (state.trouble or "")
         told_at = state.rows
         until(session, lambda rows: rows > told_at + 100)
-    assert isinstance(session.told.error, FileError)
+    assert isinstance(session.state.error, FileError)
     assert not (tmp_path / "x.mcap").exists()
 
 
@@ -229,7 +229,7 @@ def test_a_capture_that_is_stuck_is_killed_and_that_is_told(
         start = monotonic()
         session.stop()
     assert quickly_overdue <= monotonic() - start < BOUND_S / 2
-    assert isinstance(session.told.error, PortError)
+    assert isinstance(session.state.error, PortError)
     assert "was killed" in (session.poll().state.ended or "")
     assert not session._process.is_alive()
     assert list(RecordingReader(tmp_path / "x.mcap"))
@@ -248,7 +248,7 @@ def test_a_capture_that_is_stuck_within_a_message_is_killed_by_asking_again(
     monkeypatch.setattr(live, "capture", falls_silent)
     with LiveSession(plan()) as session, alarms(session.stop, quickly_overdue):
         to_the_end(session)
-        assert isinstance(session.told.error, PortError)
+        assert isinstance(session.state.error, PortError)
 
 
 def is_behind(_plan: CapturePlan, view: Connection) -> None:
@@ -270,8 +270,8 @@ def test_a_capture_that_is_behind_may_take_its_time_to_end(
         session.stop()
         while session.poll().state.running:
             pass
-    assert session.told.error is None
-    assert session.told.total_rows == 14
+    assert session.state.error is None
+    assert session.state.total_rows == 14
 
 
 def test_a_capture_that_is_stuck_before_it_begins_just_ends(
@@ -284,7 +284,7 @@ def test_a_capture_that_is_stuck_before_it_begins_just_ends(
     session.stop()
     with session:
         assert not session.poll().state.running
-    assert session.told.error is None
+    assert session.state.error is None
     assert not session._process.is_alive()
     assert list(tmp_path.iterdir()) == []
 
@@ -304,8 +304,8 @@ def test_stop_while_the_port_is_not_open_yet_ends_it_at_once(tmp_path: Path) -> 
         assert monotonic() - start < END_WITHIN_S
         assert not session.poll().state.running
         session.close()
-    assert session.told.error is None
-    assert session.told.recording is None
+    assert session.state.error is None
+    assert session.state.recording is None
     assert list(tmp_path.iterdir()) == []
 
 
@@ -334,11 +334,11 @@ def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
     sessions = [LiveSession(wanted) for _ in range(3)]
     for session in sessions:
         with session:
-            assert session.told.recording is not None
+            assert session.state.recording is not None
             rows = to_the_end(session)
-            assert session.poll().state.recording == str(session.told.recording)
-        assert list(RecordingReader(session.told.recording)) == rows
-    assert {session.told.recording for session in sessions} == set(tmp_path.iterdir())
+            assert session.poll().state.recording == str(session.state.recording)
+        assert list(RecordingReader(session.state.recording)) == rows
+    assert {session.state.recording for session in sessions} == set(tmp_path.iterdir())
     assert len(list(tmp_path.iterdir())) == 3
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.capture.simulation import SimulationParameters, simulate
 from fte_sniff.protocol import Chunk, Frame, Framer, PortEvent, PortEventKind, Row
-from fte_sniff.session.port_merge import MOST_HELD_NS, REACH_NS, Entry, Ordering
+from fte_sniff.session.port_merge import MOST_HELD_NS, REACH_NS, Entry, PortMerge
 
 MS = 1_000_000
 FRAME = bytes.fromhex("AA0000000000000000EE")
@@ -27,56 +27,56 @@ def event(port: str, ms: float) -> PortEvent:
     return PortEvent(round(ms * MS), port, PortEventKind.LOST, "")
 
 
-def put(order: Ordering, *entries: Entry) -> None:
+def put(order: PortMerge, *entries: Entry) -> None:
     for entry in entries:
         order.put(entry.port, [entry])
 
 
 def test_one_port_waits_for_nothing() -> None:
-    order = Ordering({"a": 0})
+    order = PortMerge({"a": 0})
     put(order, row("a", 1), event("a", 2), row("a", 3))
-    assert order.take() == [row("a", 1), event("a", 2), row("a", 3)]
+    assert order.ready() == [row("a", 1), event("a", 2), row("a", 3)]
 
 
 def test_a_row_waits_until_the_other_port_is_past_it() -> None:
-    order = Ordering({"a": 0, "b": 0})
+    order = PortMerge({"a": 0, "b": 0})
     put(order, row("a", 100))
-    order.heard("a", 101 * MS, None, data=True)
-    order.heard("b", 110 * MS, None, data=False)
-    assert order.take() == []
-    order.heard("b", 101 * MS + REACH_NS, None, data=False)
-    assert order.take() == [row("a", 100)]
+    order.advance("a", 101 * MS, None, data=True)
+    order.advance("b", 110 * MS, None, data=False)
+    assert order.ready() == []
+    order.advance("b", 101 * MS + REACH_NS, None, data=False)
+    assert order.ready() == [row("a", 100)]
 
 
 def test_a_read_with_bytes_is_past_all_that_came_before_it() -> None:
-    order = Ordering({"a": 0, "b": 0})
+    order = PortMerge({"a": 0, "b": 0})
     put(order, row("a", 100))
-    order.heard("b", 101 * MS, None, data=True)
-    assert order.take() == [row("a", 100)]
+    order.advance("b", 101 * MS, None, data=True)
+    assert order.ready() == [row("a", 100)]
 
 
 def test_a_port_with_undecided_bytes_is_waited_for_from_the_first_of_them() -> None:
-    order = Ordering({"a": 0, "b": 0})
+    order = PortMerge({"a": 0, "b": 0})
     put(order, row("a", 100), row("a", 150))
-    order.heard("b", 500 * MS, 120 * MS, data=True)
-    assert order.take() == [row("a", 100)]
+    order.advance("b", 500 * MS, 120 * MS, data=True)
+    assert order.ready() == [row("a", 100)]
     put(order, row("b", 120))
-    order.heard("b", 510 * MS, None, data=False)
-    assert order.take() == [row("b", 120), row("a", 150)]
+    order.advance("b", 510 * MS, None, data=False)
+    assert order.ready() == [row("b", 120), row("a", 150)]
 
 
 def test_no_port_holds_up_another_for_ever() -> None:
-    order = Ordering({"a": 0, "b": 0})
+    order = PortMerge({"a": 0, "b": 0})
     put(order, row("a", 100))
-    order.heard("b", 101 * MS, 50 * MS, data=True)
-    order.heard("a", 100 * MS + MOST_HELD_NS - 1, None, data=False)
-    assert order.take() == []
-    order.heard("a", 100 * MS + MOST_HELD_NS, None, data=False)
-    assert order.take() == [row("a", 100)]
+    order.advance("b", 101 * MS, 50 * MS, data=True)
+    order.advance("a", 100 * MS + MOST_HELD_NS - 1, None, data=False)
+    assert order.ready() == []
+    order.advance("a", 100 * MS + MOST_HELD_NS, None, data=False)
+    assert order.ready() == [row("a", 100)]
 
 
 def test_events_stand_where_they_happened() -> None:
-    order = Ordering({"a": 0, "b": 0})
+    order = PortMerge({"a": 0, "b": 0})
     put(order, event("a", 5), row("b", 4), row("b", 6))
     assert order.drain() == [row("b", 4), event("a", 5), row("b", 6)]
 
@@ -97,11 +97,11 @@ def test_events_stand_where_they_happened() -> None:
 def test_what_two_ports_cannot_tell_apart_is_marked(
     uncertain: dict[str, int], times: list[tuple[str, float]], marked: list[bool]
 ) -> None:
-    order = Ordering({port: ms * MS for port, ms in uncertain.items()})
+    order = PortMerge({port: ms * MS for port, ms in uncertain.items()})
     for port, ms in times:
         put(order, row(port, ms))
-        order.heard(port, round(ms * MS) + MS, None, data=True)
-    found = order.take() + order.drain()
+        order.advance(port, round(ms * MS) + MS, None, data=True)
+    found = order.ready() + order.drain()
     assert [(r.port, (r.t_ns or 0) / MS) for r in found] == times
     assert [isinstance(r, Frame) and r.order_uncertain for r in found] == marked
 
@@ -154,7 +154,7 @@ def test_rows_come_out_in_order_of_time_and_all_of_them(
         beats = range((chunks[-1].t_ns or 0) + 10 * MS, until_ns, 10 * MS)
         chunks += [Chunk(port, t_ns, b"") for t_ns in beats]
     framers = {port: Framer(port) for port in read}
-    order = Ordering(dict.fromkeys(read, MS))
+    order = PortMerge(dict.fromkeys(read, MS))
     made: dict[str, list[Row]] = {port: [] for port in read}
     found: list[Entry] = []
 
@@ -166,8 +166,8 @@ def test_rows_come_out_in_order_of_time_and_all_of_them(
         framer = framers[chunk.port]
         take(chunk.port, framer.feed(chunk))
         waits = framer.waits_since_ns
-        order.heard(chunk.port, chunk.t_ns or 0, waits, data=bool(chunk.data))
-        found += order.take()
+        order.advance(chunk.port, chunk.t_ns or 0, waits, data=bool(chunk.data))
+        found += order.ready()
     for port, framer in framers.items():
         take(port, framer.flush())
     found += order.drain()

@@ -13,7 +13,7 @@ from fte_sniff.capture.multi_source import PortGroup
 from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, Row
-from fte_sniff.session.capture_process import Outbox, Run
+from fte_sniff.session.capture_process import CaptureLoop, Outbox
 from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage
 
 MS = 1_000_000
@@ -59,7 +59,7 @@ def run(source: Known, **limits: int) -> tuple[list[Row], list[PortEvent], Ended
     ours, theirs = Pipe()
     outbox = Outbox(ours, lambda: None)
     plan = CapturePlan(PortGroup(tuple(source.uncertainty_ns)), None, **limits)  # type: ignore[arg-type]
-    ended = Run(plan, Clock.tied(), source, None, outbox).to_the_end()
+    ended = CaptureLoop(plan, Clock.tied(), source, None, outbox).run()
     closing = threading.Thread(target=outbox.close, args=(ended,))
     closing.start()
     rows: list[Row] = []

@@ -15,7 +15,7 @@ from fte_sniff.protocol import Chunk, Fault, PortEvent, PortEventKind
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
-from fte_sniff.session.capture_process import Outbox, Run
+from fte_sniff.session.capture_process import CaptureLoop, Outbox
 from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage
 
 FRAME = bytes.fromhex("AA010103E800000000EE")
@@ -65,7 +65,7 @@ def test_errors_are_in_the_rows_and_beside_them_in_the_recording_and_the_view(
     outbox = Outbox(theirs, source.stop)
     clock = Clock.tied()
     recorder = Recorder(path, (PortFacts("tap", 115_200),))
-    outbox.close(Run(plan, clock, source, recorder, outbox).to_the_end())
+    outbox.close(CaptureLoop(plan, clock, source, recorder, outbox).run())
 
     recorded = list(RecordingReader(path).entries())
     events = [entry for entry in recorded if isinstance(entry, PortEvent)]

@@ -59,7 +59,7 @@ def after(*messages: Message, of: CaptureState = NEW) -> CaptureState:
     ],
 )
 def test_what_a_view_is_shown(messages: tuple[Message, ...], shown: dict[str, object]) -> None:
-    state = after(*messages).state
+    state = after(*messages).feed_state
     usual = FeedState("a + b", running=not any(isinstance(one, Ended) for one in messages))
     expected = {**{name: getattr(usual, name) for name in ("title", "running", "waiting")}, **shown}
     assert {name: getattr(state, name) for name in expected} == expected
@@ -90,5 +90,5 @@ def test_a_port_is_away_from_its_loss_until_it_is_found(happened: list) -> None:
     events = [PortEvent(0, port, kind, "") for port, kind in happened]
     last = dict(happened)
     away = {port for port, kind in last.items() if kind is PortEventKind.LOST}
-    assert after(replace(batch(), events=events)).away == away
-    assert after(*(replace(batch(), events=[event]) for event in events)).away == away
+    assert after(replace(batch(), events=events)).lost == away
+    assert after(*(replace(batch(), events=[event]) for event in events)).lost == away

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from fte_sniff.protocol import Damage, Fault, Frame, PortEvent, PortEventKind
-from fte_sniff.session.port_merge import SETTLED, STRANGE, WiringWatch
+from fte_sniff.session.port_merge import SETTLED, UNEXPECTED, WiringWatch
 
 CONTROL = bytes.fromhex("AA0000000000000000EE")
 FEEDBACK = bytes.fromhex("5501010000000000000FEE")[:9] + b"\xee"
@@ -15,7 +15,7 @@ def look(watch: WiringWatch, port: str, raw: bytes, count: int, **more: object) 
     return [
         told
         for number in range(count)
-        for told in watch.look(port, [Frame(port, 10 * number, raw, number, **more)])  # type: ignore[arg-type]
+        for told in watch.observe(port, [Frame(port, 10 * number, raw, number, **more)])  # type: ignore[arg-type]
     ]
 
 
@@ -34,7 +34,7 @@ def test_the_others_header_is_pointed_out_once() -> None:
     watch = WiringWatch(["a", "b"])
     look(watch, "a", CONTROL, SETTLED)
     look(watch, "b", FEEDBACK, SETTLED)
-    assert look(watch, "a", FEEDBACK, STRANGE - 1) == []
+    assert look(watch, "a", FEEDBACK, UNEXPECTED - 1) == []
     (told,) = look(watch, "a", FEEDBACK, 50)
     assert (told.port, told.kind) == ("a", PortEventKind.WIRING)
     assert told.detail.startswith("feedback frames on the wire that carries control frames")
@@ -56,4 +56,4 @@ def test_what_is_doubtful_is_no_cause(faults: tuple[Fault, ...]) -> None:
     watch = WiringWatch(["a", "b"])
     look(watch, "a", CONTROL, SETTLED)
     assert look(watch, "a", FEEDBACK, 100, faults=faults) == []
-    assert watch.look("a", [Damage("a", 0, FEEDBACK, 1, (Fault.TRUNCATED,))]) == []
+    assert watch.observe("a", [Damage("a", 0, FEEDBACK, 1, (Fault.TRUNCATED,))]) == []
