@@ -166,7 +166,7 @@ def _part_lines(part: ExplainedField, wrap: TextWrapper) -> Iterator[str]:
     mark = STATUS_MARK[Status.MALFORMED] if part.fault else " "
     color = "red" if part.fault else None
     first, *further = _byte_groups(part.raw)
-    lead = f"  {mark} {_place_text(part.places):<{_PLACE}} {first:<{_BYTES_WIDTH}}"
+    lead = f"  {mark} {_place_text(part.offsets):<{_PLACE}} {first:<{_BYTES_WIDTH}}"
     lead += f" {part.name:<{_NAME}} {part.value:<{_VALUE}} "
     column = len(lead)
     meanings = [text for text in (part.meaning, part.note) if text] or [""]

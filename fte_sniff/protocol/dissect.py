@@ -1,14 +1,21 @@
-"""Explain the bytes of a frame or a damaged segment field by field."""
+"""Explain the bytes of a row field by field.
+
+The framer decides what is wrong with a row; its decision is `row.faults`. The explanation follows
+it: each fault is shown at the bytes that have it, and no other fault is reported. Rows read from a
+file carry the same faults and get the same explanation.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import reduce
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, reduce
+from itertools import takewhile
+from typing import NamedTuple
 
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol.codec import HEADER_BYTES
-from fte_sniff.protocol.framer.predicates import dividing, head_fit, rest_fit
+from fte_sniff.protocol.codec import HEADER_BYTES, legal_bytes
+from fte_sniff.protocol.framer.predicates import dividing
 from fte_sniff.protocol.row_schema import spaced_hex
 from fte_sniff.protocol.rows import Damage, Frame, Row
 from fte_sniff.protocol.spec import (
@@ -26,11 +33,14 @@ from fte_sniff.protocol.spec import (
     FrameKind,
 )
 
-_WAY = {
+__all__ = ["ExplainedBit", "ExplainedField", "dissect", "explain"]
+
+_HEADER_MEANINGS = {
     Direction.CONTROL: TranslatableText("header: control, host to controller"),
     Direction.FEEDBACK: TranslatableText("header: feedback, controller to host"),
 }
-HEADERS_TEXT = " or ".join(f"{header:02X}" for header in HEADER_BYTES)
+_HEADERS_TEXT = " or ".join(f"{header:02X}" for header in HEADER_BYTES)
+_TAIL_TEXT = f"{TAIL:02X}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,196 +51,194 @@ class ExplainedBit:
     """0 is the least significant."""
     is_set: bool
     label: str
-    """What it is, in a word or two; the same for neighbours that mean the same."""
+    """A word or two; adjacent bits with the same meaning have the same label."""
     meaning: str
 
 
 @dataclass(frozen=True, slots=True)
 class ExplainedField:
-    """Neighbouring bytes of a row that belong together, and what there is to say about them."""
+    """Adjacent bytes of a row with one meaning."""
 
-    places: range
-    """Offsets within the row; empty where bytes are missing."""
+    offsets: range
+    """Offsets in the row; empty where bytes are missing."""
     raw: bytes
     name: str
     """The field's row name, or `header`, `cmd`, `num`, `reserve`, `payload`, `tail`, and in damage
     also `missing`, `extra`, `noise`."""
     value: str = ""
-    """The decoded value with its unit; empty where there is none, and always in damage."""
+    """The decoded value with its unit; in damage, only the header has one."""
     meaning: str = ""
-    """What the part is, with its range where it has one."""
+    """Description, with the range of a number."""
     fault: Fault | None = None
-    """The fault that these bytes show."""
+    """The fault of the row that these bytes have."""
     note: str = ""
-    """What was expected and what was found, or why other readings were refused."""
+    """Why they have it: what was expected and what was found."""
     bits: tuple[ExplainedBit, ...] = ()
-    """For a flag byte: its bits, from bit 0 up."""
+    """The bits of a flag byte, from bit 0 up."""
 
 
-def framed_parts(raw: bytes, kind: FrameKind | None) -> Iterator[ExplainedField]:
-    """The parts of ten framed bytes; of no kind where header and CMD name none."""
-    yield header_part(raw[0])
-    yield _cmd(raw[0], raw[CMD_OFFSET])
+def dissect(row: Row) -> list[ExplainedField]:
+    """Explain every byte of the row once, in order (PROTOCOL.md, both tables of frames)."""
+    if isinstance(row, Frame):
+        return [_decoded(row, part) for part in _layout(row.kind)]
+    size, faults = len(row.raw), row.faults
+    if size == FRAME_LENGTH and (Fault.BAD_HEADER in faults or Fault.BAD_TAIL in faults):
+        return list(_in_step(row))
+    if size < FRAME_LENGTH and Fault.TRUNCATED in faults:
+        return list(_spliced(row, Fault.TRUNCATED, _why_truncated(row.raw)))
+    if size > FRAME_LENGTH and Fault.OVERLONG in faults:
+        return list(_spliced(row, Fault.OVERLONG, _why_overlong(row.raw)))
+    noise = Fault.NOISE in faults
+    fault = Fault.NOISE if noise else next(iter(faults), None)
+    note = _why_noise(row.raw) if noise else ""
+    return [_explained(row, range(size), "noise", fault=fault, note=note)]
+
+
+def explain(row: Row) -> list[str]:
+    """One sentence for each fault of the row; empty if it has none."""
+    return [
+        _ambiguity(row) if fault is Fault.AMBIGUOUS else _fault_text(fault) for fault in row.faults
+    ]
+
+
+class _Part(NamedTuple):
+    """Adjacent bytes of a frame with one meaning."""
+
+    offsets: range
+    name: str
+    meaning: str
+    field: Field | None = None
+
+
+@cache
+def _layout(kind: FrameKind | None) -> tuple[_Part, ...]:
+    """The parts of a frame in order; without a kind, the payload is one part."""
+    num = _Part(range(NUM_OFFSET, NUM_OFFSET + 1), "num", TranslatableText("NUM"))
     if kind is None:
-        yield part_of(
-            raw,
-            NUM_OFFSET,
-            NUM_OFFSET + 1,
-            "num",
-            meaning=TranslatableText("unknown under this CMD"),
-        )
-        yield part_of(
-            raw, 3, FRAME_LENGTH - 1, "payload", meaning=TranslatableText("unknown under this CMD")
-        )
+        payload = range(NUM_OFFSET + 1, FRAME_LENGTH - 1)
+        inner = [num, _Part(payload, "payload", TranslatableText("payload"))]
     else:
-        for places, field in layout(kind):
-            yield _content(raw, places, field)
-    yield tail_part(raw, FRAME_LENGTH - 1)
+        inner = [_Part(field.offsets, field.name, field.meaning, field) for field in kind.fields]
+        inner += [] if kind.names_motor else [num]
+        if kind.reserved:
+            inner.append(_Part(kind.reserved, "reserve", TranslatableText("reserve")))
+    return (
+        _Part(range(1), "header", TranslatableText("header")),
+        _Part(range(CMD_OFFSET, CMD_OFFSET + 1), "cmd", TranslatableText("CMD")),
+        *sorted(inner, key=lambda part: part.offsets.start),
+        _Part(range(FRAME_LENGTH - 1, FRAME_LENGTH), "tail", TranslatableText("tail")),
+    )
 
 
-def part_of(
-    raw: bytes,
-    start: int,
-    stop: int,
+def _explained(
+    row: Row,
+    offsets: range,
     name: str,
+    meaning: str = "",
     *,
     value: str = "",
-    meaning: str = "",
     fault: Fault | None = None,
     note: str = "",
     bits: tuple[ExplainedBit, ...] = (),
 ) -> ExplainedField:
-    """The part from `start` to `stop`."""
-    return ExplainedField(
-        range(start, stop), raw[start:stop], name, value, meaning, fault, note, bits
-    )
+    """Explain bytes of the row; a fault that the row does not have is left out."""
+    if fault not in row.faults:
+        fault, note = None, ""
+    raw = row.raw[offsets.start : offsets.stop]
+    return ExplainedField(offsets, raw, name, value, meaning, fault, note, bits)
 
 
-def header_part(byte: int) -> ExplainedField:
-    """The first byte of a frame, right or wrong."""
-    direction = DIRECTION_OF_HEADER.get(byte)
-    if direction is None:
-        note = TranslatableText(
-            "expected {wanted}, found {found}", wanted=HEADERS_TEXT, found=f"{byte:02X}"
-        )
-        return ExplainedField(
-            range(1),
-            bytes([byte]),
-            "header",
-            meaning=TranslatableText("header"),
-            fault=Fault.BAD_HEADER,
-            note=note,
-        )
-    return ExplainedField(range(1), bytes([byte]), "header", direction.value, _WAY[direction])
+def _expected(expected: object, found: object) -> TranslatableText:
+    return TranslatableText("expected {wanted}, found {found}", wanted=expected, found=found)
 
 
-def _cmd(header: int, cmd: int) -> ExplainedField:
-    places = range(CMD_OFFSET, CMD_OFFSET + 1)
-    kind = KIND_BY_HEADER_AND_CMD.get((header, cmd))
-    if kind is None:
-        legal = ", ".join(
-            sorted(f"{c:02X}" for h, c in KIND_BY_HEADER_AND_CMD if h == header or header == -1)
-        )
-        way = DIRECTION_OF_HEADER[header].value
-        note = TranslatableText(
-            "the protocol has no CMD {cmd} for {way}; it has {legal}",
-            cmd=f"{cmd:02X}",
-            way=way,
-            legal=legal,
-        )
-        return ExplainedField(places, bytes([cmd]), "cmd", str(cmd), "CMD", Fault.UNKNOWN_CMD, note)
-    return ExplainedField(
-        places,
-        bytes([cmd]),
-        "cmd",
-        str(cmd),
-        TranslatableText(
-            "CMD: {kind}, {meaning}", kind=kind.name, meaning=TranslatableText(kind.meaning)
-        ),
-    )
-
-
-def layout(kind: FrameKind) -> Iterator[tuple[range, Field | None]]:
-    """The places between CMD and tail, field by field; None for bytes that are no field."""
-    place = NUM_OFFSET
-    starts = {field.start: field for field in kind.fields}
-    while place < FRAME_LENGTH - 1:
-        field = starts.get(place)
-        stop = field.offsets.stop if field else place + 1
-        if field is None and place != NUM_OFFSET:
-            while stop < FRAME_LENGTH - 1 and stop not in starts:
-                stop += 1
-        yield range(place, stop), field
-        place = stop
-
-
-def _content(raw: bytes, places: range, field: Field | None) -> ExplainedField:
+def _decoded(row: Frame, part: _Part) -> ExplainedField:
+    """A part of a frame, with its value."""
+    offsets, name, _, field = part
     if field is not None:
-        return _value(raw, field)
-    own = raw[places.start : places.stop]
-    if places.start == NUM_OFFSET:
-        return ExplainedField(
-            places,
-            own,
-            "num",
-            str(own[0]),
-            TranslatableText("NUM: any value, it means nothing here"),
+        return _flags(row, field) if field.defined_bits is not None else _number(row, field)
+    match name:
+        case "cmd":
+            return _cmd(row)
+        case "reserve":
+            return _reserve(row, offsets)
+        case "num" if row.kind is not None:
+            meaning = TranslatableText("NUM: any value, it means nothing here")
+            return _explained(row, offsets, name, meaning, value=str(row.raw[offsets.start]))
+        case "num" | "payload":
+            return _explained(row, offsets, name, TranslatableText("unknown under this CMD"))
+    return _undecoded(row, part, offsets)
+
+
+def _cmd(row: Frame) -> ExplainedField:
+    kind = row.kind
+    if kind is not None:
+        meaning = TranslatableText(
+            "CMD: {kind}, {meaning}", kind=kind.name, meaning=TranslatableText(kind.meaning)
         )
-    if any(own):
-        note = TranslatableText(
-            "expected {wanted} as in all examples, found {found}",
-            wanted=spaced_hex(bytes(len(own))),
-            found=spaced_hex(own),
-        )
-        return ExplainedField(
-            places, own, "reserve", "", TranslatableText("reserve"), Fault.RESERVED_NONZERO, note
-        )
-    return ExplainedField(
-        places,
-        own,
-        "reserve",
-        "",
-        TranslatableText("reserve, always 00 in the protocol's examples"),
+        return _explained(row, range(1, 2), "cmd", meaning, value=str(row.cmd))
+    legal = sorted(f"{cmd:02X}" for header, cmd in KIND_BY_HEADER_AND_CMD if header == row.raw[0])
+    note = TranslatableText(
+        "the protocol has no CMD {cmd} for {way}; it has {legal}",
+        cmd=f"{row.cmd:02X}",
+        way=row.direction.value,
+        legal=", ".join(legal),
+    )
+    return _explained(
+        row, range(1, 2), "cmd", "CMD", value=str(row.cmd), fault=Fault.UNKNOWN_CMD, note=note
     )
 
 
-def _value(raw: bytes, field: Field) -> ExplainedField:
-    value = field.read(raw)
-    own = raw[field.start : field.start + field.size]
-    if field.defined_bits is not None:
-        return _flags(own[0], field)
+def _reserve(row: Frame, offsets: range) -> ExplainedField:
+    raw = row.raw[offsets.start : offsets.stop]
+    if not any(raw):
+        meaning = TranslatableText("reserve, always 00 in the protocol's examples")
+        return _explained(row, offsets, "reserve", meaning)
+    note = TranslatableText(
+        "expected {wanted} as in all examples, found {found}",
+        wanted=spaced_hex(bytes(len(raw))),
+        found=spaced_hex(raw),
+    )
+    fault = Fault.RESERVED_NONZERO
+    return _explained(row, offsets, "reserve", TranslatableText("reserve"), fault=fault, note=note)
+
+
+def _number(row: Frame, field: Field) -> ExplainedField:
+    value = field.read(row.raw)
     meaning = TranslatableText(
         "{meaning} ({range})", meaning=TranslatableText(field.meaning), range=field.range_text
     )
-    fault, note = None, ""
-    if not field.low <= value <= field.high:
-        fault, note = (
-            Fault.BAD_MOTOR,
-            TranslatableText(
-                "expected {wanted}, found {found}", wanted=field.range_text, found=value
-            ),
-        )
-    text = f"{value} {field.unit}".rstrip()
-    return ExplainedField(field.offsets, own, field.name, text, meaning, fault, note)
-
-
-def _flags(byte: int, field: Field) -> ExplainedField:
-    undefined = byte & ~(field.defined_bits or 0)
-    note = TranslatableText(
-        "bits that the protocol does not define are set: {bits}", bits=f"{undefined:#04x}"
-    )
-    return ExplainedField(
+    legal = field.is_legal(value)
+    return _explained(
+        row,
         field.offsets,
-        bytes([byte]),
         field.name,
-        f"0x{byte:02X}",
+        meaning,
+        value=f"{value} {field.unit}".rstrip(),
+        fault=None if legal else field.fault,
+        note="" if legal else _expected(field.range_text, value),
+    )
+
+
+def _flags(row: Frame, field: Field) -> ExplainedField:
+    byte = field.read(row.raw)
+    defined = field.defined_bits or 0
+    note = TranslatableText(
+        "bits that the protocol does not define are set: {bits}", bits=f"{byte & ~defined:#04x}"
+    )
+    bits = (
+        ExplainedBit(number, bool(byte >> number & 1), *_bit_meaning(field, number))
+        for number in range(8)
+    )
+    return _explained(
+        row,
+        field.offsets,
+        field.name,
         field.meaning,
-        Fault.UNDEFINED_FLAGS if undefined else None,
-        note if undefined else "",
-        tuple(
-            ExplainedBit(number, bool(byte >> number & 1), *_bit_meaning(field, number))
-            for number in range(8)
-        ),
+        value=field.text(byte),
+        fault=None if field.is_legal(byte) else field.fault,
+        note=note,
+        bits=tuple(bits),
     )
 
 
@@ -240,350 +248,240 @@ def _bit_meaning(field: Field, number: int) -> tuple[str, str]:
         return TranslatableText("undefined"), TranslatableText("undefined")
     if field.name == "online":
         motor = TranslatableText("motor {number}", number=number + 1)
-        return (
-            motor,
-            TranslatableText(
-                "{motor} online (assumption: the protocol does not say which bit is who)",
-                motor=motor,
-            ),
+        return motor, TranslatableText(
+            "{motor} online (assumption: the protocol does not say which bit is who)", motor=motor
         )
     return TranslatableText("unknown"), TranslatableText(
         "meaning unknown: the protocol does not say"
     )
 
 
-def tail_part(raw: bytes, place: int) -> ExplainedField:
-    """The last byte of a frame, right or wrong."""
-    fault, note = None, ""
-    if raw[place] != TAIL:
-        fault, note = (
-            Fault.BAD_TAIL,
-            TranslatableText(
-                "expected {wanted}, found {found}", wanted=f"{TAIL:02X}", found=f"{raw[place]:02X}"
-            ),
-        )
-    return part_of(
-        raw, place, place + 1, "tail", meaning=TranslatableText("tail"), fault=fault, note=note
-    )
+def _undecoded(row: Row, part: _Part, offsets: range) -> ExplainedField:
+    """A part of a frame at `offsets` of the row: named, without its value."""
+    byte = row.raw[offsets.start]
+    if part.name == "tail":
+        fault = None if byte == TAIL else Fault.BAD_TAIL
+        note = _expected(_TAIL_TEXT, f"{byte:02X}")
+        return _explained(row, offsets, "tail", part.meaning, fault=fault, note=note)
+    if part.name == "header":
+        direction = DIRECTION_OF_HEADER.get(byte)
+        if direction is not None:
+            meaning = _HEADER_MEANINGS[direction]
+            return _explained(row, offsets, "header", meaning, value=direction.value)
+        note = _expected(_HEADERS_TEXT, f"{byte:02X}")
+        return _explained(row, offsets, "header", part.meaning, fault=Fault.BAD_HEADER, note=note)
+    return _explained(row, offsets, part.name, part.meaning)
 
 
-@dataclass(frozen=True, slots=True)
-class ExplainedSpan:
-    """A damaged frame as the head and the rest of a frame of one kind."""
-
-    kind: FrameKind
-    head: int
-    """Bytes at the front that fit the frame's first places."""
-    rest: int
-    """Bytes at the back that fit the frame's last places."""
-
-
-def _kinds_of(raw: bytes) -> tuple[FrameKind, ...]:
-    """The kinds that bytes starting with a header can be of, from what is left of header and CMD.
-
-    With a CMD that the header knows this is one kind; otherwise every kind with this header.
-    """
-    named = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_OFFSET])) if len(raw) > 1 else None
-    return (named,) if named else tuple(kind for kind in KINDS if kind.header == raw[0])
+def _undecoded_parts(
+    row: Damage, kind: FrameKind | None, within: range, shift: int = 0
+) -> Iterator[ExplainedField]:
+    """The parts of a frame, cut to the offsets `within`; the row has them `shift` bytes later."""
+    for part in _layout(kind):
+        start = max(part.offsets.start, within.start) + shift
+        stop = min(part.offsets.stop, within.stop) + shift
+        if start < stop:
+            yield _undecoded(row, part, range(start, stop))
 
 
-def split_damaged(raw: bytes) -> ExplainedSpan | None:
-    """The best reading of `raw` as one frame that lost bytes or got some put in.
-
-    The head is at least the header, and is taken as long as it fits; the rest is what remains,
-    for a truncated frame, and as much of a frame as is missing, for an overlong one.
-    """
-    best: ExplainedSpan | None = None
-    for kind in (*_kinds_of(raw), *(kind for kind in KINDS if kind.header == raw[0])):
-        number = KINDS.index(kind)
-        fitting = int(head_fit(raw, 0, len(raw), number))
-        ending = int(rest_fit(raw, 0, len(raw), number))
-        whole = min(len(raw), FRAME_LENGTH)
-        head = min(fitting, whole if len(raw) < FRAME_LENGTH else whole - 1)
-        if head and head + ending >= whole and (best is None or head > best.head):
-            best = ExplainedSpan(kind, head, whole - head)
-    return best
+def _in_step(row: Damage) -> Iterator[ExplainedField]:
+    """Ten bytes of which the header or the tail is wrong."""
+    kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], row.raw[CMD_OFFSET]))
+    for field in _undecoded_parts(row, kind, range(FRAME_LENGTH)):
+        if field.name == "cmd" and kind is not None:
+            yield replace(field, meaning=TranslatableText("CMD: {kind}", kind=kind.name))
+        elif field.name == "payload":
+            yield replace(field, meaning=_payload_guess(row.raw))
+        else:
+            yield field
 
 
-def damaged_parts(row: Damage) -> Iterable[ExplainedField]:
-    """The parts of a row of damage; one of them shows the fault."""
-    raw = row.raw
-    if Fault.BAD_HEADER in row.faults or Fault.BAD_TAIL in row.faults:
-        return _in_step(raw)
-    if Fault.TRUNCATED in row.faults or Fault.OVERLONG in row.faults:
-        split = split_damaged(raw)
-        return _spliced(raw, split) if split else _unfitting(raw, row.faults[0])
-    return [part_of(raw, 0, len(raw), "noise", fault=Fault.NOISE, note=_why_noise(raw))]
-
-
-def _in_step(raw: bytes) -> Iterator[ExplainedField]:
-    kind = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_OFFSET]))
-    yield header_part(raw[0])
-    if kind is None:
-        yield part_of(raw, CMD_OFFSET, NUM_OFFSET, "cmd", meaning=TranslatableText("CMD"))
-        yield part_of(raw, NUM_OFFSET, NUM_OFFSET + 1, "num", meaning=TranslatableText("NUM"))
-        yield part_of(raw, 3, FRAME_LENGTH - 1, "payload", meaning=_payload_guess(raw))
-    else:
-        yield part_of(
-            raw,
-            CMD_OFFSET,
-            NUM_OFFSET,
-            "cmd",
-            meaning=TranslatableText("CMD: {kind}", kind=kind.name),
-        )
-        yield from (_undecoded(raw, places, field) for places, field in layout(kind))
-    yield tail_part(raw, FRAME_LENGTH - 1)
-
-
-def _payload_guess(raw: bytes) -> str:
+def _payload_guess(raw: bytes) -> TranslatableText:
     if raw[0] in DIRECTION_OF_HEADER:
         return TranslatableText("unknown under this CMD")
     fitting = [kind.name for kind in KINDS if raw[CMD_OFFSET] in kind.cmds]
-    kinds = TranslatableText("not decoded; by its CMD it was {kinds}", kinds=" or ".join(fitting))
-    return kinds if fitting else TranslatableText("not decoded")
+    if not fitting:
+        return TranslatableText("not decoded")
+    return TranslatableText("not decoded; by its CMD it was {kinds}", kinds=" or ".join(fitting))
 
 
-def _undecoded(raw: bytes, places: range, field: Field | None, shift: int = 0) -> ExplainedField:
-    """The bytes of a field in damage: named, never decoded."""
-    if field is not None:
-        name, meaning = field.name, field.meaning
-    elif places.start == NUM_OFFSET:
-        name, meaning = "num", TranslatableText("NUM")
-    else:
-        name, meaning = "reserve", TranslatableText("reserve")
-    return part_of(raw, places.start + shift, places.stop + shift, name, meaning=meaning)
-
-
-def _spliced(raw: bytes, split: ExplainedSpan) -> Iterator[ExplainedField]:
-    """A frame that lost bytes or got some put in: its head, the fault, its rest."""
-    kind, head = split.kind, split.head
-    known = head > CMD_OFFSET
-    yield from _pieces(raw, kind if known else None, range(head), 0)
-    shift = len(raw) - FRAME_LENGTH
-    found = FRAME_LENGTH - split.rest
-    if shift < 0:
-        lost = f"DATA[{head}]" if found - head == 1 else f"DATA[{head}:{found}]"
-        note = TranslatableText(
+def _spliced(row: Damage, fault: Fault, note: str) -> Iterator[ExplainedField]:
+    """The head of a frame, the bytes that are missing or too many, and its rest."""
+    size = len(row.raw)
+    kind, head, rest = _split(row.raw)
+    inner = range(head, size - rest)
+    if head + rest < min(size, FRAME_LENGTH):
+        name = "payload"
+        meaning = TranslatableText(
+            "{count} bytes where a frame has {length}; no kind of frame fits them",
+            count=size,
+            length=FRAME_LENGTH,
+        )
+    elif fault is Fault.TRUNCATED:
+        name = "missing"
+        last = FRAME_LENGTH - rest - 1
+        meaning = TranslatableText(
             "{place} missing: {count} of a frame's {length} bytes, or others in its place",
-            place=lost,
-            count=-shift,
+            place=f"DATA[{head}]" if head == last else f"DATA[{head}:{last + 1}]",
+            count=FRAME_LENGTH - size,
             length=FRAME_LENGTH,
-        )
-        yield ExplainedField(
-            range(head, head), b"", "missing", meaning=note, fault=Fault.TRUNCATED, note=_end(raw)
         )
     else:
-        note = TranslatableText(
+        name = "extra"
+        meaning = TranslatableText(
             "{count} bytes too many, here or nearby: {all} where a frame has {length}",
-            count=shift,
-            all=len(raw),
+            count=len(inner),
+            all=size,
             length=FRAME_LENGTH,
         )
-        extra = range(head, head + shift)
-        yield part_of(
-            raw,
-            extra.start,
-            extra.stop,
-            "extra",
-            meaning=note,
-            fault=Fault.OVERLONG,
-            note=_why_overlong(raw),
-        )
-    yield from _pieces(raw, kind if known else None, range(found, FRAME_LENGTH), shift)
+    yield from _undecoded_parts(row, kind, range(head))
+    yield _explained(row, inner, name, meaning, fault=fault, note=note)
+    ending = range(FRAME_LENGTH - rest, FRAME_LENGTH)
+    yield from _undecoded_parts(row, kind, ending, size - FRAME_LENGTH)
 
 
-def _end(raw: bytes) -> str:
-    """Why the bytes are no whole frame."""
+def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:
+    """The kind of which the bytes hold the longest head and the whole rest, and the sizes of both.
+
+    The kind is None if the head has no CMD. If no kind fits, the head is the header, and the rest
+    is the tail, if there is one.
+    """
+    whole = min(len(raw), FRAME_LENGTH)
+    longest = whole if len(raw) < FRAME_LENGTH else whole - 1
+    best: tuple[FrameKind | None, int, int] | None = None
+    for kind in KINDS:
+        legal = legal_bytes(kind)
+        head = min(_fitting(raw, legal), longest)
+        longer = head > (best[1] if best else 0)
+        if longer and head + _fitting(raw[::-1], legal[::-1]) >= whole:
+            best = kind if head > CMD_OFFSET else None, head, whole - head
+    return best or (None, 1, int(len(raw) > 1 and raw[-1] == TAIL))
+
+
+def _fitting(raw: bytes, legal: Sequence[bytes | None]) -> int:
+    """How many of the first bytes are legal."""
+    pairs = zip(raw, legal, strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[1] is None or pair[0] in pair[1], pairs))
+
+
+def _why_truncated(raw: bytes) -> TranslatableText:
     if raw[-1] != TAIL:
         return TranslatableText(
             "expected the tail {wanted} at the end, found {found}",
-            wanted=f"{TAIL:02X}",
+            wanted=_TAIL_TEXT,
             found=f"{raw[-1]:02X}",
         )
     return TranslatableText(
         "the tail {byte} is at {place}, not at {wanted}",
-        byte=f"{TAIL:02X}",
+        byte=_TAIL_TEXT,
         place=len(raw) - 1,
         wanted=FRAME_LENGTH - 1,
     )
 
 
-def _why_overlong(raw: bytes) -> str:
-    """Why no whole frame was read at the front or the back."""
-    front, back = raw[FRAME_LENGTH - 1], raw[-FRAME_LENGTH]
+def _why_overlong(raw: bytes) -> TranslatableText:
+    """Why neither the first nor the last ten bytes are a frame."""
+    last_of_first, first_of_last = raw[FRAME_LENGTH - 1], raw[-FRAME_LENGTH]
     reasons = []
-    if front != TAIL:
+    if last_of_first != TAIL:
         reasons.append(
             TranslatableText(
                 "the first ten bytes end with {found}, not {wanted}",
-                found=f"{front:02X}",
-                wanted=f"{TAIL:02X}",
+                found=f"{last_of_first:02X}",
+                wanted=_TAIL_TEXT,
             )
         )
-    if back not in HEADER_BYTES:
+    if first_of_last not in HEADER_BYTES:
         reasons.append(
             TranslatableText(
                 "the last ten begin with {found}, not {wanted}",
-                found=f"{back:02X}",
-                wanted=HEADERS_TEXT,
+                found=f"{first_of_last:02X}",
+                wanted=_HEADERS_TEXT,
             )
         )
-    return (
-        _together(reasons)
-        if reasons
-        else TranslatableText("neither the first nor the last ten bytes fit as well")
-    )
+    if not reasons:
+        return TranslatableText("neither the first nor the last ten bytes fit as well")
+    return _joined(reasons)
 
 
-def _unfitting(raw: bytes, fault: Fault) -> Iterator[ExplainedField]:
-    """A header, and perhaps a tail, of which nothing between them tells what it was."""
-    yield header_part(raw[0])
-    tailed = raw[-1] == TAIL and len(raw) > 1
-    stop = len(raw) - tailed
-    note = _end(raw) if fault is Fault.TRUNCATED else _why_overlong(raw)
-    meaning = TranslatableText(
-        "{count} bytes where a frame has {length}; no kind of frame fits them",
-        count=len(raw),
-        length=FRAME_LENGTH,
-    )
-    name = "missing" if stop == 1 else "payload"
-    yield part_of(raw, 1, stop, name, meaning=meaning, fault=fault, note=note)
-    if tailed:
-        yield tail_part(raw, stop)
-
-
-def _pieces(
-    raw: bytes, kind: FrameKind | None, places: range, shift: int
-) -> Iterator[ExplainedField]:
-    """The parts of a frame that fall into `places`, cut to them; `shift` places later in `raw`."""
-    inner = [(range(2, 3), None), (range(3, 9), None)] if kind is None else list(layout(kind))
-    whole: list[tuple[range, Field | None, str]] = [
-        (range(1), None, TranslatableText("header")),
-        (range(1, 2), None, TranslatableText("cmd")),
-        *((r, field, "") for r, field in inner),
-        (range(9, 10), None, TranslatableText("tail")),
-    ]
-    for own, field, name in whole:
-        cut = range(max(own.start, places.start), min(own.stop, places.stop))
-        if not cut:
-            continue
-        if name:
-            yield part_of(raw, cut.start + shift, cut.stop + shift, name, meaning=name)
-        elif kind is None and own.start > NUM_OFFSET:
-            yield part_of(
-                raw,
-                cut.start + shift,
-                cut.stop + shift,
-                "payload",
-                meaning=TranslatableText("payload"),
-            )
-        else:
-            part = _undecoded(raw, own, field)
-            yield part_of(raw, cut.start + shift, cut.stop + shift, part.name, meaning=part.meaning)
-
-
-def _why_noise(raw: bytes) -> str:
-    """Why no frame was read here: what each header byte in the noise lacks."""
-    places = [place for place, byte in enumerate(raw) if byte in HEADER_BYTES]
-    if not places and len(raw) == 1:
-        return TranslatableText("no header ({headers}) in this byte", headers=HEADERS_TEXT)
-    if not places:
+def _why_noise(raw: bytes) -> TranslatableText:
+    """What each header byte in the noise lacks to begin a frame."""
+    headers = [offset for offset, byte in enumerate(raw) if byte in HEADER_BYTES]
+    if not headers and len(raw) == 1:
+        return TranslatableText("no header ({headers}) in this byte", headers=_HEADERS_TEXT)
+    if not headers:
         return TranslatableText(
-            "no header ({headers}) in these {count} bytes", headers=HEADERS_TEXT, count=len(raw)
+            "no header ({headers}) in these {count} bytes", headers=_HEADERS_TEXT, count=len(raw)
         )
-    shown = [_why_not(raw, place) for place in places[:4]]
-    if len(places) > len(shown):
-        shown.append(TranslatableText("and {count} more headers", count=len(places) - len(shown)))
-    return _together(shown)
+    reasons = [_why_no_frame(raw, offset) for offset in headers[:4]]
+    if len(headers) > len(reasons):
+        more = len(headers) - len(reasons)
+        reasons.append(TranslatableText("and {count} more headers", count=more))
+    return _joined(reasons)
 
 
-def _together(reasons: Sequence[TranslatableText]) -> TranslatableText:
-    """Several reasons in one line."""
+def _joined(reasons: Sequence[TranslatableText]) -> TranslatableText:
     return reduce(
         lambda one, other: TranslatableText("{one}; {other}", one=one, other=other), reasons
     )
 
 
-def _why_not(raw: bytes, place: int) -> TranslatableText:
-    header = TranslatableText("{byte} at {place}", byte=f"{raw[place]:02X}", place=place)
-    if place + FRAME_LENGTH > len(raw):
+def _why_no_frame(raw: bytes, offset: int) -> TranslatableText:
+    header = TranslatableText("{byte} at {place}", byte=f"{raw[offset]:02X}", place=offset)
+    frame = raw[offset : offset + FRAME_LENGTH]
+    if len(frame) < FRAME_LENGTH:
         return TranslatableText(
-            "{header}: only {count} bytes before the next row",
-            header=header,
-            count=len(raw) - place,
+            "{header}: only {count} bytes before the next row", header=header, count=len(frame)
         )
-    own = raw[place : place + FRAME_LENGTH]
-    if own[-1] != TAIL:
+    if frame[-1] != TAIL:
         return TranslatableText(
             "{header}: no tail {wanted} nine bytes on (found {found})",
             header=header,
-            wanted=f"{TAIL:02X}",
-            found=f"{own[-1]:02X}",
+            wanted=_TAIL_TEXT,
+            found=f"{frame[-1]:02X}",
         )
-    if (own[0], own[CMD_OFFSET]) not in KIND_BY_HEADER_AND_CMD:
+    if (frame[0], frame[CMD_OFFSET]) not in KIND_BY_HEADER_AND_CMD:
         return TranslatableText(
-            "{header}: CMD {cmd} unknown, and not in step with frames beside it",
-            header=header,
-            cmd=f"{own[CMD_OFFSET]:02X}",
+            "{header}: CMD {cmd} is unknown", header=header, cmd=f"{frame[CMD_OFFSET]:02X}"
         )
     return TranslatableText(
-        "{header}: ten bytes that look like a frame, but out of step with the frames beside it",
+        "{header}: ten bytes that look like a frame, but another reading is more probable",
         header=header,
     )
 
 
-__all__ = ["ExplainedBit", "ExplainedField", "dissect", "explain"]
-
-
-def dissect(row: Row) -> list[ExplainedField]:
-    """The row's bytes in order, each in exactly one part (PROTOCOL.md, both tables of frames)."""
-    if isinstance(row, Frame):
-        return list(framed_parts(row.raw, row.kind))
-    return list(damaged_parts(row))
-
-
-def explain(row: Row) -> list[str]:
-    """One sentence for each fault of the row: what it means; empty where nothing is wrong."""
-    return [_explained(fault, row) for fault in row.faults]
-
-
-def _explained(fault: Fault, row: Row) -> TranslatableText:
-    plain = TranslatableText(
+def _fault_text(fault: Fault) -> TranslatableText:
+    return TranslatableText(
         "{fault}: {meaning}", fault=fault.value, meaning=TranslatableText(FAULT_MEANINGS[fault])
     )
-    return _doubt(plain, row) if fault is Fault.AMBIGUOUS else plain
 
 
-def _doubt(plain: TranslatableText, row: Row) -> TranslatableText:
-    """With what the row's own bytes tell about the doubt."""
-    divided = [place for place in range(1, FRAME_LENGTH - 1) if dividing(row.raw, place)]
+def _ambiguity(row: Row) -> TranslatableText:
+    """The meaning of `ambiguous`, and what in the row's own bytes allows another reading."""
+    doubt, raw = _fault_text(Fault.AMBIGUOUS), row.raw
+    headers = [offset for offset in range(1, len(raw)) if raw[offset] in HEADER_BYTES]
+    inner = range(1, FRAME_LENGTH - 1) if isinstance(row, Frame) else range(0)
+    divided = [offset for offset in inner if dividing(raw, offset)]
     if divided:
-        place = next(at for at in range(divided[0], FRAME_LENGTH) if _is_header(row.raw, at))
+        offset = next(offset for offset in headers if offset >= divided[0])
         return TranslatableText(
             "{doubt} (a frame could end before the {byte} at {place}, and another begin)",
-            doubt=plain,
-            byte=f"{row.raw[place]:02X}",
-            place=place,
+            doubt=doubt,
+            byte=f"{raw[offset]:02X}",
+            place=offset,
         )
-    if TAIL in row.raw[1 : FRAME_LENGTH - 1]:
-        place = row.raw.index(TAIL, 1)
+    if TAIL in raw[1:-1]:
         return TranslatableText(
             "{doubt} (a frame could end with the {byte} at {place})",
-            doubt=plain,
-            byte=f"{TAIL:02X}",
-            place=place,
+            doubt=doubt,
+            byte=_TAIL_TEXT,
+            place=raw.index(TAIL, 1),
         )
-    headers = [place for place in range(1, FRAME_LENGTH) if _is_header(row.raw, place)]
     if headers:
-        byte = f"{row.raw[headers[0]]:02X}"
         return TranslatableText(
             "{doubt} (a frame could begin with the {byte} at {place})",
-            doubt=plain,
-            byte=byte,
+            doubt=doubt,
+            byte=f"{raw[headers[0]]:02X}",
             place=headers[0],
         )
-    return TranslatableText("{doubt} (by what stands beside them)", doubt=plain)
-
-
-def _is_header(raw: bytes, place: int) -> bool:
-    return raw[place] in HEADER_BYTES
+    return TranslatableText("{doubt} (because of the bytes around it)", doubt=doubt)

@@ -7,8 +7,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
-from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, frame_faults
+from fte_sniff.protocol import (
+    HEADERS,
+    TAIL,
+    Chunk,
+    Damage,
+    Fault,
+    Frame,
+    Framer,
+    LineErrorMarker,
+    Row,
+    frame_faults,
+)
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
+
+BESIDE_THE_BYTES = {Fault.AMBIGUOUS, Fault.LINE_ERROR}
+"""Faults that no byte of the row shows."""
+TEXT, NO_TIME, BYTES = st.text(max_size=3), st.none(), st.binary(min_size=1, max_size=20)
+FAULTS = st.lists(st.sampled_from(Fault), unique=True).map(tuple)
+FRAMED = st.builds(
+    lambda header, payload: bytes([header, *payload, TAIL]),
+    st.sampled_from(list(HEADERS.values())),
+    st.binary(min_size=8, max_size=8),
+)
 
 
 def frame(text: str) -> list[ExplainedField]:
@@ -31,9 +52,9 @@ def test_each_byte_stands_in_exactly_one_part(seed: int, payload: str) -> None:
     framer = Framer("p")
     for row in framer.feed(Chunk("p", None, stream)) + framer.flush():
         parts = dissect(row)
-        assert [place for part in parts for place in part.places] == list(range(len(row.raw)))
+        assert [offset for part in parts for offset in part.offsets] == list(range(len(row.raw)))
         for part in parts:
-            assert part.raw == row.raw[part.places.start : part.places.stop]
+            assert part.raw == row.raw[part.offsets.start : part.offsets.stop]
         assert len(explain(row)) == len(row.faults)
         if isinstance(row, Damage):
             assert all(part.value == "" or part.name == "header" for part in parts)
@@ -53,7 +74,7 @@ def test_a_position_frame_field_by_field() -> None:
 
 def test_unused_places_are_told_apart() -> None:
     parts = frame("AA 00 07 00 00 00 00 00 00 EE")
-    assert [(part.name, list(part.places)) for part in parts[2:4]] == [
+    assert [(part.name, list(part.offsets)) for part in parts[2:4]] == [
         ("num", [2]),
         ("reserve", [3, 4, 5, 6, 7, 8]),
     ]
@@ -102,7 +123,7 @@ def test_damage_names_the_byte_at_fault(text: str, fault: Fault, part: str, note
 
 def test_missing_and_extra_bytes_are_placed() -> None:
     missing = named(damage("AA 01 01 00 00 EE", Fault.TRUNCATED), "missing")
-    assert (missing.places, missing.raw) == (range(5, 5), b"")
+    assert (missing.offsets, missing.raw) == (range(5, 5), b"")
     assert "DATA[5:9] missing" in missing.meaning
     extra = named(damage("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG), "extra")
     assert extra.raw == b"\x12\x34"
@@ -114,14 +135,29 @@ def test_noise_says_why_its_headers_begin_no_frame() -> None:
     assert "no tail EE nine bytes on (found 08)" in noise.note
 
 
-@given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]))
-def test_every_fault_is_at_a_byte_and_says_why(seed: int, payload: str) -> None:
+@given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]), st.booleans())
+def test_the_explanation_shows_exactly_the_faults_of_the_row(
+    seed: int, payload: str, line_error: bool
+) -> None:
     stream, _ = damaged_stream(seed, 12, 0.6, payload)
-    framer = Framer("p")
-    for row in framer.feed(Chunk("p", None, stream)) + framer.flush():
-        shown = {part.fault: part for part in dissect(row) if part.fault is not None}
-        assert set(shown) >= set(row.faults) - {Fault.AMBIGUOUS}
-        assert all(part.note for fault, part in shown.items() if fault in row.faults)
+    framer, marker = Framer("p"), LineErrorMarker()
+    chunk = Chunk("p", None, stream, ((0, len(stream)),) if line_error else ())
+    marker.observe(chunk)
+    for row in marker.mark(framer.feed(chunk) + framer.flush()):
+        shown = [part for part in dissect(row) if part.fault is not None]
+        assert {part.fault for part in shown} == set(row.faults) - BESIDE_THE_BYTES
+        assert all(part.note for part in shown)
+
+
+@given(
+    st.builds(Damage, TEXT, st.just(0), BYTES, NO_TIME, FAULTS)
+    | st.builds(Frame, TEXT, st.just(0), FRAMED, NO_TIME, FAULTS)
+)
+def test_rows_of_other_programs_are_explained_by_their_faults_too(row: Row) -> None:
+    parts = dissect(row)
+    assert [offset for part in parts for offset in part.offsets] == list(range(len(row.raw)))
+    assert {part.fault for part in parts} <= {None, *row.faults}
+    assert [str(fault) for fault in row.faults] == [text.split(":")[0] for text in explain(row)]
 
 
 @pytest.mark.parametrize(
@@ -151,9 +187,9 @@ def test_damage_says_why_it_is_no_frame(text: str, fault: Fault, part: str, note
         ("AA 02 03 E8 55 02 01 03 E8 EE", "could end before the 55 at 4, and another begin"),
         ("AA 02 03 EE 12 02 01 03 E8 EE", "could end with the EE at 3"),
         ("AA 02 03 12 AA 12 01 03 E8 EE", "could begin with the AA at 4"),
-        ("AA 02 03 12 12 12 01 03 E8 EE", "by what stands beside them"),
+        ("AA 02 03 12 12 12 01 03 E8 EE", "because of the bytes around it"),
     ],
 )
 def test_a_doubt_says_where_the_other_reading_is(text: str, why: str) -> None:
-    (told,) = explain(Frame("p", 0, bytes.fromhex(text), None, (Fault.AMBIGUOUS,)))
-    assert why in told
+    (sentence,) = explain(Frame("p", 0, bytes.fromhex(text), None, (Fault.AMBIGUOUS,)))
+    assert why in sentence
