@@ -3,119 +3,144 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final, Protocol, TypeAlias, runtime_checkable
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from operator import attrgetter, itemgetter
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
 from fte_sniff.analysis.fields import Ints
-from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
 from fte_sniff.row_batch import Codebook, PackedRows, pack
 
-BREAKS: Final = frozenset({PortEventKind.LOST, PortEventKind.FOUND_AGAIN, PortEventKind.OVERRUN})
+GAP_EVENTS: Final = frozenset(
+    {PortEventKind.LOST, PortEventKind.FOUND_AGAIN, PortEventKind.OVERRUN}
+)
 """Events at which bytes of a port are missing."""
-
-
-@dataclass(frozen=True, slots=True)
-class MissingRows:
-    """Rows are missing: nothing is measured across."""
-
-    place: int
-    """Of the row behind the seam, among those that it is told with."""
-    port: str | None = None
-    """On which wire; None on all of them."""
 
 
 @dataclass(frozen=True, slots=True)
 class BaudChange:
     """From here on a port has another speed."""
 
-    place: int
-    """Of the first row at that speed, among those that it is told with."""
     port: str
     baud: int
+    """Bits per second."""
 
 
-StreamChange: TypeAlias = MissingRows | BaudChange
+@dataclass(frozen=True, slots=True)
+class StreamChange:
+    """A gap or a change of speed between two rows."""
+
+    index: int
+    """Of the first row after it, among the rows that it is reported with."""
+    what: Gap | BaudChange
 
 
-def shifted(seams: Iterable[StreamChange], by: int) -> list[StreamChange]:
-    """The same, where so many rows stand before those that they were told with."""
-    return [
-        MissingRows(seam.place + by, seam.port)
-        if isinstance(seam, MissingRows)
-        else BaudChange(seam.place + by, seam.port, seam.baud)
-        for seam in seams
-    ]
+def shifted(changes: Iterable[StreamChange], by: int) -> list[StreamChange]:
+    """The same changes with their indices raised by `by`."""
+    return [replace(change, index=change.index + by) for change in changes]
 
 
 class GapDetector:
-    """Finds the seams among rows that come in pieces, by what is told beside them."""
+    """Detects gaps and baud changes between rows that come in batches."""
 
     def __init__(self) -> None:
-        """Nothing is known of any port."""
         self._bauds: dict[str, int] = {}
-        self._gaps: deque[int] = deque()
+        self._edges: deque[tuple[int, Gap]] = deque()
+        """The reported gaps: the first time in each, and the first time after it."""
+        self._interruption: Gap | None = None
+        self._last_ns: int | None = None
+        self._not_shown = 0
 
-    def begin(
-        self, bauds: Mapping[str, int], left_out: Iterable[tuple[int, int]] = ()
-    ) -> list[StreamChange]:
-        """The rows to come are of an input that tells this; the seams before its first row.
-
-        Of ports whose baud was told, later changes of it are followed.
+    def begin(self, bauds: Mapping[str, int], gaps: Iterable[Gap] = ()) -> list[StreamChange]:
+        """Begin an input; returns the changes before its first row.
 
         Args:
-            bauds: bits per second by port.
-            left_out: from when to when rows came that the input does not hold, nanoseconds since
-                1970 UTC.
+            bauds: bits per second by port; only of these ports are later changes followed.
+            gaps: what the input reports.
         """
-        ends = (t_ns for first, last in left_out for t_ns in (first, last + 1))
-        self._gaps = deque(sorted(ends))
-        # What the next file of a capture tells is how it began, not how it went on.
+        edges = [(t_ns, gap) for gap in gaps for t_ns in _edges(gap)]
+        self._edges = deque(sorted(edges, key=itemgetter(0)))
+        # The next file of a capture names the baud of the beginning, not of the end.
         new = {port: baud for port, baud in bauds.items() if self._bauds.get(port) != baud}
         self._bauds.update(new)
-        return [BaudChange(0, port, baud) for port, baud in new.items()]
+        return [StreamChange(0, BaudChange(port, baud)) for port, baud in new.items()]
 
-    def seams(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> list[StreamChange]:
-        """Those among the next rows and behind the last of them, rising.
+    def interrupt(self, kind: GapKind, reason: str = "") -> StreamChange:
+        """Report that rows are missing before the next ones."""
+        self._interruption = Gap(kind, reason=reason)
+        return StreamChange(0, self._interruption)
+
+    def observe(self, times: tuple[int, int] | None) -> Gap | None:
+        """Rows came: returns the gap that `interrupt` reported, now that both ends are known.
+
+        Args:
+            times: of the first row and the latest one; None if they have no times.
+        """
+        if times is None:
+            return None
+        gap, self._interruption = self._interruption, None
+        (first_ns, latest_ns), last_ns = times, self._last_ns
+        self._last_ns = latest_ns if last_ns is None else max(last_ns, latest_ns)
+        if gap is None or last_ns is None or first_ns - last_ns <= 1:
+            return None
+        return replace(gap, start_ns=last_ns + 1, end_ns=first_ns - 1)
+
+    def changes(
+        self, rows: Sequence[Row], events: Sequence[PortEvent] = (), not_shown: int = 0
+    ) -> list[StreamChange]:
+        """The changes before, between and after the next rows, by rising index.
 
         Args:
             rows: the next rows.
-            events: what happened to ports among them.
+            events: the port events of the same time.
+            not_shown: how many rows were left out of the view so far, these included.
         """
-        told = [(event.t_ns, seam) for event in events for seam in self._of_event(event)]
-        if not told and not self._gaps:
-            return []
+        found: list[StreamChange] = []
+        if not_shown > self._not_shown:
+            found.append(StreamChange(0, Gap(GapKind.NOT_SHOWN, not_shown - self._not_shown)))
+            self._not_shown = not_shown
+        happened = [(event.t_ns, what) for event in events if (what := self._effect(event))]
+        if not happened and not self._edges:
+            return found
         times = _rising_times(rows)
-        found = [
-            seam for t_ns, one in told for seam in shifted([one], int(np.searchsorted(times, t_ns)))
-        ]
-        while self._gaps:
-            place = int(np.searchsorted(times, self._gaps[0]))
-            if place == len(times):
+        found += [StreamChange(int(np.searchsorted(times, t)), what) for t, what in happened]
+        while self._edges:
+            t_ns, gap = self._edges[0]
+            index = int(np.searchsorted(times, t_ns))
+            if index == len(times):
                 break
-            found.append(MissingRows(place))
-            while self._gaps and self._gaps[0] <= times[place]:
-                self._gaps.popleft()
-        return sorted(found, key=lambda seam: seam.place)
+            found.append(StreamChange(index, gap))
+            while self._edges and self._edges[0][0] <= times[index]:
+                self._edges.popleft()
+        return sorted(found, key=attrgetter("index"))
 
-    def _of_event(self, event: PortEvent) -> Iterable[StreamChange]:
-        if event.kind in BREAKS:
-            yield MissingRows(0, event.port)
+    def _effect(self, event: PortEvent) -> Gap | BaudChange | None:
+        """What an event does to the rows of its port."""
+        if event.kind in GAP_EVENTS:
+            return Gap(GapKind.PORT, None, event.t_ns, event.t_ns, event.detail, event.port)
         if event.kind is PortEventKind.BAUD_CHANGED and event.count and event.port in self._bauds:
-            yield BaudChange(0, event.port, event.count)
+            return BaudChange(event.port, event.count)
+        return None
+
+
+def _edges(gap: Gap) -> Iterator[int]:
+    if gap.start_ns is not None and gap.end_ns is not None:
+        yield gap.start_ns
+        yield gap.end_ns + 1
 
 
 def _rising_times(rows: Sequence[Row]) -> Ints:
-    """By row, the latest time up to it: the first row from a time on can be searched for."""
+    """By row, the latest time up to it."""
     t_ns = rows.t_ns if isinstance(rows, PackedRows) else pack(rows, Codebook())[0]["t_ns"]
     return np.asarray(np.maximum.accumulate(t_ns.astype(np.int64)))
 
 
 @dataclass(frozen=True, slots=True)
 class FeedState:
-    """How the source of the rows is doing, as of one poll."""
+    """State of the source of the rows, as of one poll."""
 
     title: str
     """The names of the ports or of the file; text from outside, so show it, never obey it."""
@@ -124,66 +149,63 @@ class FeedState:
     running: bool = True
     """Whether more rows can come."""
     ended: str | None = None
-    """Why it ended, one line for people; None while it runs, or where there is nothing to tell."""
+    """Why it ended, one line for people; None while it runs, or if there is no reason to show."""
     trouble: str | None = None
-    """What has gone wrong although it runs on, one line for people: the recording has stopped."""
+    """What went wrong although it runs on, one line for people: the recording has stopped."""
     waiting: bool = False
-    """Whether a port is lost at present, and waited for."""
+    """Whether a port is lost, and the source waits for it."""
     rows: int = 0
-    """All rows that came so far, those included that were not handed over."""
+    """All rows so far, including those in `not_shown`."""
     not_shown: int = 0
-    """Rows that were recorded but not handed over, because the view was too slow for them."""
+    """Rows that were recorded but not passed to the view, because it was too slow."""
     leftover: int = 0
-    """Bytes that waited to be written when the reading ended, where these are many."""
+    """Bytes that still wait to be written after reading ended; 0 if they are few."""
     progress: float | None = None
-    """How much of a file is read, 0 to 1; None where that means nothing."""
+    """How much of a file is read, 0 to 1; None for a live source."""
     live: bool = True
-    """Whether rows come as they happen; otherwise they are read from what is there already."""
+    """Whether rows come as they happen, not from a file."""
     files: Sequence[str] = ()
     """Paths of the files that rows come from or are recorded to."""
 
 
 @dataclass(frozen=True, slots=True)
 class FeedUpdate:
-    """What came since the poll before."""
+    """What came since the previous poll."""
 
     state: FeedState
     rows: Sequence[Row] = field(default=())
-    """In the order in which they are to be shown."""
+    """In display order."""
     events: Sequence[PortEvent] = field(default=())
-    seams: Sequence[StreamChange] = field(default=())
-    """What stands between the rows, or behind the last of them; rising."""
+    changes: Sequence[StreamChange] = field(default=())
+    """Gaps and baud changes between the rows, by rising index."""
 
 
 class Feed(Protocol):
     """A source of rows for a view. Both methods return at once."""
 
     def poll(self) -> FeedUpdate:
-        """What came since the poll before; never blocks, and may be asked after the end too."""
+        """What came since the previous poll; never blocks; may be called after the end."""
         ...
 
     def stop(self) -> None:
-        """Ask the source to end; later polls tell when it has. Asking twice is asking once."""
+        """Ask the source to end; a later poll reports the end. Calling it again does nothing."""
         ...
 
 
 @runtime_checkable
 class LiveFeed(Protocol):
-    """A feed that need not be polled in vain."""
+    """A feed whose descriptor shows when there is something to poll."""
 
     @property
     def descriptor(self) -> int:
-        """Can be read from when there is something to poll, or the end has come; only for waiting.
-
-        Behind the end it means nothing.
-        """
+        """Readable when there is something to poll or the feed has ended; only for waiting."""
         ...
 
 
 @runtime_checkable
 class StaticFeed(Protocol):
-    """A feed whose reading takes processor time that a screen may need for a moment."""
+    """A feed that can pause its reading, which takes processor time from the screen."""
 
     def rest(self) -> None:
-        """Read no more until the next poll, but for what is being read now; returns at once."""
+        """Pause reading until the next poll; a read in progress is finished; returns at once."""
         ...

@@ -9,15 +9,17 @@ from __future__ import annotations
 from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import Final
 
-from fte_sniff.analysis.feed import MissingRows, StreamChange
+from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.fields import Decoded, timed
 from fte_sniff.analysis.motor_stats import FlagsSeen
 from fte_sniff.analysis.motors import Motors, addressed
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup, Statistics
 from fte_sniff.analysis.traces import Traces
+from fte_sniff.protocol import Gap, GapKind
 
 STATE_EVERY: Final = 32_768
 """Rows between two states that are kept."""
@@ -41,8 +43,8 @@ class LiveModels:
         self._every = state_every
         self._next = 0
         self._states: deque[tuple[int, Motors]] = deque([(0, Motors())])
-        self._seams: list[StreamChange] = []
-        self._met = 0
+        self._changes: list[StreamChange] = []
+        self._observed = 0
         self.motors = Motors()
         self.traces = Traces()
         self.statistics = Statistics(bench)
@@ -61,9 +63,9 @@ class LiveModels:
         end = min(self._next + budget_rows, self._store.next)
         while self._next < end:
             stop = min(end, (self._next // self._every + 1) * self._every)
-            self._meet_up_to(self._next)
-            if self._met < len(self._seams):
-                stop = min(stop, self._seams[self._met].place)
+            self._observe_up_to(self._next)
+            if self._observed < len(self._changes):
+                stop = min(stop, self._changes[self._observed].index)
             for packed in self._store.packed(self._next, stop):
                 rows = Decoded(packed)
                 found = addressed(rows)
@@ -77,37 +79,38 @@ class LiveModels:
         self._forget_what_left()
         return not self.behind
 
-    def meet(self, seams: Sequence[StreamChange]) -> None:
-        """Rows will come, or came since the last step, that stand behind these.
+    def add_changes(self, changes: Sequence[StreamChange]) -> None:
+        """Note the changes between rows that the next steps process.
 
         Args:
-            seams: rising, with the indices that the rows have in the store.
+            changes: by rising index, which is the row's in the store.
         """
-        self._seams += seams
+        self._changes += changes
 
-    def _meet_up_to(self, index: int) -> None:
+    def _observe_up_to(self, index: int) -> None:
         """What is looked at next is the row of that index."""
-        while self._met < len(self._seams) and self._seams[self._met].place <= index:
-            seam = self._seams[self._met]
-            self.statistics.meet(seam)
-            if isinstance(seam, MissingRows):
+        while self._observed < len(self._changes) and self._changes[self._observed].index <= index:
+            change = self._changes[self._observed].what
+            self.statistics.observe_change(change)
+            if isinstance(change, Gap):
                 self.motors.interrupt()
-            self._met += 1
+            self._observed += 1
 
     def _skip_what_left(self) -> None:
         gone = self._store.first - self._next
         if gone > 0:
             self.missed += gone
             self._next += gone
-            insort(self._seams, MissingRows(self._next), key=_place)
+            left = StreamChange(self._next, Gap(GapKind.NOT_SHOWN, gone))
+            insort(self._changes, left, key=_index)
 
     def _forget_what_left(self) -> None:
         """Keep one state from before the oldest row, to start from."""
         while len(self._states) > 1 and self._states[1][0] <= self._store.first:
             self._states.popleft()
-        gone = min(self._met, bisect_left(self._seams, self._states[0][0], key=_place))
-        del self._seams[:gone]
-        self._met -= gone
+        gone = min(self._observed, bisect_left(self._changes, self._states[0][0], key=_index))
+        del self._changes[:gone]
+        self._observed -= gone
 
     def motors_at(self, index: int) -> Motors | None:
         """The motors right after the row of that index; None where it was not looked at yet."""
@@ -118,12 +121,12 @@ class LiveModels:
             return self.motors
         start, state = next(kept for kept in reversed(self._states) if kept[0] <= end)
         motors = state.copied()
-        first, last = (bisect_left(self._seams, at, key=_place) for at in (start, end))
-        for seam in self._seams[first:last]:
-            if isinstance(seam, MissingRows):
-                self._add(motors, start, seam.place)
+        first, last = (bisect_left(self._changes, at, key=_index) for at in (start, end))
+        for change in self._changes[first:last]:
+            if isinstance(change.what, Gap):
+                self._add(motors, start, change.index)
                 motors.interrupt()
-                start = seam.place
+                start = change.index
         self._add(motors, start, end)
         return motors
 
@@ -157,5 +160,4 @@ class LiveModels:
         return start if start == self._store.first else None
 
 
-def _place(seam: StreamChange) -> int:
-    return seam.place
+_index = attrgetter("index")

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.counters import CountsOverTime, Durations, OverTime, Recent
-from fte_sniff.analysis.feed import BaudChange, StreamChange
+from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.fields import NO_KIND, NO_TIME, Decoded, Ints, read_place
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
@@ -25,6 +25,7 @@ from fte_sniff.protocol import (
     Direction,
     Fault,
     FrameKind,
+    Gap,
     PortEvent,
     PortEventKind,
     Status,
@@ -487,18 +488,18 @@ class Statistics:
         for event in events:
             self._port(event.port).happened(event)
 
-    def meet(self, seam: StreamChange) -> None:
-        """The next rows stand behind this: no silence, period or rate goes over missing ones."""
-        if isinstance(seam, BaudChange):
-            self._port(seam.port).baud = seam.baud
-        elif seam.port is None:
+    def observe_change(self, change: Gap | BaudChange) -> None:
+        """Set the baud, or end what is measured: no silence, period or rate spans a gap."""
+        if isinstance(change, BaudChange):
+            self._port(change.port).baud = change.baud
+        elif change.port is None:
             self._streams.interrupt(None)
             for port in self._ports.values():
                 port.interrupt()
-        elif seam.port in self._ports:
-            if seam.port in self._names:
-                self._streams.interrupt(self._names.index(seam.port))
-            self._ports[seam.port].interrupt()
+        elif change.port in self._ports:
+            if change.port in self._names:
+                self._streams.interrupt(self._names.index(change.port))
+            self._ports[change.port].interrupt()
 
     def _port(self, name: str) -> PortRun:
         if name not in self._ports:

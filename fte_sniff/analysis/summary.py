@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fte_sniff.analysis.feed import GapDetector, MissingRows, StreamChange
+from fte_sniff.analysis.feed import BaudChange, GapDetector
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motor_stats import AnswerNumbers, Answers, FlagNumbers, FlagsSeen
 from fte_sniff.analysis.motors import addressed
@@ -20,7 +20,7 @@ from fte_sniff.analysis.statistics import (
     Statistics,
     StreamNumbers,
 )
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
 from fte_sniff.row_batch import Codebook, Packed, pack
 
 
@@ -44,11 +44,9 @@ class StatisticsSummary:
         self._statistics = Statistics(bench)
         self._answers = Answers()
         self._flags = FlagsSeen()
-        self._seams = GapDetector()
+        self._gaps = GapDetector()
 
-    def begin(
-        self, name: str, bauds: Mapping[str, int], left_out: Sequence[tuple[int, int]] = ()
-    ) -> None:
+    def begin(self, name: str, bauds: Mapping[str, int], gaps: Sequence[Gap] = ()) -> None:
         """The rows to come are of this input, which tells these ports' bits per second.
 
         Of ports whose baud was told, later changes of it are followed.
@@ -56,31 +54,30 @@ class StatisticsSummary:
         Args:
             name: what people know the input by.
             bauds: by port.
-            left_out: from when to when rows came that the input does not hold, nanoseconds since
-                1970 UTC; nothing is measured across.
+            gaps: what the input reports; nothing is measured across.
         """
         self.sources.append(RowSource(name))
-        for seam in self._seams.begin(bauds, left_out):
-            self._meet(seam)
+        for change in self._gaps.begin(bauds, gaps):
+            self._observe(change.what)
 
     def add(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> None:
         """The next rows, and what happened to ports among them."""
         packed = pack(rows, self._codebook)[0]
         start = 0
-        for seam in self._seams.seams(rows, events):
-            self._take(packed[start : seam.place])
-            self._meet(seam)
-            start = seam.place
+        for change in self._gaps.changes(rows, events):
+            self._take(packed[start : change.index])
+            self._observe(change.what)
+            start = change.index
         self._take(packed[start:])
         self._statistics.add_events(events)
 
     def interrupt(self) -> None:
         """Rows are missing here: nothing is measured across."""
-        self._meet(MissingRows(0))
+        self._observe(Gap(GapKind.DAMAGE))
 
-    def _meet(self, seam: StreamChange) -> None:
-        self._statistics.meet(seam)
-        if isinstance(seam, MissingRows):
+    def _observe(self, change: Gap | BaudChange) -> None:
+        self._statistics.observe_change(change)
+        if isinstance(change, Gap):
             self._answers.interrupt()
 
     def _take(self, packed: Packed) -> None:

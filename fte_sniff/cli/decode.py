@@ -69,7 +69,7 @@ def command(
         partly=reading.written == limit,
         filter_text=filter_text,
         spanned=span is not None,
-        left_out=reading.left_out,
+        gaps=reading.reported_gaps,
     )
     print_err(line)
 
@@ -119,7 +119,12 @@ def _output_name(output: Path | None) -> str:
 
 def _write_recording(output: Path | None, reading: InputReading, *, force: bool) -> None:
     from fte_sniff.recording.bulk_writer import write_recording
-    from fte_sniff.recording.metadata import LEFT_OUT_NAME, OF_A_PART, SELECTION_NAME
+    from fte_sniff.recording.metadata import (
+        LEFT_OUT_NAME,
+        OF_A_PART,
+        SELECTION_NAME,
+        gap_to_metadata,
+    )
     from fte_sniff.row_batch import Codebook
 
     codebook = Codebook()
@@ -129,7 +134,7 @@ def _write_recording(output: Path | None, reading: InputReading, *, force: bool)
         own = {name: fact for name, fact in facts.items() if name not in OF_A_PART}
 
         def notes() -> Iterator[Note]:
-            yield from ((LEFT_OUT_NAME, one.told()) for one in reading.missing)
+            yield from ((LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in reading.gaps)
             yield from ((SELECTION_NAME, one.told()) for one in reading.selections)
 
         write_recording(path, ports, (batch.columns(codebook) for batch in reading), own, notes)

@@ -13,11 +13,10 @@ import click
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError, printable, unwritable
 from fte_sniff.formats.writers import FORM_BY_END, TEXT_FORMS, OutputFormat
-from fte_sniff.protocol import Status, iso_time, status_of
+from fte_sniff.protocol import Gap, Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Tally
-    from fte_sniff.recording.metadata import RecordedGap
 
 
 _IN_SEQUENCE = (OutputFormat.RAW, OutputFormat.MCAP)
@@ -180,7 +179,7 @@ def summary(
     partly: bool = False,
     filter_text: str | None = None,
     spanned: bool = False,
-    left_out: Sequence[RecordedGap] = (),
+    gaps: Sequence[Gap] = (),
 ) -> str:
     """Summary of an input: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
@@ -190,7 +189,7 @@ def summary(
         partly: reading stopped at a limit, so that the counts do not cover the whole input.
         filter_text: the filter of the rows that were written; None without a filter.
         spanned: only rows of a time range were read.
-        left_out: gaps that the input reports.
+        gaps: gaps that the input reports.
     """
     if partly:
         return f"stopped at the limit: {tally.rows:,} rows read so far, {written or 0:,} written"
@@ -203,15 +202,15 @@ def summary(
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
     advice = _missed(tally, written, filter_text, spanned=spanned) or explain_no_frames(tally)
-    lacking = f"; {gap_text(left_out)} left out when recorded" if left_out else ""
+    lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
     return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
 
 
-def gap_text(left_out: Sequence[RecordedGap]) -> str:
+def gap_text(gaps: Sequence[Gap]) -> str:
     """`893 rows in 2 places`; `893 rows and more` if the size of a gap is unknown."""
-    rows, places = sum(one.rows or 0 for one in left_out), len(left_out)
+    rows, places = sum(gap.rows or 0 for gap in gaps), len(gaps)
     told = f"{rows:,} row{'s' * (rows != 1)}"
-    if any(one.rows is None for one in left_out):
+    if any(gap.rows is None for gap in gaps):
         told = f"{told} and more" if rows else "nobody knows how many rows"
     return f"{told} in {places:,} place{'s' * (places != 1)}"
 

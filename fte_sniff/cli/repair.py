@@ -14,7 +14,7 @@ from fte_sniff.errors import FileError, UsageError
 if TYPE_CHECKING:
     from fte_sniff.recording.repair import FileDamage
 
-_MOST_LOSSES = 20
+_MOST_GAPS = 20
 
 
 @click.command(name="repair", short_help="Repair a damaged recording.")
@@ -56,16 +56,19 @@ def command(file: Path, output: Path | None, force: bool) -> None:
 
 def _nothing_lost(damage: FileDamage) -> bool:
     """True if every row and event is kept, even if bytes around them are damaged."""
-    return damage.missing == 0 or (not damage.losses and not damage.least_missing)
+    return damage.missing == 0 or (not damage.gaps and not damage.least_missing)
 
 
 def _report_damage(damage: FileDamage) -> None:
     """Report where the file could not be read, and whether it held rows there."""
+    from fte_sniff.recording.repair import lost_text
+
     whole = _nothing_lost(damage)
-    for loss in damage.losses[:_MOST_LOSSES]:
-        print_err(f"damaged: {loss.where}, which held no rows" if whole else f"lost: {loss}")
-    if len(damage.losses) > _MOST_LOSSES:
-        more = f"{len(damage.losses) - _MOST_LOSSES} more places"
+    for gap in damage.gaps[:_MOST_GAPS]:
+        where = f"damaged: {gap.reason}, which held no rows" if whole else f"lost: {lost_text(gap)}"
+        print_err(where)
+    if len(damage.gaps) > _MOST_GAPS:
+        more = f"{len(damage.gaps) - _MOST_GAPS} more places"
         print_err(f"damaged: {more}, which held no rows" if whole else f"lost: {more}")
     if damage.undescribed:
         print_err(f"lost: {damage.undescribed} messages of ports that nothing describes any more")

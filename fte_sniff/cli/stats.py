@@ -76,7 +76,8 @@ def command(
     span = time_range(since, until, (one.times for one in inputs), how.zone_given())
     reading = InputReading(inputs, span, wanted)
     summary = _summarize(reading, baud)
-    options = ReportOptions(filter_text, reading.tally.rows, reading.left_out, _selections(reading))
+    gaps, selections = reading.reported_gaps, _selections(reading)
+    options = ReportOptions(filter_text, reading.tally.rows, gaps, selections)
     if form is Form.JSON:
         numbers = statistics_json(summary, options)
         click.echo(json.dumps(numbers, ensure_ascii=False, indent=2))
@@ -101,9 +102,9 @@ def _summarize(reading: InputReading, baud: int | None) -> StatisticsSummary:
 
     summary = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD))
     before = None
-    for one, left_out in zip(reading.inputs, reading.left_out_of, strict=True):
+    for one, gaps in zip(reading.inputs, reading.gaps_of, strict=True):
         bauds = {port.name: port.baud for port in one.ports if port.baud} if baud is None else {}
-        summary.begin(one.name, bauds, [(gap.first_ns, gap.last_ns) for gap in left_out])
+        summary.begin(one.name, bauds, gaps)
         if not one.follows(before):
             summary.interrupt()
         for batch in reading.of(one):

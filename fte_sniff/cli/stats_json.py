@@ -10,14 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fte_sniff.protocol import Direction, Fault, PortEventKind, Status, iso_time, status_of
+from fte_sniff.protocol import Direction, Fault, Gap, PortEventKind, Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Durations
     from fte_sniff.analysis.motor_stats import AnswerNumbers, FlagCount, FlagNumbers
     from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
     from fte_sniff.analysis.summary import StatisticsSummary
-    from fte_sniff.recording.metadata import RecordedGap, Selection
+    from fte_sniff.recording.metadata import Selection
 
 
 VERSION = 1
@@ -37,7 +37,7 @@ class ReportOptions:
     """The filter as the user wrote it; None without one."""
     rows_read: int
     """Rows before the filter."""
-    left_out: Sequence[RecordedGap] = ()
+    gaps: Sequence[Gap] = ()
     """Gaps that the inputs report."""
     selections: Sequence[Selection] = ()
     """Filters that were applied when the inputs were made."""
@@ -52,12 +52,12 @@ def statistics_json(summary: StatisticsSummary, options: ReportOptions) -> Json:
         "rows_read": options.rows_read,
         "left_out": [
             {
-                "rows": one.rows,
-                "first_time": _time(one.first_ns),
-                "last_time": _time(one.last_ns),
-                "reason": one.reason,
+                "rows": gap.rows,
+                "first_time": _time(gap.start_ns),
+                "last_time": _time(gap.end_ns),
+                "reason": gap.reason,
             }
-            for one in options.left_out
+            for gap in options.gaps
         ],
         "selections": [
             {"filter": one.filter_text, "rows_read": one.rows} for one in options.selections

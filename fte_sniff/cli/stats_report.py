@@ -137,8 +137,8 @@ def _whole(summary: StatisticsSummary, options: ReportOptions) -> Iterator[Text]
     for selection in options.selections:
         chosen = f"only those of {selection.rows:,} rows for which this held: "
         yield _line("selection", f"{chosen}{printable(selection.filter_text)}")
-    for reason in dict.fromkeys(one.reason for one in options.left_out):
-        own = [one for one in options.left_out if one.reason == reason]
+    for reason in dict.fromkeys(gap.reason for gap in options.gaps):
+        own = [gap for gap in options.gaps if gap.reason == reason]
         yield _line("left out", f"{gap_text(own)}: {printable(reason)}")
     if total.first_ns is not None and total.last_ns is not None:
         yield _line("first", iso_time(total.first_ns))

@@ -6,7 +6,7 @@ Modules:
     dissect     Explain the bytes of a frame or a damaged segment field by field.
     framer      The framer: bytes in, rows out.
     row_schema  Names, types and order of a row's columns; time formats.
-    rows        Chunk, Frame, Damage, PortEvent, Fault, Status.
+    rows        Chunk, Frame, Damage, PortEvent, Gap, Fault, Status.
     spec        The frame definitions: kinds, fields, constants.
 """
 
@@ -27,6 +27,8 @@ from fte_sniff.protocol.rows import (
     Chunk,
     Damage,
     Frame,
+    Gap,
+    GapKind,
     LineErrorCounts,
     LineErrorMarker,
     PortEvent,
@@ -76,6 +78,8 @@ __all__ = [
     "Frame",
     "FrameKind",
     "Framer",
+    "Gap",
+    "GapKind",
     "LineErrorCounts",
     "LineErrorMarker",
     "PortEvent",

@@ -4,6 +4,7 @@ Chunk            the bytes of one read, with its time
 Frame            ten bytes between a header and a tail (a row)
 Damage           bytes that no frame contains (a row)
 PortEvent        something that happened to the port rather than on the wire
+Gap              rows that are missing between others
 LineErrorCounts  how many errors of each kind the UART reported
 LineErrorMarker  adds `line_error` to the rows around such errors
 """
@@ -191,6 +192,60 @@ class PortEvent:
     count: int = 0
     """Bytes (overrun, not passed on), errors (line error), or the new bits per second (baud
     changed); else 0."""
+
+
+class GapKind(StrEnum):
+    """Why rows are missing."""
+
+    WRITE_ERROR = "write_error"
+    """They could not be written to the recording."""
+    LEFT_OUT = "left_out"
+    """They came but are not in the file: a trigger did not keep them, or the copied file has a
+    gap."""
+    DAMAGE = "damage"
+    """They are in a damaged part of the file."""
+    OTHER_RECORDING = "other_recording"
+    """They lie between two recordings."""
+    PORT = "port"
+    """The port was lost, or bytes of it were."""
+    NOT_SHOWN = "not_shown"
+    """The view was too slow to receive them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Rows that are missing between others: no period, rate or silence spans a gap."""
+
+    kind: GapKind
+    rows: int | None = None
+    """How many rows are missing; None if unknown."""
+    start_ns: int | None = None
+    """First time at which a row may be missing, nanoseconds since 1970 UTC; None if unknown."""
+    end_ns: int | None = None
+    """Last time at which a row may be missing; None if unknown."""
+    reason: str = ""
+    """One line for people; may hold text from outside, so show it, never obey it."""
+    port: str | None = None
+    """The port whose rows are missing; None for all ports."""
+
+    def including(self, t_ns: int, rows: int = 1) -> Gap:
+        """The gap, with more missing rows of one time."""
+        start = t_ns if self.start_ns is None else min(self.start_ns, t_ns)
+        end = t_ns if self.end_ns is None else max(self.end_ns, t_ns)
+        return Gap(self.kind, (self.rows or 0) + rows, start, end, self.reason, self.port)
+
+    def within(self, first_ns: int | None, last_ns: int | None) -> Gap | None:
+        """The part between two times, both included (None: unbounded); None if there is none.
+
+        The number of rows in a part is unknown.
+        """
+        if self.start_ns is None or self.end_ns is None:
+            return self
+        first = self.start_ns if first_ns is None else max(first_ns, self.start_ns)
+        last = self.end_ns if last_ns is None else min(last_ns, self.end_ns)
+        if (first, last) == (self.start_ns, self.end_ns):
+            return self
+        return replace(self, rows=None, start_ns=first, end_ns=last) if first <= last else None
 
 
 class LineErrorMarker:

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Final
 
-from fte_sniff.protocol import iso_time
+from fte_sniff.protocol import Gap, GapKind, iso_time
 
 PROGRAM = "fte-sniff"
 """This program's name, with which the library string of its files begins."""
@@ -80,55 +80,36 @@ GAP_NAME: Final = f"{PROGRAM}.gap"
 LEFT_OUT_NAME: Final = f"{PROGRAM}.left-out"
 """The name of the metadata record that tells which rows came and are not in this file."""
 
+_GAP_KINDS: Final = {GAP_NAME: GapKind.WRITE_ERROR, LEFT_OUT_NAME: GapKind.LEFT_OUT}
 _TIME: Final = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)\.(\d{9})Z", re.ASCII)
 _MOST_DIGITS: Final = 18
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedGap:
-    """Rows that stood one behind the other, and are not there."""
-
-    rows: int | None
-    """At least 1; None where nobody knows how many, if any."""
-    first_ns: int
-    """Time of the first of them, or from which on they may be missing; ns since 1970 UTC."""
-    last_ns: int
-    reason: str
-    """Text from the file, so show it, never obey it."""
-
-    def told(self) -> dict[str, str]:
-        """As a recording holds it."""
-        return {
-            "rows": "" if self.rows is None else str(self.rows),
-            "from": iso_time(self.first_ns),
-            "to": iso_time(self.last_ns),
-            "reason": self.reason,
-        }
-
-    def within(self, first_ns: int | None, last_ns: int | None) -> RecordedGap | None:
-        """The part between two times, both included; None for no bound, and for no part.
-
-        How many rows lie in a part is not known.
-        """
-        first = self.first_ns if first_ns is None else max(first_ns, self.first_ns)
-        last = self.last_ns if last_ns is None else min(last_ns, self.last_ns)
-        if (first, last) == (self.first_ns, self.last_ns):
-            return self
-        return RecordedGap(None, first, last, self.reason) if first <= last else None
+def gap_to_metadata(gap: Gap) -> dict[str, str]:
+    """The items of a gap's metadata record; the times of the gap are known."""
+    assert gap.start_ns is not None
+    assert gap.end_ns is not None
+    return {
+        "rows": "" if gap.rows is None else str(gap.rows),
+        "from": iso_time(gap.start_ns),
+        "to": iso_time(gap.end_ns),
+        "reason": gap.reason,
+    }
 
 
-def gap_of(name: str, told: Mapping[str, str]) -> RecordedGap | None:
-    """What a metadata record tells; None where it tells of no rows."""
-    if name not in (GAP_NAME, LEFT_OUT_NAME):
+def gap_from_metadata(name: str, items: Mapping[str, str]) -> Gap | None:
+    """The gap in a metadata record; None if the record is of another sort or makes no sense."""
+    kind = _GAP_KINDS.get(name)
+    rows, start, end = items.get("rows", ""), _ns(items.get("from")), _ns(items.get("to"))
+    if kind is None or start is None or end is None or end < start:
         return None
-    rows, first, last = told.get("rows", ""), _ns(told.get("from")), _ns(told.get("to"))
-    if rows and not (rows.isascii() and rows.isdecimal() and len(rows) <= _MOST_DIGITS):
+    if rows and (not _is_number(rows) or not int(rows)):
         return None
-    if rows and not int(rows):
-        return None
-    if first is None or last is None or last < first:
-        return None
-    return RecordedGap(int(rows) if rows else None, first, last, told.get("reason", ""))
+    return Gap(kind, int(rows) if rows else None, start, end, items.get("reason", ""))
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal() and len(text) <= _MOST_DIGITS
 
 
 def _ns(text: str | None) -> int | None:
@@ -165,6 +146,6 @@ def selection_of(name: str, told: Mapping[str, str]) -> Selection | None:
     text, rows = told.get("filter", ""), told.get("rows", "")
     if name != SELECTION_NAME or not text:
         return None
-    if not (rows.isascii() and rows.isdecimal() and len(rows) <= _MOST_DIGITS):
+    if not _is_number(rows):
         return None
     return Selection(text, int(rows))

@@ -20,12 +20,12 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata
 
 from fte_sniff.errors import FileError, TranslatableText, unreadable
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol import Gap, PortEvent, Row
 from fte_sniff.recording.mcap.reader import RawRecord, RecordStream, Summary, read_summary
 from fte_sniff.recording.mcap.records import MAGIC, RecordError, parse, records_in
 from fte_sniff.recording.mcap.salvage import next_chunk
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
-from fte_sniff.recording.metadata import PortFacts, RecordedGap, Selection, gap_of, selection_of
+from fte_sniff.recording.metadata import PortFacts, Selection, gap_from_metadata, selection_of
 from fte_sniff.recording.parallel import ParallelReading
 from fte_sniff.recording.row_ranges import EVERYTHING, Definitions, RecordScan, RowRange, TimeRange
 from fte_sniff.recording.sequential import SequentialReading, without_our_topics
@@ -105,10 +105,10 @@ class RecordingReader:
         """What could not be read, one line each; empty where all could."""
         return self._losses
 
-    def left_out(self) -> list[RecordedGap]:
-        """The rows that came and are not in the file, as it tells; no chunk is read for it."""
-        found = [gap_of(one.name, one.metadata) for one in self._notes()]
-        return [stretch for stretch in found if stretch is not None]
+    def gaps(self) -> list[Gap]:
+        """The gaps that the file's metadata reports; reads no chunk."""
+        found = [gap_from_metadata(one.name, one.metadata) for one in self._notes()]
+        return [gap for gap in found if gap is not None]
 
     def selections(self) -> list[Selection]:
         """The filters that chose the rows of the file, as it tells; no chunk is read for it."""

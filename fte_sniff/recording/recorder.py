@@ -13,15 +13,21 @@ import errno
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 
 from mcap.records import Metadata
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import PortEvent, Row, iso_time
-from fte_sniff.recording.metadata import GAP_NAME, LEFT_OUT_NAME, PROGRAM, PortFacts, RecordedGap
+from fte_sniff.protocol import Gap, GapKind, PortEvent, Row, iso_time
+from fte_sniff.recording.metadata import (
+    GAP_NAME,
+    LEFT_OUT_NAME,
+    PROGRAM,
+    PortFacts,
+    gap_to_metadata,
+)
 from fte_sniff.recording.output_file import Existing, bound_reached, not_recorded
 from fte_sniff.recording.retention import FileRetention, OnFull, RecordingOptions, check_room
 from fte_sniff.recording.trigger import Entry, Select, Trigger
@@ -57,36 +63,6 @@ class Backoff:
     def tried(self) -> None:
         """An attempt was made."""
         self._due_s = time.monotonic() + self._waits_s
-
-
-class WriteGap:
-    """What was not recorded between two files."""
-
-    def __init__(self, why: FileError) -> None:
-        self.why = why
-        self.entries = 0
-        self.rows = 0
-        self.first_ns = self.last_ns = 0
-
-    def take(self, entries: Iterable[Row | PortEvent]) -> None:
-        """Count what is not recorded."""
-        for entry in entries:
-            t_ns = entry.t_ns or 0
-            if not self.entries:
-                self.first_ns = self.last_ns = t_ns
-            self.entries += 1
-            self.rows += not isinstance(entry, PortEvent)
-            self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
-
-    def lose(self, rows: int, span_ns: tuple[int, int] | None) -> None:
-        """Count rows that stood in a file that is gone."""
-        if rows and span_ns is not None:
-            self.entries = self.rows = rows
-            self.first_ns, self.last_ns = span_ns
-
-    def told(self) -> dict[str, str]:
-        """The gap as the next file tells it."""
-        return RecordedGap(self.rows, self.first_ns, self.last_ns, str(self.why)).told()
 
 
 NEXT_NAME = f"{PROGRAM}.next"
@@ -151,8 +127,11 @@ class Recorder:
         self._shelf = FileRetention(path, self._keeping, existing)
         check_room(self._shelf)
         self._part = 1
-        self._gap: WriteGap | None = None
-        self._gaps: list[WriteGap] = []
+        self._gaps: list[Gap] = []
+        """What could not be written; while nothing can be, the last one grows."""
+        self._missed_events = 0
+        self._failure: FileError | None = None
+        """Why nothing is written at present."""
         self._changes: list[Change] = []
         self._patience = Backoff()
         self._is_full = False
@@ -171,12 +150,16 @@ class Recorder:
     @property
     def failure(self) -> FileError | None:
         """What was not recorded, and why; None where all that was to be recorded was."""
-        missed = [gap for gap in [*self._gaps, self._gap] if gap is not None and gap.entries]
-        if missed:
-            rows = sum(gap.entries for gap in missed)
-            what = f"{rows} rows and port events from {iso_time(missed[0].first_ns)} on"
-            return not_recorded(what, "; then ".join(dict.fromkeys(str(g.why) for g in missed)))
-        return self._gap.why if self._gap else None
+        gaps = [gap for gap in self._gaps if gap.start_ns is not None]
+        if not gaps or gaps[0].start_ns is None:
+            return self._failure
+        entries = self._missed_rows + self._missed_events
+        what = f"{entries} rows and port events from {iso_time(gaps[0].start_ns)} on"
+        return not_recorded(what, "; then ".join(dict.fromkeys(gap.reason for gap in gaps)))
+
+    @property
+    def _missed_rows(self) -> int:
+        return sum(gap.rows or 0 for gap in self._gaps)
 
     @property
     def outcome(self) -> Outcome:
@@ -184,8 +167,8 @@ class Recorder:
         shelf, trigger = self._shelf, self._trigger
         triggered = None
         if trigger is not None:
-            missed = sum(gap.rows for gap in [*self._gaps, self._gap] if gap is not None)
-            triggered = trigger.taken - trigger.dropped - missed, trigger.taken, trigger.events
+            recorded = trigger.taken - trigger.dropped - self._missed_rows
+            triggered = recorded, trigger.taken, trigger.events
         first = shelf.oldest or self._last
         return Outcome(first, self._last, shelf.deleted_files, shelf.deleted_rows, triggered)
 
@@ -207,7 +190,7 @@ class Recorder:
         if self._writer is None:
             self._try_again()
             return
-        self._note_left_out(self._writer)
+        self._note_gaps(self._writer)
         try:
             self._writer.flush()
         except FileError as failure:
@@ -228,7 +211,7 @@ class Recorder:
             writer = self._writer
             if writer is None:
                 return
-            self._note_left_out(writer)
+            self._note_gaps(writer)
             try:
                 writer.close()
             except FileError as failure:
@@ -265,9 +248,12 @@ class Recorder:
         self._shelf.finished(writer.path, writer.flushed_rows)
         cause = failure.__cause__
         self._is_full = isinstance(cause, OSError) and cause.errno in _FULL
-        self._gap = WriteGap(failure)
-        if writer.gone:
-            self._gap.lose(writer.flushed_rows, writer.span_ns)
+        self._failure = failure
+        gap = Gap(GapKind.WRITE_ERROR, 0, reason=str(failure))
+        if writer.gone and writer.flushed_rows and writer.span_ns is not None:
+            gap = replace(gap, rows=writer.flushed_rows)
+            gap = gap.including(writer.span_ns[0], 0).including(writer.span_ns[1], 0)
+        self._gaps.append(gap)
         self._changes.append(Change(None, failure))
         left = writer.unflushed
         if not (self._patience.over and self._resumes(left)):
@@ -288,8 +274,8 @@ class Recorder:
         except FileError:
             return False
         try:
-            if self._gap is not None and self._gap.entries:
-                writer.note(Metadata(GAP_NAME, self._gap.told()))
+            if self._failure is not None and self._gaps[-1].start_ns is not None:
+                writer.note(Metadata(GAP_NAME, gap_to_metadata(self._gaps[-1])))
             writer.write(left)
             writer.flush()
         except FileError:
@@ -312,17 +298,19 @@ class Recorder:
         return True
 
     def _go_on(self, writer: RecordingWriter) -> None:
-        if self._gap is not None:
-            self._gaps.append(self._gap)
-        self._gap = None
+        self._failure = None
         self._part += 1
         self._shelf.began(writer.path)
         self._writer, self._last = writer, writer.path
         self._changes.append(Change(writer.path))
 
     def _miss(self, entries: Iterable[Entry]) -> None:
-        if self._gap is not None:
-            self._gap.take(entries)
+        if self._failure is None:
+            return
+        for entry in entries:
+            is_event = isinstance(entry, PortEvent)
+            self._missed_events += is_event
+            self._gaps[-1] = self._gaps[-1].including(entry.t_ns or 0, not is_event)
 
     def _rotate_when_due(self, writer: RecordingWriter) -> None:
         size, span = self._shelf.rotate_bytes, writer.span_ns
@@ -356,6 +344,6 @@ class Recorder:
             self._fail(writer, bound_reached(writer.path, bound, writer.flushed_rows))
             return
 
-    def _note_left_out(self, writer: RecordingWriter) -> None:
-        for stretch in self._trigger.left_out() if self._trigger else ():
-            writer.note(Metadata(LEFT_OUT_NAME, stretch.told()))
+    def _note_gaps(self, writer: RecordingWriter) -> None:
+        for gap in self._trigger.gaps() if self._trigger else ():
+            writer.note(Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)))

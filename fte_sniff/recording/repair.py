@@ -13,7 +13,7 @@ from mcap.records import Channel, Footer, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from fte_sniff.errors import FileError, unreadable, unwritable
-from fte_sniff.protocol import iso_time
+from fte_sniff.protocol import Gap, GapKind, iso_time
 from fte_sniff.recording.mcap.append_file import Stream
 from fte_sniff.recording.mcap.reader import RecordStream
 from fte_sniff.recording.mcap.records import HEAD, RecordError, parse, records_in, unpack
@@ -118,51 +118,40 @@ REPAIR_NAME = "fte-sniff.repair"
 _SEQUENCES = 2**32
 
 
-@dataclass(frozen=True, slots=True)
-class LostRows:
-    """Bytes of the damaged file that could not be read."""
-
-    start: int
-    stop: int
-    after_ns: int | None
-    """Time of the last message before them, nanoseconds since 1970 UTC; None if there is none."""
-    before_ns: int | None
-    """Time of the first message behind them."""
-
-    @property
-    def where(self) -> str:
-        """Which bytes they are."""
-        return f"bytes {self.start} to {self.stop} ({self.stop - self.start} bytes)"
-
-    def __str__(self) -> str:
-        if self.after_ns is None and self.before_ns is None:
-            return self.where
-        first = "the beginning" if self.after_ns is None else iso_time(self.after_ns)
-        last = "the end" if self.before_ns is None else iso_time(self.before_ns)
-        return f"{self.where}, between {first} and {last}"
-
-
 @dataclass(slots=True)
 class FileDamage:
-    """What is known of a damaged file once it was looked through."""
+    """What was found in a damaged file."""
 
-    losses: list[LostRows] = field(default_factory=list)
-    """What could not be read, in order."""
+    gaps: list[Gap] = field(default_factory=list)
+    """What could not be read, in file order: the bytes as the reason, and the times of the last
+    message before them and the first one after them."""
+    lost_bytes: int = 0
+    """Bytes that could not be read."""
     chunks: int = 0
     """Whole chunks."""
     messages: int = 0
-    """Messages (rows and port events) in them that something describes."""
+    """Messages (rows and port events) in them whose channel is defined."""
     undescribed: int = 0
-    """Messages in them of channels that nothing describes any more; they are lost too."""
+    """Messages in them whose channel is not defined any more; they are lost too."""
     missing: int | None = None
-    """Messages that the file once had and that are lost; None where it cannot be known."""
+    """Lost messages by the file's statistics; None if unknown."""
     least_missing: int = 0
-    """How many are lost at least, by the numbers that the messages bear."""
+    """Lost messages at least, by the gaps in the sequence numbers."""
 
-    @property
-    def lost_bytes(self) -> int:
-        """Bytes that could not be read."""
-        return sum(loss.stop - loss.start for loss in self.losses)
+    def lose(self, start: int, stop: int, start_ns: int | None, end_ns: int | None) -> None:
+        """Note bytes that could not be read, between the times of two messages."""
+        where = f"bytes {start} to {stop} ({stop - start} bytes)"
+        self.gaps.append(Gap(GapKind.DAMAGE, None, start_ns, end_ns, where))
+        self.lost_bytes += stop - start
+
+
+def lost_text(gap: Gap) -> str:
+    """The bytes that could not be read, and the times of the messages around them."""
+    if gap.start_ns is None and gap.end_ns is None:
+        return gap.reason
+    first = "the beginning" if gap.start_ns is None else iso_time(gap.start_ns)
+    last = "the end" if gap.end_ns is None else iso_time(gap.end_ns)
+    return f"{gap.reason}, between {first} and {last}"
 
 
 def is_whole(path: Path) -> bool:
@@ -263,7 +252,7 @@ class _Repair:
             "lost.bytes": str(self.damage.lost_bytes),
             "lost.messages": "" if self.damage.missing is None else str(self.damage.missing),
         }
-        told |= {f"lost.{n}": str(loss) for n, loss in enumerate(self.damage.losses[:100], 1)}
+        told |= {f"lost.{n}": lost_text(gap) for n, gap in enumerate(self.damage.gaps[:100], 1)}
         header = self._outside.header
         library = header.library if header else library_name()
         file = McapFile(
@@ -283,7 +272,7 @@ class _Repair:
 
     def _lose(self, start: int, stop: int, after: int | None, before: int | None) -> None:
         for lost, end in self._salvage.between(start, stop, self._outside):
-            self.damage.losses.append(LostRows(lost, end, after, before))
+            self.damage.lose(lost, end, after, before)
 
     def _number(self, messages: UnpackedMessages) -> None:
         """Note how far each channel's messages are numbered, and how many of them there are."""

@@ -4,38 +4,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
-from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.metadata import RecordedGap
+from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
 from fte_sniff.recording.retention import TriggerWindow
 
 MOST_WAITING = 500_000
 """Rows that wait at most, some 100 MB; the oldest are left out where there are more."""
 
 Entry: TypeAlias = Row | PortEvent
+_NO_ROWS = Gap(GapKind.LEFT_OUT, 0, reason="the trigger did not ask for them")
+
 Select: TypeAlias = Callable[[Sequence[Row]], list[Row]]
 """Picks rows: those of the given ones, themselves and in their order."""
 
 
-@dataclass(frozen=True, slots=True)
-class OmittedRows:
-    """A stretch of rows that were not kept."""
-
-    rows: int
-    first_ns: int
-    """Time of the first of them, nanoseconds since 1970 UTC."""
-    last_ns: int
-
-    def told(self) -> dict[str, str]:
-        """The stretch as the file tells it."""
-        reason = "the trigger did not ask for them"
-        return RecordedGap(self.rows, self.first_ns, self.last_ns, reason).told()
-
-
 class Trigger:
-    """Decides of each row whether it is kept; `left_out` tells of the others."""
+    """Decides of each row whether it is kept; `gaps` reports the others."""
 
     def __init__(self, select: Select, around: TriggerWindow) -> None:
         """Take what picks the rows, and how much is kept around each."""
@@ -45,8 +30,8 @@ class Trigger:
         self._until_ns = -1
         self._waiting: deque[Entry] = deque()
         self._rows_waiting = 0
-        self._missed: OmittedRows | None = None
-        self._done: list[OmittedRows] = []
+        self._gap = _NO_ROWS
+        self._gaps: list[Gap] = []
         self.taken = self.dropped = 0
         """Rows that came, and those of them that were left out."""
         self.events = 0
@@ -91,10 +76,10 @@ class Trigger:
         self._close()
         return kept
 
-    def left_out(self) -> list[OmittedRows]:
-        """The stretches that ended since this was asked before."""
-        done, self._done = self._done, []
-        return done
+    def gaps(self) -> list[Gap]:
+        """The gaps that ended since the previous call."""
+        gaps, self._gaps = self._gaps, []
+        return gaps
 
     def _release(self, t_ns: int, kept: list[Entry]) -> None:
         """Give out what waited and is not too old for a row at `t_ns`."""
@@ -117,14 +102,9 @@ class Trigger:
             return
         self._rows_waiting -= 1
         self.dropped += 1
-        t_ns, missed = entry.t_ns or 0, self._missed
-        self._missed = (
-            OmittedRows(1, t_ns, t_ns)
-            if missed is None
-            else OmittedRows(missed.rows + 1, min(missed.first_ns, t_ns), max(missed.last_ns, t_ns))
-        )
+        self._gap = self._gap.including(entry.t_ns or 0)
 
     def _close(self) -> None:
-        if self._missed is not None:
-            self._done.append(self._missed)
-            self._missed = None
+        if self._gap.rows:
+            self._gaps.append(self._gap)
+            self._gap = _NO_ROWS

@@ -16,6 +16,7 @@ from fte_sniff.protocol import (
     Chunk,
     Fault,
     Framer,
+    Gap,
     PortEvent,
     PortEventKind,
     Row,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from fte_sniff.analysis.counters import Tally
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.recording.metadata import PortFacts, RecordedGap, Selection
+    from fte_sniff.recording.metadata import PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
     from fte_sniff.recording.row_ranges import TimeRange
     from fte_sniff.row_batch import Codebook, PackedRows, RowBatch, SideBySide
@@ -450,8 +451,8 @@ class Input(Protocol):
         """Whether its first row is the next that came behind the last of another."""
         ...
 
-    def left_out(self, span: TimeRange | None) -> Sequence[RecordedGap]:
-        """The rows that came in the span and that it does not hold, as far as it tells."""
+    def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
+        """The gaps in the span that it reports."""
         ...
 
     def selections(self) -> Sequence[Selection]:
@@ -533,10 +534,10 @@ class RecordingInput:
         first = next(iter(self.reader), None) if before.ends else None
         return first is not None and before.ends.get(first.port) == first.offset
 
-    def left_out(self, span: TimeRange | None) -> Sequence[RecordedGap]:
-        """What a trigger, or a disk that failed, kept from it."""
-        told = self.reader.left_out()
-        return [one for one in told if span is None or span.touches(one.first_ns, one.last_ns)]
+    def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
+        """The gaps that a trigger or a write error left in it."""
+        gaps = self.reader.gaps()
+        return [one for one in gaps if span is None or one.within(span.first_ns, span.end_ns - 1)]
 
     def selections(self) -> Sequence[Selection]:
         """What `decode --filter`, or a screen, chose from another."""
@@ -606,8 +607,8 @@ class LogInput:
         """Nothing tells whether it does."""
         return False
 
-    def left_out(self, span: TimeRange | None) -> Sequence[RecordedGap]:
-        """A log does not tell of what it does not hold."""
+    def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
+        """A log reports none."""
         return ()
 
     def selections(self) -> Sequence[Selection]:

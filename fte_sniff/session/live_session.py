@@ -6,13 +6,13 @@ import multiprocessing
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from fte_sniff.analysis.feed import FeedUpdate, GapDetector, MissingRows, StreamChange, shifted
+from fte_sniff.analysis.feed import FeedUpdate, GapDetector, StreamChange, shifted
 from fte_sniff.errors import FileError, PortError, TranslatableText
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.session.capture_process import capture
@@ -26,25 +26,6 @@ from fte_sniff.session.capture_state import (
     RowsMessage,
     Started,
 )
-
-
-class BatchGaps:
-    """Finds the seams in each batch of a capture, batch by batch."""
-
-    def __init__(self, ports: Sequence[str], baud: int) -> None:
-        """No batch came yet; each port began with so many bits per second."""
-        self._finder = GapDetector()
-        self._finder.begin(dict.fromkeys(ports, baud))
-        self._not_shown = 0
-
-    def of(self, batch: RowsMessage) -> list[StreamChange]:
-        """Those of the next batch, by place among its rows."""
-        found = self._finder.seams(batch.rows, batch.events)
-        if batch.not_shown > self._not_shown:
-            self._not_shown = batch.not_shown
-            found.insert(0, MissingRows(0))
-        return found
-
 
 MOST_ROWS_A_POLL = 16_384
 """Most rows of one poll, so that a view that was suspended stays responsive."""
@@ -81,7 +62,8 @@ class LiveSession:
         _check_folder()
         self.state = CaptureState(plan.wiring.names)
         """The state of the capture."""
-        self._seams = BatchGaps(plan.wiring.names, plan.wiring.settings.baud)
+        self._gaps = GapDetector()
+        self._gaps.begin(dict.fromkeys(plan.wiring.names, plan.wiring.settings.baud))
         self._stopped_at_s: float | None = None
         self._received_at_s = 0.0
         self._receiving_since_s: float | None = None
@@ -138,7 +120,7 @@ class LiveSession:
         """The next rows and events; empty after `timeout_s` seconds without any."""
         rows: list[Row] = []
         events: list[PortEvent] = []
-        seams: list[StreamChange] = []
+        changes: list[StreamChange] = []
         while self.state.ended is None and len(rows) < MOST_ROWS_A_POLL:
             if not self._capture.poll(timeout_s):
                 self._give_up_when_overdue()
@@ -147,10 +129,11 @@ class LiveSession:
             message = self._receive()
             self.state = self.state.after(message)
             if isinstance(message, RowsMessage):
-                seams += shifted(self._seams.of(message), len(rows))
+                found = self._gaps.changes(message.rows, message.events, message.not_shown)
+                changes += shifted(found, len(rows))
                 rows += message.rows
                 events += message.events
-        return FeedUpdate(self.state.feed_state, rows, events, seams)
+        return FeedUpdate(self.state.feed_state, rows, events, changes)
 
     def stop(self) -> None:
         """Request the end of the capture; returns at once, may be called again."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from fte_sniff.analysis.feed import GapDetector, MissingRows
-from fte_sniff.recording.metadata import RecordedGap
+from fte_sniff.analysis.feed import GapDetector
+from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.session.inputs import ColumnBatch, Input, InputBatch
 from fte_sniff.session.replay import Read, RecordingPages
@@ -17,33 +17,8 @@ if TYPE_CHECKING:
     from fte_sniff.recording.metadata import Selection
 
 
-DAMAGED = "the recording was damaged here"
-ANOTHER = "another recording begins here"
-
-
-class GapTracker:
-    """Watches the rows on their way."""
-
-    def __init__(self, found: list[RecordedGap]) -> None:
-        """No row came yet; what is missing is put into `found`."""
-        self.found = found
-        self._reason = ""
-        self._last_ns: int | None = None
-
-    def open(self, reason: str) -> None:
-        """Rows are missing behind those that came, if others come."""
-        self._reason = reason
-
-    def look(self, times: tuple[int, int] | None) -> None:
-        """Rows came: the time of the first of them, and the latest."""
-        if times is None:
-            return
-        first_ns, last_ns = times
-        before_ns = self._last_ns
-        if self._reason and before_ns is not None and first_ns - before_ns > 1:
-            self.found.append(RecordedGap(None, before_ns + 1, first_ns - 1, self._reason))
-        self._reason = ""
-        self._last_ns = last_ns if before_ns is None else max(before_ns, last_ns)
+DAMAGED = GapKind.DAMAGE, "the recording was damaged here"
+ANOTHER = GapKind.OTHER_RECORDING, "another recording begins here"
 
 
 class InputReading:
@@ -70,9 +45,10 @@ class InputReading:
         self._span, self._wanted, self._limit = span, wanted, limit
         self.tally = Tally()
         """Of all rows that were read."""
-        self.left_out_of = [one.left_out(span) for one in inputs]
-        """By input, rows that came in the span and that it does not hold, as far as it tells."""
-        self._holes = GapTracker([])
+        self.gaps_of = [one.gaps(span) for one in inputs]
+        """The gaps in the span that each input reports."""
+        self._detector = GapDetector()
+        self._found: list[Gap] = []
         self._last_ns: int | None = None
         self._before: Input | None = None
         self.notes: list[str] = []
@@ -80,23 +56,19 @@ class InputReading:
         """Rows that were handed on."""
 
     @property
-    def left_out(self) -> list[RecordedGap]:
-        """The same of all inputs."""
-        return [stretch for told in self.left_out_of for stretch in told]
+    def reported_gaps(self) -> list[Gap]:
+        """The gaps in the span that the inputs report."""
+        return [gap for gaps in self.gaps_of for gap in gaps]
 
     @property
-    def missing(self) -> list[RecordedGap]:
-        """The rows that are missing between those that were handed on, by whatever cause.
-
-        Those that the filter did not want are not among them.
-        """
+    def gaps(self) -> list[Gap]:
+        """All gaps between the rows that were read, reported or found; the filter makes none."""
         first_ns = None if self._span is None else self._span.first_ns
         last_ns = None if self._span is None else self._span.end_ns - 1
         if self.written == self._limit:
             last_ns = self._last_ns or 0
-        told = [*self.left_out, *self._holes.found]
-        cut = [one.within(first_ns, last_ns) for one in told]
-        return [one for one in cut if one is not None]
+        clipped = [gap.within(first_ns, last_ns) for gap in (*self.reported_gaps, *self._found)]
+        return [gap for gap in clipped if gap is not None]
 
     @property
     def selections(self) -> list[Selection]:
@@ -118,12 +90,13 @@ class InputReading:
     def of(self, one: Input) -> Iterator[InputBatch]:
         """Those of one input, which is the next."""
         if not one.follows(self._before):
-            self._holes.open(ANOTHER)
+            self._detector.interrupt(*ANOTHER)
         self._before = one
         for batch in one.batches(self._span, self.notes.append):
             if batch.after_loss:
-                self._holes.open(DAMAGED)
-            self._holes.look(batch.times)
+                self._detector.interrupt(*DAMAGED)
+            if gap := self._detector.observe(batch.times):
+                self._found.append(gap)
             batch.count(self.tally)
             found = batch if self._wanted is None else batch.wanted(self._wanted)
             if self._limit is not None:
@@ -135,7 +108,7 @@ class InputReading:
             if self.written == self._limit:
                 return
         if one.losses:
-            self._holes.open(DAMAGED)
+            self._detector.interrupt(*DAMAGED)
 
 
 class Viewing:
@@ -160,50 +133,44 @@ class Viewing:
         """
         self._inputs, self._span, self._pages, self._note = inputs, span, pages, note
         self._baud = baud
-        self._left_out = [one.left_out(span) for one in inputs]
-        missing: list[RecordedGap] = [stretch for told in self._left_out for stretch in told]
-        self._holes = GapTracker(missing)
-        self._finder = GapDetector()
+        self._reported = [one.gaps(span) for one in inputs]
+        self._gaps: list[Gap] = [gap for gaps in self._reported for gap in gaps]
+        self._detector = GapDetector()
         ports = [port.name for one in inputs for port in one.ports]
         self.origin = ExportSource(
             ports,
             dict.fromkeys(ports, baud) if baud else _bauds(inputs),
-            missing,
+            self._gaps,
             [selection for one in inputs for selection in one.selections()],
         )
-        """What is known of the rows beside them; holes are put into it as they are found."""
+        """What is known of the rows; its gaps grow as they are found."""
         if span is not None:
-            missing[:] = self.origin.within(span.first_ns, span.end_ns - 1).left_out
+            self._gaps[:] = self.origin.within(span.first_ns, span.end_ns - 1).gaps
 
     def __iter__(self) -> Iterator[Read]:
         before = None
-        for one, left_out in zip(self._inputs, self._left_out, strict=True):
-            yield from self._reads(one, left_out, follows=one.follows(before))
+        for one, gaps in zip(self._inputs, self._reported, strict=True):
+            yield from self._reads(one, gaps, follows=one.follows(before))
             before = one
 
-    def _reads(
-        self, one: Input, left_out: Sequence[RecordedGap], *, follows: bool
-    ) -> Iterator[Read]:
-        gaps = [(gap.first_ns, gap.last_ns) for gap in left_out]
-        seams = self._finder.begin({} if self._baud else _bauds([one]), gaps)
+    def _reads(self, one: Input, gaps: Sequence[Gap], *, follows: bool) -> Iterator[Read]:
+        changes = self._detector.begin({} if self._baud else _bauds([one]), gaps)
         if not follows:
-            seams.append(MissingRows(0))
-            self._holes.open(ANOTHER)
+            changes.append(self._detector.interrupt(*ANOTHER))
         for batch in one.batches(self._span, self._note):
             if batch.after_loss:
-                seams.append(MissingRows(0))
-                self._holes.open(DAMAGED)
-            self._holes.look(batch.times)
+                changes.append(self._detector.interrupt(*DAMAGED))
+            if gap := self._detector.observe(batch.times):
+                self._gaps.append(gap)
             self._learn(batch)
             rows = batch.sequence()
-            found = self._finder.seams(rows, batch.events)
-            yield Read(rows, batch.events, (), [*seams, *found])
-            seams = []
+            changes += self._detector.changes(rows, batch.events)
+            yield Read(rows, batch.events, (), changes)
+            changes = []
         if one.losses:
-            self._holes.open(DAMAGED)
-            seams.append(MissingRows(0))
-        if one.losses or seams:
-            yield Read((), (), one.losses, seams)
+            changes.append(self._detector.interrupt(*DAMAGED))
+        if changes:
+            yield Read((), (), one.losses, changes)
 
     def _learn(self, batch: InputBatch) -> None:
         if self._pages is not None and isinstance(batch, ColumnBatch) and batch.again is not None:

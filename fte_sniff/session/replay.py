@@ -35,8 +35,8 @@ class Read:
     """What happened to ports meanwhile."""
     losses: Sequence[str] = ()
     """What the file turned out to lack, one line each; may hold text from it."""
-    seams: Sequence[StreamChange] = ()
-    """What stands between the rows, or behind the last of them; rising."""
+    changes: Sequence[StreamChange] = ()
+    """Gaps and baud changes between the rows, by rising index."""
 
 
 class ReplaySession:
@@ -90,16 +90,16 @@ class ReplaySession:
             else:
                 taken.append(batch)
         self._losses += [loss for read in taken for loss in read.losses]
-        seams = list[StreamChange]()
+        changes: list[StreamChange] = []
         came = 0
         for read in taken:
-            seams += shifted(read.seams, came)
+            changes += shifted(read.changes, came)
             came += len(read.rows)
         self._begun |= bool(taken)
         rows = _joined([read.rows for read in taken])
         self._rows += len(rows)
         events = [event for read in taken for event in read.events]
-        return FeedUpdate(self._state(), rows, events, seams)
+        return FeedUpdate(self._state(), rows, events, changes)
 
     def rest(self) -> None:
         """Read no more until the next poll, but for what is being read now; returns at once."""

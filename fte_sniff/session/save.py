@@ -16,13 +16,13 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
 from fte_sniff.formats.writers import FORM_BY_END, OutputFormat, row_writer
-from fte_sniff.protocol import Row
+from fte_sniff.protocol import Gap, Row
 from fte_sniff.recording.metadata import (
     LEFT_OUT_NAME,
     SELECTION_NAME,
     PortFacts,
-    RecordedGap,
     Selection,
+    gap_to_metadata,
 )
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.writer import RecordingWriter
@@ -39,15 +39,15 @@ class ExportSource:
     """The ports that they may come from."""
     bauds: Mapping[str, int] = field(default_factory=dict)
     """Bits per second by port; a port whose baud nobody said is not in it."""
-    left_out: Sequence[RecordedGap] = ()
-    """Rows that came and are not there; more may be found while a file is read."""
+    gaps: Sequence[Gap] = ()
+    """Gaps between the rows; more may be found while a file is read."""
     selections: Sequence[Selection] = ()
     """The filters that chose the rows."""
 
     def within(self, first_ns: int | None, last_ns: int | None) -> ExportSource:
         """The same for the rows between two times alone; None for no bound."""
-        cut = [one.within(first_ns, last_ns) for one in self.left_out]
-        return replace(self, left_out=[one for one in cut if one is not None])
+        clipped = [gap.within(first_ns, last_ns) for gap in self.gaps]
+        return replace(self, gaps=[gap for gap in clipped if gap is not None])
 
 
 UNKNOWN = ExportSource()
@@ -399,8 +399,8 @@ class RecordingSink:
     def __init__(self, path: Path, origin: ExportSource) -> None:
         facts = [PortFacts(port, origin.bauds.get(port)) for port in origin.ports]
         self._writer = RecordingWriter(path, facts, existing=Existing.REPLACE)
-        for stretch in origin.left_out:
-            self._writer.note(Metadata(LEFT_OUT_NAME, stretch.told()))
+        for gap in origin.gaps:
+            self._writer.note(Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)))
         for selection in origin.selections:
             self._writer.note(Metadata(SELECTION_NAME, selection.told()))
 

@@ -248,7 +248,7 @@ class SniffApp(FilterActions, GotoActions, NavigationActions, Leaving):
         if not self._watched.state.running:
             self._rhythm.end()
         self._panes.tell_events(news.events)
-        self._panes.tell_seams(news.seams)
+        self._panes.add_changes(news.changes)
         self._tell_news(news)
         if news.changed:
             start_ns = self._watched.start_ns

@@ -50,8 +50,8 @@ class ViewUpdate:
     """Whether the feed ended since the look before."""
     trouble: str | None
     """What has gone wrong since the look before, although the feed runs on."""
-    seams: Sequence[StreamChange] = ()
-    """What stands between rows that came, by their indices in the store."""
+    changes: Sequence[StreamChange] = ()
+    """Gaps and baud changes between the rows that came, by index in the store."""
 
 
 class ViewModel:
@@ -84,7 +84,7 @@ class ViewModel:
         ended = self.state.running and not update.state.running
         trouble = update.state.trouble if update.state.trouble != self.state.trouble else None
         self.state = update.state
-        seams = shifted(update.seams, self.store.next)
+        changes = shifted(update.changes, self.store.next)
         if update.rows:
             self.store.append(update.rows)
             count_rows(self.tally, update.rows)
@@ -96,7 +96,7 @@ class ViewModel:
         changed = bool(update.rows) or bool(self.store.shown.pending)
         self.store.shown.filter_step()
         self._take_rate(now_ns)
-        return ViewUpdate(changed, update.events, ended, trouble, seams)
+        return ViewUpdate(changed, update.events, ended, trouble, changes)
 
     def _take_rate(self, now_ns: int) -> None:
         """Frames per second: now, on a wire; over the time covered, in what lies behind."""

@@ -1,12 +1,14 @@
-"""What stands between rows: found at the same places wherever the rows are cut."""
+"""Gaps and baud changes between rows: found at the same rows in batches of any size."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import BaudChange, GapDetector, MissingRows, StreamChange, shifted
-from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row
+from fte_sniff.analysis.feed import BaudChange, GapDetector, StreamChange, shifted
+from fte_sniff.protocol import Frame, Gap, GapKind, PortEvent, PortEventKind, Row
 
 RAW = bytes.fromhex("AA00000000000000 00EE".replace(" ", ""))
 TIMES = st.lists(st.integers(0, 50), max_size=30).map(sorted)
@@ -18,15 +20,16 @@ def rows_at(times: list[int]) -> list[Row]:
 
 
 @given(TIMES, GAPS, st.integers(0, 30))
-def test_a_stretch_parts_the_rows_before_it_from_those_behind(
+def test_a_gap_separates_the_rows_before_it_from_those_after(
     times: list[int], gaps: list[tuple[int, int]], cut: int
 ) -> None:
-    finder = GapDetector()
-    assert finder.begin({}, [(first, first + length) for first, length in gaps]) == []
+    detector = GapDetector()
+    reported = [Gap(GapKind.LEFT_OUT, 1, first, first + length) for first, length in gaps]
+    assert detector.begin({}, reported) == []
     rows = rows_at(times)
-    found: list[StreamChange] = list(finder.seams(rows[:cut]))
-    found += shifted(finder.seams(rows[cut:]), len(rows[:cut]))
-    places = {seam.place for seam in found}
+    found: list[StreamChange] = list(detector.changes(rows[:cut]))
+    found += shifted(detector.changes(rows[cut:]), len(rows[:cut]))
+    places = {change.index for change in found}
     for first, length in gaps:
         behind = [at for at, t_ns in enumerate(times) if t_ns > first + length]
         before = [at for at, t_ns in enumerate(times) if t_ns < first]
@@ -40,9 +43,9 @@ def test_a_stretch_parts_the_rows_before_it_from_those_behind(
 
 
 def test_events_stand_before_the_first_row_at_their_time() -> None:
-    finder = GapDetector()
-    assert finder.begin({"p": 9600}) == [BaudChange(0, "p", 9600)]
-    assert finder.begin({"p": 9600}) == []
+    detector = GapDetector()
+    assert detector.begin({"p": 9600}) == [StreamChange(0, BaudChange("p", 9600))]
+    assert detector.begin({"p": 9600}) == []
     events = [
         PortEvent(5, "q", PortEventKind.OPENED, ""),
         PortEvent(20, "p", PortEventKind.LOST, "gone"),
@@ -50,8 +53,39 @@ def test_events_stand_before_the_first_row_at_their_time() -> None:
         PortEvent(25, "q", PortEventKind.BAUD_CHANGED, "", 1200),
         PortEvent(90, "p", PortEventKind.OVERRUN, "", 7),
     ]
-    assert finder.seams(rows_at([10, 20, 30]), events) == [
-        MissingRows(1, "p"),
-        BaudChange(2, "p", 1200),
-        MissingRows(3, "p"),
+    assert detector.changes(rows_at([10, 20, 30]), events) == [
+        StreamChange(1, Gap(GapKind.PORT, None, 20, 20, "gone", "p")),
+        StreamChange(2, BaudChange("p", 1200)),
+        StreamChange(3, Gap(GapKind.PORT, None, 90, 90, "", "p")),
     ]
+
+
+def test_rows_that_a_slow_view_missed_are_a_gap_before_the_next_batch() -> None:
+    detector = GapDetector()
+    assert detector.changes(rows_at([1, 2])) == []
+    assert detector.changes(rows_at([8, 9]), not_shown=5) == [
+        StreamChange(0, Gap(GapKind.NOT_SHOWN, 5))
+    ]
+    assert detector.changes(rows_at([10]), not_shown=5) == []
+
+
+def test_an_interruption_is_a_gap_once_the_rows_on_both_sides_have_times() -> None:
+    detector = GapDetector()
+    detector.interrupt(GapKind.DAMAGE)
+    assert detector.observe((5, 20)) is None
+    assert detector.observe((10, 10)) is None
+    change = detector.interrupt(GapKind.DAMAGE, "why")
+    assert change == StreamChange(0, Gap(GapKind.DAMAGE, reason="why"))
+    assert detector.observe(None) is None
+    assert detector.observe((30, 40)) == Gap(GapKind.DAMAGE, None, 21, 29, "why")
+    assert detector.observe((50, 60)) is None
+    detector.interrupt(GapKind.DAMAGE)
+    assert detector.observe((61, 61)) is None
+
+
+def test_a_clipped_gap_has_an_unknown_number_of_rows() -> None:
+    gap = Gap(GapKind.LEFT_OUT, 7, 10, 20, "why")
+    assert gap.within(None, 20) is gap
+    assert gap.within(11, None) == replace(gap, rows=None, start_ns=11)
+    assert gap.within(5, 10) == replace(gap, rows=None, end_ns=10)
+    assert gap.within(21, None) is None

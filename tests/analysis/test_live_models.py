@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import BaudChange, MissingRows
+from fte_sniff.analysis.feed import BaudChange, StreamChange
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.protocol import KIND_BY_NAME, Direction, Frame, Row, encode
+from fte_sniff.protocol import KIND_BY_NAME, Direction, Frame, Gap, GapKind, Row, encode
 from fte_sniff.row_batch import Codebook, pack
 
 MILLISECOND = 1_000_000
@@ -117,14 +117,15 @@ def test_traces_of_the_past_reach_back_as_far_as_is_asked(window_ms: int) -> Non
     st.lists(st.integers(0, 40), max_size=4).map(sorted),
     st.integers(0, 39),
 )
-def test_nothing_is_measured_across_a_seam(
+def test_nothing_is_measured_across_a_gap(
     count: int, budget: int, every: int, places: list[int], look: int
 ) -> None:
     rows = _rows(count)
     store = RowStore(1000, 7)
     following = LiveModels(store, LineSetup(), every)
     for start in range(0, count, 9):
-        following.meet([MissingRows(place) for place in places if start <= place < start + 9])
+        gaps = [place for place in places if start <= place < start + 9]
+        following.add_changes([StreamChange(at, Gap(GapKind.DAMAGE)) for at in gaps])
         store.append(rows[start : start + 9])
         following.step(budget)
     while not following.step(budget):
@@ -161,7 +162,8 @@ def test_rows_that_left_before_they_were_looked_at_are_no_silence() -> None:
 def test_the_use_of_a_line_is_reckoned_by_what_the_recording_says() -> None:
     store = RowStore(100)
     following = LiveModels(store, LineSetup())
-    following.meet([BaudChange(0, "p", 9600), BaudChange(3, "p", 57_600)])
+    bauds = [(0, 9600), (3, 57_600)]
+    following.add_changes([StreamChange(at, BaudChange("p", baud)) for at, baud in bauds])
     store.append(_rows(3))
     following.step(100)
     assert following.statistics.ports()[0].baud == 9600

@@ -8,12 +8,22 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.analysis.feed import shifted
+from fte_sniff.analysis.feed import BaudChange, shifted
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode, iso_time
-from fte_sniff.recording.metadata import PortFacts, RecordedGap
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Frame,
+    Gap,
+    GapKind,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+    iso_time,
+)
+from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
@@ -101,7 +111,7 @@ def lost(path: Path) -> Path:
     return recorded(path, [*rows_of(0, 20), *rows_of(40, 60)], event=event)
 
 
-HOLES = {
+GAPS = {
     "a damaged chunk": lambda folder: [without_chunk(recorded(folder / "a.mcap", rows_of(0, 60)))],
     "a damaged chunk head": lambda folder: [
         without_chunk(recorded(folder / "a.mcap", rows_of(0, 60)), head=True)
@@ -116,7 +126,7 @@ HOLES = {
         recorded(folder / "b.mcap", rows_of(40, 60)),
     ],
 }
-"""Recordings of 20 rows, and 20 more behind a hole of as many."""
+"""Recordings of 20 rows, and 20 more after a gap of as many."""
 
 
 def stats(run, *arguments: str | Path) -> dict:
@@ -125,10 +135,10 @@ def stats(run, *arguments: str | Path) -> dict:
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("hole", HOLES)
-def test_nothing_is_measured_across_a_hole(run, tmp_path: Path, hole: str) -> None:
+@pytest.mark.parametrize("gap", GAPS)
+def test_nothing_is_measured_across_a_gap(run, tmp_path: Path, gap: str) -> None:
     """Neither by `stats`, nor on the screen, nor in a copy of what is left."""
-    paths = HOLES[hole](tmp_path)
+    paths = GAPS[gap](tmp_path)
     assert run("decode", *paths, "-o", "copy.mcap").returncode == 0
     for some in (paths, [tmp_path / "copy.mcap"]):
         told = stats(run, *some)
@@ -148,7 +158,7 @@ def viewed(paths: list[Path]) -> LiveModels:
     models = LiveModels(store, LineSetup())
     inputs = [RecordingInput(RecordingReader(path)) for path in paths]
     for read in Viewing(inputs, None, None, None, print):
-        models.meet(shifted(read.seams, store.next))
+        models.add_changes(shifted(read.changes, store.next))
         store.append(read.rows)
         models.statistics.add_events(read.events)
     while not models.step(1000):
@@ -177,7 +187,7 @@ def test_the_screen_takes_the_baud_from_the_recording(tmp_path: Path) -> None:
     slow = recorded(tmp_path / "a.mcap", rows_of(0, 20), baud=9600)
     assert viewed([slow]).statistics.ports()[0].baud == 9600
     said = Viewing([RecordingInput(RecordingReader(slow))], None, 1200, None, print)
-    assert [seam for read in said for seam in read.seams if hasattr(seam, "baud")] == []
+    assert not [one for read in said for one in read.changes if isinstance(one.what, BaudChange)]
     assert said.origin.bauds == {"p": 1200}
 
 
@@ -199,12 +209,12 @@ def test_a_copy_tells_what_was_left_out_among_its_rows(
     done = run("decode", "a.mcap", "-o", "copy.mcap", *options)
     assert done.returncode == 0, done.stderr
     for one, (rows, first, last) in zip(
-        RecordingReader(tmp_path / "copy.mcap").left_out(), expected, strict=True
+        RecordingReader(tmp_path / "copy.mcap").gaps(), expected, strict=True
     ):
         assert one.rows == rows
         assert one.reason == "the trigger did not ask for them"
-        assert abs(one.first_ns - (START + first * STEP)) <= STEP
-        assert abs(one.last_ns - (START + last * STEP)) <= STEP
+        assert abs((one.start_ns or 0) - (START + first * STEP)) <= STEP
+        assert abs((one.end_ns or 0) - (START + last * STEP)) <= STEP
 
 
 def test_a_selection_says_so(run, tmp_path: Path) -> None:
@@ -221,13 +231,12 @@ def test_a_selection_says_so(run, tmp_path: Path) -> None:
     assert stats(run, "a.mcap")["selections"] == []
 
 
-def test_a_stretch_of_unknown_length_is_told_as_such(run, tmp_path: Path) -> None:
-    paths = HOLES["another capture"](tmp_path)
+def test_a_gap_of_unknown_length_is_reported_as_such(run, tmp_path: Path) -> None:
+    paths = GAPS["another capture"](tmp_path)
     assert run("decode", *paths, "-o", "copy.mcap").returncode == 0
-    between = RecordedGap(
-        None, START + 19 * STEP + 1, START + 40 * STEP - 1, "another recording begins here"
-    )
-    assert RecordingReader(tmp_path / "copy.mcap").left_out() == [between]
+    times = START + 19 * STEP + 1, START + 40 * STEP - 1
+    between = Gap(GapKind.LEFT_OUT, None, *times, "another recording begins here")
+    assert RecordingReader(tmp_path / "copy.mcap").gaps() == [between]
     words = "left out   nobody knows how many rows in 1 place: another recording begins here\n"
     assert words in run("stats", "copy.mcap").stdout
     assert stats(run, "copy.mcap")["left_out"][0]["rows"] is None

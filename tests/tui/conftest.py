@@ -34,7 +34,7 @@ class ListFeed:
         self.stops = 0
         self._rows: list[Row] = []
         self._events: list[PortEvent] = []
-        self.seams: list[StreamChange] = []
+        self.changes: list[StreamChange] = []
 
     def give(self, rows: Sequence[Row]) -> None:
         self._rows += rows
@@ -47,8 +47,8 @@ class ListFeed:
         self.state = replace(self.state, running=False, ended=why)
 
     def poll(self) -> FeedUpdate:
-        update = FeedUpdate(self.state, self._rows, self._events, self.seams)
-        self._rows, self._events, self.seams = [], [], []
+        update = FeedUpdate(self.state, self._rows, self._events, self.changes)
+        self._rows, self._events, self.changes = [], [], []
         return update
 
     def stop(self) -> None:

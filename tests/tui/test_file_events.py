@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.feed import BaudChange, MissingRows
-from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.analysis.feed import BaudChange, StreamChange
+from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.tui import view_model as rhythm
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
@@ -104,7 +104,7 @@ def test_what_a_file_tells_of_its_ports_is_told_in_chinese(feed: Any, speed_rows
     play(feed, scenario, size=(120, 40), opening=StartOptions(language="zh"))
 
 
-def test_a_hole_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
+def test_a_gap_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
     """What stands between rows gets to the numbers, whatever came before."""
     feed.state = replace(feed.state, live=False)
 
@@ -112,7 +112,8 @@ def test_a_hole_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
         feed.give(speed_rows(10))
         await settle(app, pilot)
         feed.give([*speed_rows(10, start=10), *speed_rows(10, start=5000)])
-        feed.seams = [MissingRows(10), BaudChange(10, "/dev/ttyUSB0", 57_600)]
+        baud = BaudChange("/dev/ttyUSB0", 57_600)
+        feed.changes = [StreamChange(10, Gap(GapKind.DAMAGE)), StreamChange(10, baud)]
         feed.end("")
         await settle(app, pilot)
         await press(app, pilot, "S")

@@ -12,8 +12,7 @@ import pytest
 from textual.pilot import Pilot
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.protocol import Damage, Fault, Row
-from fte_sniff.recording.metadata import RecordedGap
+from fte_sniff.protocol import Damage, Fault, Gap, GapKind, Row
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.save import ExportSource, SaveJob
 from fte_sniff.tui.app import SniffApp
@@ -238,7 +237,7 @@ def test_a_saved_recording_tells_what_is_not_in_it(
 ) -> None:
     """What was left out among the rows that are saved, and which of them the filter chose."""
     first, last = (
-        RecordedGap(5, NOON_NS + at, NOON_NS + at, "why") for at in (1, 50 * STEP_NS + 1)
+        Gap(GapKind.LEFT_OUT, 5, NOON_NS + at, NOON_NS + at, "why") for at in (1, 50 * STEP_NS + 1)
     )
     origin = ExportSource((), {"/dev/ttyUSB0": 9600}, [first, last])
 
@@ -257,7 +256,7 @@ def test_a_saved_recording_tells_what_is_not_in_it(
     assert [port.baud for port in reader.ports] == [9600]
     (selection,) = reader.selections()
     assert selection.filter_text == "motor = 1"
-    assert reader.left_out() == ([first] if selecting else [first, last])
+    assert reader.gaps() == ([first] if selecting else [first, last])
     assert selection.rows == (33 if selecting else 100)
 
 

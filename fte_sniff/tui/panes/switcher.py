@@ -106,9 +106,9 @@ class Panes:
         """Something happened to ports."""
         self._models.statistics.add_events(events)
 
-    def tell_seams(self, seams: Sequence[StreamChange]) -> None:
-        """These stand between rows of the store."""
-        self._models.meet(seams)
+    def add_changes(self, changes: Sequence[StreamChange]) -> None:
+        """Pass on gaps and baud changes between rows of the store."""
+        self._models.add_changes(changes)
 
     def tick(self, now_ns: int, running: bool) -> None:
         """Let the models look at what came, and draw the pane where it is time.

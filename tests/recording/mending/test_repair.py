@@ -109,7 +109,7 @@ def test_a_file_cut_anywhere_keeps_every_chunk_before_the_cut(
         rows, damage = left or ([], None)
         assert rows == [row for _, last, rows in spans if last <= place for row in rows]
         if damage is not None and place > spans[-1][1]:
-            assert damage.losses == [] or damage.losses[-1].stop == place
+            assert damage.gaps == [] or f" to {place} (" in damage.gaps[-1].reason
 
 
 @pytest.mark.parametrize("part", range(4))
@@ -171,9 +171,9 @@ def test_what_was_lost_is_told_in_bytes_times_and_messages(
     left = _mended(tmp_path, broken)
     assert left is not None
     damage = left[1]
-    (loss,) = damage.losses
-    assert (loss.start, loss.stop) == (start, stop)
-    assert (loss.after_ns, loss.before_ns) == (spans[1][2][-1].t_ns, spans[3][2][0].t_ns)
+    (gap,) = damage.gaps
+    assert gap.reason == f"bytes {start} to {stop} ({stop - start} bytes)"
+    assert (gap.start_ns, gap.end_ns) == (spans[1][2][-1].t_ns, spans[3][2][0].t_ns)
     assert (damage.missing, damage.chunks) == (len(rows), 3)
     assert damage.least_missing >= 1
     with (tmp_path / "mended.mcap").open("rb") as file:
@@ -317,7 +317,7 @@ def test_a_file_without_summary_gets_one(
         file.write(bare)
     assert not is_whole(tmp_path / "bare.mcap")
     damage = repair(tmp_path / "bare.mcap", tmp_path / "mended.mcap", Existing.REFUSE)
-    assert (damage.losses, damage.messages) == ([], 60)
+    assert (damage.gaps, damage.messages) == ([], 60)
     assert is_whole(tmp_path / "mended.mcap")
     assert list(RecordingReader(tmp_path / "mended.mcap")) == rows
 

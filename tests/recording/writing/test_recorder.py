@@ -17,9 +17,15 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
 from fte_sniff.recording import recorder as gaps
-from fte_sniff.recording.metadata import GAP_NAME, LEFT_OUT_NAME, PortFacts, RecordedGap, gap_of
+from fte_sniff.recording.metadata import (
+    GAP_NAME,
+    LEFT_OUT_NAME,
+    PortFacts,
+    gap_from_metadata,
+    gap_to_metadata,
+)
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import NEXT_NAME, Recorder
@@ -405,12 +411,10 @@ def test_what_waits_for_a_trigger_is_bounded(
         {"to": "1999-01-01T00:00:00.000000000Z"},
     ],
 )
-def test_a_note_that_makes_no_sense_tells_of_no_stretch(changed: dict[str, str]) -> None:
-    stretch = RecordedGap(3, START, START + 5, "why")
-    told = stretch.told()
-    assert [gap_of(name, told) for name in (GAP_NAME, LEFT_OUT_NAME, NEXT_NAME)] == [
-        stretch,
-        stretch,
-        None,
-    ]
-    assert gap_of(GAP_NAME, told | changed) is None
+def test_metadata_that_makes_no_sense_is_no_gap(changed: dict[str, str]) -> None:
+    gap = Gap(GapKind.WRITE_ERROR, 3, START, START + 5, "why")
+    items = gap_to_metadata(gap)
+    assert gap_from_metadata(GAP_NAME, items) == gap
+    assert gap_from_metadata(LEFT_OUT_NAME, items) == replace(gap, kind=GapKind.LEFT_OUT)
+    assert gap_from_metadata(NEXT_NAME, items) is None
+    assert gap_from_metadata(GAP_NAME, items | changed) is None

@@ -22,12 +22,14 @@ from fte_sniff.protocol import (
     Damage,
     Fault,
     Frame,
+    Gap,
+    GapKind,
     Row,
     encode,
     iso_time,
     spaced_hex,
 )
-from fte_sniff.recording.metadata import RecordedGap, Selection
+from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session import save as parquet_sink
 from fte_sniff.session.save import FORMS, ExportSource, SaveJob, SaveTarget
@@ -195,22 +197,14 @@ def _write_all(saving: SaveJob, taken: list[Row]) -> None:
 
 
 def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None:
-    left_out = [
-        RecordedGap(7, NOON_NS + 1, NOON_NS + 2, "why"),
-        RecordedGap(None, NOON_NS, NOON_NS, ""),
+    gaps = [
+        Gap(GapKind.LEFT_OUT, 7, NOON_NS + 1, NOON_NS + 2, "why"),
+        Gap(GapKind.LEFT_OUT, None, NOON_NS, NOON_NS),
     ]
-    origin = ExportSource(PORTS, {"b": 9600}, left_out, [Selection("motor = 1", 99)])
+    origin = ExportSource(PORTS, {"b": 9600}, gaps, [Selection("motor = 1", 99)])
     saving = SaveJob(SaveTarget.parse(str(tmp_path / "rows.mcap")), origin)
     saving.write(rows())
     saving.finish()
     reader = RecordingReader(tmp_path / "rows.mcap")
-    assert (reader.left_out(), reader.selections()) == (left_out, [Selection("motor = 1", 99)])
+    assert (reader.gaps(), reader.selections()) == (gaps, [Selection("motor = 1", 99)])
     assert {port.name: port.baud for port in reader.ports} == {PORTS[0]: None, "b": 9600}
-
-
-def test_a_part_of_a_stretch_has_as_many_rows_as_nobody_knows() -> None:
-    stretch = RecordedGap(7, 10, 20, "why")
-    assert stretch.within(None, 20) is stretch
-    assert stretch.within(11, None) == RecordedGap(None, 11, 20, "why")
-    assert stretch.within(5, 10) == RecordedGap(None, 10, 10, "why")
-    assert stretch.within(21, None) is None
