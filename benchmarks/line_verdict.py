@@ -58,7 +58,7 @@ def _print_cost_of_marks() -> None:
     pieces = [marked[at : at + 4096] for at in range(0, len(marked), 4096)]
     copying = _seconds(lambda: [bytes(bytearray(piece)) for piece in pieces])
     unmarker = Unmarker()
-    taking = _seconds(lambda: [unmarker.take(piece) for piece in pieces])
+    taking = _seconds(lambda: [unmarker.feed(piece) for piece in pieces])
     speed = len(data) / taking / 1e6
     print(f"marks taken out at {speed:.0f} MB/s, 1/{taking / copying:.0f} of copying twice")
 

@@ -15,6 +15,7 @@ from hypothesis import settings
 
 from tests.examples import HOUSE
 from tests.framer_form import INTERPRETED, complaint, interpret
+from tests.pseudo_terminals import new_pty, pty, until  # noqa: F401
 
 # Tests of full disks limit the size of files. What is first loaded under such a limit would be
 # kept cut off beside its source, and fail whatever loads it next.

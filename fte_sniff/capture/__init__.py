@@ -2,24 +2,19 @@
 
 Modules:
 
-    bridge        Bridge command's source and set-up.
-    bridge_io     Forward bytes both ways; chunks of the two wires; writing to the
-                  port.
+    bridge        Forward bytes between a host program and a port, and capture both.
     chunk_queue   Bounded queue of chunks between reader thread and consumer.
-    clock         Wall and monotonic clock; detects clock steps.
-    diagnostics   Checks of machine, device and line for `doctor`.
-    discovery     List serial ports and USB identities; who holds a port.
-    multi_source  Several sources as one stream; one or two ports as one line.
-    port_errors   Why a port did not open, in one sentence with the way out.
-    port_source   The source that reads one port.
-    pty           Pseudo-terminals and line speed of their host end.
-    reconnect     Reopen a lost port with backoff.
-    serial_port   Open, configure and read one serial port; driver latency.
-    sim_model     Simulated controller, motors and host.
-    sim_pty       Simulator behind a pseudo-terminal.
-    simulation    Simulated byte stream with faults and its parameters.
-    source        Source interface, thread base class, items of a source.
-    uart_errors   Parity/framing/overrun marks (PARMRK) and counters.
+    clock         Monotonic clock tied to UTC; detects clock steps.
+    discovery     List serial ports; who holds a port; adapters without driver.
+    port_errors   Why a port cannot be opened: one sentence with the fix.
+    port_source   The source that reads one port, or several merged by time.
+    pty           Pseudo-terminals: the bridge's host end, the simulated controller.
+    reconnect     Recognize a lost port that comes back; reopen it with backoff.
+    serial_port   Open, configure, read and write one port; driver latency.
+    sim_model     Simulated motors, controller and host.
+    simulation    Simulated byte stream with faults, and its parameters.
+    source        Source interface, and the base class with a reader thread.
+    uart_errors   Line errors of a UART: counters and marks (PARMRK).
     url_handlers  sim://, socket:// and rfc2217:// for pyserial.
 """
 
@@ -28,5 +23,5 @@ import serial
 _HANDLERS = f"{__name__}.url_handlers"
 
 if _HANDLERS not in serial.protocol_handler_packages:
-    # Before pyserial's own: one of them is mended here.
+    # Before pyserial's own handlers: two of them are replaced here.
     serial.protocol_handler_packages.insert(0, _HANDLERS)

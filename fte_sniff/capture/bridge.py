@@ -1,160 +1,81 @@
-"""Bridge command's source and set-up.
+"""The bridge: forward bytes between a host program and a port, and capture both directions.
 
-opened -> exchange -> stopped: closed
-                   -> lost:    the pseudo-terminal is hung up; wait, and begin again
+feedback thread:  port read -> stamp -> host program -> queue
+control thread:   host read -> port write -> queue
+
+opened -> forward -> stopped: closed
+                  -> lost:    hang up the pseudo-terminal; wait for the port, then begin again
 """
 
 from __future__ import annotations
 
 import fcntl
+import heapq
 import termios
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Self
 
 import serial
 
-from fte_sniff.capture.bridge_io import HOST, Exchange, WireEvents
+from fte_sniff.capture.chunk_queue import CAPACITY, ChunkQueue
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import sharing_note
+from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.pty import HostEnd
-from fte_sniff.capture.reconnect import OpenedPort, Reopen, way_back
+from fte_sniff.capture.reconnect import OpenedPort, Reopen, reopener
 from fte_sniff.capture.serial_port import (
+    BAUD_RANGE,
     DEFAULT_SETTINGS,
     PortSettings,
-    ask_low_latency,
     device_of,
     max_latency_ns,
     open_port,
+    reader_of,
+    request_low_latency,
+    writer_of,
 )
 from fte_sniff.capture.source import Item, ThreadedSource
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol import PortEventKind
+from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
+
+HOST = "host"
+"""Name of the wire from the host program; the other wire has the port's name."""
+
+DRIVER_BUFFER_BYTES = 4096
+"""Approximate size of a driver's write buffer: no byte is stamped later than a full one drains."""
 
 
-class BridgeSource(ThreadedSource):
-    """The chunks and events of both directions, in order of their times; iterate once.
+@dataclass(frozen=True, slots=True)
+class Bridge:
+    """A port, and a pseudo-terminal that a host program opens instead of it."""
 
-    Nothing is passed on until it is entered as a context, or iterated: so whoever is to record it
-    can be ready before. It has to be closed then.
-
-    `opened` comes for the port at once, and for the host's wire whenever a host program comes. The
-    last item is the port's `lost` or `closed`; then the port is closed, and the pseudo-terminal is
-    hung up, as an adapter's device is that was unplugged.
-    """
-
-    def __init__(
-        self,
-        port: serial.Serial,
-        host: HostEnd,
-        wires: WireEvents,
-        *,
-        detail: str = "",
-        reopen: Reopen | None = None,
-    ) -> None:
-        """Take over an open port and a host's end; both are closed when the source ends.
-
-        Args:
-            port: as `open_port` gives it; no other program can open it from now on.
-            host: where host programs come.
-            wires: what is told of both.
-            detail: how the port was opened, for the event.
-            reopen: how to open the port again when it is lost; None to end then.
-        """
-        super().__init__(wires, wires.clock, reopen)
-        self.device = host.name
-        """What a host program is to open."""
-        self._port = port
-        self._host = host
-        self._wires = wires
-        self._low_latency = ask_low_latency(port)
-        self._lateness_ns = max_latency_ns(port)
-        _refuse_others(port, termios.TIOCEXCL)
-        self._exchange = Exchange(port, host, wires)
-        self._detail = detail
-        self._begun = False
-
-    def __enter__(self) -> Self:
-        """Begin to pass on, if that has not begun."""
-        if not self._begun:
-            self._begun = True
-            self._begin("port to host", self._detail)
-        return self
-
-    def __iter__(self) -> Iterator[Item]:
-        return super(BridgeSource, self.__enter__()).__iter__()
+    port: str
+    """A device, or a URL that pyserial opens."""
+    settings: PortSettings = DEFAULT_SETTINGS
+    """How it is opened; the host program can change the baud."""
+    link: Path | None = None
+    """A link to create to the pseudo-terminal; None for none."""
+    reconnect: bool = True
+    """True to wait for a lost port, if it can come back and there is a link."""
 
     @property
-    def uncertainty_ns(self) -> Mapping[str, int]:
-        """By wire: how much earlier than the times say bytes may have been on it."""
-        return {self._wires.port: self._lateness_ns, HOST: 0}
+    def names(self) -> tuple[str, ...]:
+        """The wire from the controller, and the wire from the host program."""
+        return (self.port, HOST)
 
-    @property
-    def granted(self) -> Mapping[str, str]:
-        """By port: what its driver granted when it was opened. Line errors are not asked for.
+    def open(self, clock: Clock) -> BridgeSource:
+        """Open the port; forwarding starts when the source is entered.
 
-        The marks that they need would be taken away whenever a host program sets its baud.
+        Raises:
+            PortError: the port cannot be opened.
+            FileError: `link` exists already, or cannot be created.
         """
-        return {self._wires.port: str(self._low_latency), HOST: "a pseudo-terminal"}
-
-    def stop(self) -> None:
-        """Ask for the end: what has arrived until now is still passed on and yielded.
-
-        Returns at once; may be called from any thread and from signal handlers, and repeatedly.
-        """
-        super().stop()
-        self._exchange.end()
-
-    def stop_at(self, t_ns: float) -> None:
-        """Ask for the end at a time of the clock, as `stop` would then; returns at once."""
-        self._wires.end_ns = t_ns
-
-    def _read_on(self) -> OSError | None:
-        error = self._exchange.run()
-        self._host.close()
-        return error
-
-    def _is_to_end(self) -> bool:
-        return self._stopping or self._wires.due
-
-    def _take_over(self, opened: OpenedPort, away_s: float) -> None:
-        self._port = opened.port
-        ask_low_latency(self._port)
-        _refuse_others(self._port, termios.TIOCEXCL)
-        self._host = self._host.again(self._port.baudrate)
-        named = (
-            ""
-            if opened.name == self._wires.port
-            else TranslatableText(" as {port}", port=opened.name)
-        )
-        self._tell(
-            PortEventKind.FOUND_AGAIN,
-            TranslatableText("after {seconds:.1f} s{named}", seconds=away_s, named=named),
-        )
-        self._wires.start_again(self._port.baudrate)
-        self._exchange = Exchange(self._port, self._host, self._wires)
-        if self._stopping:
-            self._exchange.end()
-
-    def _tell(self, kind: PortEventKind, detail: str) -> None:
-        self._wires.tell(self._wires.port, kind, detail)
-
-    def _tell_of_silence(self) -> None:
-        self._wires.read(self._wires.now_ns(), b"")
-        self._wires.written(b"")
-
-    def _close_port(self) -> None:
-        _refuse_others(self._port, termios.TIOCNXCL)
-        with suppress(OSError):  # a driver may complain of what is gone
-            self._port.close()
-
-
-def _refuse_others(port: serial.Serial, request: int) -> None:
-    """Let a host program that is told the wrong name be refused, rather than take bytes away."""
-    with suppress(OSError):  # no terminal, or closed already
-        fcntl.ioctl(port.fileno(), request)
+        return open_bridge(self.port, self.settings, clock, self.link, reconnect=self.reconnect)
 
 
 def open_bridge(
@@ -165,19 +86,19 @@ def open_bridge(
     *,
     reconnect: bool = False,
 ) -> BridgeSource:
-    """Open a port for the bridge alone, and a pseudo-terminal in front of it.
+    """Open a port exclusively, and create a pseudo-terminal for the host program.
 
     Args:
-        name: as `open_port` takes it.
+        name: as for `open_port`.
         settings: how to open it.
-        clock: what chunks and events are stamped with.
-        link: a link to make to the pseudo-terminal.
-        reconnect: wait for the port when it is lost, if it is one that can return and there is a
-            link: a pseudo-terminal's own name would be another one then.
+        clock: stamps chunks and events.
+        link: a link to create to the pseudo-terminal.
+        reconnect: True to wait for a lost port, if it can come back and there is a `link`: the
+            pseudo-terminal gets a new name each time.
 
     Raises:
-        PortError: as `open_port` does.
-        FileError: something is in the way of `link`, or it cannot be made.
+        PortError: the port cannot be opened.
+        FileError: `link` exists already, or cannot be created.
     """
     port = open_port(name, settings)
     try:
@@ -195,33 +116,373 @@ def open_bridge(
             settings=str(settings),
             shared=sharing_note(device_of(port)),
         ),
-        reopen=way_back(name, settings, port) if reconnect and link is not None else None,
+        reopen=reopener(name, settings, port) if reconnect and link is not None else None,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Bridge:
-    """A port, and a pseudo-terminal that a host program opens instead of it."""
+class BridgeSource(ThreadedSource):
+    """The chunks and events of both directions, ordered by time; iterate once.
 
-    port: str
-    """A device, or a URL that pyserial opens."""
-    settings: PortSettings = DEFAULT_SETTINGS
-    """How it is opened; the baud is the host program's to change."""
-    link: Path | None = None
-    """A link to make to the pseudo-terminal; None for none."""
-    reconnect: bool = True
-    """Whether a port that is lost is waited for, if it can return and there is a link."""
+    Forwarding starts when the source is entered as a context, or iterated, so that a recorder can
+    be ready first. Close it afterwards.
+
+    The port's event `opened` comes at once, that of the host's wire whenever a host program opens
+    the pseudo-terminal. The last item is the port's `lost` or `closed`. Then the port is closed and
+    the pseudo-terminal is hung up, like the device of an adapter that was unplugged.
+    """
+
+    def __init__(
+        self,
+        port: serial.Serial,
+        host: HostEnd,
+        wires: WireEvents,
+        *,
+        detail: str = "",
+        reopen: Reopen | None = None,
+    ) -> None:
+        """Take over an open port and a host's end; both are closed when the source ends.
+
+        Args:
+            port: from `open_port`; from now on no other program can open it.
+            host: the pseudo-terminal for host programs.
+            wires: receives the items of both wires.
+            detail: text of the port's event `opened`.
+            reopen: opens the port again when it is lost; None to end then.
+        """
+        super().__init__(port, wires.port, wires, wires.clock, reopen)
+        self.device = host.name
+        """What a host program opens."""
+        self._host = host
+        self._wires = wires
+        self._low_latency = request_low_latency(port)
+        self._latency_ns = max_latency_ns(port)
+        _set_exclusive(port, termios.TIOCEXCL)
+        self._forwarder = Forwarder(port, host, wires)
+        self._detail = detail
+        self._started = False
+
+    def __enter__(self) -> Self:
+        """Start to forward, unless that has started."""
+        if not self._started:
+            self._started = True
+            self._start("port to host", self._detail)
+        return self
+
+    def __iter__(self) -> Iterator[Item]:
+        return super(BridgeSource, self.__enter__()).__iter__()
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The wire from the controller, and that from the host program."""
-        return (self.port, HOST)
+    def uncertainty_ns(self) -> Mapping[str, int]:
+        """By wire: how much earlier than their time stamp bytes may have been on it."""
+        return {self.name: self._latency_ns, HOST: 0}
 
-    def open(self, clock: Clock) -> BridgeSource:
-        """Open the port; what is passed on waits until the source is entered.
+    @property
+    def capabilities(self) -> Mapping[str, str]:
+        """By wire: what its driver supports.
 
-        Raises:
-            PortError: it cannot be opened.
-            FileError: something is in the way of the link, or it cannot be made.
+        Line errors are not requested: a host program that sets its baud would switch off the marks.
         """
-        return open_bridge(self.port, self.settings, clock, self.link, reconnect=self.reconnect)
+        return {self.name: str(self._low_latency), HOST: "a pseudo-terminal"}
+
+    def stop(self) -> None:
+        """Request the end, as `Source.stop`; bytes that have arrived are still forwarded."""
+        super().stop()
+        self._forwarder.stop()
+
+    def stop_at(self, t_ns: float) -> None:
+        """Request the end at a time of the clock; returns at once."""
+        self._wires.stop_at_ns = t_ns
+
+    def _read_until_lost(self) -> OSError | None:
+        error = self._forwarder.run()
+        self._host.close()
+        return error
+
+    def _end_due(self) -> bool:
+        return self._stopping or self._wires.stop_due
+
+    def _resume(self, opened: OpenedPort, away_s: float) -> None:
+        self._port = opened.port
+        request_low_latency(self._port)
+        _set_exclusive(self._port, termios.TIOCEXCL)
+        self._host = self._host.reopen(self._port.baudrate)
+        self._put_found_again(opened, away_s)
+        self._wires.port_reopened(self._port.baudrate)
+        self._forwarder = Forwarder(self._port, self._host, self._wires)
+        if self._stopping:
+            self._forwarder.stop()
+
+    def _put_event(self, kind: PortEventKind, detail: str) -> None:
+        self._wires.put_event(self.name, kind, detail)
+
+    def _put_silence(self) -> None:
+        self._wires.put_feedback(self._clock.now_ns(), b"")
+        self._wires.put_control(b"")
+
+    def _close_port(self) -> None:
+        _set_exclusive(self._port, termios.TIOCNXCL)
+        super()._close_port()
+
+
+def _set_exclusive(port: serial.Serial, request: int) -> None:
+    """Refuse or allow other programs: one that opens the port by mistake would steal bytes."""
+    with suppress(OSError):  # no terminal, or closed already
+        fcntl.ioctl(port.fileno(), request)
+
+
+class WireTimes:
+    """When bytes that are written to a line leave it, one after the other at its baud."""
+
+    free_ns = 0
+    """When the last of them leaves."""
+
+    def __init__(self, baud: int) -> None:
+        self.set_baud(baud)
+
+    def set_baud(self, baud: int) -> None:
+        """Use this speed from now on, bits per second."""
+        self._byte_ns = byte_time_ns(baud)
+
+    def write(self, count: int, now_ns: int) -> int:
+        """Add `count` bytes that are written now; return when the last one has left the line."""
+        duration_ns = count * self._byte_ns
+        latest_ns = now_ns + max(duration_ns, DRIVER_BUFFER_BYTES * self._byte_ns)
+        self.free_ns = min(max(self.free_ns, now_ns) + duration_ns, latest_ns)
+        return self.free_ns
+
+
+class WireEvents:
+    """The items of both wires, merged by time; put from two threads, iterated by one.
+
+    The chunks of the host's wire hold what was written to the port. Their time stamp is when their
+    last byte leaves the line, so that row times are computed like those of received bytes.
+    """
+
+    def __init__(self, port: str, baud: int, clock: Clock, capacity: int = CAPACITY) -> None:
+        """Create empty queues.
+
+        Args:
+            port: name of the port's wire.
+            baud: of both wires, bits per second.
+            clock: stamps chunks and events.
+            capacity: limit of the bytes of each wire that wait for the consumer.
+        """
+        self.port = port
+        self.clock = clock
+        self.stop_at_ns = inf
+        """When to end, by the clock."""
+        self._baud = baud
+        self._times = WireTimes(baud)
+        self._queues = {wire: ChunkQueue(wire, capacity) for wire in (port, HOST)}
+
+    def __iter__(self) -> Iterator[Item]:
+        return heapq.merge(*self._queues.values(), key=lambda item: item.t_ns or 0)
+
+    @property
+    def stop_due(self) -> bool:
+        """True once the time to end has come."""
+        return self.clock.now_ns() >= self.stop_at_ns
+
+    @property
+    def waiting(self) -> int:
+        """Number of bytes of both wires that wait for the consumer."""
+        return sum(queue.waiting for queue in self._queues.values())
+
+    def drop(self) -> None:
+        """Replace the waiting bytes of each wire by one overrun that counts them."""
+        for queue in self._queues.values():
+            queue.drop()
+
+    def close(self) -> None:
+        """End the iteration after the items that wait now."""
+        for queue in self._queues.values():
+            queue.close()
+
+    def put_feedback(self, t_ns: int, data: bytes) -> None:
+        """Append bytes that were read from the port at `t_ns`; empty for silence."""
+        self._queues[self.port].put(Chunk(self.port, t_ns, data))
+
+    def put_control(self, data: bytes) -> None:
+        """Append bytes of the host program that were just written; empty for silence."""
+        t_ns = self._times.write(len(data), self.clock.now_ns())
+        self._queues[HOST].put(Chunk(HOST, t_ns, data))
+
+    def put_event(self, wire: str, kind: PortEventKind, detail: str, count: int = 0) -> None:
+        """Append an event of a wire, stamped with the time now."""
+        t_ns = self.clock.now_ns()
+        if wire == HOST:
+            t_ns = max(t_ns, self._times.free_ns)
+        self._queues[wire].put_event(PortEvent(t_ns, wire, kind, detail, count))
+
+    def baud_requested(self, baud: int) -> None:
+        """The host program set the speed of both wires, bits per second."""
+        self._set_baud(baud)
+        kind = PortEventKind.BAUD_CHANGED
+        requested = TranslatableText("the host program asks for {baud} baud", baud=baud)
+        self.put_event(HOST, kind, requested, baud)
+        changed = TranslatableText("it has {baud} baud now", baud=baud)
+        self.put_event(self.port, kind, changed, baud)
+
+    def port_reopened(self, baud: int) -> None:
+        """The port was opened again, with this speed."""
+        if baud != self._baud:
+            self._set_baud(baud)
+            detail = TranslatableText("it begins again with {baud} baud", baud=baud)
+            for wire in self._queues:
+                self.put_event(wire, PortEventKind.BAUD_CHANGED, detail, baud)
+
+    def _set_baud(self, baud: int) -> None:
+        self._baud = baud
+        self._times.set_baud(baud)
+
+
+class Forwarder:
+    """Forwards bytes both ways, from an open port to its loss or to the end."""
+
+    def __init__(self, port: serial.Serial, host: HostEnd, wires: WireEvents) -> None:
+        """Prepare; forwarding starts with `run`."""
+        self._port = port
+        self._host = host
+        self._wires = wires
+        self._read = reader_of(port)
+        self._write = writer_of(port)
+        self._baud = port.baudrate
+        self._modem_lines = port.dtr, port.rts
+        self._stopping = False
+        self._lost: OSError | None = None
+        self._not_delivered = 0
+        self._not_written = 0
+
+    def stop(self) -> None:
+        """Make `run` return after forwarding what has arrived; safe from any thread."""
+        self._stopping = True
+
+    def run(self) -> OSError | None:
+        """Forward until the end is due (returns None) or the port is lost (returns the error).
+
+        This thread carries feedback, a second one control.
+        """
+        control = threading.Thread(target=self._carry_control, name="host to port", daemon=True)
+        control.start()
+        try:
+            self._carry_feedback()
+        except OSError as error:
+            self._lost = self._lost or error
+        self._stopping = True
+        control.join()
+        self._report_not_delivered()
+        if self._not_written:
+            detail = TranslatableText(
+                "{count} bytes of the host program: the port did not take them",
+                count=self._not_written,
+            )
+            self._wires.put_event(HOST, PortEventKind.NOT_PASSED_ON, detail, self._not_written)
+        if self._host.in_use:
+            detail = TranslatableText("the bridge hangs up")
+            self._wires.put_event(HOST, PortEventKind.CLOSED, detail)
+        return self._lost
+
+    # From the port to the host program
+
+    def _carry_feedback(self) -> None:
+        while True:
+            # Checked before the read, so that bytes that arrived before the end are still read.
+            last = self._stopping or self._wires.stop_due
+            data = self._read()
+            t_ns = self._wires.clock.now_ns()
+            dropped = self._host.write(data)
+            self._wires.put_feedback(t_ns, data)
+            if dropped:
+                self._count_not_delivered(dropped)
+            elif not self._host.buffered:
+                self._report_not_delivered()
+            if last:
+                return
+
+    def _count_not_delivered(self, count: int) -> None:
+        if not self._not_delivered:
+            detail = TranslatableText(
+                "the host program does not read: what comes for it is dropped, but kept here"
+            )
+            self._wires.put_event(HOST, PortEventKind.NOT_PASSED_ON, detail)
+        self._not_delivered += count
+
+    def _report_not_delivered(self) -> None:
+        if self._not_delivered:
+            detail = TranslatableText(
+                "{count} bytes were kept here, but not given to the host program",
+                count=self._not_delivered,
+            )
+            self._wires.put_event(HOST, PortEventKind.NOT_PASSED_ON, detail, self._not_delivered)
+            self._not_delivered = 0
+
+    # From the host program to the port
+
+    def _carry_control(self) -> None:
+        try:
+            while True:
+                last = self._stopping
+                was_in_use = self._host.in_use
+                data = self._host.read()
+                if self._host.in_use != was_in_use:
+                    self._report_host(opened=not was_in_use)
+                if self._host.in_use:
+                    self._follow_baud()
+                self._write_all(data)
+                if last:
+                    return
+        except (OSError, termios.error) as error:
+            self._lost = self._lost or OSError(*error.args)
+            self._stopping = True
+
+    def _write_all(self, data: bytes) -> None:
+        if not data:
+            self._wires.put_control(b"")
+        while data:
+            count = self._write(data)
+            self._wires.put_control(data[:count])
+            data = data[count:]
+            if self._stopping and not count:
+                self._not_written += len(data)
+                return
+
+    def _report_host(self, *, opened: bool) -> None:
+        name = self._host.name
+        if opened:
+            kind = PortEventKind.OPENED
+            detail = TranslatableText("a host program opened {name}", name=name)
+        else:
+            kind = PortEventKind.CLOSED
+            detail = TranslatableText("a host program closed {name}", name=name)
+        self._wires.put_event(HOST, kind, detail)
+
+    def _follow_baud(self) -> None:
+        baud = self._host.baud()
+        if baud == self._baud:
+            return
+        before, self._baud = self._baud, baud
+        if not baud:
+            self._set_modem_lines(False, False)
+            detail = TranslatableText("the host program hung up (0 baud): DTR and RTS are off")
+            self._wires.put_event(HOST, PortEventKind.BAUD_CHANGED, detail)
+            return
+        if not before:
+            self._set_modem_lines(*self._modem_lines)
+        try:
+            if not BAUD_RANGE[0] <= baud <= BAUD_RANGE[1]:
+                raise ValueError(f"it is out of range, {BAUD_RANGE[0]}..{BAUD_RANGE[1]}")
+            self._port.baudrate = baud
+        except (ValueError, OSError, termios.error) as error:
+            detail = TranslatableText(
+                "{baud} baud is refused by the port: {error}", baud=baud, error=one_line(error)
+            )
+            self._wires.put_event(HOST, PortEventKind.NOT_PASSED_ON, detail)
+            return
+        self._wires.baud_requested(baud)
+
+    def _set_modem_lines(self, dtr: bool, rts: bool) -> None:
+        # A port without these lines raises; so does a lost one, which the next read detects.
+        with suppress(OSError):
+            self._port.dtr = dtr
+        with suppress(OSError):
+            self._port.rts = rts

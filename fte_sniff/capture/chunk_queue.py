@@ -1,4 +1,7 @@
-"""Bounded queue of chunks between reader thread and consumer."""
+"""Bounded queue of chunks between the reader thread and its consumer.
+
+When the consumer is too slow, chunks are dropped, and one `overrun` event counts their bytes.
+"""
 
 from __future__ import annotations
 
@@ -11,80 +14,90 @@ from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
 CAPACITY = 32 * 2**20
-"""Bytes that may wait for the consumer, its bookkeeping included, before reads are dropped."""
+"""Default limit of the bytes that wait, bookkeeping included."""
 
 _ITEM_COST = 256
-"""What one waiting item takes besides its bytes, roughly."""
+"""Approximate memory of one waiting item besides its bytes."""
 
 
 class ChunkQueue:
-    """What waits for the consumer: put from any thread, iterated by one."""
+    """Queue of chunks and events: put from any thread, iterated by one."""
 
     def __init__(self, port: str, capacity: int = CAPACITY) -> None:
-        """Nothing waits yet.
+        """Create an empty queue.
 
         Args:
-            port: whose items wait here.
-            capacity: how many bytes may wait.
+            port: the port's name, for overrun events.
+            capacity: limit of the bytes that wait.
         """
         self._port = port
         self._capacity = capacity
         self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._put_cost = self._put_bytes = 0
-        # Written by the consumer alone: what was put less what was taken is what waits.
+        # Only the consumer writes these, so reading needs no lock.
         self._taken_cost = self._taken_bytes = 0
         self._dropped = self._dropped_at_ns = 0
         self._full = self._unwanted = False
 
     @property
     def waiting(self) -> int:
-        """How many bytes wait for the consumer."""
+        """Number of bytes that wait for the consumer."""
         return self._put_bytes - self._taken_bytes
 
     def __iter__(self) -> Iterator[Item]:
-        while (item := self._take()) is not None:
+        while (item := self._next()) is not None:
             if self._unwanted:
                 yield from self._without_bytes(item)
                 break
             yield item
-        # The end stays the end for whoever iterates again.
+        # A later iteration also ends at once.
         self._queue.put(None)
 
     def put(self, chunk: Chunk) -> None:
-        """Hand on a chunk; an empty one only where nothing waits, as it would tell nothing."""
+        """Append a chunk. An empty one is ignored while others wait: it adds no information."""
         with self._lock:
             waiting = self._put_cost - self._taken_cost
             if waiting and not (chunk.data or chunk.line_errors):
                 return
-            # Once it was full, half is to be free again: each seam cuts frames, so few are made.
-            room = self._capacity // 2 if self._full else self._capacity
-            self._full = waiting + _cost(chunk) > room
+            # Hysteresis: once full, wait until half is free. Each overrun cuts frames apart.
+            limit = self._capacity // 2 if self._full else self._capacity
+            self._full = waiting + _cost(chunk) > limit
             if self._full:
                 self._dropped_at_ns = self._dropped_at_ns or chunk.t_ns or 0
                 self._dropped += len(chunk.data)
                 return
-            self._tell_of_overrun()
-            self._put(chunk)
+            self._append(chunk)
 
-    def tell(self, event: PortEvent) -> None:
-        """Hand on an event; there is always room for it."""
+    def put_event(self, event: PortEvent) -> None:
+        """Append an event; events are never dropped."""
         with self._lock:
-            self._tell_of_overrun()
-            self._put(event)
+            self._append(event)
 
     def drop(self) -> None:
-        """Have the consumer get no more bytes, but be told how many it is spared; returns at once.
+        """Replace the bytes that wait by one overrun that counts them; returns at once.
 
-        For the end alone: to be called from any thread, once nothing is put any more.
+        Call it only after the last `put`, from any thread.
         """
         self._unwanted = True
 
-    def end(self) -> None:
-        """Nothing comes after what waits now."""
+    def close(self) -> None:
+        """End the iteration after the items that wait now."""
         self._queue.put(None)
 
-    def _take(self) -> Item | None:
+    def _append(self, item: Item) -> None:
+        if self._dropped:
+            reason = TranslatableText("they came faster than they were taken")
+            self._put(self._overrun(self._dropped_at_ns, self._dropped, reason))
+            self._dropped = self._dropped_at_ns = 0
+        self._put(item)
+
+    def _put(self, item: Item) -> None:
+        self._put_cost += _cost(item)
+        self._put_bytes += _length(item)
+        self._queue.put(item)
+
+    def _next(self) -> Item | None:
         item = self._queue.get()
         if item is not None:
             self._taken_cost += _cost(item)
@@ -92,7 +105,7 @@ class ChunkQueue:
         return item
 
     def _without_bytes(self, item: Item | None) -> Iterator[Item]:
-        """This item and those behind it, with one overrun where their bytes were."""
+        """This item and all later ones, with one overrun instead of their bytes."""
         events: list[PortEvent] = []
         left = lost = first_ns = 0
         while item is not None:
@@ -104,30 +117,19 @@ class ChunkQueue:
                     events, first_ns = [], item.t_ns or 0
                 left += _length(item)
                 lost += item.count if isinstance(item, PortEvent) else 0
-            item = self._take()
+            item = self._next()
         if left or lost:
-            why = TranslatableText(
+            reason = TranslatableText(
                 "{left} waited to be written at the end, {lost} came too fast before",
                 left=left,
                 lost=lost,
             )
-            yield self._overrun(first_ns, left + lost, why)
+            yield self._overrun(first_ns, left + lost, reason)
         yield from events
 
-    def _tell_of_overrun(self) -> None:
-        if self._dropped:
-            why = TranslatableText("they came faster than they were taken")
-            self._put(self._overrun(self._dropped_at_ns, self._dropped, why))
-            self._dropped = self._dropped_at_ns = 0
-
-    def _overrun(self, t_ns: int, count: int, why: str) -> PortEvent:
-        detail = TranslatableText("{count} bytes were not kept: {why}", count=count, why=why)
+    def _overrun(self, t_ns: int, count: int, reason: str) -> PortEvent:
+        detail = TranslatableText("{count} bytes were not kept: {why}", count=count, why=reason)
         return PortEvent(t_ns, self._port, PortEventKind.OVERRUN, detail, count)
-
-    def _put(self, item: Item) -> None:
-        self._put_cost += _cost(item)
-        self._put_bytes += _length(item)
-        self._queue.put(item)
 
 
 def _length(item: Item) -> int:

@@ -1,24 +1,31 @@
-"""List serial ports and USB identities; who holds a port.
+"""Serial ports of this machine: which there are, which programs hold them, adapters without driver.
 
-It must not open one: looking never disturbs a line.
+No port is opened.
 """
 
 from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
 
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
 from fte_sniff.errors import TranslatableText, printable
 
-_PROC = Path("/proc")
+_BY_ID = Path("/dev/serial/by-id")
+_SYS_TTY = Path("/sys/class/tty")
+_SERIAL_BASE = "serial-base"
+"""A bus of Linux between a port and its device; its drivers are not the device's."""
+_NO_DESCRIPTION = "n/a"
+"""pyserial's description of a device without one."""
+_SYS_CHAR = Path("/sys/dev/char")
+_PTY_MAJORS = range(136, 144)
+"""Device numbers of pseudo-terminals, which are not in /sys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,94 +34,20 @@ class Holder:
 
     pid: int
     name: str
-    """What the program calls itself, made printable."""
+    """The program's name, printable."""
 
     def __str__(self) -> str:
         return f"{self.name} (pid {self.pid})"
 
 
-def holders_of(device: str) -> list[Holder]:
-    """The other programs that have `device` open; empty where there are none or none can be seen.
-
-    This process itself is not among them.
-    """
-    try:
-        wanted = Path(device).stat()
-    except (OSError, ValueError):
-        return []
-    return [
-        Holder(pid, _name_of(pid))
-        for pid in _others()
-        if any((s.st_dev, s.st_ino) == (wanted.st_dev, wanted.st_ino) for s in _open_files(pid))
-    ]
-
-
-def have_open(holders: list[Holder]) -> str:
-    """`socat (pid 7) has it open`, for one or several; for none, that nobody can be named."""
-    if not holders:
-        return TranslatableText("this or another program has it open")
-    names = " and ".join(map(str, holders))
-    if len(holders) > 1:
-        return TranslatableText("{programs} have it open", programs=names)
-    return TranslatableText("{program} has it open", program=names)
-
-
-def sharing_note(device: str | None) -> str:
-    """What to add where a port is told to be open: who else has it; empty where nobody has."""
-    holders = holders_of(device) if device else []
-    if not holders:
-        return ""
-    names = " and ".join(map(str, holders))
-    if len(holders) > 1:
-        return TranslatableText(
-            "; {programs} have it open too, and may take bytes away", programs=names
-        )
-    return TranslatableText("; {program} has it open too, and may take bytes away", program=names)
-
-
-def _others() -> list[int]:
-    if not _PROC.is_dir():
-        return []
-    pids = sorted(int(entry.name) for entry in _PROC.iterdir() if entry.name.isdecimal())
-    return [pid for pid in pids if pid != os.getpid()]
-
-
-def _open_files(pid: int) -> Iterator[os.stat_result]:
-    try:
-        with os.scandir(_PROC / str(pid) / "fd") as entries:
-            for entry in entries:
-                yield entry.stat()
-    except OSError:
-        # It belongs to another user, or has ended meanwhile: nothing can be said about it.
-        return
-
-
-def _name_of(pid: int) -> str:
-    try:
-        return printable((_PROC / str(pid) / "comm").read_text(errors="replace").strip())
-    except OSError:
-        return "a program"
-
-
-_BY_ID = Path("/dev/serial/by-id")
-_SYS_TTY = Path("/sys/class/tty")
-_SERIAL_BASE = "serial-base"
-"""The bus of Linux between a port and its device; its drivers say nothing about either."""
-_NOTHING_SAID = "n/a"
-"""What pyserial puts where a device says nothing."""
-_SYS_CHAR = Path("/sys/dev/char")
-_PTY_MAJORS = range(136, 144)
-"""Device numbers of pseudo-terminals, which the system tells nothing else of."""
-
-
 @dataclass(frozen=True, slots=True)
 class PortListing:
-    """One port as the system knows it; texts from the device are made printable."""
+    """One port as the system describes it; texts from the device are printable."""
 
     device: str
     """The device file."""
     by_id: str | None
-    """A name that stays the same wherever the adapter is plugged in; None where there is none."""
+    """A name that does not depend on the USB socket; None if there is none."""
     vid: int | None
     """USB vendor id."""
     pid: int | None
@@ -122,41 +55,62 @@ class PortListing:
     serial_number: str | None
     """USB serial number."""
     location: str | None
-    """Where it is plugged in, as `1-1.2`."""
+    """USB socket, as `1-1.2`."""
     description: str | None
-    """What the device says it is; None where it says nothing."""
+    """The device's own description."""
     driver: str | None
     """The kernel's driver, as `ftdi_sio`."""
     permitted: bool
-    """Whether the present user may open it."""
+    """True if the present user may open it."""
     holders: tuple[Holder, ...]
-    """Who has it open, as far as can be seen."""
+    """The programs that have it open, as far as visible."""
 
     @property
     def state(self) -> str:
-        """Whether it can be opened: `free`, `busy`, or `forbidden`."""
+        """`free`, `busy`, or `forbidden`."""
         if not self.permitted:
             return "forbidden"
         return "busy" if self.holders else "free"
 
     @property
     def usb_ids(self) -> str | None:
-        """Vendor and product id as people write them, `0403:6001`; None where it is no USB port."""
+        """Vendor and product id as `0403:6001`; None for other ports than USB."""
         return None if self.vid is None else f"{self.vid:04x}:{self.pid or 0:04x}"
 
 
 def list_ports() -> list[PortListing]:
-    """The ports that are plugged in, in the order of their names."""
+    """The ports that are plugged in, sorted by name."""
     return listings(sorted(comports()))
 
 
 def listing_of(name: str) -> PortListing | None:
-    """What there is to say of one port by any of its names; None where it is no terminal device."""
+    """One port by any of its names; None if it is no terminal device."""
     if not _is_terminal(name):
         return None
     device = os.path.realpath(name)
     found = [port for port in comports() if os.path.realpath(port.device) == device]
     return listings(found or [ListPortInfo(device)])[0]
+
+
+def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortListing]:
+    """The listings of ports that pyserial found; `by_id` is the folder of their stable names."""
+    links = _links_in(by_id)
+    return [_listing(port, links.get(os.path.realpath(port.device))) for port in found]
+
+
+def _listing(port: ListPortInfo, by_id: str | None) -> PortListing:
+    return PortListing(
+        device=port.device,
+        by_id=by_id,
+        vid=port.vid,
+        pid=port.pid,
+        serial_number=_shown(port.serial_number),
+        location=_shown(port.location),
+        description=None if port.description == _NO_DESCRIPTION else _shown(port.description),
+        driver=_driver_of(port.device),
+        permitted=os.access(port.device, os.R_OK | os.W_OK),
+        holders=tuple(holders_of(port.device)),
+    )
 
 
 def _is_terminal(name: str) -> bool:
@@ -171,137 +125,88 @@ def _is_terminal(name: str) -> bool:
     return major in _PTY_MAJORS or subsystem.resolve().name == "tty"
 
 
-def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortListing]:
-    """What there is to say about ports that were found; links to them are looked for in `by_id`."""
-    links = _links_in(by_id)
-    return [_listing(port, links.get(os.path.realpath(port.device))) for port in found]
-
-
-def _listing(port: ListPortInfo, by_id: str | None) -> PortListing:
-    return PortListing(
-        device=port.device,
-        by_id=by_id,
-        vid=port.vid,
-        pid=port.pid,
-        serial_number=_shown(port.serial_number),
-        location=_shown(port.location),
-        description=None if port.description == _NOTHING_SAID else _shown(port.description),
-        driver=_driver_of(port.device),
-        permitted=os.access(port.device, os.R_OK | os.W_OK),
-        holders=tuple(holders_of(port.device)),
-    )
-
-
 def _shown(text: str | None) -> str | None:
     return None if text is None else printable(text)
 
 
 def _links_in(folder: Path) -> dict[str, str]:
-    """From the device file to its link in `folder`."""
+    """The link in `folder` of each device file."""
     if not folder.is_dir():
         return {}
     return {os.path.realpath(link): str(link) for link in sorted(folder.iterdir(), reverse=True)}
 
 
 def _driver_of(device: str) -> str | None:
-    place = (_SYS_TTY / Path(device).name / "device").resolve()
-    while (driver := place / "driver").exists():
+    folder = (_SYS_TTY / Path(device).name / "device").resolve()
+    while (driver := folder / "driver").exists():
         found = driver.resolve()
         if found.parent.parent.name != _SERIAL_BASE:
             return found.name
-        place = place.parent
+        folder = folder.parent
     return None
 
 
-_PTY_FOLDER = "/dev/pts/"
-_SERVERS = ("socket", "rfc2217")
+_PROC = Path("/proc")
 
 
-class Identity(Protocol):
-    """Tells a port that has come back from any other."""
-
-    def find(self, plugged_in: Iterable[ListPortInfo]) -> str | None:
-        """What to open now, given the ports that are plugged in; None while it is away."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class SameName:
-    """A name that always leads to the same port: a server, a link that udev keeps, a fixed UART."""
-
-    name: str
-
-    def find(self, plugged_in: Iterable[ListPortInfo]) -> str | None:
-        """The name; for a device, None while nothing is there."""
-        if "://" in self.name or Path(self.name).exists():
-            return self.name
-        return None
+def holders_of(device: str) -> list[Holder]:
+    """The other programs that have `device` open; only programs that this user may inspect."""
+    try:
+        wanted = Path(device).stat()
+    except (OSError, ValueError):
+        return []
+    return [
+        Holder(pid, _name_of(pid))
+        for pid in _other_processes()
+        if any(os.path.samestat(wanted, opened) for opened in _open_files(pid))
+    ]
 
 
-@dataclass(frozen=True, slots=True)
-class UsbIdentity:
-    """An adapter known by its serial number, or where that tells nothing, by its place."""
-
-    vid: int
-    pid: int
-    serial_number: str | None
-    """None where it has none, or shares it with another adapter that is plugged in."""
-    place: str
-    """The socket and the hubs that it is behind, as `1-1.2`."""
-    interface: str
-    """Which port of an adapter that has several, as `1.0`; empty where it has one."""
-
-    def find(self, plugged_in: Iterable[ListPortInfo]) -> str | None:
-        """The adapter's device now; None while it is away."""
-        return next((port.device for port in plugged_in if self._is(port)), None)
-
-    def _is(self, port: ListPortInfo) -> bool:
-        place, interface = _location_of(port)
-        if (port.vid, port.pid, interface) != (self.vid, self.pid, self.interface):
-            return False
-        if self.serial_number is not None:
-            return bool(port.serial_number == self.serial_number)
-        return place == self.place
+def holders_text(holders: list[Holder]) -> str:
+    """`socat (pid 7) has it open`, for one program, several, or none that is visible."""
+    if not holders:
+        return TranslatableText("this or another program has it open")
+    names = " and ".join(map(str, holders))
+    if len(holders) > 1:
+        return TranslatableText("{programs} have it open", programs=names)
+    return TranslatableText("{program} has it open", program=names)
 
 
-def identity_of(
-    name: str, device: str | None, plugged_in: Sequence[ListPortInfo]
-) -> Identity | None:
-    """What a port that is open is to be known by; None where it cannot come back.
-
-    Args:
-        name: as it was asked for.
-        device: the device file behind it, None where there is none.
-        plugged_in: the ports that there are now.
-    """
-    if device is None:
-        return SameName(name) if name.partition("://")[0].lower() in _SERVERS else None
-    if "://" not in name and Path(name).is_symlink():
-        return SameName(name)
-    real = os.path.realpath(device)
-    if real.startswith(_PTY_FOLDER):
-        return None
-    for port in plugged_in:
-        if os.path.realpath(port.device) == real and port.vid is not None:
-            return _usb_identity(port, plugged_in)
-    return SameName(device)
+def sharing_note(device: str | None) -> str:
+    """A note for the event `opened`: which other programs have the device open; or empty."""
+    holders = holders_of(device) if device else []
+    if not holders:
+        return ""
+    return TranslatableText(
+        "; {holders} too, and may take bytes away", holders=holders_text(holders)
+    )
 
 
-def _usb_identity(port: ListPortInfo, plugged_in: Sequence[ListPortInfo]) -> UsbIdentity:
-    place, interface = _location_of(port)
-    found = UsbIdentity(port.vid, port.pid, port.serial_number, place, interface)
-    if port.serial_number is None or sum(found._is(other) for other in plugged_in) > 1:
-        return UsbIdentity(port.vid, port.pid, None, place, interface)
-    return found
+def _other_processes() -> list[int]:
+    if not _PROC.is_dir():
+        return []
+    pids = sorted(int(entry.name) for entry in _PROC.iterdir() if entry.name.isdecimal())
+    return [pid for pid in pids if pid != os.getpid()]
 
 
-def _location_of(port: ListPortInfo) -> tuple[str, str]:
-    place, _, interface = (port.location or "").partition(":")
-    return place, interface
+def _open_files(pid: int) -> Iterator[os.stat_result]:
+    try:
+        with os.scandir(_PROC / str(pid) / "fd") as entries:
+            for entry in entries:
+                yield entry.stat()
+    except OSError:
+        # The process belongs to another user, or has ended.
+        return
 
 
-USB_DEVICES = Path("/sys/bus/usb/devices")
-"""Where the system tells of all that is plugged in."""
+def _name_of(pid: int) -> str:
+    try:
+        return printable((_PROC / str(pid) / "comm").read_text(errors="replace").strip())
+    except OSError:
+        return "a program"
+
+
+_USB_DEVICES = Path("/sys/bus/usb/devices")
 
 DRIVER_OF_CHIP: Mapping[tuple[str, str], str] = MappingProxyType(
     {
@@ -320,25 +225,25 @@ DRIVER_OF_CHIP: Mapping[tuple[str, str], str] = MappingProxyType(
         ("1a86", "55d4"): "cdc_acm",
     }
 )
-"""The kernel's driver for the chips that most adapters have, by USB vendor and product id."""
+"""The kernel's driver of the common adapter chips, by USB vendor and product id."""
 
 
 @dataclass(frozen=True, slots=True)
 class StrayAdapter:
-    """An adapter that is plugged in, and has no device file."""
+    """An adapter that is plugged in, but has no device file."""
 
     usb_ids: str
     """As `1a86:7523`."""
     product: str
-    """What it calls itself, made printable; may be empty."""
+    """Its own name, printable; may be empty."""
     wanted: str
-    """The driver that would make it a port."""
+    """The driver that makes it a port."""
     driver: str | None
-    """What has it instead: `usbfs` is a program; None where nothing has it."""
+    """The driver that it has; `usbfs` is a program; None for none."""
 
 
-def stray_adapters(devices: Path = USB_DEVICES) -> list[StrayAdapter]:
-    """The adapters that have become no port."""
+def stray_adapters(devices: Path = _USB_DEVICES) -> list[StrayAdapter]:
+    """The adapters that are plugged in, but have no device file."""
     if not devices.is_dir():
         return []
     found = (_stray(device) for device in sorted(devices.iterdir()))
@@ -346,24 +251,20 @@ def stray_adapters(devices: Path = USB_DEVICES) -> list[StrayAdapter]:
 
 
 def _stray(device: Path) -> StrayAdapter | None:
-    vid, pid = _word(device / "idVendor"), _word(device / "idProduct")
+    vid, pid = _text(device / "idVendor"), _text(device / "idProduct")
     wanted = DRIVER_OF_CHIP.get((vid, pid))
     if wanted is None:
         return None
-    # An interface's folder is named after its device: 1-2 has 1-2:1.0.
+    # The folder of an interface is named after its device: 1-2 has 1-2:1.0.
     interfaces = sorted(device.glob(f"{device.name}:*"))
-    if any(_has_port(interface) for interface in interfaces):
+    if any(any(interface.glob("tty*")) for interface in interfaces):
         return None
     drivers = [i / "driver" for i in interfaces if (i / "driver").exists()]
     driver = drivers[0].resolve().name if drivers else None
-    return StrayAdapter(f"{vid}:{pid}", printable(_word(device / "product")), wanted, driver)
+    return StrayAdapter(f"{vid}:{pid}", printable(_text(device / "product")), wanted, driver)
 
 
-def _has_port(interface: Path) -> bool:
-    return any(interface.glob("tty*"))
-
-
-def _word(file: Path) -> str:
+def _text(file: Path) -> str:
     try:
         return file.read_text(errors="replace").strip()
     except OSError:

@@ -1,7 +1,4 @@
-"""Why a port did not open, in one sentence with the way out.
-
-It must not open anything; it looks at the error, the name and the device file.
-"""
+"""Errors of opening a port: one sentence with the cause and the fix."""
 
 from __future__ import annotations
 
@@ -20,20 +17,189 @@ from urllib.parse import urlsplit
 
 import serial
 
-from fte_sniff.capture.discovery import have_open, holders_of
+from fte_sniff.capture.discovery import holders_of, holders_text
 from fte_sniff.errors import PortError, TranslatableText, printable, reason_of
 
-_GROUP_MAY = stat.S_IRGRP | stat.S_IWGRP
+NETWORK_SCHEMES = ("socket", "rfc2217")
+"""URL schemes of ports behind a server."""
+
+_OWN_TERMINAL = "/dev/tty"
+_LOGGING = re.compile(r"[?&]logging=", re.IGNORECASE)
+_NO_RFC2217 = "does not seem to support RFC2217"
+_MODULE_NEEDED = {"cp2110": "hid"}
+_HANDLER_PREFIX = "protocol_"
 
 
-def way_in(device: str) -> str:
-    """One line that tells how the present user can be let in, from the device's owner and mode."""
+def check_name(name: str) -> None:
+    """Raise PortError if a name cannot be a port's; opens nothing."""
+    scheme, mark, _ = name.partition("://")
+    if not name.strip():
+        raise PortError("a port has an empty name; {there}", there=_existing_ports(""))
+    if mark:
+        _check_url(name, scheme.lower())
+    elif "\0" not in name and os.path.realpath(name) == _OWN_TERMINAL:
+        raise PortError(
+            "{port} is the terminal that this runs in, no port; {there}",
+            port=printable(name),
+            there=_existing_ports(""),
+        )
+
+
+def _check_url(url: str, scheme: str) -> None:
+    port, known = printable(url), known_schemes()
+    if scheme not in known:
+        listed = ", ".join(f"{scheme}://" for scheme in known)
+        raise PortError(
+            "{port}: no such kind of port; known are {listed}", port=port, listed=listed
+        )
+    if scheme in NETWORK_SCHEMES and not _has_host_and_port(url):
+        example = f"{scheme}://192.168.0.7:4001"
+        raise PortError(
+            "{port} names no host and TCP port: write it like {example}", port=port, example=example
+        )
+    if scheme == "spy" and "file=" not in url:
+        raise PortError(
+            "{port} would write over what is shown here: give it a file to "
+            "write to, as spy:///dev/ttyUSB0?file=spy.txt",
+            port=port,
+        )
+    if _LOGGING.search(url):
+        raise PortError("{port} would write over what is shown here: leave logging out", port=port)
+
+
+def known_schemes() -> list[str]:
+    """The URL schemes that can be opened here, sorted: `loop`, `sim`, `socket`..."""
+    found = {
+        module.name.removeprefix(_HANDLER_PREFIX)
+        for package in serial.protocol_handler_packages
+        for module in pkgutil.iter_modules(import_module(package).__path__)
+        if module.name.startswith(_HANDLER_PREFIX)
+    }
+    return sorted(
+        scheme
+        for scheme in found
+        if scheme not in _MODULE_NEEDED or find_spec(_MODULE_NEEDED[scheme])
+    )
+
+
+def _has_host_and_port(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return bool(parts.hostname and parts.port)
+    except ValueError:
+        return False
+
+
+def port_error(name: str, device: str | None, error: BaseException) -> PortError:
+    """The PortError for an error on opening.
+
+    Args:
+        name: as the user gave it.
+        device: the device file, None for URLs.
+        error: what pyserial or the system raised.
+    """
+    if isinstance(error.__cause__, PortError):
+        return error.__cause__
+    named, number = printable(name), _errno_of(error)
+    reason: str | None = None
+    if _NO_RFC2217 in str(error):
+        # pyserial's own text ends with a dump of the telnet options.
+        reason = TranslatableText(
+            "what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}",
+            bare=printable(f"socket://{urlsplit(name).netloc}"),
+        )
+    elif number in (errno.ECONNRESET, errno.EPIPE) and name.lower().startswith("rfc2217://"):
+        reason = TranslatableText(
+            "the server hung up: it does not speak RFC 2217, or serves somebody else"
+        )
+    if reason is not None:
+        return PortError("{port} cannot be opened: {why}", port=named, why=reason)
+    what = None if device is None else _device_problem(device, number)
+    if what is None:
+        # pyserial's text repeats the name. For an unknown option in a URL it says nothing useful.
+        reason = worded(one_line(error).rpartition(f"port {named}: ")[2])
+        if isinstance(error, LookupError):
+            reason = TranslatableText("its options cannot be read")
+        what = TranslatableText(" cannot be opened: {why}", why=reason)
+        if name.partition("://")[0].lower() in NETWORK_SCHEMES:
+            what = TranslatableText(
+                " cannot be opened: {why}; does a server listen there?", why=reason
+            )
+    return PortError("{port}{what}", port=named, what=what)
+
+
+def _device_problem(device: str, number: int | None) -> str | None:
+    if number == errno.ENOENT:
+        return TranslatableText(": no such port; {there}", there=_existing_ports(device))
+    if number in (errno.EACCES, errno.EPERM):
+        return TranslatableText(": no permission; {fix}", fix=permission_fix(device))
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return TranslatableText(
+            " is busy: {holders}; close that first", holders=holders_text(holders_of(device))
+        )
+    if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
+        return TranslatableText(
+            " is no serial port but {what}; {there}",
+            what=_file_type(device),
+            there=_existing_ports(device),
+        )
+    if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
+        return TranslatableText(
+            ": no hardware answers there, or it was just unplugged; check the plug"
+        )
+    return None
+
+
+def _errno_of(error: BaseException) -> int | None:
+    """The system's error number; pyserial sometimes leaves it only in the error's context."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error.errno
+    cause = error if isinstance(error, termios.error) else error.__context__
+    if isinstance(cause, termios.error) and cause.args and isinstance(cause.args[0], int):
+        return cause.args[0]
+    return cause.errno if isinstance(cause, OSError) else None
+
+
+def _existing_ports(requested: str) -> str:
+    # Imported only on errors: it searches /sys.
+    from serial.tools.list_ports import comports
+
+    near = Path("/dev") / requested
+    if requested and "/" not in requested and near.is_char_device():
+        return TranslatableText("did you mean {near}?", near=near)
+    devices = sorted(port.device for port in comports())
+    if devices:
+        return TranslatableText("there are: {devices}", devices=", ".join(devices))
+    return TranslatableText(
+        "none is plugged in ('fte-sniff ports' lists them; sim:// is a simulated one)"
+    )
+
+
+def _file_type(device: str) -> str:
+    try:
+        mode = Path(device).stat().st_mode
+    except OSError:
+        return TranslatableText("no device either")
+    kinds = {
+        stat.S_IFDIR: TranslatableText("a directory"),
+        stat.S_IFREG: TranslatableText("a file"),
+        stat.S_IFIFO: TranslatableText("a pipe"),
+        stat.S_IFCHR: TranslatableText("another kind of device"),
+    }
+    return kinds.get(stat.S_IFMT(mode), TranslatableText("something else"))
+
+
+_GROUP_ACCESS = stat.S_IRGRP | stat.S_IWGRP
+
+
+def permission_fix(device: str) -> str:
+    """How the present user gets access to a device, by its owner and mode; one line."""
     try:
         facts = Path(device).stat()
         group = grp.getgrgid(facts.st_gid)
     except (OSError, KeyError):
         return TranslatableText("ask the machine's administrator")
-    if group.gr_gid == 0 or facts.st_mode & _GROUP_MAY != _GROUP_MAY:
+    if group.gr_gid == 0 or facts.st_mode & _GROUP_ACCESS != _GROUP_ACCESS:
         return TranslatableText(
             "its group {group} may not use it: let a group in with a "
             'udev rule, SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"',
@@ -60,15 +226,17 @@ def _user() -> str:
         return "$USER"
 
 
+# Texts of pyserial and the system, made translatable
+
 _SYSTEM = re.compile(
     r"(?:\[Errno (?P<number>\d+)\] (?P<reason>[^:]*)(?P<about>: .*)?"
     r"|\((?P<bare_number>\d+), '(?P<bare_reason>[^']*)'\))"
 )
-"""`[Errno 2] No such file or directory: '/dev/x'`, or as termios has it: `(5, 'Input/...')`."""
+"""`[Errno 2] No such file or directory: '/dev/x'`, or in termios form: `(5, 'Input/...')`."""
 
-_WHOLE = {
-    str(said): said
-    for said in (
+_PYSERIAL_TEXTS = {
+    str(text): text
+    for text in (
         TranslatableText(
             "device reports readiness to read but returned no data"
             " (device disconnected or multiple access on port?)"
@@ -82,18 +250,18 @@ _WHOLE = {
 
 
 def one_line(error: BaseException) -> str:
-    """The error's own text on one line, with nothing that a terminal could obey."""
+    """The error's own text on one line, without control characters."""
     if error.args and isinstance(error.args[0], TranslatableText):
         return error.args[0]
     return worded(printable(" ".join(str(error).split())))
 
 
 def worded(text: str) -> str:
-    """The same text, as a `TranslatableText` where its words are known."""
-    if text in _WHOLE:
-        return _WHOLE[text]
+    """The same text, as a `TranslatableText` if it is known."""
+    if text in _PYSERIAL_TEXTS:
+        return _PYSERIAL_TEXTS[text]
     if system := _SYSTEM.fullmatch(text):
-        return _of_system(system) or text
+        return _system_text(system) or text
     lead, colon, rest = text.partition(": ")
     why = worded(rest) if colon else rest
     if not isinstance(why, TranslatableText):
@@ -107,7 +275,7 @@ def worded(text: str) -> str:
     return text
 
 
-def _of_system(found: re.Match[str]) -> TranslatableText | None:
+def _system_text(found: re.Match[str]) -> TranslatableText | None:
     number = int(found["number"] or found["bare_number"])
     words = found["reason"] or found["bare_reason"] or ""
     reason = reason_of(OSError(number, words))
@@ -119,174 +287,3 @@ def _of_system(found: re.Match[str]) -> TranslatableText | None:
             "[Errno {number}] {reason}: {about}", number=number, reason=reason, about=about
         )
     return TranslatableText("[Errno {number}] {reason}", number=number, reason=reason)
-
-
-_NETWORK_SCHEMES = ("socket", "rfc2217")
-_OWN_TERMINAL = "/dev/tty"
-_LOGGING = re.compile(r"[?&]logging=", re.IGNORECASE)
-_NOT_SPOKEN = "does not seem to support RFC2217"
-_MODULE_NEEDED = {"cp2110": "hid"}
-_MODULE_PREFIX = "protocol_"
-
-
-def known_schemes() -> list[str]:
-    """The URL schemes that a port can have here, sorted: `loop`, `sim`, `socket`..."""
-    found = {
-        module.name.removeprefix(_MODULE_PREFIX)
-        for package in serial.protocol_handler_packages
-        for module in pkgutil.iter_modules(import_module(package).__path__)
-        if module.name.startswith(_MODULE_PREFIX)
-    }
-    return sorted(
-        scheme
-        for scheme in found
-        if scheme not in _MODULE_NEEDED or find_spec(_MODULE_NEEDED[scheme])
-    )
-
-
-def check_name(name: str) -> None:
-    """Raise PortError where a name cannot be a port's before anything is opened."""
-    scheme, mark, _ = name.partition("://")
-    if not name.strip():
-        raise PortError("a port has an empty name; {there}", there=_ports_there_are(""))
-    if not mark:
-        if "\0" not in name and os.path.realpath(name) == _OWN_TERMINAL:
-            there = _ports_there_are("")
-            raise PortError(
-                "{port} is the terminal that this runs in, no port; {there}",
-                port=printable(name),
-                there=there,
-            )
-        return
-    known = known_schemes()
-    if scheme.lower() not in known:
-        listed = ", ".join(f"{scheme}://" for scheme in known)
-        raise PortError(
-            "{port}: no such kind of port; known are {listed}", port=printable(name), listed=listed
-        )
-    if scheme.lower() in _NETWORK_SCHEMES and not _names_host_and_port(name):
-        example = f"{scheme.lower()}://192.168.0.7:4001"
-        raise PortError(
-            "{port} names no host and TCP port: write it like {example}",
-            port=printable(name),
-            example=example,
-        )
-    if scheme.lower() == "spy" and "file=" not in name:
-        raise PortError(
-            "{port} would write over what is shown here: give it a file to "
-            "write to, as spy:///dev/ttyUSB0?file=spy.txt",
-            port=printable(name),
-        )
-    if _LOGGING.search(name):
-        raise PortError(
-            "{port} would write over what is shown here: leave logging out", port=printable(name)
-        )
-
-
-def refusal(name: str, device: str | None, error: BaseException) -> PortError:
-    """What an error on opening means.
-
-    Args:
-        name: as the user gave it.
-        device: the device file behind it, None where there is none (URLs).
-        error: what pyserial or the system raised.
-    """
-    if isinstance(error.__cause__, PortError):
-        return error.__cause__
-    named = printable(name)
-    if _NOT_SPOKEN in str(error):
-        # pyserial's own words go on with a dump of the options that it asked for.
-        bare = f"socket://{urlsplit(name).netloc}"
-        told = TranslatableText(
-            "what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}",
-            bare=printable(bare),
-        )
-        return PortError("{port} cannot be opened: {why}", port=named, why=told)
-    hung_up = _errno_of(error) in (errno.ECONNRESET, errno.EPIPE)
-    if hung_up and name.lower().startswith("rfc2217://"):
-        told = TranslatableText(
-            "the server hung up: it does not speak RFC 2217, or serves somebody else"
-        )
-        return PortError("{port} cannot be opened: {why}", port=named, why=told)
-    what = None if device is None else _what_of_device(device, _errno_of(error))
-    if what is None:
-        # pyserial repeats the name in its own words; once is enough. Where it stumbles over options
-        # that it does not know, its words say nothing.
-        why = worded(one_line(error).rpartition(f"port {named}: ")[2])
-        if isinstance(error, LookupError):
-            why = TranslatableText("its options cannot be read")
-        what = TranslatableText(" cannot be opened: {why}", why=why)
-        if name.partition("://")[0].lower() in _NETWORK_SCHEMES:
-            what = TranslatableText(
-                " cannot be opened: {why}; does a server listen there?", why=why
-            )
-    return PortError("{port}{what}", port=named, what=what)
-
-
-def _names_host_and_port(url: str) -> bool:
-    try:
-        parts = urlsplit(url)
-        return bool(parts.hostname and parts.port)
-    except ValueError:
-        return False
-
-
-def _what_of_device(device: str, number: int | None) -> str | None:
-    if number == errno.ENOENT:
-        return TranslatableText(": no such port; {there}", there=_ports_there_are(device))
-    if number in (errno.EACCES, errno.EPERM):
-        return TranslatableText(": no permission; {way_in}", way_in=way_in(device))
-    if number in (errno.EBUSY, errno.EAGAIN):
-        return TranslatableText(
-            " is busy: {holders}; close that first", holders=have_open(holders_of(device))
-        )
-    if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
-        return TranslatableText(
-            " is no serial port but {what}; {there}",
-            what=_file_type(device),
-            there=_ports_there_are(device),
-        )
-    if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
-        return TranslatableText(
-            ": no hardware answers there, or it was just unplugged; check the plug"
-        )
-    return None
-
-
-def _errno_of(error: BaseException) -> int | None:
-    """The system's error number, which pyserial at times leaves to the error's context alone."""
-    if isinstance(error, OSError) and error.errno is not None:
-        return error.errno
-    cause = error if isinstance(error, termios.error) else error.__context__
-    if isinstance(cause, termios.error) and cause.args and isinstance(cause.args[0], int):
-        return cause.args[0]
-    return cause.errno if isinstance(cause, OSError) else None
-
-
-def _ports_there_are(asked: str) -> str:
-    # Looks through /sys, which is for the unlucky path alone.
-    from serial.tools.list_ports import comports
-
-    near = Path("/dev") / asked
-    if asked and "/" not in asked and near.is_char_device():
-        return TranslatableText("did you mean {near}?", near=near)
-    devices = sorted(port.device for port in comports())
-    if devices:
-        return TranslatableText("there are: {devices}", devices=", ".join(devices))
-    return TranslatableText(
-        "none is plugged in ('fte-sniff ports' lists them; sim:// is a simulated one)"
-    )
-
-
-def _file_type(device: str) -> str:
-    try:
-        mode = Path(device).stat().st_mode
-    except OSError:
-        return TranslatableText("no device either")
-    kinds = {
-        stat.S_IFDIR: TranslatableText("a directory"),
-        stat.S_IFREG: TranslatableText("a file"),
-        stat.S_IFIFO: TranslatableText("a pipe"),
-        stat.S_IFCHR: TranslatableText("another kind of device"),
-    }
-    return kinds.get(stat.S_IFMT(mode), TranslatableText("something else"))

@@ -1,12 +1,16 @@
-"""The source that reads one port.
+"""Sources of serial ports that are only read: one port, or several merged by time.
 
 reader thread:  read -> stamp -> bounded queue ->  consumer: for item in source
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
+import heapq
+import os
+from collections import ChainMap
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from math import inf
 
 import serial
@@ -14,32 +18,110 @@ import serial
 from fte_sniff.capture.chunk_queue import CAPACITY, ChunkQueue
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import sharing_note
-from fte_sniff.capture.reconnect import FIRST_WAIT_S, LONGEST_WAIT_S, OpenedPort, Reopen, way_back
+from fte_sniff.capture.reconnect import FIRST_WAIT_S, LONGEST_WAIT_S, OpenedPort, Reopen, reopener
 from fte_sniff.capture.serial_port import (
+    DEFAULT_SETTINGS,
     PortCapabilities,
     PortSettings,
-    ask,
     device_of,
     max_latency_ns,
     open_port,
     reader_of,
+    request_capabilities,
 )
-from fte_sniff.capture.source import ThreadedSource
+from fte_sniff.capture.source import Item, Source, SourceEnd, ThreadedSource
 from fte_sniff.capture.uart_errors import LineWatch
-from fte_sniff.errors import TranslatableText
+from fte_sniff.errors import TranslatableText, UsageError, printable
 from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
+
+
+@dataclass(frozen=True, slots=True)
+class PortGroup:
+    """The ports of a capture that only reads; the `Wiring` of `live`.
+
+    Raises:
+        UsageError: one port is named twice.
+    """
+
+    names: tuple[str, ...]
+    """Devices, or URLs that pyserial opens; all different."""
+    settings: PortSettings = DEFAULT_SETTINGS
+    """How each of them is opened."""
+    reconnect: bool = True
+    """True to wait for a lost port, if it can come back."""
+
+    def __post_init__(self) -> None:
+        targets = [_target_of(name) for name in self.names]
+        if len(set(targets)) < len(targets):
+            twice = printable(max(self.names, key=lambda name: targets.count(_target_of(name))))
+            raise UsageError(
+                f"{twice} is named twice: name the port of the other wire "
+                "(for simulated ones: 'sim://?wire=control' 'sim://?wire=feedback')"
+            )
+
+    def open(self, clock: Clock) -> Source:
+        """Open the ports and start to read them.
+
+        Raises:
+            PortError: a port cannot be opened; all are closed again.
+        """
+        with ExitStack() as opened:
+            sources = [
+                opened.enter_context(
+                    open_source(name, self.settings, clock, reconnect=self.reconnect)
+                )
+                for name in self.names
+            ]
+            opened.pop_all()
+        return sources[0] if len(sources) == 1 else MergedSource(sources)
+
+
+def _target_of(name: str) -> str:
+    """The device that a name leads to; one device has many spellings and links."""
+    return name if "://" in name or "\0" in name else os.path.realpath(name)
+
+
+def open_source(
+    name: str, settings: PortSettings, clock: Clock, *, reconnect: bool = False
+) -> PortSource:
+    """Open a port and start to read it.
+
+    Args:
+        name: as for `open_port`.
+        settings: how to open it.
+        clock: stamps the chunks.
+        reconnect: True to wait for the port when it is lost, if it can come back.
+
+    Raises:
+        PortError: the port cannot be opened.
+    """
+    port = open_port(name, settings)
+    capabilities = request_capabilities(port)
+    return PortSource(
+        port,
+        name,
+        clock,
+        detail=TranslatableText(
+            "{settings}; {granted}{shared}",
+            settings=str(settings),
+            granted=str(capabilities),
+            shared=sharing_note(device_of(port)),
+        ),
+        capabilities=capabilities,
+        uncertainty_ns=max_latency_ns(port),
+        reopen=reopener(name, settings, port) if reconnect else None,
+    )
 
 
 class PortSource(ThreadedSource):
     """The chunks and events of one open port, in order; iterate once.
 
-    The first item is the event `opened`. In silence an empty chunk tells every 10 ms or so that
-    time has passed, every 50 ms while the port is lost and waited for. The last item is the event
-    `lost` or `closed`; then the port is closed.
+    The first item is the event `opened`, the last `lost` or `closed`. In silence an empty chunk
+    comes about every 10 ms, every 50 ms while a lost port is awaited.
     """
 
     bytes_read = 0
-    """Bytes read from the port since it was opened, also those that an overrun lost."""
+    """Bytes read from the port since it was opened, dropped ones included."""
 
     def __init__(
         self,
@@ -48,131 +130,160 @@ class PortSource(ThreadedSource):
         clock: Clock,
         *,
         detail: str = "",
-        granted: PortCapabilities | None = None,
+        capabilities: PortCapabilities | None = None,
         capacity: int = CAPACITY,
         uncertainty_ns: int = 0,
         reopen: Reopen | None = None,
     ) -> None:
-        """Take over an open port.
+        """Take over an open port, and start to read it.
 
         Args:
-            port: as `open_port` gives it; closed when the source ends.
-            name: what chunks and events call the port.
-            clock: what they are stamped with.
-            detail: how the port was opened, for the event.
-            granted: what the port was asked for and granted; None to ask it here.
-            capacity: how many bytes may wait for the consumer.
-            uncertainty_ns: how much earlier than they are stamped bytes may have come.
-            reopen: how to open the port again when it is lost; None to end then.
+            port: from `open_port`; closed when the source ends.
+            name: the port's name in chunks and events.
+            clock: stamps chunks and events.
+            detail: text of the event `opened`.
+            capabilities: what the driver supports; None to request it here.
+            capacity: limit of the bytes that wait for the consumer.
+            uncertainty_ns: how much earlier than their time stamp bytes may have arrived.
+            reopen: opens the port again when it is lost; None to end then.
         """
-        self._backlog = ChunkQueue(name, capacity)
-        super().__init__(self._backlog, clock, reopen)
-        self.name = name
-        self._port = port
-        self._granted = granted or ask(port)
-        self._line: LineWatch = self._granted.line
+        self._queue = ChunkQueue(name, capacity)
+        super().__init__(port, name, self._queue, clock, reopen)
+        self._capabilities = capabilities or request_capabilities(port)
+        self._line: LineWatch = self._capabilities.line
         self._read = reader_of(port)
         self._uncertainty_ns = uncertainty_ns
-        self._lost_at_bytes = -1
+        self._bytes_at_loss = -1
         self._stop_at_ns = inf
-        self._begin(f"reads {name}", detail)
+        self._start(f"reads {name}", detail)
 
     @property
     def uncertainty_ns(self) -> Mapping[str, int]:
-        """How much earlier than the times say bytes may have been on the wire."""
+        """How much earlier than their time stamp bytes may have arrived."""
         return {self.name: self._uncertainty_ns}
 
     @property
-    def granted(self) -> Mapping[str, str]:
-        """What the port's driver granted when it was opened, for people."""
-        return {self.name: str(self._granted)}
+    def capabilities(self) -> Mapping[str, str]:
+        """What the port's driver supports, as text for users."""
+        return {self.name: str(self._capabilities)}
 
     def stop_at(self, t_ns: float) -> None:
-        """Ask for the end at a time of the clock, as `stop` would then; returns at once."""
+        """Request the end at a time of the clock; returns at once."""
         self._stop_at_ns = t_ns
 
-    def _is_to_end(self) -> bool:
+    def _end_due(self) -> bool:
         return self._stopping or self._clock.now_ns() >= self._stop_at_ns
 
-    def _read_on(self) -> OSError | None:
-        error = self._read_while_it_is_there()
-        self._tell_of_line_errors(self._clock.now_ns(), self._line.rest())
+    def _read_until_lost(self) -> OSError | None:
+        error = self._read_chunks()
+        self._put_line_errors(self._clock.now_ns(), self._line.flush())
         return error
 
-    def _read_while_it_is_there(self) -> OSError | None:
+    def _read_chunks(self) -> OSError | None:
         while True:
-            # Looked at before the read: what has arrived when `stop` is called is read yet.
-            last = self._is_to_end()
+            # Checked before the read, so that bytes that arrived before `stop` are still read.
+            last = self._end_due()
             try:
                 data = self._read()
             except OSError as error:
                 return error
             now_ns = self._clock.now_ns()
-            data, line_errors = self._line.take(data)
-            self._tell_of_line_errors(now_ns, self._line.news(now_ns))
-            self._backlog.put(Chunk(self.name, now_ns, data, line_errors))
+            data, line_errors = self._line.feed(data)
+            self._put_line_errors(now_ns, self._line.report(now_ns))
+            self._queue.put(Chunk(self.name, now_ns, data, line_errors))
             self.bytes_read += len(data)
             if last:
                 return None
 
     def _first_wait_s(self) -> float:
-        # A port that came back and brought nothing is likely to go again: then slowly.
-        fruitless = self.bytes_read == self._lost_at_bytes
-        self._lost_at_bytes = self.bytes_read
-        return LONGEST_WAIT_S if fruitless else FIRST_WAIT_S
+        # A port that came back without any byte is likely to go again: back off.
+        silent = self.bytes_read == self._bytes_at_loss
+        self._bytes_at_loss = self.bytes_read
+        return LONGEST_WAIT_S if silent else FIRST_WAIT_S
 
-    def _take_over(self, opened: OpenedPort, away_s: float) -> None:
-        self._port, self._line = opened.port, ask(opened.port).line
+    def _resume(self, opened: OpenedPort, away_s: float) -> None:
+        self._port, self._line = opened.port, request_capabilities(opened.port).line
         self._read = reader_of(opened.port)
-        named = "" if opened.name == self.name else TranslatableText(" as {port}", port=opened.name)
-        shared = sharing_note(device_of(opened.port))
-        self._tell(
-            PortEventKind.FOUND_AGAIN,
-            TranslatableText(
-                "after {seconds:.1f} s{named}{shared}", seconds=away_s, named=named, shared=shared
-            ),
-        )
+        self._put_found_again(opened, away_s, sharing_note(device_of(opened.port)))
 
-    def _tell_of_line_errors(self, now_ns: int, counts: LineErrorCounts | None) -> None:
+    def _put_line_errors(self, now_ns: int, counts: LineErrorCounts | None) -> None:
         if counts:
             kind = PortEventKind.LINE_ERROR
-            self._backlog.tell(PortEvent(now_ns, self.name, kind, str(counts), counts.total))
+            self._queue.put_event(PortEvent(now_ns, self.name, kind, str(counts), counts.total))
 
-    def _tell(self, kind: PortEventKind, detail: str) -> None:
-        self._backlog.tell(PortEvent(self._clock.now_ns(), self.name, kind, detail))
+    def _put_event(self, kind: PortEventKind, detail: str) -> None:
+        self._queue.put_event(PortEvent(self._clock.now_ns(), self.name, kind, detail))
 
-    def _tell_of_silence(self) -> None:
-        self._backlog.put(Chunk(self.name, self._clock.now_ns(), b""))
-
-    def _close_port(self) -> None:
-        with suppress(OSError):  # a driver may complain of what is gone
-            self._port.close()
+    def _put_silence(self) -> None:
+        self._queue.put(Chunk(self.name, self._clock.now_ns(), b""))
 
 
-def open_source(
-    name: str, settings: PortSettings, clock: Clock, *, reconnect: bool = False
-) -> PortSource:
-    """Open a port and start to read it; raises PortError as `open_port` does.
+class MergedSource:
+    """The items of several sources, ordered by time; when one is lost for good, all end."""
 
-    Args:
-        name: as `open_port` takes it.
-        settings: how to open it.
-        clock: what its chunks are stamped with.
-        reconnect: wait for the port when it is lost, if it is one that can return.
-    """
-    port = open_port(name, settings)
-    granted = ask(port)
-    return PortSource(
-        port,
-        name,
-        clock,
-        detail=TranslatableText(
-            "{settings}; {granted}{shared}",
-            settings=str(settings),
-            granted=str(granted),
-            shared=sharing_note(device_of(port)),
-        ),
-        granted=granted,
-        uncertainty_ns=max_latency_ns(port),
-        reopen=way_back(name, settings, port) if reconnect else None,
-    )
+    def __init__(self, sources: Sequence[Source]) -> None:
+        """Take over open sources; they are closed with this one."""
+        self._sources = tuple(sources)
+
+    @property
+    def end(self) -> SourceEnd | None:
+        """LOST if a source was lost; None while one is still read."""
+        ends = {source.end for source in self._sources}
+        if None in ends:
+            return None
+        return SourceEnd.LOST if SourceEnd.LOST in ends else SourceEnd.STOPPED
+
+    @property
+    def uncertainty_ns(self) -> Mapping[str, int]:
+        """By port: how much earlier than their time stamp bytes may have arrived."""
+        return ChainMap(*(dict(source.uncertainty_ns) for source in self._sources))
+
+    @property
+    def capabilities(self) -> Mapping[str, str]:
+        """By port: what its driver supports, as text for users."""
+        return ChainMap(*(dict(source.capabilities) for source in self._sources))
+
+    def __iter__(self) -> Iterator[Item]:
+        try:
+            for item in heapq.merge(*self._sources, key=lambda item: item.t_ns or 0):
+                yield item
+                if _is_lost(item) and any(s.end is SourceEnd.LOST for s in self._sources):
+                    self.stop()
+        finally:
+            self.close()
+
+    def __enter__(self) -> MergedSource:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def stop(self) -> None:
+        """Request the end of all sources, as `Source.stop`."""
+        for source in self._sources:
+            source.stop()
+
+    def stop_at(self, t_ns: float) -> None:
+        """Request the end of all sources at a time of the chunks' clock."""
+        for source in self._sources:
+            source.stop_at(t_ns)
+
+    @property
+    def waiting(self) -> int:
+        """Number of bytes that were read and not yet yielded, of all sources."""
+        return sum(source.waiting for source in self._sources)
+
+    def drop(self) -> None:
+        """After all ended: replace the waiting bytes of each by one overrun."""
+        for source in self._sources:
+            source.drop()
+
+    def close(self) -> None:
+        """Stop all sources, wait for their reader threads, and close their ports."""
+        self.stop()
+        for source in self._sources:
+            source.close()
+
+
+def _is_lost(item: Item) -> bool:
+    return isinstance(item, PortEvent) and item.kind is PortEventKind.LOST

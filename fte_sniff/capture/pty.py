@@ -1,8 +1,8 @@
-"""Pseudo-terminals and line speed of their host end."""
+"""Pseudo-terminals that other programs open: the bridge's host end, the simulated controller."""
 
 from __future__ import annotations
 
-import contextlib
+import dataclasses
 import fcntl
 import os
 import select
@@ -13,54 +13,67 @@ import time
 import tty
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import urlencode
 
-from fte_sniff.capture.serial_port import READ_TIMEOUT_S
+import serial
+
+from fte_sniff.capture.serial_port import READ_TIMEOUT_S, PortSettings, open_port
 from fte_sniff.errors import FileError, printable
+from fte_sniff.protocol import DEFAULT_BAUD
 
-_DEVICES = "/dev/pts/"
+if TYPE_CHECKING:
+    from fte_sniff.capture.simulation import SimulationParameters
+
+HOST_BUFFER_BYTES = 256 * 1024
+"""Bytes that are kept for a host program that does not read, besides the system's buffer."""
+
+_MAX_READ = 65_536
+_UNUSED_POLL_S = READ_TIMEOUT_S / 2
+_PTY_FOLDER = "/dev/pts/"
 
 
 class PseudoTerminal:
-    """A device for other programs, raw from the start, and its other end in `descriptor`."""
+    """A raw terminal device for other programs; `descriptor` is this program's end."""
 
     def __init__(self, link: Path | None = None) -> None:
-        """Make the device, and `link` to it where asked.
+        """Create the device, and optionally a `link` to it.
 
         Raises:
-            FileError: something is in the way of `link`, or it cannot be made.
+            FileError: `link` exists already, or cannot be created.
         """
         if link is not None:
-            # Before there is a device: it would often get the number that a left link leads to.
-            _remove_left_over(link)
+            # First, because a new device often reuses the number that a stale link points to.
+            _remove_stale(link)
         self.descriptor, theirs = os.openpty()
-        """Our end; it does not block."""
+        """This program's end; non-blocking."""
         os.set_blocking(self.descriptor, False)
-        # Raw, so that nothing is echoed; then let go, so that it shows whether anyone listens.
+        # Raw, so that nothing is echoed. Closed, so that POLLHUP shows whether a program uses it.
         tty.setraw(theirs)
         self.device = os.ttyname(theirs)
         """The device file that programs open, as `/dev/pts/3`."""
         os.close(theirs)
         self._link: Path | None = None
         try:
-            self._make(link)
+            self._create(link)
         except FileError:
             os.close(self.descriptor)
             raise
 
     @property
     def name(self) -> str:
-        """What people are told to open: the link, or else the device."""
+        """What users open: the link, or else the device."""
         return self.device if self._link is None else str(self._link)
 
     def close(self) -> None:
-        """Take away the device and, if it still leads there, the link."""
+        """Remove the device and, if it still points there, the link."""
         if self._link is not None:
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 if str(self._link.readlink()) == self.device:
                     self._link.unlink()
         os.close(self.descriptor)
 
-    def _make(self, link: Path | None) -> None:
+    def _create(self, link: Path | None) -> None:
         if link is None:
             return
         try:
@@ -69,152 +82,106 @@ class PseudoTerminal:
             named = printable(str(link))
             raise FileError(f"{named} is in the way: remove it, or name another") from None
         except (OSError, ValueError) as error:
-            raise _refusal(link, error) from error
+            raise _link_error(link, error) from error
         self._link = link
 
 
-def _remove_left_over(link: Path) -> None:
-    """Remove a link that a killed run left: one to a pseudo-terminal that is gone."""
+def _remove_stale(link: Path) -> None:
+    """Remove a link that a killed run left: it points to a pseudo-terminal that is gone."""
     try:
-        if link.is_symlink() and str(link.readlink()).startswith(_DEVICES) and not link.exists():
+        if link.is_symlink() and str(link.readlink()).startswith(_PTY_FOLDER) and not link.exists():
             link.unlink()
     except (OSError, ValueError) as error:
-        raise _refusal(link, error) from error
+        raise _link_error(link, error) from error
 
 
-def _refusal(link: Path, error: OSError | ValueError) -> FileError:
-    told = error.strerror if isinstance(error, OSError) else error
-    return FileError(f"{printable(str(link))} cannot be made: {told}")
-
-
-_TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
-_TERMIOS2 = struct.Struct("IIIIB19sII")
-_BOTHER = 0o010000
-_CONTROL_FLAGS = 2
-
-_NUMBER_OF_CODE: dict[int, int] = {
-    getattr(termios, name): int(name[1:])
-    for name in dir(termios)
-    if name[0] == "B" and name[1:].isdecimal()
-}
-_CODE_OF_NUMBER = {number: code for code, number in _NUMBER_OF_CODE.items()}
-
-
-def speed_of(descriptor: int) -> int:
-    """Bits per second that bytes are written with; 0 means hung up."""
-    try:
-        reply = fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
-    except OSError:
-        code: int = termios.tcgetattr(descriptor)[5]
-        return _NUMBER_OF_CODE.get(code, int(code))
-    return int(_TERMIOS2.unpack(reply)[-1])
-
-
-def set_speed(descriptor: int, baud: int) -> None:
-    """Set both directions to `baud` bits per second."""
-    try:
-        reply = fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
-    except OSError:
-        attributes = termios.tcgetattr(descriptor)
-        attributes[4] = attributes[5] = _CODE_OF_NUMBER.get(baud, baud)
-        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
-        return
-    fields = list(_TERMIOS2.unpack(reply))
-    flags = fields[_CONTROL_FLAGS] & ~(termios.CBAUD | termios.CIBAUD)
-    fields[_CONTROL_FLAGS] = flags | _BOTHER
-    fields[-2:] = baud, baud
-    fcntl.ioctl(descriptor, _TCSETS2, _TERMIOS2.pack(*fields))
-
-
-ROOM = 256 * 1024
-"""Bytes that wait for a host program that does not read, besides what the system itself keeps."""
-
-_MOST_AT_ONCE = 65_536
-_AWAY_S = READ_TIMEOUT_S / 2
+def _link_error(link: Path, error: OSError | ValueError) -> FileError:
+    reason = error.strerror if isinstance(error, OSError) else error
+    return FileError(f"{printable(str(link))} cannot be made: {reason}")
 
 
 class HostEnd:
     """What a host program opens instead of the port.
 
-    While none has it open, what is written is gone, as on a real line that nobody listens to; the
-    next one begins with nothing old to read, and with a raw terminal.
+    While no program uses it, written bytes are dropped, as on a real line without a listener. The
+    next program starts with an empty buffer and a raw terminal.
     """
 
-    present = False
-    """Whether a host program has it open, as of the latest read."""
+    in_use = False
+    """True if a host program had it open at the latest read."""
 
     def __init__(self, baud: int, link: Path | None = None) -> None:
-        """Make the device, at `baud` until a host program asks for another.
+        """Create the device, at `baud` until a host program sets another.
 
         Raises:
-            FileError: something is in the way of `link`, or it cannot be made.
+            FileError: `link` exists already, or cannot be created.
         """
         self._link = link
         self._terminal = PseudoTerminal(link)
         self.name = self._terminal.name
-        """What a host program is to open."""
+        """What a host program opens."""
         self._descriptor = self._terminal.descriptor
         self._poll = select.poll()
         self._poll.register(self._descriptor, select.POLLIN)
-        self._writing = threading.Lock()
-        self._waiting = bytearray()
+        self._write_lock = threading.Lock()
+        self._buffer = bytearray()
         set_speed(self._descriptor, baud)
 
     def read(self) -> bytes:
-        """What the host program has written; waits READ_TIMEOUT_S at most, `b""` for nothing."""
+        """Read what the host program has written; `b""` after READ_TIMEOUT_S at most."""
         ready = self._poll.poll(READ_TIMEOUT_S * 1000)
         events = ready[0][1] if ready else 0
         if events & select.POLLIN:
-            self.present = True
-            # Hung up meanwhile: the next read meets it.
+            self.in_use = True
+            # If the program just hung up, the next read sees POLLHUP.
             with suppress(BlockingIOError, OSError):
-                return os.read(self._descriptor, _MOST_AT_ONCE)
+                return os.read(self._descriptor, _MAX_READ)
         elif events & select.POLLHUP:
-            if self.present:
-                self._be_left()
-            time.sleep(_AWAY_S)
+            if self.in_use:
+                self._reset()
+            time.sleep(_UNUSED_POLL_S)
         else:
-            self.present = True
+            self.in_use = True
         return b""
 
     @property
-    def behind(self) -> int:
-        """Bytes that wait for the host program to read."""
-        return len(self._waiting)
+    def buffered(self) -> int:
+        """Number of bytes that wait for the host program to read."""
+        return len(self._buffer)
 
     def baud(self) -> int:
         """Bits per second as the host program has set them; 0 means that it hung up."""
         return speed_of(self._descriptor)
 
     def write(self, data: bytes) -> int:
-        """Give the host program what it can take now, and keep some for later; never blocks.
+        """Write what the host program can take now, and buffer the rest; never blocks.
 
-        Called with `b""` every now and then, it gives what was kept.
+        Call it regularly, also with `b""`, to write buffered bytes.
 
         Returns:
-            How many bytes had to be dropped, because the host program does not read.
+            Number of bytes dropped because the buffer is full.
         """
-        with self._writing:
-            if not self.present:
+        with self._write_lock:
+            if not self.in_use:
                 return 0
-            if not self._waiting:
-                data = data[self._written(data) :]
-            kept = data[: ROOM - len(self._waiting)]
-            self._waiting += kept
-            if self._waiting:
-                del self._waiting[: self._written(self._waiting)]
+            if not self._buffer:
+                data = data[self._try_write(data) :]
+            kept = data[: HOST_BUFFER_BYTES - len(self._buffer)]
+            self._buffer += kept
+            if self._buffer:
+                del self._buffer[: self._try_write(self._buffer)]
             return len(data) - len(kept)
 
     def close(self) -> None:
-        """Hang up, as a port does that is unplugged: a host program meets the end of the file."""
-        self.present = False
+        """Hang up like an unplugged port: the host program reads end of file."""
+        self.in_use = False
         self._terminal.close()
 
-    def again(self, baud: int) -> HostEnd:
-        """Another one after this was closed, by the same link if there was one."""
+    def reopen(self, baud: int) -> HostEnd:
+        """Create another one with the same link, after this one was closed."""
         return HostEnd(baud, self._link)
 
-    def _written(self, data: bytes | bytearray) -> int:
+    def _try_write(self, data: bytes | bytearray) -> int:
         if not data:
             return 0
         try:
@@ -222,15 +189,125 @@ class HostEnd:
         except BlockingIOError:
             return 0
 
-    def _be_left(self) -> None:
-        with self._writing:
-            self.present = False
-            self._waiting.clear()
+    def _reset(self) -> None:
+        """Empty the buffers and restore raw mode, for the next host program."""
+        with self._write_lock:
+            self.in_use = False
+            self._buffer.clear()
             with suppress(OSError, termios.error):
                 theirs = os.open(self._terminal.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
                 try:
                     tty.setraw(theirs, termios.TCSANOW)
-                    while os.read(theirs, _MOST_AT_ONCE):
+                    while os.read(theirs, _MAX_READ):
                         pass
                 finally:
                     os.close(theirs)
+
+
+class ControllerPty:
+    """A pseudo-terminal with a simulated controller behind it; call `run`, then `close`.
+
+    Feedback flows while a program has the device open, and is dropped otherwise. The controller
+    obeys the commands that the program writes.
+    """
+
+    def __init__(
+        self,
+        parameters: SimulationParameters,
+        baud: int = DEFAULT_BAUD,
+        link: Path | None = None,
+    ) -> None:
+        """Create the device, and optionally a `link` to it.
+
+        Raises:
+            PortError: the line cannot carry the rate of `parameters`.
+            FileError: `link` exists already, or cannot be created.
+        """
+        query = urlencode(dataclasses.asdict(parameters))
+        self._simulated = open_port(f"sim://?{query}", PortSettings(baud))
+        try:
+            self._terminal = PseudoTerminal(link)
+        except FileError:
+            self._simulated.close()
+            raise
+        self.device = self._terminal.device
+        """The device file that programs open, as `/dev/pts/3`."""
+        self._stopping = False
+        self._poll = select.poll()
+        self._poll.register(self._terminal.descriptor, select.POLLIN)
+
+    def __enter__(self) -> ControllerPty:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def run(self) -> None:
+        """Serve until `stop`, or until the simulation ends by its `frames`."""
+        while not self._stopping:
+            try:
+                feedback = self._simulated.read(self._simulated.in_waiting or 1)
+                feedback += self._simulated.read(self._simulated.in_waiting)
+            except serial.SerialException:
+                return
+            self._transfer(feedback)
+
+    def stop(self) -> None:
+        """Make `run` return within about 10 ms; safe from threads and signal handlers."""
+        self._stopping = True
+
+    def close(self) -> None:
+        """Remove the device and the link; call it only when `run` has returned."""
+        self._simulated.close()
+        self._terminal.close()
+
+    def _transfer(self, feedback: bytes) -> None:
+        descriptor = self._terminal.descriptor
+        events = dict(self._poll.poll(0)).get(descriptor, 0)
+        with suppress(BlockingIOError):
+            if events & select.POLLIN:
+                self._simulated.write(os.read(descriptor, _MAX_READ))
+        with suppress(BlockingIOError):
+            if feedback and not events & select.POLLHUP:
+                os.write(descriptor, feedback)
+
+
+# Speed of a terminal. `struct termios2` takes any baud, where termios knows a fixed list.
+
+_TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
+_TERMIOS2 = struct.Struct("IIIIB19sII")
+_BOTHER = 0o010000
+_CONTROL_FLAGS = 2
+
+_BAUD_OF_CODE: dict[int, int] = {
+    getattr(termios, name): int(name[1:])
+    for name in dir(termios)
+    if name[0] == "B" and name[1:].isdecimal()
+}
+_CODE_OF_BAUD = {baud: code for code, baud in _BAUD_OF_CODE.items()}
+
+
+def speed_of(descriptor: int) -> int:
+    """The output speed of a terminal, bits per second; 0 means hung up."""
+    try:
+        reply = fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
+    except OSError:
+        code: int = termios.tcgetattr(descriptor)[5]
+        return _BAUD_OF_CODE.get(code, int(code))
+    return int(_TERMIOS2.unpack(reply)[-1])
+
+
+def set_speed(descriptor: int, baud: int) -> None:
+    """Set both directions of a terminal to `baud` bits per second."""
+    try:
+        reply = fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
+    except OSError:
+        attributes = termios.tcgetattr(descriptor)
+        attributes[4] = attributes[5] = _CODE_OF_BAUD.get(baud, baud)
+        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+        return
+    fields = list(_TERMIOS2.unpack(reply))
+    flags = fields[_CONTROL_FLAGS] & ~(termios.CBAUD | termios.CIBAUD)
+    fields[_CONTROL_FLAGS] = flags | _BOTHER
+    fields[-2:] = baud, baud
+    fcntl.ioctl(descriptor, _TCSETS2, _TERMIOS2.pack(*fields))

@@ -1,55 +1,122 @@
-"""Reopen a lost port with backoff.
+"""Reopen a lost port: recognize it when it comes back, and retry with exponential backoff.
 
-It must not read it, nor say anything about it. Looking and opening happen in a thread of their own,
-since opening can take seconds; whoever waits is never held up.
+Searching and opening run in a separate thread, because opening can take seconds.
 """
 
 from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol, TypeAlias
 
 import serial
 from serial.tools.list_ports import comports
+from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.capture.discovery import have_open, holders_of, identity_of
+from fte_sniff.capture.discovery import holders_of, holders_text
+from fte_sniff.capture.port_errors import NETWORK_SCHEMES
 from fte_sniff.capture.serial_port import PortSettings, device_of, open_port
 from fte_sniff.errors import PortError, TranslatableText
 
 FIRST_WAIT_S = 0.25
-"""Seconds before it is looked for at first: as long as a system takes to know an adapter."""
+"""Seconds before the first attempt: a system needs this long to detect an adapter."""
 
 LONGEST_WAIT_S = 1.0
-"""Seconds between two looks at most; each wait is twice the one before."""
+"""Longest time between two attempts; each wait is twice the one before."""
 
-_TOLD_AT = 2
-"""How many looks at a port that is back, but cannot be opened, it takes to say so."""
+_REPORTED_REFUSAL = 2
+"""The refused attempt that is reported; the first may only mean that udev is not finished."""
 
 _PTY_FOLDER = "/dev/pts/"
 
 
 class OpenedPort(NamedTuple):
-    """A port that is open."""
+    """A port that is open again."""
 
     port: serial.Serial
     name: str
-    """What it is called now."""
+    """Its name now."""
 
 
 class RefusedError(PortError):
-    """The port is back, and cannot be opened all the same."""
+    """The port is back, but it cannot be opened."""
 
 
-Reopen = Callable[[], OpenedPort]
-"""Opens a port again; raises PortError where it is not there, RefusedError where it is refused."""
+Reopen: TypeAlias = Callable[[], OpenedPort]
+"""Opens a port again. Raises PortError if it is away, RefusedError if it cannot be opened."""
 
 
-def way_back(name: str, settings: PortSettings, port: serial.Serial) -> Reopen | None:
-    """How a port that is open now can be opened again after a loss; None where it never returns.
+class Reconnector:
+    """Thread that tries to reopen a port until it succeeds or is cancelled."""
 
-    A simulated line and a bare pseudo-terminal do not: what is called so later is another one.
+    def __init__(self, reopen: Reopen, first_wait_s: float = FIRST_WAIT_S) -> None:
+        """Start the thread; the first attempt is after `first_wait_s` seconds."""
+        self._reopen = reopen
+        self._first_wait_s = first_wait_s
+        self._opened: OpenedPort | None = None
+        self._cancelled = False
+        self._refusals = 0
+        self._refusal: str | None = None
+        self._changed = threading.Condition()
+        threading.Thread(target=self._run, name="waits for a port", daemon=True).start()
+
+    def wait(self, timeout_s: float) -> OpenedPort | None:
+        """Return the open port; None if it is not open within `timeout_s` seconds."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._opened, timeout_s)
+            opened, self._opened = self._opened, None
+            return opened
+
+    def refusal(self) -> str | None:
+        """Why the port is back but cannot be opened; returned once, else None."""
+        with self._changed:
+            refusal, self._refusal = self._refusal, None
+            return refusal
+
+    def cancel(self) -> None:
+        """Stop trying; returns at once. A port that is just being opened is closed again."""
+        with self._changed:
+            self._cancelled = True
+            self._changed.notify_all()
+            if self._opened is not None:
+                self._opened.port.close()
+
+    def _run(self) -> None:
+        wait_s = self._first_wait_s
+        while not self._cancelled_within(wait_s):
+            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+            try:
+                opened = self._reopen()
+            except RefusedError as error:
+                self._count_refusal(error)
+            except PortError:
+                continue
+            else:
+                with self._changed:
+                    if self._cancelled:
+                        opened.port.close()
+                    self._opened = opened
+                    self._changed.notify_all()
+                return
+
+    def _count_refusal(self, error: RefusedError) -> None:
+        self._refusals += 1
+        if self._refusals == _REPORTED_REFUSAL:
+            with self._changed:
+                self._refusal = TranslatableText("it is back, but {why}", why=error.message)
+
+    def _cancelled_within(self, seconds: float) -> bool:
+        with self._changed:
+            return self._changed.wait_for(lambda: self._cancelled, seconds)
+
+
+def reopener(name: str, settings: PortSettings, port: serial.Serial) -> Reopen | None:
+    """A function that reopens a port after a loss; None if the port cannot come back.
+
+    A simulated line and a bare pseudo-terminal cannot: a later one of the same name is another.
     """
     identity = identity_of(name, device_of(port), comports())
     if identity is None:
@@ -69,12 +136,12 @@ def way_back(name: str, settings: PortSettings, port: serial.Serial) -> Reopen |
 def _open_device(found: str, settings: PortSettings) -> OpenedPort:
     target = os.path.realpath(found)
     if target.startswith(_PTY_FOLDER) and (holders := holders_of(target)):
-        # The link may be left behind, and its number have become somebody's terminal.
+        # A stale link: the number may belong to a user's terminal by now.
         raise RefusedError(
             TranslatableText(
                 "{target} may be somebody's terminal: {holders}; close that",
                 target=target,
-                holders=have_open(holders),
+                holders=holders_text(holders),
             )
         )
     try:
@@ -83,65 +150,84 @@ def _open_device(found: str, settings: PortSettings) -> OpenedPort:
         raise RefusedError(error.message) from error
 
 
-class Reconnector:
-    """Tries to open a port again until that works, or until nobody waits for it any more."""
+class Identity(Protocol):
+    """Recognizes a port that has come back."""
 
-    def __init__(self, reopen: Reopen, first_wait_s: float = FIRST_WAIT_S) -> None:
-        """Begin to look for the port, the first time after so many seconds."""
-        self._reopen = reopen
-        self._first_wait_s = first_wait_s
-        self._found: OpenedPort | None = None
-        self._given_up = False
-        self._refusals = 0
-        self._refusal: str | None = None
-        self._changed = threading.Condition()
-        threading.Thread(target=self._run, name="waits for a port", daemon=True).start()
+    def find(self, plugged_in: Iterable[ListPortInfo]) -> str | None:
+        """What to open now, given the ports that are plugged in; None while it is away."""
+        ...
 
-    def wait(self, timeout_s: float) -> OpenedPort | None:
-        """The open port once it is there; None if it is not within `timeout_s` seconds."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._found, timeout_s)
-            found, self._found = self._found, None
-            return found
 
-    def refusal(self) -> str | None:
-        """Why the port cannot be opened although it is back, for people; told once, else None."""
-        with self._changed:
-            refusal, self._refusal = self._refusal, None
-            return refusal
+@dataclass(frozen=True, slots=True)
+class SameName:
+    """A name that always leads to the same port: a server, a link of udev, a fixed UART."""
 
-    def give_up(self) -> None:
-        """Look no further; returns at once. A port that is being opened is closed again."""
-        with self._changed:
-            self._given_up = True
-            self._changed.notify_all()
-            if self._found is not None:
-                self._found.port.close()
+    name: str
 
-    def _run(self) -> None:
-        wait_s = self._first_wait_s
-        while not self._gives_up_within(wait_s):
-            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
-            try:
-                opened = self._reopen()
-            except PortError as error:
-                self._heed(error)
-                continue
-            with self._changed:
-                if self._given_up:
-                    opened.port.close()
-                self._found = opened
-                self._changed.notify_all()
-            return
+    def find(self, plugged_in: Iterable[ListPortInfo]) -> str | None:
+        """The name; None while the device file does not exist."""
+        if "://" in self.name or Path(self.name).exists():
+            return self.name
+        return None
 
-    def _heed(self, error: PortError) -> None:
-        if isinstance(error, RefusedError):
-            self._refusals += 1
-            # At first it may just not be ready: a system takes a moment to set a device up.
-            if self._refusals == _TOLD_AT:
-                with self._changed:
-                    self._refusal = TranslatableText("it is back, but {why}", why=error.message)
 
-    def _gives_up_within(self, seconds: float) -> bool:
-        with self._changed:
-            return self._changed.wait_for(lambda: self._given_up, seconds)
+@dataclass(frozen=True, slots=True)
+class UsbIdentity:
+    """A USB adapter, recognized by its serial number or, without one, by its USB location."""
+
+    vid: int
+    pid: int
+    serial_number: str | None
+    """None if it has none, or shares it with another adapter that is plugged in."""
+    location: str
+    """The hubs and the socket, as `1-1.2`."""
+    interface: str
+    """Which port of a multi-port adapter, as `1.0`; empty for a single port."""
+
+    def find(self, plugged_in: Iterable[ListPortInfo]) -> str | None:
+        """The adapter's device now; None while it is away."""
+        return next((port.device for port in plugged_in if self._matches(port)), None)
+
+    def _matches(self, port: ListPortInfo) -> bool:
+        location, interface = _location_of(port)
+        if (port.vid, port.pid, interface) != (self.vid, self.pid, self.interface):
+            return False
+        if self.serial_number is not None:
+            return bool(port.serial_number == self.serial_number)
+        return location == self.location
+
+
+def identity_of(
+    name: str, device: str | None, plugged_in: Sequence[ListPortInfo]
+) -> Identity | None:
+    """How to recognize an open port later; None if it cannot come back.
+
+    Args:
+        name: as the user gave it.
+        device: the device file, None for URLs without one.
+        plugged_in: the ports that exist now.
+    """
+    if device is None:
+        return SameName(name) if name.partition("://")[0].lower() in NETWORK_SCHEMES else None
+    if "://" not in name and Path(name).is_symlink():
+        return SameName(name)
+    real = os.path.realpath(device)
+    if real.startswith(_PTY_FOLDER):
+        return None
+    for port in plugged_in:
+        if os.path.realpath(port.device) == real and port.vid is not None:
+            return _usb_identity(port, plugged_in)
+    return SameName(device)
+
+
+def _usb_identity(port: ListPortInfo, plugged_in: Sequence[ListPortInfo]) -> UsbIdentity:
+    location, interface = _location_of(port)
+    found = UsbIdentity(port.vid, port.pid, port.serial_number, location, interface)
+    if port.serial_number is None or sum(found._matches(other) for other in plugged_in) > 1:
+        return UsbIdentity(port.vid, port.pid, None, location, interface)
+    return found
+
+
+def _location_of(port: ListPortInfo) -> tuple[str, str]:
+    location, _, interface = (port.location or "").partition(":")
+    return location, interface

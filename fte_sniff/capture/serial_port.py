@@ -1,14 +1,11 @@
-"""Open, configure and read one serial port; driver latency.
+"""Open, configure, read and write one serial port; latency of its driver.
 
-It must not read or write a byte of it.
-
-What opening does to the line: nothing is written. On a real serial port Linux itself raises DTR and
-RTS at the moment of opening, before any program can have a say; they are lowered again within a
-millisecond or so (`off`, the default), kept raised (`on`), or kept as the system raised or found
-them (`leave`). On closing, the system lowers both. Until the port is set up, in that same
-millisecond, Linux may echo what arrives, if the port was last used as a terminal: a tap that has no
-TX wire cannot. Bytes that came before the port was opened are thrown away. The port is locked
-against other programs that ask for the lock too.
+Opening writes nothing to the line. On a real serial port Linux raises DTR and RTS at the moment of
+opening; within about a millisecond they are lowered again (`off`, the default), kept raised (`on`),
+or kept as the system raised or found them (`leave`). On closing, the system lowers both. In that
+first millisecond Linux may echo bytes, if the port was last used as a terminal; a port without a
+connected TX wire cannot. Bytes that came before the port was opened are discarded. The port is
+locked against other programs that also request the lock.
 """
 
 from __future__ import annotations
@@ -30,7 +27,7 @@ from urllib.parse import urlsplit
 import serial
 from serial.urlhandler import protocol_socket
 
-from fte_sniff.capture.port_errors import check_name, refusal
+from fte_sniff.capture.port_errors import NETWORK_SCHEMES, check_name, port_error
 from fte_sniff.capture.uart_errors import LineWatch, line_watch_of
 from fte_sniff.errors import PortError, TranslatableText, ValueRangeError
 from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
@@ -39,11 +36,11 @@ READ_TIMEOUT_S = 0.01
 """How long a read of an open port waits for bytes, seconds."""
 
 BAUD_RANGE = (50, 12_000_000)
-"""The least and the greatest baud that is passed on to a driver."""
+"""Lowest and highest baud that is passed to a driver."""
 
 
 class ControlLine(StrEnum):
-    """What is done with DTR or RTS on opening."""
+    """What to do with DTR or RTS on opening."""
 
     ON = "on"
     OFF = "off"
@@ -55,7 +52,7 @@ class PortSettings:
     """How a port is opened; always 8 data bits, no parity, 1 stop bit, no flow control."""
 
     baud: int = DEFAULT_BAUD
-    """Bits per second; outside BAUD_RANGE raises ValueRangeError."""
+    """Bits per second; ValueRangeError outside BAUD_RANGE."""
     dtr: ControlLine = ControlLine.OFF
     rts: ControlLine = ControlLine.OFF
 
@@ -69,7 +66,7 @@ class PortSettings:
 
 
 DEFAULT_SETTINGS = PortSettings()
-"""The controller's own line; DTR and RTS lowered."""
+"""The settings of the controller's own line, DTR and RTS lowered."""
 
 
 def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Serial:
@@ -81,7 +78,7 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
         settings: baud, DTR and RTS.
 
     Raises:
-        PortError: the port is absent, busy, forbidden or no serial port; the way out is in it.
+        PortError: the port is absent, busy, forbidden or no serial port; the fix is in its text.
     """
     check_name(name)
     device = None
@@ -94,24 +91,24 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
             exclusive=True,
         )
         device = device_of(port)
-        with _lines_as_asked(port, settings):
+        with _control_lines(port, settings):
             port.open()
         if device is not None:
-            _make_breaks_harmless(port.fileno())
+            _keep_breaks(port.fileno())
     except (OSError, ValueError, LookupError, OverflowError, termios.error, re.error) as error:
-        raise refusal(name, device, error) from error
+        raise port_error(name, device, error) from error
     return port
 
 
 def device_of(port: serial.Serial) -> str | None:
-    """The device file behind a port; None where there is none (`sim://` and the like)."""
+    """The device file of a port; None for `sim://` and the like."""
     # The type stubs call every port a Serial; in truth only those on a device file are.
     return port.port if isinstance(port, serial.Serial) else None
 
 
 @contextlib.contextmanager
-def _lines_as_asked(port: serial.Serial, settings: PortSettings) -> Iterator[None]:
-    """What is opened in this context has its DTR and RTS as the settings say."""
+def _control_lines(port: serial.Serial, settings: PortSettings) -> Iterator[None]:
+    """Set DTR and RTS of a port that is opened in this context."""
     port.dtr = settings.dtr is ControlLine.ON
     port.rts = settings.rts is ControlLine.ON
     if ControlLine.LEAVE not in (settings.dtr, settings.rts):
@@ -123,8 +120,8 @@ def _lines_as_asked(port: serial.Serial, settings: PortSettings) -> Iterator[Non
             raise PortError("rfc2217:// cannot leave DTR and RTS as they are: ask for on or off")
         yield
         return
-    # pyserial cannot but set both lines, so it is told to set what opening the device gave. The
-    # device stays open meanwhile, as closing it would lower the lines.
+    # pyserial always sets both lines, so let it set the values that opening the device gives. Keep
+    # the device open meanwhile, because closing it lowers the lines.
     descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         found = _modem_lines(descriptor)
@@ -138,7 +135,7 @@ def _lines_as_asked(port: serial.Serial, settings: PortSettings) -> Iterator[Non
 
 
 def _modem_lines(descriptor: int) -> int:
-    """The modem lines' bits; none where the terminal has no such lines, as a pty."""
+    """The bits of the modem lines; 0 if the terminal has none, like a pseudo-terminal."""
     try:
         (lines,) = struct.unpack("I", fcntl.ioctl(descriptor, termios.TIOCMGET, b"\0\0\0\0"))
     except OSError:
@@ -146,21 +143,28 @@ def _modem_lines(descriptor: int) -> int:
     return int(lines)
 
 
-def _make_breaks_harmless(descriptor: int) -> None:
-    """Make a break an ordinary 00 byte: with BRKINT, which pyserial leaves, it discards bytes."""
+def _keep_breaks(descriptor: int) -> None:
+    """Read a break as a 00 byte: with BRKINT, which pyserial leaves on, it discards bytes."""
     attributes = termios.tcgetattr(descriptor)
     attributes[0] &= ~(termios.BRKINT | termios.IGNPAR)
     termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
-Read: TypeAlias = Callable[[], bytes]
+# Reading and writing
 
-_MOST_AT_ONCE = 65_536
+Read: TypeAlias = Callable[[], bytes]
+"""Returns what has arrived; `b""` after READ_TIMEOUT_S. Raises OSError when the port is lost."""
+
+Write: TypeAlias = Callable[[bytes], int]
+"""Writes the first of these bytes and returns their number: 0 if the driver has no room within
+READ_TIMEOUT_S. Raises OSError when the port is lost."""
+
+_MAX_READ = 65_536
 _GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
 
 
 def reader_of(port: serial.Serial) -> Read:
-    """The quickest safe way to read `port`."""
+    """The fastest safe way to read `port`."""
     if isinstance(port, protocol_socket.Serial):
         return _DescriptorReader(port.fileno(), empty_is_end=_GONE | select.POLLIN).read
     if type(port).read is serial.Serial.read:
@@ -169,10 +173,10 @@ def reader_of(port: serial.Serial) -> Read:
 
 
 class _DescriptorReader:
-    """Reads what the system has: two calls a read, however few or many bytes there are.
+    """Reads everything that has arrived with two system calls.
 
-    pyserial would need a call a byte here: it reads until it has the count it was asked for, and
-    when the port is lost before that, the bytes it already took are lost with it.
+    pyserial needs one call for each byte: it reads until it has the requested count, and loses the
+    bytes already read if the port is lost before that.
     """
 
     def __init__(self, descriptor: int, empty_is_end: int) -> None:
@@ -186,17 +190,17 @@ class _DescriptorReader:
         if not ready:
             return b""
         try:
-            data = os.read(self._descriptor, _MOST_AT_ONCE)
+            data = os.read(self._descriptor, _MAX_READ)
         except BlockingIOError:
             return b""
-        # A terminal is also readable without bytes where another program was quicker.
+        # A terminal without bytes is also readable if another program has just read them.
         if not data and ready[0][1] & self._empty_is_end:
             raise OSError(TranslatableText("the other end has hung up"))
         return data
 
 
 class _PortReader:
-    """Reads through pyserial's interface; for ports that have no descriptor of their own."""
+    """Reads through pyserial's interface; for ports without a file descriptor."""
 
     def __init__(self, port: serial.Serial) -> None:
         self._port = port
@@ -206,90 +210,114 @@ class _PortReader:
         if not data:
             return data
         try:
-            # The rest of what the first byte came with, or each frame would be two reads.
+            # The rest of what came with the first byte; otherwise each frame takes two reads.
             return data + self._port.read(self._port.in_waiting)
         except OSError:
-            # The next read meets it again; what has been read is not lost with the port.
+            # The next read raises it again; the bytes read so far are not lost.
             return data
 
 
+def writer_of(port: serial.Serial) -> Write:
+    """The fastest way to write to `port`."""
+    if isinstance(port, protocol_socket.Serial) or type(port).write is serial.Serial.write:
+        return _DescriptorWriter(port.fileno()).write
+    return lambda data: port.write(data) or 0
+
+
+class _DescriptorWriter:
+    """Writes what the system has room for; pyserial does not return that number."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._poll = select.poll()
+        self._poll.register(descriptor, select.POLLOUT)
+
+    def write(self, data: bytes) -> int:
+        try:
+            return os.write(self._descriptor, data)
+        except BlockingIOError:
+            self._poll.poll(READ_TIMEOUT_S * 1000)
+            return 0
+
+
+# Latency of the driver
+
 USB_SERIAL: Final = Path("/sys/bus/usb-serial/devices")
-"""Where the system tells of USB adapters' own settings."""
+"""Where Linux publishes the settings of USB adapters."""
 
 SHORT_TIMER_MS: Final = 2
-"""A latency timer up to this delays no row noticeably, milliseconds."""
+"""A latency timer up to this is not noticeable, milliseconds."""
 
 _TIOCGSERIAL = 0x541E
 _TIOCSSERIAL = 0x541F
 _SERIAL_STRUCT = struct.Struct("=32i")
-"""`struct serial_struct`, with room behind it."""
-_FLAGS_PLACE = 4
+"""`struct serial_struct`, and spare bytes after it."""
+_FLAGS = 4
 _LOW_LATENCY = 1 << 13
 
 
 class LowLatency(StrEnum):
-    """What became of asking a driver to hand on at once."""
+    """The driver's answer to a request for low latency."""
 
     GRANTED = "low latency granted"
     REFUSED = "low latency refused"
     ABSENT = "no low latency setting"
 
 
-def ask_low_latency(port: serial.Serial) -> LowLatency:
-    """Ask the driver behind an open port to hand on at once what it receives."""
+def request_low_latency(port: serial.Serial) -> LowLatency:
+    """Request low latency (ASYNC_LOW_LATENCY): the driver delivers bytes as they arrive."""
     try:
         descriptor = port.fileno()
-        told = fcntl.ioctl(descriptor, _TIOCGSERIAL, bytes(_SERIAL_STRUCT.size))
+        settings = fcntl.ioctl(descriptor, _TIOCGSERIAL, bytes(_SERIAL_STRUCT.size))
     except (AttributeError, OSError):
         return LowLatency.ABSENT
     try:
-        fcntl.ioctl(descriptor, _TIOCSSERIAL, with_low_latency(told))
-        told = fcntl.ioctl(descriptor, _TIOCGSERIAL, bytes(_SERIAL_STRUCT.size))
+        fcntl.ioctl(descriptor, _TIOCSSERIAL, with_low_latency(settings))
+        settings = fcntl.ioctl(descriptor, _TIOCGSERIAL, bytes(_SERIAL_STRUCT.size))
     except PermissionError:
         return LowLatency.REFUSED
     except OSError:
         return LowLatency.ABSENT
-    return LowLatency.GRANTED if has_low_latency(told) else LowLatency.REFUSED
+    return LowLatency.GRANTED if has_low_latency(settings) else LowLatency.REFUSED
 
 
 def has_low_latency(serial_struct: bytes) -> bool:
-    """Whether low latency is asked for in a `struct serial_struct`."""
-    return bool(_SERIAL_STRUCT.unpack(serial_struct)[_FLAGS_PLACE] & _LOW_LATENCY)
+    """True if the low latency flag is set in a `struct serial_struct`."""
+    return bool(_SERIAL_STRUCT.unpack(serial_struct)[_FLAGS] & _LOW_LATENCY)
 
 
 def with_low_latency(serial_struct: bytes) -> bytes:
-    """The same `struct serial_struct`, with low latency asked for and nothing else changed."""
+    """The same `struct serial_struct` with the low latency flag set."""
     numbers = list(_SERIAL_STRUCT.unpack(serial_struct))
-    numbers[_FLAGS_PLACE] |= _LOW_LATENCY
+    numbers[_FLAGS] |= _LOW_LATENCY
     return _SERIAL_STRUCT.pack(*numbers)
 
 
 def latency_timer_ms(device: str, devices: Path = USB_SERIAL) -> int | None:
-    """The latency timer of the adapter behind a device file; None where it has none."""
+    """The latency timer of a USB adapter, milliseconds; None if it has none."""
+    return _timer_ms(devices / Path(device).resolve().name)
+
+
+def _timer_ms(folder: Path) -> int | None:
     try:
-        return int((devices / Path(device).resolve().name / "latency_timer").read_text())
+        return int((folder / "latency_timer").read_text())
     except (OSError, ValueError):
         return None
 
 
-def is_usb(device: str, devices: Path = USB_SERIAL) -> bool:
-    """Whether a device file is that of a USB adapter."""
-    return (devices / Path(device).resolve().name).exists()
-
-
 @dataclass(frozen=True, slots=True)
 class PortCapabilities:
-    """What a port's driver granted."""
+    """What the driver of an open port supports."""
 
     line: LineWatch
-    """What knows of the line's errors."""
+    """The line errors."""
     low_latency: LowLatency
     timer_ms: int | None
-    """The adapter's latency timer, milliseconds; None where it has none."""
+    """The adapter's latency timer, milliseconds; None if it has none."""
     usb: bool
 
     def __str__(self) -> str:
-        low, line = TranslatableText(self.low_latency.value), self.line.words
+        low, line = TranslatableText(self.low_latency.value), self.line.description
         if self.timer_ms is None:
             return TranslatableText("{low_latency}; {line}", low_latency=low, line=line)
         return TranslatableText(
@@ -300,60 +328,54 @@ class PortCapabilities:
         )
 
 
-def ask(port: serial.Serial) -> PortCapabilities:
-    """Ask for low latency, and for line errors; before anything is read of an open port."""
-    low_latency = ask_low_latency(port)
+def request_capabilities(port: serial.Serial) -> PortCapabilities:
+    """Request low latency and line errors of an open port; call it before the first read."""
+    low_latency = request_low_latency(port)
     device = device_of(port)
     return PortCapabilities(
         line_watch_of(port),
         low_latency,
-        latency_timer_ms(device) if device else None,
-        is_usb(device) if device else False,
+        timer_ms=latency_timer_ms(device) if device else None,
+        usb=device is not None and (USB_SERIAL / Path(device).resolve().name).exists(),
     )
 
 
-_SYS_TTY = Path("/sys/class/tty")
-
 HOST_NS = 1_000_000
-"""Until this program runs once bytes have arrived, on a machine that is not overloaded."""
+"""Until this program runs after bytes have arrived, on a machine that is not overloaded."""
 
 USB_FRAME_NS = 1_000_000
-"""Between two questions of a full-speed USB host to an adapter."""
+"""Polling interval of a full-speed USB host."""
 
 USB_UNKNOWN_NS = 16_000_000
-"""For an adapter that does not tell its latency timer: the usual one."""
+"""For an adapter without a readable latency timer: the usual value."""
 
 NETWORK_NS = 20_000_000
-"""For a port server, on a local network that is well."""
+"""For a port server on a healthy local network."""
 
 FIFO_BYTES = 16
-"""Byte times that a UART of the board holds bytes: until its FIFO is full, or four pass unused."""
+"""Byte times that an on-board UART holds bytes: until its FIFO is full, or four pass unused."""
 
-_NETWORK_SCHEMES = ("socket", "rfc2217")
+_SYS_TTY = Path("/sys/class/tty")
 
 
 def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
-    """How late bytes of an open port can be, nanoseconds; a machine that stalls adds to it.
+    """Largest delay from a byte on the wire to its read, nanoseconds; a stalled machine adds to it.
 
     Args:
-        port: as `open_port` gives it.
-        sys_tty: where the system tells of terminals.
+        port: from `open_port`.
+        sys_tty: where the system describes terminals.
     """
     device = device_of(port)
     if device is None:
-        network = (port.port or "").partition("://")[0].lower() in _NETWORK_SCHEMES
+        network = (port.port or "").partition("://")[0].lower() in NETWORK_SCHEMES
         return HOST_NS + NETWORK_NS * network
-    return HOST_NS + _device_ns(sys_tty / Path(device).resolve().name / "device", port.baudrate)
+    return HOST_NS + _driver_ns(sys_tty / Path(device).resolve().name / "device", port.baudrate)
 
 
-def _device_ns(facts: Path, baud: int) -> int:
-    if not facts.exists():
+def _driver_ns(folder: Path, baud: int) -> int:
+    if not folder.exists():
         return 0  # a pseudo-terminal
-    subsystem = (facts / "subsystem").resolve().name
-    if not subsystem.startswith("usb"):
+    if not (folder / "subsystem").resolve().name.startswith("usb"):
         return FIFO_BYTES * byte_time_ns(baud)
-    try:
-        timer_ms = int((facts / "latency_timer").read_text())
-    except (OSError, ValueError):
-        return USB_FRAME_NS + USB_UNKNOWN_NS
-    return USB_FRAME_NS + timer_ms * 1_000_000
+    timer_ms = _timer_ms(folder)
+    return USB_FRAME_NS + (USB_UNKNOWN_NS if timer_ms is None else timer_ms * 1_000_000)

@@ -1,4 +1,4 @@
-"""Simulated controller, motors and host."""
+"""Simulated motors, controller and host: the state behind `sim://` and `simulate`."""
 
 from __future__ import annotations
 
@@ -11,83 +11,83 @@ from typing import TypeAlias
 from fte_sniff.protocol import KIND_BY_NAME, KINDS, MOTORS, Direction, FrameKind, encode
 
 PULSES_PER_TURN = 500
-"""Encoder pulses in one turn of a simulated motor. The protocol leaves this to the motor."""
+"""Encoder pulses in one turn of a simulated motor; the protocol does not define it."""
 
 TOP_SPEED_RPM = 3000.0
-"""What a simulated motor reaches at most, however much is asked."""
+"""Highest speed of a simulated motor."""
 
 ACCELERATION_RPM_S = 4000.0
-"""How fast its speed can change, RPM per second."""
+"""Highest change of its speed, RPM per second."""
 
 SPEED_LAG_S = 0.04
-"""Time constant with which the speed follows what is wanted, seconds."""
+"""Time constant of the speed control, seconds."""
 
 POSITION_GAIN = 5.0
-"""RPM-equivalent speed per remaining distance near the target, 1/s."""
+"""Gain of the position control near the target: speed per remaining distance, 1/s."""
 
 _PULSES_PER_S_PER_RPM = PULSES_PER_TURN / 60
 _BRAKING_PULSES_S2 = 0.6 * ACCELERATION_RPM_S * _PULSES_PER_S_PER_RPM
 
 
 def clamp(value: float, bound: float) -> float:
-    """`value`, or the nearest of `-bound` and `bound` where it lies outside."""
+    """Limit `value` to `-bound`..`bound`."""
     return max(-bound, min(bound, value))
 
 
 @dataclass(slots=True)
 class Motor:
-    """One motor; `step` lets time pass."""
+    """One motor; `step` advances its time."""
 
     rpm: float = 0.0
     """Present speed."""
     pulses: float = 0.0
     """Present position."""
     online: bool = True
-    """Whether its driver answers; where not, the motor runs down."""
-    _wanted_rpm: float = 0.0
+    """False while its driver does not answer; the motor then stops."""
+    _target_rpm: float = 0.0
     _target_pulses: float | None = None
     _limit_rpm: float = 0.0
     _holds_zero: bool = False
 
     def turn(self, rpm: float) -> None:
-        """Go to a speed, and keep it."""
+        """Accelerate to a speed, and keep it."""
         self._target_pulses = None
         self._holds_zero = False
-        self._wanted_rpm = clamp(rpm, TOP_SPEED_RPM)
+        self._target_rpm = clamp(rpm, TOP_SPEED_RPM)
 
     def move(self, pulses: float, limit_rpm: float) -> None:
-        """Go to a position, no faster than `limit_rpm` (its sign means nothing), and hold it."""
+        """Move to a position at `limit_rpm` at most (its sign is ignored), and hold it."""
         self._holds_zero = False
         self._target_pulses = pulses
         self._limit_rpm = min(abs(limit_rpm), TOP_SPEED_RPM)
 
     def reset(self) -> None:
-        """Stop, and call the place where the motor stops zero."""
+        """Stop, and make the position zero."""
         self.turn(0)
         self._holds_zero = True
 
     def step(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass, which must be short against `SPEED_LAG_S`."""
-        wanted = self._speed_wanted()
-        change = clamp((wanted - self.rpm) * dt_s / SPEED_LAG_S, ACCELERATION_RPM_S * dt_s)
+        """Advance by `dt_s` seconds, which must be much shorter than `SPEED_LAG_S`."""
+        target = self._target_speed()
+        change = clamp((target - self.rpm) * dt_s / SPEED_LAG_S, ACCELERATION_RPM_S * dt_s)
         self.rpm += change
-        if wanted == 0 and abs(self.rpm) < 0.5:
+        if target == 0 and abs(self.rpm) < 0.5:
             self.rpm = 0.0
         self.pulses += self.rpm * _PULSES_PER_S_PER_RPM * dt_s
         if self._holds_zero:
             self.pulses = 0.0
 
-    def _speed_wanted(self) -> float:
+    def _target_speed(self) -> float:
         if not self.online:
             return 0.0
         if self._target_pulses is None:
-            return self._wanted_rpm
-        ahead = self._target_pulses - self.pulses
-        if abs(ahead) < 0.25:
+            return self._target_rpm
+        distance = self._target_pulses - self.pulses
+        if abs(distance) < 0.25:
             return 0.0
-        braking = math.sqrt(2 * _BRAKING_PULSES_S2 * abs(ahead))
-        pulses_s = min(braking, POSITION_GAIN * abs(ahead))
-        return math.copysign(min(pulses_s / _PULSES_PER_S_PER_RPM, self._limit_rpm), ahead)
+        braking = math.sqrt(2 * _BRAKING_PULSES_S2 * abs(distance))
+        pulses_s = min(braking, POSITION_GAIN * abs(distance))
+        return math.copysign(min(pulses_s / _PULSES_PER_S_PER_RPM, self._limit_rpm), distance)
 
 
 WHEEL_RADIUS_CM = 7.6
@@ -95,13 +95,13 @@ GEAR_RATIO = 20
 """Turns of the motor in one turn of its wheel."""
 
 HALF_TRACK_PLUS_HALF_BASE_CM = 38.0
-"""Half the distance of the wheels sideways plus half of it lengthways: the lever of a rotation."""
+"""Half the track plus half the wheelbase: the lever of a rotation."""
 
 STEP_S = 0.002
-"""The step of the simulated physics, seconds."""
+"""Time step of the simulated physics, seconds."""
 
 OFFLINE_EVERY_S = (12.0, 90.0)
-"""The least and the greatest time between two spells in which one motor is offline."""
+"""Shortest and longest time between two periods in which one motor is offline."""
 
 OFFLINE_FOR_S = (0.4, 1.6)
 
@@ -114,8 +114,9 @@ _FEEDBACK_KIND_BY_CMD = {
 def wheel_speeds(vx_cm_s: float, vy_cm_s: float, wz_mrad_s: float) -> tuple[float, ...]:
     """The RPM of motors 1 to 4 for a motion of the mecanum chassis.
 
-    + is forward, left and counter-clockwise. The protocol does not say which motor sits where; here
-    1 to 4 are front left, front right, rear left, rear right, and + turns every wheel forward.
+    Positive is forward, left and counter-clockwise. The protocol does not define the positions of
+    the motors; here 1 to 4 are front left, front right, rear left, rear right, and a positive speed
+    turns every wheel forward.
     """
     turn_cm_s = wz_mrad_s / 1000 * HALF_TRACK_PLUS_HALF_BASE_CM
     wheels_cm_s = (
@@ -128,7 +129,7 @@ def wheel_speeds(vx_cm_s: float, vy_cm_s: float, wz_mrad_s: float) -> tuple[floa
 
 
 class Controller:
-    """Four motors, their modes, and the flags that the feedback carries."""
+    """Four motors, their modes, and the flags in the feedback."""
 
     def __init__(self, rng: Random) -> None:
         self.motors = {number: Motor() for number in MOTORS}
@@ -139,7 +140,7 @@ class Controller:
         self._change_at_s = self._between(*OFFLINE_EVERY_S)
 
     def obey(self, kind: FrameKind, values: Mapping[str, int]) -> None:
-        """Do what a control frame says; a frame for no motor of ours changes nothing."""
+        """Execute a control frame; ignore one for an unknown motor."""
         if kind.direction is not Direction.CONTROL:
             return
         if kind.name == "reset":
@@ -160,13 +161,13 @@ class Controller:
                 motor.turn(values["rpm"])
 
     def advance_to(self, t_s: float) -> None:
-        """Let time pass until `t_s`, seconds since the start."""
+        """Advance to `t_s`, seconds since the start."""
         while self._steps * STEP_S < t_s:
             self._steps += 1
             for motor in self.motors.values():
                 motor.step(STEP_S)
         while t_s >= self._change_at_s:
-            self._change_who_is_online()
+            self._toggle_online()
 
     def feedback(self, number: int) -> bytes | None:
         """The feedback frame of one motor in its present mode; None while it is offline."""
@@ -198,7 +199,7 @@ class Controller:
     def _between(self, low: float, high: float) -> float:
         return low + self._rng.random() * (high - low)
 
-    def _change_who_is_online(self) -> None:
+    def _toggle_online(self) -> None:
         if self._offline:
             self.motors[self._offline].online = True
             self._offline = 0
@@ -215,30 +216,30 @@ Command: TypeAlias = tuple[FrameKind, dict[str, int]]
 
 @dataclass(frozen=True, slots=True)
 class HostStep:
-    """Commands sent in turn, each at least once, until the time is over; none is a pause."""
+    """Commands sent in turn, each at least once, for a time; a pause without commands."""
 
     duration_s: float
     commands: tuple[Command, ...] = ()
 
 
 class SimulatedHost:
-    """Tells the next command, or that it is silent."""
+    """Sends a script of resets, speed ramps, position moves and drives."""
 
     def __init__(self, rng: Random) -> None:
         self._script = _script(rng)
         self._step = next(self._script)
         self._until_s = self._step.duration_s
-        self._said = 0
+        self._sent = 0
 
     def command_at(self, t_s: float) -> Command | None:
-        """What is sent at `t_s`, seconds since the start, which must not fall; None is silence."""
-        while t_s >= self._until_s and self._said >= len(self._step.commands):
-            self._step, self._said = next(self._script), 0
+        """The command sent at `t_s`, seconds since the start, monotonic; None for silence."""
+        while t_s >= self._until_s and self._sent >= len(self._step.commands):
+            self._step, self._sent = next(self._script), 0
             self._until_s = t_s + self._step.duration_s
         if not self._step.commands:
             return None
-        command = self._step.commands[self._said % len(self._step.commands)]
-        self._said += 1
+        command = self._step.commands[self._sent % len(self._step.commands)]
+        self._sent += 1
         return command
 
 
@@ -257,7 +258,7 @@ def _script(rng: Random) -> Iterator[HostStep]:
 
 
 def _pick(rng: Random, low: int, high: int) -> int:
-    """A whole number from `low` to `high`, both included."""
+    """A random integer from `low` to `high`, both included."""
     return low + int(rng.random() * (high - low + 1))
 
 
@@ -277,11 +278,11 @@ def _speed_ramps(rng: Random) -> Iterator[HostStep]:
 
 def _position_moves(rng: Random) -> Iterator[HostStep]:
     goals = [(m, _sign(rng) * _pick(rng, 4, 40) * 500) for m in MOTORS]
-    for places in (goals, [(m, 0) for m in MOTORS]):
+    for targets in (goals, [(m, 0) for m in MOTORS]):
         limit = _pick(rng, 6, 12) * 100
         yield HostStep(
             0.1,
-            tuple(_command("position", motor=m, rpm=limit, pulses=at) for m, at in places),
+            tuple(_command("position", motor=m, rpm=limit, pulses=at) for m, at in targets),
         )
         yield HostStep(_pick(rng, 25, 35) / 10)
 

@@ -1,12 +1,12 @@
-"""Simulated byte stream with faults and its parameters.
+"""Simulated byte stream with exact times, its faults and its parameters.
 
-It must not read a clock or sleep. Who wants real time paces the bytes by their times.
+Nothing here reads a clock or sleeps; `sim://` delivers the bytes in real time.
 
-The wire is a half-duplex bus, cut into slots of 1/rate seconds. Five slots are a round:
+The wire is a half-duplex bus with time slots of 1/rate seconds. Five slots are a round:
 
     host | motor 1 | motor 2 | motor 3 | motor 4 | host | motor 1 | ...
 
-A slot whose owner has nothing to say, or who is not listened to, is silence.
+A slot is silent if its owner sends nothing, or if its direction is not captured.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from fte_sniff.errors import PortError
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, MOTORS, Direction, byte_time_ns, encode
 
 MOST_DROPPED = 4
-"""Adjacent bytes lost at most in one fault."""
+"""Largest number of adjacent bytes lost in one fault."""
 
 MOST_NOISE = 8
-"""Random bytes at most between two frames."""
+"""Largest number of random bytes between two frames."""
 
 
 class Faults:
-    """Damages frames with the probabilities asked for."""
+    """Damages frames with given probabilities."""
 
     def __init__(self, seed: int, drop: float, flip: float, noise: float) -> None:
         self._drop, self._flip, self._noise = drop, flip, noise
@@ -41,36 +41,36 @@ class Faults:
         self._noise_dice = Random(f"{seed}/noise")
 
     def damaged(self, raw: bytes) -> bytes:
-        """The bytes as they are heard; at least one is left."""
-        if _below(self._flip_dice, self._flip):
-            raw = self._with_a_bit_flipped(raw)
-        if _below(self._drop_dice, self._drop):
-            raw = self._with_bytes_lost(raw)
+        """The frame as received; at least one byte is left."""
+        if _chance(self._flip_dice, self._flip):
+            raw = self._flip_bit(raw)
+        if _chance(self._drop_dice, self._drop):
+            raw = self._drop_bytes(raw)
         return raw
 
     def noise(self) -> bytes:
-        """What is heard before the next frame; mostly nothing."""
+        """Noise before the next frame; mostly none."""
         dice = self._noise_dice
-        if not _below(dice, self._noise):
+        if not _chance(dice, self._noise):
             return b""
-        return bytes(_whole(dice, 256) for _ in range(1 + _whole(dice, MOST_NOISE)))
+        return bytes(_below(dice, 256) for _ in range(1 + _below(dice, MOST_NOISE)))
 
-    def _with_a_bit_flipped(self, raw: bytes) -> bytes:
-        place, bit = divmod(_whole(self._flip_dice, len(raw) * 8), 8)
-        return raw[:place] + bytes([raw[place] ^ 1 << bit]) + raw[place + 1 :]
+    def _flip_bit(self, raw: bytes) -> bytes:
+        offset, bit = divmod(_below(self._flip_dice, len(raw) * 8), 8)
+        return raw[:offset] + bytes([raw[offset] ^ 1 << bit]) + raw[offset + 1 :]
 
-    def _with_bytes_lost(self, raw: bytes) -> bytes:
-        count = 1 + _whole(self._drop_dice, min(MOST_DROPPED, len(raw) - 1))
-        first = _whole(self._drop_dice, len(raw) - count + 1)
+    def _drop_bytes(self, raw: bytes) -> bytes:
+        count = 1 + _below(self._drop_dice, min(MOST_DROPPED, len(raw) - 1))
+        first = _below(self._drop_dice, len(raw) - count + 1)
         return raw[:first] + raw[first + count :]
 
 
-def _below(dice: Random, probability: float) -> bool:
+def _chance(dice: Random, probability: float) -> bool:
     return dice.random() < probability
 
 
-def _whole(dice: Random, end: int) -> int:
-    """A whole number from 0 up to but not `end`; `random()` alone is the same in every Python."""
+def _below(dice: Random, end: int) -> int:
+    """A random integer in 0..end-1; only `random()` is the same in every version of Python."""
     return int(dice.random() * end)
 
 
@@ -79,7 +79,7 @@ _TABLE_KEY = "parameter"
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One thing that can be asked of a simulation."""
+    """One parameter of a simulation."""
 
     name: str
     default: int | float | str
@@ -87,11 +87,11 @@ class Parameter:
     low: float = 0
     high: float = math.inf
     words: tuple[str, ...] = ()
-    """Every legal value, where the parameter is a word rather than a number."""
+    """The legal values, if the parameter is not a number."""
 
     @property
     def range_text(self) -> str:
-        """The legal values, for messages and help: `0..1`, `on|off`."""
+        """The legal values for messages and help: `0..1`, `on|off`."""
         if self.words:
             return "|".join(self.words)
         whole = "a whole number " if isinstance(self.default, int) else ""
@@ -99,7 +99,7 @@ class Parameter:
         return f"{whole}>= {low}" if math.isinf(self.high) else f"{whole}{low}..{high}"
 
     def read(self, text: str) -> int | float | str:
-        """The value that `text` means; raises PortError where it is none or out of range."""
+        """Parse `text`; raises PortError if it is no legal value."""
         try:
             value = type(self.default)(text)
         except ValueError:
@@ -108,12 +108,12 @@ class Parameter:
         return value
 
     def check(self, value: object) -> None:
-        """Raise PortError, naming the parameter and its range, where `value` is not legal."""
+        """Raise PortError with the legal range if `value` is not legal."""
         if self.words:
             legal = value in self.words
         else:
-            wanted = int if isinstance(self.default, int) else (int, float)
-            legal = isinstance(value, wanted) and self.low <= value <= self.high
+            types = int if isinstance(self.default, int) else (int, float)
+            legal = isinstance(value, types) and self.low <= value <= self.high
         if not legal:
             raise self._refusal(value)
 
@@ -122,13 +122,13 @@ class Parameter:
 
 
 def _parameter(default: float | str, meaning: str, **limits: Any) -> Any:
-    told = {"default": default, "meaning": meaning, **limits}
-    return dataclasses.field(default=default, metadata={_TABLE_KEY: told})
+    entry = {"default": default, "meaning": meaning, **limits}
+    return dataclasses.field(default=default, metadata={_TABLE_KEY: entry})
 
 
 @dataclass(frozen=True, slots=True)
 class SimulationParameters:
-    """What a simulation is to do; values out of range raise PortError."""
+    """The parameters of a simulation; values out of range raise PortError."""
 
     seed: int = _parameter(0, "the same seed gives the same bytes")
     rate: float = _parameter(
@@ -146,13 +146,13 @@ class SimulationParameters:
             parameter.check(getattr(self, parameter.name))
 
     @property
-    def never_heard(self) -> bool:
-        """Whether the line is silent for ever: only the host is heard, and there is none."""
+    def is_silent(self) -> bool:
+        """True if no byte ever comes: only the host is captured, and there is none."""
         return self.wire == Direction.CONTROL and self.host == "off"
 
     def check_against(self, baud: int) -> None:
-        """Raise PortError where a line of `baud` bits per second cannot carry the frames."""
-        most = most_frames_per_s(baud)
+        """Raise PortError if a line of `baud` bits per second cannot carry the rate."""
+        most = max_frames_per_s(baud)
         if self.rate > most:
             raise PortError(
                 f"sim:// cannot take rate={self.rate:g}: a line of {baud} baud carries at most "
@@ -160,8 +160,8 @@ class SimulationParameters:
             )
 
 
-def most_frames_per_s(baud: int) -> int:
-    """How many frames one wire of `baud` bits per second carries each second."""
+def max_frames_per_s(baud: int) -> int:
+    """Capacity of one wire of `baud` bits per second, frames per second."""
     return round(1_000_000_000 / (FRAME_LENGTH * byte_time_ns(baud)))
 
 
@@ -171,11 +171,11 @@ def _table() -> tuple[Parameter, ...]:
 
 
 PARAMETERS: tuple[Parameter, ...] = _table()
-"""Every parameter of a simulation, in the order in which help names them."""
+"""Every parameter, in the order of the help."""
 
 
 def parse_parameters(query: str) -> SimulationParameters:
-    """The parameters in a URL's query, `seed=1&drop=0.01`; those left out have their defaults.
+    """Parse a URL's query, `seed=1&drop=0.01`; missing parameters have their defaults.
 
     Raises:
         PortError: a parameter is unknown, given twice, or its value is not legal.
@@ -198,14 +198,14 @@ def _unknown(name: str, known: list[str]) -> str:
 
 
 def parameters_help(baud: int = DEFAULT_BAUD) -> str:
-    """One line a parameter, for help texts: name, meaning, range and default."""
+    """Help text with one line for each parameter: name, meaning, range and default."""
     lines = [
         f"{parameter.name:<7} {parameter.meaning} ({parameter.range_text}; "
         f"default {parameter.default})"
         for parameter in PARAMETERS
     ]
     return "\n".join(
-        [*lines, f"A line of {baud} baud carries at most {most_frames_per_s(baud)} frames/s."]
+        [*lines, f"A line of {baud} baud carries at most {max_frames_per_s(baud)} frames/s."]
     )
 
 
@@ -214,27 +214,27 @@ _MOST_JITTER_NS = 400_000
 
 @dataclass(frozen=True, slots=True)
 class TimedBytes:
-    """What is heard of one frame, or one run of noise, and when."""
+    """The received bytes of one frame, or of one run of noise, with their times."""
 
     begins_ns: int
-    """When its first byte began on the wire, nanoseconds since the start."""
+    """Start of the first byte, nanoseconds since the start."""
     t_ns: int
-    """When its last byte was over: when a read could return it, nanoseconds since the start."""
+    """End of the last byte, when a read can return it, nanoseconds since the start."""
     data: bytes
-    """The bytes as heard, faults applied; never empty."""
+    """The bytes as received, faults applied; never empty."""
     sent: bytes
-    """The frame as it was sent, before any fault; empty for noise."""
+    """The frame as sent, before faults; empty for noise."""
 
 
 class Simulation:
-    """An iterator of TimedBytes; its times never fall and its bytes never overlap.
+    """Iterator of TimedBytes; times are monotonic and bytes do not overlap.
 
-    It is empty where nobody is ever heard, rather than to look for a first byte for ever.
-    The controller may be given commands of one's own between two items: `controller.obey`.
+    It is empty if `parameters.is_silent`. Between two items you can give commands to the
+    controller: `controller.obey`.
     """
 
     def __init__(self, parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> None:
-        """Start at time 0; raises PortError where `baud` cannot carry the parameters' rate."""
+        """Start at time 0; raises PortError if a line of `baud` cannot carry the rate."""
         parameters.check_against(baud)
         self.parameters = parameters
         self.controller = Controller(Random(f"{parameters.seed}/controller"))
@@ -252,26 +252,26 @@ class Simulation:
         return next(self._items)
 
     def _run(self) -> Iterator[TimedBytes]:
-        if self.parameters.never_heard:
+        if self.parameters.is_silent:
             return
-        slot = heard = 0
+        slot = received = 0
         while True:
-            sent = self._said_in(slot)
-            begins_ns = self._begin_of(slot)
+            sent = self._frame_in(slot)
+            begins_ns = self._start_of(slot)
             slot += 1
             if not sent:
                 continue
-            yield from self._heard(sent, begins_ns)
-            heard += 1
-            if heard == self.parameters.frames:
+            yield from self._received(sent, begins_ns)
+            received += 1
+            if received == self.parameters.frames:
                 return
 
-    def _begin_of(self, slot: int) -> int:
+    def _start_of(self, slot: int) -> int:
         slot_ns = 1_000_000_000 / self.parameters.rate
         slack_ns = max(0.0, slot_ns - FRAME_LENGTH * self._byte_ns)
         return int(slot * slot_ns + self._jitter_dice.random() * min(slack_ns, _MOST_JITTER_NS))
 
-    def _said_in(self, slot: int) -> bytes | None:
+    def _frame_in(self, slot: int) -> bytes | None:
         t_s = slot / self.parameters.rate
         self.controller.advance_to(t_s)
         motor = slot % (1 + len(MOTORS))
@@ -281,28 +281,26 @@ class Simulation:
         command = self._host.command_at(t_s) if self.parameters.host == "on" else None
         if command is None:
             return None
-        # The faults are the listener's: the controller itself hears every command.
+        # Faults affect only the listener: the controller receives every command.
         self.controller.obey(*command)
         return encode(*command) if self.parameters.wire != Direction.FEEDBACK else None
 
-    def _heard(self, sent: bytes, begins_ns: int) -> Iterator[TimedBytes]:
+    def _received(self, sent: bytes, begins_ns: int) -> Iterator[TimedBytes]:
         noise = self._faults.noise()
         if noise:
-            takes_ns = len(noise) * self._byte_ns
-            yield self._on_the_wire(max(0, begins_ns - 2 * takes_ns), noise, takes_ns, b"")
-        takes_ns = len(sent) * self._byte_ns
-        yield self._on_the_wire(begins_ns, self._faults.damaged(sent), takes_ns, sent)
+            duration_ns = len(noise) * self._byte_ns
+            yield self._timed(max(0, begins_ns - 2 * duration_ns), noise, duration_ns, b"")
+        duration_ns = len(sent) * self._byte_ns
+        yield self._timed(begins_ns, self._faults.damaged(sent), duration_ns, sent)
 
-    def _on_the_wire(self, begins_ns: int, data: bytes, takes_ns: int, sent: bytes) -> TimedBytes:
+    def _timed(self, begins_ns: int, data: bytes, duration_ns: int, sent: bytes) -> TimedBytes:
         begins_ns = max(begins_ns, self._free_at_ns)
-        self._free_at_ns = begins_ns + takes_ns
+        self._free_at_ns = begins_ns + duration_ns
         return TimedBytes(begins_ns, self._free_at_ns, data, sent)
 
 
 def simulate(parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> Iterator[TimedBytes]:
-    """What a listener hears, with exact times; without end unless `parameters.frames` says so.
-
-    Nothing at all where only a host is listened to, and there is none.
+    """The received bytes with exact times; infinite unless `parameters.frames` is set.
 
     Raises:
         PortError: a line of `baud` bits per second cannot carry the rate.

@@ -1,7 +1,7 @@
-"""Source interface, thread base class, items of a source.
+"""Capture sources: the `Source` interface, and the base class of sources with a reader thread.
 
 opened -> read -> stopped: closed
-               -> lost:    wait, and read again where it came back
+               -> lost:    wait for the port, then read on
 """
 
 from __future__ import annotations
@@ -9,8 +9,11 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from enum import StrEnum
 from typing import Protocol, Self, TypeAlias
+
+import serial
 
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_errors import one_line
@@ -30,26 +33,26 @@ class SourceEnd(StrEnum):
 
 
 class Source(Protocol):
-    """Open ports as one iterable of chunks and events, in order of their times; iterate once.
+    """Open ports as one iterable of chunks and events, ordered by time; iterate once.
 
-    Each port's first item is the event `opened`. No port is silent for long: an empty chunk tells
-    some times a second that time has passed. An event `lost` or `overrun` means that the bytes
-    before it and those behind it do not join.
+    The first item of each port is the event `opened`. A silent port yields empty chunks several
+    times a second, as a sign that time passes. After an event `lost` or `overrun`, bytes are
+    missing: do not join the bytes before it and after it.
     """
 
     @property
     def end(self) -> SourceEnd | None:
-        """How the reading ended, though items may still wait to be taken; None while it goes on."""
+        """How reading ended, although items may still wait; None while it goes on."""
         ...
 
     @property
     def uncertainty_ns(self) -> Mapping[str, int]:
-        """By port: how much earlier than the times say bytes may have been on the wire."""
+        """By port: how much earlier than their time stamp bytes may have arrived."""
         ...
 
     @property
-    def granted(self) -> Mapping[str, str]:
-        """By port: what its driver granted when it was opened, for people."""
+    def capabilities(self) -> Mapping[str, str]:
+        """By port: what its driver supports, as text for users."""
         ...
 
     def __iter__(self) -> Iterator[Item]: ...
@@ -59,102 +62,110 @@ class Source(Protocol):
     def __exit__(self, *_error: object) -> None: ...
 
     def stop(self) -> None:
-        """Ask for the end: what has arrived until now is still yielded, then the source ends.
+        """Request the end: items that have arrived are still yielded, then iteration ends.
 
-        Returns at once; may be called from any thread and from signal handlers, and repeatedly.
+        Returns at once. Safe from any thread and from signal handlers; may be repeated.
         """
         ...
 
     def stop_at(self, t_ns: float) -> None:
-        """Ask for the end at a time of the chunks' clock, whether or not chunks are taken then."""
+        """Request the end at a time of the chunks' clock; returns at once."""
         ...
 
     @property
     def waiting(self) -> int:
-        """How many bytes were read and wait to be taken."""
+        """Number of bytes that were read and not yet yielded."""
         ...
 
     def drop(self) -> None:
-        """Once the reading has ended: yield no more bytes, but an `overrun` that counts them.
+        """After reading ended: replace the waiting bytes by one `overrun` that counts them.
 
-        Returns at once; may be called from any thread.
+        Returns at once. Safe from any thread.
         """
         ...
 
     def close(self) -> None:
-        """Stop, and close the ports. Items left can be read on."""
+        """Stop, and close the ports. Items that wait can still be iterated."""
         ...
 
 
 class Wiring(Protocol):
-    """How the program gets at a line: which ports, and how they are opened. Can be pickled."""
+    """Which ports to open, and how. Can be pickled."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What chunks, rows and events call the ports."""
+        """The port names in chunks, rows and events."""
         ...
 
     @property
     def settings(self) -> PortSettings:
-        """How each of the ports is opened."""
+        """How each port is opened."""
         ...
 
     def open(self, clock: Clock) -> Source:
-        """Open the ports and begin to read them.
+        """Open the ports and start to read them.
 
         Raises:
-            PortError: one of them cannot be opened; none is left open then.
+            PortError: a port cannot be opened; all are closed again.
         """
         ...
 
 
-_BEAT_S = 0.05
-"""Seconds between two signs of life while a port is waited for."""
-
-
-class Waiting(Protocol):
-    """What was read, until the consumer takes it."""
+class ItemQueue(Protocol):
+    """Items between a reader thread and the consumer."""
 
     def __iter__(self) -> Iterator[Item]: ...
 
     @property
     def waiting(self) -> int:
-        """How many bytes wait."""
+        """Number of bytes that wait."""
         ...
 
     def drop(self) -> None:
-        """Let the consumer have no more bytes, but overruns that count them."""
+        """Replace the waiting bytes by overruns that count them."""
         ...
 
-    def end(self) -> None:
-        """Nothing comes after what waits now."""
+    def close(self) -> None:
+        """End the iteration after the items that wait now."""
         ...
+
+
+_SILENCE_INTERVAL_S = 0.05
+"""Interval between empty chunks while a lost port is awaited."""
 
 
 class ThreadedSource(ABC):
-    """A source that a thread reads, but for how it reads; a `Source` once that is said."""
+    """Base class of sources with a reader thread; subclasses implement the reading.
+
+    Subclasses call `_start` when they are ready to read.
+    """
 
     end: SourceEnd | None = None
-    """How the reading ended, though items may still wait to be taken; None while it goes on."""
+    """How reading ended, although items may still wait; None while it goes on."""
 
-    def __init__(self, items: Waiting, clock: Clock, reopen: Reopen | None) -> None:
-        """Not begun.
+    def __init__(
+        self,
+        port: serial.Serial,
+        name: str,
+        items: ItemQueue,
+        clock: Clock,
+        reopen: Reopen | None,
+    ) -> None:
+        """Take over an open port; the reader thread does not run yet.
 
         Args:
-            items: where what is read waits for the consumer.
-            clock: what it is stamped with.
-            reopen: how to open the port again when it is lost; None to end then.
+            port: from `open_port`; closed when the source ends.
+            name: the port's name in chunks and events.
+            items: the queue to the consumer.
+            clock: stamps chunks and events.
+            reopen: opens the port again when it is lost; None to end then.
         """
+        self.name = name
+        self._port = port
         self._items = items
         self._clock = clock
         self._reopen = reopen
         self._stopping = False
-
-    def _begin(self, name: str, detail: str) -> None:
-        """Tell that the port is open, and begin to read it in a thread of that name."""
-        self._tell(PortEventKind.OPENED, detail)
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
 
     def __iter__(self) -> Iterator[Item]:
         try:
@@ -169,100 +180,115 @@ class ThreadedSource(ABC):
         self.close()
 
     def stop(self) -> None:
-        """Ask for the end: what has arrived until now is still yielded, then the source ends.
-
-        Returns at once; may be called from any thread and from signal handlers, and repeatedly.
-        """
+        """Request the end, as `Source.stop`."""
         self._stopping = True
 
     @property
     def waiting(self) -> int:
-        """How many bytes were read and wait to be taken."""
+        """Number of bytes that were read and not yet yielded."""
         return self._items.waiting
 
     def drop(self) -> None:
-        """Once it has ended: yield no more bytes, but overruns that count them."""
+        """After reading ended: replace the waiting bytes by overruns that count them."""
         self._items.drop()
 
     def close(self) -> None:
-        """Stop, wait for the reader (some 10 ms), and close the port. Items left can be read on."""
+        """Stop, wait for the reader thread (about 10 ms), and close the port."""
         self.stop()
         self._thread.join()
         self._close_port()
 
+    def _start(self, thread_name: str, detail: str) -> None:
+        self._put_event(PortEventKind.OPENED, detail)
+        self._thread = threading.Thread(target=self._run, name=thread_name, daemon=True)
+        self._thread.start()
+
     def _run(self) -> None:
         try:
-            self._read_until_the_end()
+            self._read_until_end()
         finally:
-            self._items.end()
+            self._items.close()
 
-    def _read_until_the_end(self) -> None:
-        while (error := self._read_on()) is not None:
+    def _read_until_end(self) -> None:
+        while (error := self._read_until_lost()) is not None:
             lost = one_line(error)
             if self._reopen is None:
                 self._finish(SourceEnd.LOST, PortEventKind.LOST, lost)
                 return
-            self._tell(
+            self._put_event(
                 PortEventKind.LOST,
                 TranslatableText("{error}; waiting for it to come back", error=lost),
             )
-            opened, away_s = self._wait_for_return(self._reopen)
+            lost_ns = self._clock.now_ns()
+            opened = self._wait_for_port(self._reopen)
             if opened is None:
                 break
             try:
-                self._take_over(opened, away_s)
+                self._resume(opened, (self._clock.now_ns() - lost_ns) / 1e9)
             except FileError as refused:
                 self._finish(SourceEnd.LOST, PortEventKind.LOST, refused.message)
                 return
         self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, TranslatableText("as asked"))
 
-    def _wait_for_return(self, reopen: Reopen) -> tuple[OpenedPort | None, float]:
-        """The port once it is open again, None if the end is asked for; and how long, seconds."""
-        lost_ns = self._clock.now_ns()
+    def _wait_for_port(self, reopen: Reopen) -> OpenedPort | None:
+        """Wait until the port is open again; None if the end is due first."""
         self._close_port()
-        returning = Reconnector(reopen, self._first_wait_s())
-        while not self._is_to_end():
-            opened = returning.wait(_BEAT_S)
+        reconnector = Reconnector(reopen, self._first_wait_s())
+        while not self._end_due():
+            opened = reconnector.wait(_SILENCE_INTERVAL_S)
             if opened is not None:
-                return opened, (self._clock.now_ns() - lost_ns) / 1e9
-            if refusal := returning.refusal():
-                self._tell(PortEventKind.NOT_OPENED, refusal)
-            self._tell_of_silence()
-        returning.give_up()
-        return None, 0
+                return opened
+            if refusal := reconnector.refusal():
+                self._put_event(PortEventKind.NOT_OPENED, refusal)
+            self._put_silence()
+        reconnector.cancel()
+        return None
+
+    def _put_found_again(self, opened: OpenedPort, away_s: float, note: str = "") -> None:
+        renamed = opened.name != self.name
+        self._put_event(
+            PortEventKind.FOUND_AGAIN,
+            TranslatableText(
+                "after {seconds:.1f} s{named}{shared}",
+                seconds=away_s,
+                named=TranslatableText(" as {port}", port=opened.name) if renamed else "",
+                shared=note,
+            ),
+        )
 
     def _first_wait_s(self) -> float:
-        """Seconds before a lost port is looked for at first."""
+        """Seconds before the first attempt to reopen a lost port."""
         return FIRST_WAIT_S
 
     def _finish(self, end: SourceEnd, kind: PortEventKind, detail: str) -> None:
         self.end = end
-        self._tell(kind, detail)
+        self._put_event(kind, detail)
+
+    def _close_port(self) -> None:
+        """Close the port; also called when it is closed already, or gone."""
+        with suppress(OSError):
+            self._port.close()
 
     @abstractmethod
-    def _read_on(self) -> OSError | None:
-        """Read until asked to stop, or until the port is lost by the error that is returned."""
+    def _read_until_lost(self) -> OSError | None:
+        """Read until the end is due (returns None) or the port is lost (returns the error)."""
 
     @abstractmethod
-    def _is_to_end(self) -> bool:
-        """Whether the end was asked for, and is due."""
+    def _end_due(self) -> bool:
+        """True once `stop` was called or the time of `stop_at` has come."""
 
     @abstractmethod
-    def _take_over(self, opened: OpenedPort, away_s: float) -> None:
-        """Tell that the port was found again, and be ready to read it on.
+    def _resume(self, opened: OpenedPort, away_s: float) -> None:
+        """Prepare to read the port again after `away_s` seconds, and put `found_again`.
 
         Raises:
-            FileError: that cannot be done, so that it stays lost.
+            FileError: that is impossible; the port counts as lost for good.
         """
 
     @abstractmethod
-    def _tell(self, kind: PortEventKind, detail: str) -> None:
-        """Tell of what happened to the port just now."""
+    def _put_event(self, kind: PortEventKind, detail: str) -> None:
+        """Put an event of the port, stamped with the time now."""
 
     @abstractmethod
-    def _tell_of_silence(self) -> None:
-        """Tell that time has passed, so that nothing waits for a port that is away."""
-
-    @abstractmethod
-    def _close_port(self) -> None:
-        """Close the port, also where it is closed already, or gone."""
+    def _put_silence(self) -> None:
+        """Put an empty chunk for each wire, so that no consumer waits for a port that is away."""

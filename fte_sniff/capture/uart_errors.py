@@ -1,17 +1,17 @@
-"""Parity/framing/overrun marks (PARMRK) and counters.
+"""Line errors of a UART: the driver's counters (TIOCGICOUNT) and its marks (PARMRK).
 
-A UART's driver can tell two things, and both are asked for:
+A driver reports two things, and both are requested:
 
     how many   counters by kind, since the driver was loaded (TIOCGICOUNT)
-    which      the byte in question, marked in what is read (INPCK with PARMRK)
+    which      the byte in error, marked in the data that is read (INPCK with PARMRK)
 
-INPCK makes some drivers (cp210x) look for errors at all. Alone it would turn every such byte into
-00; with PARMRK the byte is kept, and stands as `FF 00 byte` in what is read, a break as `FF 00 00`,
-and an ordinary FF as `FF FF`. `Unmarker` undoes that, so the bytes are those of the wire. Some
-adapters mark all bytes that they deliver at once, where one was in error.
+Some drivers (cp210x) check for errors only with INPCK. INPCK alone replaces a byte in error by 00;
+with PARMRK it is kept, as `FF 00 byte`, a break as `FF 00 00`, and an ordinary FF as `FF FF`.
+`Unmarker` removes the marks, so that the bytes are those of the wire. Some adapters mark all bytes
+that they deliver together with one in error.
 
-Only a port that has counters is asked: a pseudo-terminal has no UART, and a port without descriptor
-has no driver here.
+Only a port that has counters is asked: a pseudo-terminal has no UART, and a port without a file
+descriptor has no driver on this machine.
 """
 
 from __future__ import annotations
@@ -32,14 +32,165 @@ from fte_sniff.protocol import FRAME_LENGTH, LineErrorCounts
 Counters: TypeAlias = Callable[[], LineErrorCounts]
 """Reads what the driver has counted so far; each count is a 32-bit number that wraps."""
 
-Places: TypeAlias = tuple[tuple[int, int], ...]
-"""Stretches of bytes, each from its first place to the one behind its last."""
+Spans: TypeAlias = tuple[tuple[int, int], ...]
+"""Ranges of bytes, each as (start, end), `end` excluded."""
 
-TELL_EVERY_NS: Final = 1_000_000_000
-"""Between two tellings of line errors at least: a wrong baud makes some with every byte."""
+REPORT_INTERVAL_NS: Final = 1_000_000_000
+"""Least time between two reports of line errors: a wrong baud causes some with every byte."""
 
 AVAILABLE: Final[str] = TranslatableText("line errors counted and marked")
 UNAVAILABLE: Final[str] = TranslatableText("line errors unavailable")
+
+
+class LineWatch(Protocol):
+    """Line errors of one open port."""
+
+    description: str
+    """Whether errors are available, as text for users."""
+
+    def feed(self, data: bytes) -> tuple[bytes, Spans]:
+        """Return the wire's bytes in what was just read, and the spans with errors."""
+        ...
+
+    def report(self, now_ns: int) -> LineErrorCounts | None:
+        """The errors since the last report; None if there are none, or it is too early."""
+        ...
+
+    def flush(self) -> LineErrorCounts | None:
+        """The errors since the last report; None if there are none."""
+        ...
+
+
+class BlindWatch:
+    """LineWatch for ports without error reports."""
+
+    description = UNAVAILABLE
+
+    def feed(self, data: bytes) -> tuple[bytes, Spans]:
+        """Return the bytes unchanged."""
+        return data, ()
+
+    def report(self, now_ns: int) -> LineErrorCounts | None:
+        """Return None."""
+        return None
+
+    def flush(self) -> LineErrorCounts | None:
+        """Return None."""
+        return None
+
+
+class UartWatch:
+    """LineWatch for ports with counters and marks."""
+
+    description = AVAILABLE
+
+    def __init__(self, counters: Counters) -> None:
+        """Start now; errors that were counted before are ignored."""
+        self._counters = counters
+        self._counted = counters()
+        self._unmarker = Unmarker()
+        self._unreported = LineErrorCounts()
+        self._reported_ns = -REPORT_INTERVAL_NS
+        self._counts_errors = False
+
+    def feed(self, data: bytes) -> tuple[bytes, Spans]:
+        """As `LineWatch`. An error that is counted but not marked has the span of all these bytes
+        and one more: a driver can count a byte before it delivers it.
+        """
+        clean, offsets = self._unmarker.feed(data)
+        new = self._new_counts()
+        self._counts_errors = self._counts_errors or bool(new)
+        if offsets and not self._counts_errors:
+            # Some drivers (pl2303) only mark. It cannot be parity: the line has none.
+            breaks = sum(not clean[offset] for offset in offsets)
+            new = LineErrorCounts(framing=len(offsets) - breaks, breaks=breaks)
+        self._unreported += new
+        if new and not offsets:
+            return clean, ((0, len(clean) + 1),)
+        return clean, _spans(offsets)
+
+    def report(self, now_ns: int) -> LineErrorCounts | None:
+        """As `LineWatch`: the first at once, then at most every REPORT_INTERVAL_NS."""
+        if not self._unreported or now_ns - self._reported_ns < REPORT_INTERVAL_NS:
+            return None
+        self._reported_ns = now_ns
+        return self.flush()
+
+    def flush(self) -> LineErrorCounts | None:
+        """As `LineWatch`."""
+        counts, self._unreported = self._unreported, LineErrorCounts()
+        return counts or None
+
+    def _new_counts(self) -> LineErrorCounts:
+        now = self._counted
+        # A port that is unplugged fails here first; the next read reports it.
+        with contextlib.suppress(OSError):
+            now = self._counters()
+        new, self._counted = counted_since(now, self._counted), now
+        return new
+
+
+def line_watch_of(port: serial.Serial) -> LineWatch:
+    """Enable line errors on an open port that has a UART; call it before the first read."""
+    counters = counters_of(port)
+    if counters is None:
+        return BlindWatch()
+    try:
+        enable_error_marks(port.fileno())
+        return UartWatch(counters)
+    except (OSError, termios.error):
+        # It was just unplugged; the first read reports it.
+        return BlindWatch()
+
+
+_ESCAPE = re.compile(rb"\xff(?:\xff|\x00([\x00-\xff]))")
+_INCOMPLETE = re.compile(rb"\xff\x00?\Z")
+
+
+class Unmarker:
+    """Incremental decoder of PARMRK data."""
+
+    def __init__(self) -> None:
+        self._pending = b""
+        """The start of a mark whose end was not read yet."""
+
+    def feed(self, marked: bytes) -> tuple[bytes, list[int]]:
+        """Return the bytes of the wire, and the offsets of those in error."""
+        marked, self._pending = self._pending + marked, b""
+        if b"\xff" not in marked:
+            return marked, []
+        clean, offsets, at = bytearray(), [], 0
+        for mark in _ESCAPE.finditer(marked):
+            clean += marked[at : mark.start()]
+            if mark[1] is not None:
+                offsets.append(len(clean))
+            clean += mark[1] or b"\xff"
+            at = mark.end()
+        incomplete = _INCOMPLETE.search(marked, at)
+        if incomplete:
+            self._pending = incomplete[0]
+        return bytes(clean + marked[at : len(marked) - len(self._pending)]), offsets
+
+
+def _spans(offsets: list[int]) -> Spans:
+    """The offsets as spans; those less than a frame apart are joined."""
+    found: list[tuple[int, int]] = []
+    for offset in offsets:
+        if found and offset - found[-1][1] < FRAME_LENGTH:
+            found[-1] = found[-1][0], offset + 1
+        else:
+            found.append((offset, offset + 1))
+    return tuple(found)
+
+
+def enable_error_marks(descriptor: int) -> None:
+    """Have the terminal mark bytes in error; bytes that came before are discarded."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[0] &= ~(termios.BRKINT | termios.IGNBRK | termios.IGNPAR)
+    attributes[0] |= termios.INPCK | termios.PARMRK
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    termios.tcflush(descriptor, termios.TCIFLUSH)
+
 
 _COUNT_WRAPS = 2**32
 _ICOUNTER = struct.Struct("=20I")
@@ -47,31 +198,9 @@ _ICOUNTER = struct.Struct("=20I")
 _FRAME, _OVERRUN, _PARITY, _BREAK, _BUFFER_OVERRUN = range(6, 11)
 _TIOCGICOUNT = getattr(termios, "TIOCGICOUNT", 0x545D)
 
-_ESCAPE = re.compile(rb"\xff(?:\xff|\x00([\x00-\xff]))")
-_BEGUN = re.compile(rb"\xff\x00?\Z")
-
-
-def parse_counters(raw: bytes) -> LineErrorCounts:
-    """The counts in a `struct serial_icounter_struct`."""
-    found = _ICOUNTER.unpack(raw)
-    return LineErrorCounts(
-        framing=found[_FRAME],
-        parity=found[_PARITY],
-        breaks=found[_BREAK],
-        overruns=found[_OVERRUN],
-        buffer_overruns=found[_BUFFER_OVERRUN],
-    )
-
-
-def counted_since(now: LineErrorCounts, before: LineErrorCounts) -> LineErrorCounts:
-    """What was counted between two readings, also where a counter wrapped."""
-    return LineErrorCounts(
-        *((a - b) % _COUNT_WRAPS for a, b in zip(now.by_kind, before.by_kind, strict=True))
-    )
-
 
 def counters_of(port: serial.Serial) -> Counters | None:
-    """The counters behind an open port; None where there are none."""
+    """The driver's counters of an open port; None if it has none."""
     try:
         descriptor = port.fileno()
     except (AttributeError, OSError):
@@ -87,147 +216,20 @@ def counters_of(port: serial.Serial) -> Counters | None:
     return counters
 
 
-def ask_for_marks(descriptor: int) -> None:
-    """Have the terminal mark what was in error; what came unmarked before is thrown away."""
-    attributes = termios.tcgetattr(descriptor)
-    attributes[0] &= ~(termios.BRKINT | termios.IGNBRK | termios.IGNPAR)
-    attributes[0] |= termios.INPCK | termios.PARMRK
-    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
-    termios.tcflush(descriptor, termios.TCIFLUSH)
+def parse_counters(raw: bytes) -> LineErrorCounts:
+    """The counts in a `struct serial_icounter_struct`."""
+    found = _ICOUNTER.unpack(raw)
+    return LineErrorCounts(
+        framing=found[_FRAME],
+        parity=found[_PARITY],
+        breaks=found[_BREAK],
+        overruns=found[_OVERRUN],
+        buffer_overruns=found[_BUFFER_OVERRUN],
+    )
 
 
-class Unmarker:
-    """Takes the terminal's marks out of what is read, however it was cut into reads."""
-
-    def __init__(self) -> None:
-        self._held = b""
-        """The beginning of a mark, the rest of which has not come."""
-
-    def take(self, marked: bytes) -> tuple[bytes, list[int]]:
-        """The bytes of the wire, and the places of those that were in error."""
-        marked, self._held = self._held + marked, b""
-        if b"\xff" not in marked:
-            return marked, []
-        clean, places, at = bytearray(), [], 0
-        for mark in _ESCAPE.finditer(marked):
-            clean += marked[at : mark.start()]
-            if mark[1] is not None:
-                places.append(len(clean))
-            clean += mark[1] or b"\xff"
-            at = mark.end()
-        begun = _BEGUN.search(marked, at)
-        if begun:
-            self._held = begun[0]
-        return bytes(clean + marked[at : len(marked) - len(self._held)]), places
-
-
-def stretches(places: list[int]) -> Places:
-    """The places as stretches; those with less than a frame between them are one."""
-    found: list[tuple[int, int]] = []
-    for place in places:
-        if found and place - found[-1][1] < FRAME_LENGTH:
-            found[-1] = found[-1][0], place + 1
-        else:
-            found.append((place, place + 1))
-    return tuple(found)
-
-
-class LineWatch(Protocol):
-    """Knows of the errors on one open port's line."""
-
-    words: str
-    """Whether it does, in words."""
-
-    def take(self, data: bytes) -> tuple[bytes, Places]:
-        """The bytes of the wire in what was just read, and where among them errors happened."""
-        ...
-
-    def news(self, now_ns: int) -> LineErrorCounts | None:
-        """What is to be told now: the errors since the last time; None where there is nothing."""
-        ...
-
-    def rest(self) -> LineErrorCounts | None:
-        """What has not been told yet, at the end."""
-        ...
-
-
-class BlindWatch:
-    """For ports that tell of no errors."""
-
-    words = UNAVAILABLE
-
-    def take(self, data: bytes) -> tuple[bytes, Places]:
-        """The bytes as they are."""
-        return data, ()
-
-    def news(self, now_ns: int) -> LineErrorCounts | None:
-        """Nothing, ever."""
-        return None
-
-    def rest(self) -> LineErrorCounts | None:
-        """Nothing."""
-        return None
-
-
-class UartWatch:
-    """For ports that count and mark."""
-
-    words = AVAILABLE
-
-    def __init__(self, counters: Counters) -> None:
-        """Watch from now on; errors that were counted earlier are others' errors."""
-        self._counters = counters
-        self._before = counters()
-        self._unmarker = Unmarker()
-        self._untold = LineErrorCounts()
-        self._told_ns = -TELL_EVERY_NS
-        self._does_count = False
-
-    def take(self, data: bytes) -> tuple[bytes, Places]:
-        """As `LineWatch`; errors that are counted but not marked lie anywhere in these bytes, or in
-        the next: it can be counted before it is read.
-        """
-        clean, places = self._unmarker.take(data)
-        new = self._new_counts()
-        self._does_count = self._does_count or bool(new)
-        if places and not self._does_count:
-            # Some drivers (pl2303) mark and do not count. The line has no parity to be wrong.
-            breaks = sum(not clean[place] for place in places)
-            new = LineErrorCounts(framing=len(places) - breaks, breaks=breaks)
-        self._untold += new
-        if new and not places:
-            return clean, ((0, len(clean) + 1),)
-        return clean, stretches(places)
-
-    def news(self, now_ns: int) -> LineErrorCounts | None:
-        """As `LineWatch`; the first at once, more of them at most every TELL_EVERY_NS."""
-        if not self._untold or now_ns - self._told_ns < TELL_EVERY_NS:
-            return None
-        self._told_ns = now_ns
-        return self.rest()
-
-    def rest(self) -> LineErrorCounts | None:
-        """As `LineWatch`."""
-        told, self._untold = self._untold, LineErrorCounts()
-        return told or None
-
-    def _new_counts(self) -> LineErrorCounts:
-        now = self._before
-        # A port that is going away fails here first; the next read tells that.
-        with contextlib.suppress(OSError):
-            now = self._counters()
-        new, self._before = counted_since(now, self._before), now
-        return new
-
-
-def line_watch_of(port: serial.Serial) -> LineWatch:
-    """Ask an open port for its line errors, if it has a UART; before anything is read of it."""
-    counters = counters_of(port)
-    if counters is None:
-        return BlindWatch()
-    try:
-        ask_for_marks(port.fileno())
-        return UartWatch(counters)
-    except (OSError, termios.error):
-        # It has just been unplugged; the first read tells.
-        return BlindWatch()
+def counted_since(now: LineErrorCounts, before: LineErrorCounts) -> LineErrorCounts:
+    """What was counted between two readings, modulo 2**32."""
+    return LineErrorCounts(
+        *((a - b) % _COUNT_WRAPS for a, b in zip(now.by_kind, before.by_kind, strict=True))
+    )

@@ -1,13 +1,9 @@
-"""Owns `fte-sniff doctor`: what is wrong with this set-up, and the command that mends it.
-
-It must not know how anything is found out.
-"""
+"""`fte-sniff doctor`: what is wrong with this set-up, and the command that fixes it."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -18,13 +14,13 @@ from fte_sniff.errors import UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.diagnostics import Finding
+    from fte_sniff.session.doctor import Finding
 
 EXIT_WRONG = 1
 """Something is wrong."""
 
 
-@click.command(name="doctor", short_help="What is wrong with this set-up, and what mends it.")
+@click.command(name="doctor", short_help="What is wrong with this set-up, and how to fix it.")
 @click.argument("port", required=False)
 @click.option("--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s.")
 @click.option(
@@ -32,7 +28,7 @@ EXIT_WRONG = 1
     type=Seconds(min=0.1, max=3600),
     default=3.0,
     show_default=True,
-    help="Listen for so long, at most.",
+    help="Listen for this long at most.",
 )
 @click.option("--probe", is_flag=True, help="Try the common bauds on what comes in.")
 @list_format_option
@@ -40,13 +36,13 @@ EXIT_WRONG = 1
 def command(
     context: click.Context, port: str | None, baud: int, seconds: float, probe: bool, form: str
 ) -> None:
-    """Look at this machine and its ports, and say what mends what is wrong.
+    """Check this machine and its ports, and show how to fix what is wrong.
 
     With PORT, that port is opened as `live` opens it, and listened to: wrong baud, swapped
     polarity and dead wires are guessed from what comes. Nothing is ever written. With --probe the
     port is set to other bauds too. One finding a line: ok, warn (it could be better) or bad, and
-    behind the arrow the way out. Exit code 0: nothing is bad; 1: something is; 3: the port cannot
-    be opened.
+    the fix after the arrow. Exit code 0: nothing is bad; 1: something is; 3: the port cannot be
+    opened.
 
     \b
     fte-sniff doctor
@@ -54,7 +50,7 @@ def command(
     """
     if probe and port is None:
         raise UsageError("--probe needs a PORT to probe; 'fte-sniff ports' lists them")
-    from fte_sniff.capture.diagnostics import Level
+    from fte_sniff.session.doctor import Level
 
     wrong = False
     for finding in _findings(port, baud, seconds, probe):
@@ -65,18 +61,24 @@ def command(
 
 def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Finding]:
     from fte_sniff.capture.serial_port import PortSettings
-    from fte_sniff.session.doctor import Examination, examine, look_around, look_at_ports
+    from fte_sniff.session.doctor import PortCheck, check_all_ports, check_machine, check_port
 
     if port is None:
-        return chain(look_around(), look_at_ports())
-    asked = Examination(port, PortSettings(baud), seconds, probe)
-    return chain(look_around(), examine(asked))
+        return chain(check_machine(), check_all_ports())
+    check = PortCheck(port, PortSettings(baud), seconds, probe)
+    return chain(check_machine(), check_port(check))
 
 
 def _line(finding: Finding) -> str:
-    way_out = "" if finding.way_out is None else f"  ->  {finding.way_out}"
-    return printable(f"{finding.level:<4}  {finding.about}: {finding.what}{way_out}")
+    fix = "" if finding.fix is None else f"  ->  {finding.fix}"
+    return printable(f"{finding.level:<4}  {finding.about}: {finding.what}{fix}")
 
 
 def _json(finding: Finding) -> str:
-    return json.dumps(asdict(finding), ensure_ascii=False)
+    fields = {
+        "level": finding.level,
+        "about": finding.about,
+        "what": finding.what,
+        "way_out": finding.fix,
+    }
+    return json.dumps(fields, ensure_ascii=False)

@@ -12,7 +12,7 @@ from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.multi_source import PortGroup
+    from fte_sniff.capture.port_source import PortGroup
     from fte_sniff.capture.serial_port import PortSettings
 
 _MOST_PORTS = 2
@@ -50,7 +50,7 @@ def command(
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
 
     def wiring(settings: PortSettings) -> PortGroup:
-        from fte_sniff.capture.multi_source import PortGroup
+        from fte_sniff.capture.port_source import PortGroup
 
         return PortGroup(ports, settings, reconnect=not no_reconnect)
 

@@ -1,7 +1,4 @@
-"""Owns `fte-sniff ports`: which serial ports there are.
-
-It must not know how they are found, and opens none.
-"""
+"""`fte-sniff ports`: list the serial ports."""
 
 from __future__ import annotations
 
@@ -24,8 +21,7 @@ if TYPE_CHECKING:
 def command(form: str) -> None:
     """List the serial ports that are plugged in, who holds them, and whether you may open them.
 
-    No port is opened. Which programs have one open is known of your own programs; root is told of
-    all.
+    No port is opened. Of the programs that have one open, you see your own; root sees all.
     """
     from fte_sniff.capture.discovery import list_ports
 
@@ -42,11 +38,11 @@ def _json(port: PortListing) -> str:
 
 
 def _table(ports: Sequence[PortListing]) -> Iterator[str]:
-    """The columns that say anything, as wide as they need to be."""
+    """The lines of a table; empty columns are left out."""
     columns = [(name, [cell(port) for port in ports]) for name, cell in _CELLS.items()]
-    told = [(name, cells) for name, cells in columns if any(cells)]
-    widths = [max(len(name), *map(len, cells)) for name, cells in told]
-    for line in [[name for name, _ in told], *zip(*(cells for _, cells in told), strict=True)]:
+    used = [(name, cells) for name, cells in columns if any(cells)]
+    widths = [max(len(name), *map(len, cells)) for name, cells in used]
+    for line in [[name for name, _ in used], *zip(*(cells for _, cells in used), strict=True)]:
         yield "  ".join(f"{c:<{w}}" for c, w in zip(line, widths, strict=True)).rstrip()
 
 
@@ -64,17 +60,17 @@ _CELLS: Mapping[str, Callable[[PortListing], str]] = {
 
 
 def _hints(ports: Sequence[PortListing]) -> Iterator[str]:
-    from fte_sniff.capture.diagnostics import host_of, missing_adapter_hint, stray_finding
     from fte_sniff.capture.discovery import stray_adapters
-    from fte_sniff.capture.port_errors import way_in
+    from fte_sniff.capture.port_errors import permission_fix
+    from fte_sniff.session.doctor import machine_kind, missing_adapter_hint, stray_finding
 
     for port in ports:
         if not port.permitted:
-            yield f"{port.device}: no permission: {way_in(port.device)}"
+            yield f"{port.device}: no permission: {permission_fix(port.device)}"
     strays = stray_adapters()
     for stray in strays:
         finding = stray_finding(stray)
-        yield f"{finding.about}: {finding.what}: {finding.way_out}"
+        yield f"{finding.about}: {finding.what}: {finding.fix}"
     if not strays and all(port.vid is None for port in ports):
         what = "no USB adapter is" if ports else "no serial port is"
-        yield f"{what} plugged in ({missing_adapter_hint(host_of())}); sim:// simulates one"
+        yield f"{what} plugged in ({missing_adapter_hint(machine_kind())}); sim:// simulates one"

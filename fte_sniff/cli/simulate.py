@@ -1,6 +1,6 @@
-"""Owns `fte-sniff simulate`: a controller on a pseudo-terminal, to develop against.
+"""`fte-sniff simulate`: a controller on a pseudo-terminal, to develop against.
 
-It must not know what can be asked of a simulation: the options come from its table of parameters.
+The options come from the simulation's table of parameters.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from fte_sniff.errors import PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
 
 _DEFAULTS = {"host": "off", "wire": Direction.FEEDBACK.value}
-"""Where the command differs from sim://: the host is the program that is being developed."""
+"""Other defaults than `sim://`: here the host is the program that is being developed."""
 
 
 def _option(parameter: Parameter) -> click.Option:
@@ -33,19 +33,19 @@ def _option(parameter: Parameter) -> click.Option:
 
 
 def _run(link: Path | None, baud: int, **parameters: Any) -> None:
-    from fte_sniff.capture.sim_pty import ControllerPty
+    from fte_sniff.capture.pty import ControllerPty
 
     try:
-        asked = SimulationParameters(**parameters)
-        asked.check_against(baud)
-        if asked.never_heard:
+        simulated = SimulationParameters(**parameters)
+        simulated.check_against(baud)
+        if simulated.is_silent:
             raise UsageError(
                 "--wire control without a host is a line where nothing is ever heard: add "
                 "--host on, or leave --wire as it is"
             )
     except PortError as error:
         raise UsageError(str(error).replace("sim://", "simulate")) from error
-    with ControllerPty(asked, baud, link) as controller:
+    with ControllerPty(simulated, baud, link) as controller:
         click.echo(str(link) if link else controller.device)
         click.echo(
             f"a controller answers on {printable(controller.device)}; Ctrl-C ends it", err=True

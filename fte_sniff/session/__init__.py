@@ -5,7 +5,7 @@ Modules:
     capture_process  Child process: capture, record, send batches.
     capture_state    Messages of the capture process and the state folded from
                      them.
-    doctor           Run the checks and judge them.
+    doctor           The checks of `doctor`: machine, ports, line.
     inputs           Open any input (MCAP, log, raw, stdin) as batches.
     live_session     LiveSession: start, poll, stop.
     pipeline         Input → filter → view as one iterator.

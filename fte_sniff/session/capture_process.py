@@ -353,7 +353,7 @@ def _facts(plan: CapturePlan, clock: Clock, source: Source) -> dict[str, str]:
     facts["settings"] = str(plan.wiring.settings)
     for number, name in enumerate(plan.wiring.names, 1):
         facts[f"port.{number}.time_uncertainty_ns"] = str(source.uncertainty_ns[name])
-        facts[f"port.{number}.granted"] = source.granted[name]
+        facts[f"port.{number}.granted"] = source.capabilities[name]
     return facts
 
 

@@ -1,14 +1,30 @@
-"""Run the checks and judge them."""
+"""Checks of `doctor`: the machine, its ports, the line of one port; each gives a `Finding`.
+
+To add a check, write a function here that returns or yields findings, and call it in the runner
+that fits:
+
+    check_machine    machine, folder, terminal, installation; always runs
+    check_all_ports  every port, without opening it; runs when no PORT is given
+    check_port       opens PORT, listens to it, judges its line
+
+Nothing is ever written to a port. Files of the system are read below `root`, so that tests can
+describe any machine.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shutil
 import sys
+import termios
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from shlex import quote
+from typing import Self
 
 from fte_sniff.analysis.baud_guess import (
     COMMON_BAUDS,
@@ -19,38 +35,146 @@ from fte_sniff.analysis.baud_guess import (
     judge,
     judge_frames,
 )
-from fte_sniff.capture.diagnostics import (
-    Finding,
-    Level,
-    LineListener,
-    bad,
-    clock_finding,
-    clock_state,
-    device_findings,
-    granted_findings,
-    holder_findings,
-    host_of,
-    machine_findings,
-    missing_adapter_hint,
-    ok,
-    warn,
+from fte_sniff.capture.discovery import (
+    Holder,
+    PortListing,
+    StrayAdapter,
+    list_ports,
+    listing_of,
+    stray_adapters,
 )
-from fte_sniff.capture.discovery import list_ports, listing_of
-from fte_sniff.capture.serial_port import PortSettings
-from fte_sniff.errors import reason_of
-from fte_sniff.protocol import Direction, framer
+from fte_sniff.capture.port_errors import one_line, permission_fix
+from fte_sniff.capture.serial_port import (
+    SHORT_TIMER_MS,
+    USB_SERIAL,
+    LowLatency,
+    PortCapabilities,
+    PortSettings,
+    latency_timer_ms,
+    open_port,
+    reader_of,
+    request_capabilities,
+)
+from fte_sniff.capture.uart_errors import UNAVAILABLE
+from fte_sniff.errors import PortError, printable, reason_of
+from fte_sniff.protocol import Direction, LineErrorCounts, framer
+
+_ROOT = Path("/")
+
+
+class Level(StrEnum):
+    """Severity of a finding."""
+
+    OK = "ok"
+    WARN = "warn"
+    """It works, but could be better."""
+    BAD = "bad"
+    """It does not work, or recordings will be wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """The result of one check."""
+
+    level: Level
+    about: str
+    """The port, or the part of the machine."""
+    what: str
+    """One line for users. It may contain text from outside: print it with `printable`."""
+    fix: str | None = None
+    """A command to type, or what to do by hand; None if nothing is wrong."""
+
+
+def ok(about: str, what: str) -> Finding:
+    """Make a finding that nothing is wrong."""
+    return Finding(Level.OK, about, what)
+
+
+def warn(about: str, what: str, fix: str) -> Finding:
+    """Make a finding that something could be better."""
+    return Finding(Level.WARN, about, what, fix)
+
+
+def bad(about: str, what: str, fix: str) -> Finding:
+    """Make a finding that something is wrong."""
+    return Finding(Level.BAD, about, what, fix)
+
+
+# The runners
+
+
+@dataclass(frozen=True, slots=True)
+class PortCheck:
+    """What `check_port` does."""
+
+    port: str
+    """A device, or a URL that pyserial opens."""
+    settings: PortSettings
+    seconds: float
+    """How long to listen."""
+    probe: bool
+    """True to try other bauds."""
+
+
+def check_machine() -> Iterator[Finding]:
+    """Check folder, terminal, installation, clock, and programs that interfere."""
+    yield working_folder_finding()
+    yield from terminal_findings(os.environ, sys.stdout.encoding)
+    yield framer_finding(Path(framer.__file__).parent, compiled=framer.COMPILED)
+    yield clock_finding(clock_state())
+    yield from adapter_findings()
+
+
+def check_all_ports() -> Iterator[Finding]:
+    """Check all ports without opening them."""
+    found = list_ports()
+    for port in found:
+        yield from device_findings(port)
+        # Only BAD for a port that is to be captured.
+        for finding in holder_findings(port):
+            yield replace(finding, level=Level.WARN)
+    if not found:
+        yield bad("ports", "no serial port is plugged in", missing_adapter_hint(machine_kind()))
+    elif all(port.vid is None for port in found):
+        yield warn("ports", "no USB adapter is plugged in", missing_adapter_hint(machine_kind()))
+
+
+def check_port(check: PortCheck) -> Iterator[Finding]:
+    """Open one port, listen to it, and judge its line.
+
+    Raises:
+        PortError: the port cannot be opened, or was lost.
+    """
+    name, baud = check.port, check.settings.baud
+    port = listing_of(name)
+    if port is not None:
+        yield from device_findings(port)
+        yield from holder_findings(port)
+    with LineListener(name, check.settings) as listener:
+        yield from capability_findings(name, listener.capabilities)
+        sample = listener.listen(check.seconds, _ENOUGH_BYTES)
+        if sample.line_errors:
+            what = f"line errors while listening: {sample.line_errors}"
+            yield warn(name, what, "another baud or polarity, or a loose or unshielded wire")
+        verdict = judge(sample.data, baud)
+        yield verdict_finding(name, baud, verdict)
+        if check.probe:
+            yield _probe(name, baud, listener, verdict)
+
+
+# Folder, terminal, installation, clock
 
 LOW_BYTES = 2**30
-"""Less room than this may not last for a long capture."""
+"""Less free space may not be enough for a long capture."""
 
 LEAST_BYTES = 50 * 2**20
-"""Less room than this does not last."""
+"""Less free space is not enough."""
 
-_ELSEWHERE = "cd ~, or name a recording with -o"
+_OTHER_FOLDER = "cd ~, or name a recording with -o"
 
 
 def working_folder_finding() -> Finding:
-    """As `folder_finding`, of the folder in which recordings are made unless another is named."""
+    """As `folder_finding`, for the default folder of recordings."""
     try:
         return folder_finding(Path.cwd())
     except OSError:
@@ -58,26 +182,26 @@ def working_folder_finding() -> Finding:
 
 
 def folder_finding(folder: Path) -> Finding:
-    """Whether a recording can be made in a folder, and has room to grow."""
+    """Check that a folder can be written to, and has free space."""
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
-        return bad("folder", f"{folder}: {reason_of(error)}", _ELSEWHERE)
+        return bad("folder", f"{folder}: {reason_of(error)}", _OTHER_FOLDER)
     own = os.access in os.supports_effective_ids
     if not os.access(folder, os.W_OK | os.X_OK, effective_ids=own):
-        return bad("folder", f"{folder} cannot be written to", _ELSEWHERE)
-    room = f"{free / 2**30:,.1f} GiB free in {folder}"
-    way_out = "make room, or record elsewhere: fte-sniff live PORT -o /other/disk/x.mcap"
+        return bad("folder", f"{folder} cannot be written to", _OTHER_FOLDER)
+    space = f"{free / 2**30:,.1f} GiB free in {folder}"
+    fix = "make room, or record elsewhere: fte-sniff live PORT -o /other/disk/x.mcap"
     if free < LEAST_BYTES:
-        return bad("folder", room, way_out)
-    return warn("folder", room, way_out) if free < LOW_BYTES else ok("folder", room)
+        return bad("folder", space, fix)
+    return warn("folder", space, fix) if free < LOW_BYTES else ok("folder", space)
 
 
 def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator[Finding]:
-    """Whether the screen of `live` can be drawn.
+    """Check that the terminal can show the screen of `live`.
 
     Args:
-        environment: the variables of this process.
+        environment: environment variables.
         encoding: of standard output.
     """
     term = environment.get("TERM", "")
@@ -91,12 +215,12 @@ def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator
         yield warn("terminal", what, "export LC_ALL=C.UTF-8")
 
 
-def framer_finding(room: Path, *, compiled: bool) -> Finding:
-    """Whether the framer runs as fast as it can, and is what its source says.
+def framer_finding(folder: Path, *, compiled: bool) -> Finding:
+    """Check that the compiled framer runs, and is not older than its source.
 
     Args:
-        room: the folder of its source, beside which lies what was compiled of it.
-        compiled: whether that is what runs.
+        folder: its source and its compiled library.
+        compiled: True if the compiled one runs.
     """
     if not compiled:
         return warn(
@@ -105,7 +229,7 @@ def framer_finding(room: Path, *, compiled: bool) -> Finding:
             "install a C compiler and Python's headers (Debian, Ubuntu: sudo apt install gcc "
             "python3-dev), then fte-sniff again: pip install .",
         )
-    edited = _edited_since_compiled(room)
+    edited = _edited_since_compiled(folder)
     if edited is None:
         return ok("framer", "compiled")
     return warn(
@@ -115,11 +239,262 @@ def framer_finding(room: Path, *, compiled: bool) -> Finding:
     )
 
 
-def _edited_since_compiled(room: Path) -> str | None:
-    """A source that is younger than what was compiled of all of them; None where none is."""
-    made = [path.stat().st_mtime for path in room.glob("*__mypyc.*")]
-    younger = (path for path in sorted(room.glob("*.py")) if path.stat().st_mtime > max(made))
-    return next((path.name for path in younger), None) if made else None
+def _edited_since_compiled(folder: Path) -> str | None:
+    """A source file that is newer than the compiled library; None if there is none."""
+    compiled = [path.stat().st_mtime for path in folder.glob("*__mypyc.*")]
+    newer = (p for p in sorted(folder.glob("*.py")) if p.stat().st_mtime > max(compiled))
+    return next((path.name for path in newer), None) if compiled else None
+
+
+_TIME_ERROR = 5
+"""adjtimex returns this if the clock is not synchronized."""
+_TIMEX_SIZE = 512
+"""More bytes than a `struct timex` has."""
+
+
+def clock_state() -> int | None:
+    """Call adjtimex without changing anything; None if the system has no such call."""
+    try:
+        adjtimex = ctypes.CDLL(None, use_errno=True).adjtimex
+    except (OSError, AttributeError):
+        return None
+    state = int(adjtimex(ctypes.create_string_buffer(_TIMEX_SIZE)))
+    return None if state < 0 else state
+
+
+def clock_finding(state: int | None) -> Finding:
+    """Check that the clock is synchronized; `state` is that of `clock_state`."""
+    if state is None:
+        return ok("clock", "this system does not say whether it is kept right")
+    if state == _TIME_ERROR:
+        what = "nothing keeps the system's clock right: the times of recordings may be off"
+        return warn("clock", what, "sudo timedatectl set-ntp true (outside of containers)")
+    return ok("clock", "kept right by the network")
+
+
+# Kind of machine, and programs that take adapters away
+
+INTERFERING_PROGRAMS = {
+    "ModemManager": "sudo systemctl disable --now ModemManager",
+    "brltty": "sudo systemctl mask --now brltty-udev.service brltty.service, then plug it in again",
+}
+"""Programs that open adapters by themselves, and the fix for each."""
+
+
+class MachineKind(StrEnum):
+    """Kind of machine, as far as devices are concerned."""
+
+    METAL = "a machine of its own"
+    CONTAINER = "a container"
+    WSL = "WSL"
+    VIRTUAL = "a virtual machine"
+
+
+def machine_kind(root: Path = _ROOT) -> MachineKind:
+    """Kind of this machine; a container in a virtual machine is a container."""
+    if "microsoft" in _text(root / "proc/version").lower():
+        return MachineKind.WSL
+    groups = _text(root / "proc/1/cgroup")
+    if (
+        (root / ".dockerenv").exists()
+        or (root / "run/.containerenv").exists()
+        or any(word in groups for word in ("docker", "lxc", "kubepods"))
+    ):
+        return MachineKind.CONTAINER
+    return MachineKind.VIRTUAL if is_virtual(root) else MachineKind.METAL
+
+
+def is_virtual(root: Path = _ROOT) -> bool:
+    """True if this system runs under a hypervisor."""
+    lines = _text(root / "proc/cpuinfo").splitlines()
+    flags = next((line for line in lines if line.startswith("flags")), "")
+    return "hypervisor" in flags.split()
+
+
+def running_programs(root: Path = _ROOT) -> frozenset[str]:
+    """The names of all running programs."""
+    return frozenset(_text(file).strip() for file in (root / "proc").glob("[0-9]*/comm"))
+
+
+def missing_adapter_hint(kind: MachineKind) -> str:
+    """What to do if this kind of machine does not see an adapter that is plugged in."""
+    return {
+        MachineKind.CONTAINER: "give it to the container: docker run --device /dev/ttyUSB0 ...",
+        MachineKind.WSL: "in Windows: usbipd list, then usbipd attach --wsl --busid <its BUSID>",
+        MachineKind.VIRTUAL: "hand the USB adapter on to the virtual machine, in its settings",
+        MachineKind.METAL: "plug the adapter in, and see what the system says: sudo dmesg | tail",
+    }[kind]
+
+
+def adapter_findings(root: Path = _ROOT) -> Iterator[Finding]:
+    """Check for adapters that are no port, and for programs that open adapters."""
+    for stray in stray_adapters(root / "sys/bus/usb/devices"):
+        yield stray_finding(stray, root)
+    found = INTERFERING_PROGRAMS.keys() & running_programs(root)
+    for name in sorted(found):
+        what = f"{name} runs: it opens new adapters for some seconds, and writes to them"
+        yield warn("machine", what, INTERFERING_PROGRAMS[name])
+    if not found:
+        yield ok("machine", "no program runs that is known to take adapters away")
+
+
+def stray_finding(stray: StrayAdapter, root: Path = _ROOT) -> Finding:
+    """Why an adapter that is plugged in is no port."""
+    name = f"USB {stray.usb_ids}"
+    what = f"{stray.product or 'a serial adapter'} is plugged in, but is no port"
+    if "brltty" in running_programs(root):
+        what += ": brltty takes it for a Braille display"
+        return bad(name, what, INTERFERING_PROGRAMS["brltty"])
+    if stray.driver is None:
+        return bad(name, f"{what}: its driver is not loaded", f"sudo modprobe {stray.wanted}")
+    return bad(name, f"{what}: {stray.driver} has it", f"unplug it, sudo modprobe {stray.wanted}")
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(errors="replace")
+    except OSError:
+        return ""
+
+
+# Ports
+
+
+def device_findings(port: PortListing) -> Iterator[Finding]:
+    """Check permission, latency timer and virtual USB of a port that is not open."""
+    if port.permitted:
+        yield ok(port.device, "you may open it")
+    else:
+        yield bad(port.device, "no permission", permission_fix(port.device))
+    timer = latency_timer_ms(port.device)
+    if timer is not None and timer > SHORT_TIMER_MS:
+        yield ok(port.device, f"latency timer {timer} ms, until live asks for low latency")
+    if port.vid is not None:
+        yield from virtual_usb_findings(port.device)
+
+
+def virtual_usb_findings(device: str, root: Path = _ROOT) -> Iterator[Finding]:
+    """Check for a hypervisor between a USB port and this system: it delays bytes."""
+    if is_virtual(root):
+        yield warn(
+            device,
+            "a virtual machine hands on USB in lumps: times can be late by tens of milliseconds",
+            "capture on the host, or serve the port from there: "
+            f"socat TCP-LISTEN:4001,reuseaddr {device},raw,b115200",
+        )
+
+
+def holder_findings(port: PortListing) -> Iterator[Finding]:
+    """The programs that have a port open."""
+    for holder in port.holders:
+        what = f"{holder} has it open, and takes bytes away"
+        yield bad(port.device, what, _release_fix(port.device, holder))
+
+
+def _release_fix(device: str, holder: Holder) -> str:
+    if holder.name.endswith("getty"):
+        return f"sudo systemctl stop serial-getty@{Path(device).name}.service"
+    return INTERFERING_PROGRAMS.get(holder.name, f"end it there, or: kill {holder.pid}")
+
+
+def capability_findings(device: str, capabilities: PortCapabilities) -> Iterator[Finding]:
+    """Check latency and line errors of an open port's driver."""
+    timer = capabilities.timer_ms
+    if timer is not None and timer > SHORT_TIMER_MS:
+        yield warn(
+            device,
+            f"the adapter holds bytes back for up to {timer} ms",
+            f"echo 1 | sudo tee {USB_SERIAL / Path(device).resolve().name}/latency_timer",
+        )
+    elif capabilities.low_latency is LowLatency.REFUSED:
+        yield warn(device, str(capabilities.low_latency), f"sudo setserial {device} low_latency")
+    else:
+        delay = "" if timer is None else f", latency timer {timer} ms"
+        yield ok(device, f"{capabilities.low_latency}{delay}")
+    line = capabilities.line.description
+    if capabilities.usb and line == UNAVAILABLE:
+        what = f"{line}: damage shows in the frames alone"
+        yield warn(device, what, "use an adapter whose driver tells them (FTDI, CP210x)")
+    else:
+        yield ok(device, line)
+
+
+# The line
+
+
+@dataclass(frozen=True, slots=True)
+class LineSample:
+    """What was received while listening to a port."""
+
+    data: bytes
+    line_errors: LineErrorCounts
+
+
+_SETTLE_S = 0.05
+"""Time after a change of baud in which bytes may still be of the old baud."""
+
+_UNLIMITED = 2**63
+
+
+class LineListener:
+    """An open port that is listened to for limited times."""
+
+    def __init__(self, name: str, settings: PortSettings) -> None:
+        """Open the port as a capture does.
+
+        Raises:
+            PortError: the port cannot be opened.
+        """
+        self._name = name
+        self._port = open_port(name, settings)
+        self.capabilities: PortCapabilities = request_capabilities(self._port)
+        self._read = reader_of(self._port)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._port.close()
+
+    def listen(self, seconds: float, enough: int) -> LineSample:
+        """Read for `seconds`, or until there are `enough` bytes.
+
+        Raises:
+            PortError: the port was lost.
+        """
+        line = self.capabilities.line
+        data = b"".join(line.feed(read)[0] for read in self._reads(seconds, enough))
+        return LineSample(data, line.flush() or LineErrorCounts())
+
+    def sample(self, baud: int, seconds: float, enough: int) -> bytes | None:
+        """As `listen`, at another baud and without line errors; None if it cannot be set.
+
+        The port stays at that baud.
+
+        Raises:
+            PortError: the port was lost.
+        """
+        try:
+            # pyserial also switches the error marks off.
+            self._port.baudrate = baud
+        except (OSError, ValueError, termios.error):
+            return None
+        for _ in self._reads(_SETTLE_S, _UNLIMITED):
+            pass
+        return b"".join(self._reads(seconds, enough))
+
+    def _reads(self, seconds: float, enough: int) -> Iterator[bytes]:
+        count = 0
+        deadline = time.monotonic() + seconds
+        while count < enough and time.monotonic() < deadline:
+            try:
+                data = self._read()
+            except OSError as error:
+                raise PortError(
+                    f"{printable(self._name)} was lost: {one_line(error)}; check cable and power"
+                ) from error
+            count += len(data)
+            yield data
 
 
 _WIRE = {
@@ -134,7 +509,7 @@ _POLARITY = (
 
 
 def verdict_finding(port: str, baud: int, verdict: Verdict) -> Finding:
-    """What a verdict reached at `baud` means for the one at the wire."""
+    """The finding for a verdict on bytes received at `baud`."""
     size = f"{verdict.size:,} bytes"
     typed = quote(port)
     probe = f"fte-sniff doctor {typed} --probe"
@@ -168,10 +543,10 @@ def verdict_finding(port: str, baud: int, verdict: Verdict) -> Finding:
         case Condition.TEXT:
             what = f"{size} of text and no frame: some other device sends here"
             return bad(port, what, "fte-sniff ports")
-    return _frameless(port, baud, verdict, f"no frame in {size} at {baud} baud", probe)
+    return _no_frames(port, baud, verdict, f"no frame in {size} at {baud} baud", probe)
 
 
-def _frameless(port: str, baud: int, verdict: Verdict, what: str, probe: str) -> Finding:
+def _no_frames(port: str, baud: int, verdict: Verdict, what: str, probe: str) -> Finding:
     if verdict.condition is Condition.FOREIGN:
         what += ", and no common baud makes such bytes: another protocol, or noise on an open wire"
         return bad(port, what, f"check that RX is on a wire; {probe}")
@@ -188,8 +563,56 @@ def _frameless(port: str, baud: int, verdict: Verdict, what: str, probe: str) ->
     return bad(port, f"{what}: the baud is wrong, perhaps {likely}", probe)
 
 
+# Probing other bauds
+
+_ENOUGH_BYTES = 4000
+"""Bytes after which listening ends early."""
+
+_PROBE_S = 1.0
+"""Longest time that a probe listens at each baud, seconds."""
+
+_PROBE_BYTES = 400
+"""Bytes after which a probe tries the next baud."""
+
+
+def _probe(port: str, baud: int, listener: LineListener, verdict: Verdict) -> Finding:
+    if verdict.condition is Condition.SOUND:
+        return ok(port, "probe: not needed, the baud is right")
+    if verdict.condition is Condition.SILENT:
+        return warn(port, "probe: nothing comes that could be probed", "let the line talk")
+    samples: dict[int, bytes] = {}
+    best: tuple[Setting, Verdict] | None = None
+    for candidate in _candidates(verdict, baud):
+        data = listener.sample(candidate, _PROBE_S, _PROBE_BYTES)
+        if data is None:
+            continue
+        samples[candidate] = data
+        judged = judge_frames(data)
+        if judged is not None and judged.share > (best[1].share if best else 0):
+            best = Setting(candidate, inverted=False), judged
+            if judged.condition is Condition.SOUND:
+                break
+    return probe_finding(port, *(best or (_swapped_polarity(samples), None)))
+
+
+def _candidates(verdict: Verdict, baud: int) -> list[int]:
+    """The bauds to try: first those that the received bytes suggest."""
+    guessed = [setting.baud for setting, _ in verdict.guesses]
+    near = sorted(COMMON_BAUDS, key=lambda other: max(other / baud, baud / other))
+    return list(dict.fromkeys([*guessed, *near]))
+
+
+def _swapped_polarity(samples: Mapping[int, bytes]) -> Setting | None:
+    """The baud at which the bytes look like the same baud with swapped polarity."""
+    for baud, data in samples.items():
+        setting = Setting(baud, inverted=True)
+        if dict(judge(data, baud).guesses).get(setting, 0) >= SURE:
+            return setting
+    return None
+
+
 def probe_finding(port: str, found: Setting | None, verdict: Verdict | None) -> Finding:
-    """What trying other bauds brought: a setting, and the verdict there where frames came."""
+    """The finding of a probe: the best setting, and its verdict if frames came."""
     if found is None:
         what = "probe: no common baud gives frames"
         return bad(port, what, "check wire, ground and polarity; is it this controller's line?")
@@ -199,109 +622,3 @@ def probe_finding(port: str, found: Setting | None, verdict: Verdict | None) -> 
         f"probe: {verdict.share:.1%} of {verdict.size:,} bytes stand in frames at {found.baud} baud"
     )
     return bad(port, what, f"fte-sniff live {quote(port)} --baud {found.baud}")
-
-
-ENOUGH = 4000
-"""Bytes after which there is no need to listen on."""
-
-PROBE_S = 1.0
-"""Seconds that a probe listens at each baud, at most."""
-
-PROBE_ENOUGH = 400
-"""Bytes after which a probe goes on to the next baud."""
-
-
-@dataclass(frozen=True, slots=True)
-class Examination:
-    """What is to be looked at."""
-
-    port: str
-    """A device, or a URL that pyserial opens."""
-    settings: PortSettings
-    seconds: float
-    """How long to listen."""
-    probe: bool
-    """Whether other bauds may be tried."""
-
-
-def look_around() -> Iterator[Finding]:
-    """What can be told of the machine, the folder, the terminal and this installation."""
-    yield working_folder_finding()
-    yield from terminal_findings(os.environ, sys.stdout.encoding)
-    yield framer_finding(Path(framer.__file__).parent, compiled=framer.COMPILED)
-    yield clock_finding(clock_state())
-    yield from machine_findings()
-
-
-def look_at_ports() -> Iterator[Finding]:
-    """What can be told of all ports without opening one."""
-    found = list_ports()
-    for port in found:
-        yield from device_findings(port)
-        # That a port is in use is wrong only where one wants to have it.
-        for finding in holder_findings(port):
-            yield replace(finding, level=Level.WARN)
-    if not found:
-        yield bad("ports", "no serial port is plugged in", missing_adapter_hint(host_of()))
-    elif all(port.vid is None for port in found):
-        yield warn("ports", "no USB adapter is plugged in", missing_adapter_hint(host_of()))
-
-
-def examine(asked: Examination) -> Iterator[Finding]:
-    """What can be told of one port by opening it and listening to it; nothing is written.
-
-    Raises:
-        PortError: it cannot be opened, or was lost.
-    """
-    name = asked.port
-    port = listing_of(name)
-    if port is not None:
-        yield from device_findings(port)
-        yield from holder_findings(port)
-    with LineListener(name, asked.settings) as listener:
-        yield from granted_findings(name, listener.granted)
-        heard = listener.listen(asked.seconds, ENOUGH)
-        if heard.line_errors:
-            what = f"line errors while listening: {heard.line_errors}"
-            yield warn(name, what, "another baud or polarity, or a loose or unshielded wire")
-        verdict = judge(heard.data, asked.settings.baud)
-        yield verdict_finding(asked.port, asked.settings.baud, verdict)
-        if asked.probe:
-            yield _probe(asked, listener, verdict)
-
-
-def _probe(asked: Examination, listener: LineListener, verdict: Verdict) -> Finding:
-    name = asked.port
-    if verdict.condition is Condition.SOUND:
-        return ok(name, "probe: not needed, the baud is right")
-    if verdict.condition is Condition.SILENT:
-        return warn(name, "probe: nothing comes that could be probed", "let the line talk")
-    samples: dict[int, bytes] = {}
-    best: tuple[Setting, Verdict] | None = None
-    for baud in _by_promise(verdict, asked.settings.baud):
-        data = listener.sample(baud, PROBE_S, PROBE_ENOUGH)
-        if data is None:
-            continue
-        samples[baud] = data
-        seen = judge_frames(data)
-        if seen is not None and seen.share > (best[1].share if best else 0):
-            best = Setting(baud, inverted=False), seen
-            if seen.condition is Condition.SOUND:
-                break
-    return probe_finding(name, *(best or (_swapped(samples), None)))
-
-
-def _swapped(samples: Mapping[int, bytes]) -> Setting | None:
-    """The baud at which the bytes look like this very baud with swapped polarity."""
-    for baud, data in samples.items():
-        setting = Setting(baud, inverted=True)
-        if dict(judge(data, baud).guesses).get(setting, 0) >= SURE:
-            return setting
-    return None
-
-
-def _by_promise(verdict: Verdict, baud: int) -> list[int]:
-    """The bauds to be tried: those first that the bytes so far speak for, each once."""
-    guessed = [setting.baud for setting, _ in verdict.guesses]
-    near = sorted(COMMON_BAUDS, key=lambda other: max(other / baud, baud / other))
-    return list(dict.fromkeys([*guessed, *near]))

@@ -22,7 +22,7 @@ from textual.widgets import Static
 
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.capture.port_errors import one_line, refusal
+from fte_sniff.capture.port_errors import one_line, port_error
 from fte_sniff.errors import (
     FilterError,
     FteSniffError,
@@ -204,11 +204,11 @@ def test_the_end_of_a_feed_is_told_in_chinese(feed: Any) -> None:
 @pytest.mark.parametrize(
     "error",
     [
-        refusal("/dev/nowhere", "/dev/nowhere", OSError(errno.ENOENT, "no such file")),
-        refusal("p", "/dev/full", OSError(errno.EBUSY, "busy")),
-        refusal("p", "/dev/full", OSError(errno.EACCES, "denied")),
-        refusal("p", "/dev/full", OSError(errno.EIO, "broken")),
-        refusal("socket://h:1", None, OSError(errno.ECONNREFUSED, "refused")),
+        port_error("/dev/nowhere", "/dev/nowhere", OSError(errno.ENOENT, "no such file")),
+        port_error("p", "/dev/full", OSError(errno.EBUSY, "busy")),
+        port_error("p", "/dev/full", OSError(errno.EACCES, "denied")),
+        port_error("p", "/dev/full", OSError(errno.EIO, "broken")),
+        port_error("socket://h:1", None, OSError(errno.ECONNREFUSED, "refused")),
         stopped("a.mcap", OSError(errno.ENOSPC, "full"), 7),
         taken_away("a.mcap", 7, deleted=True),
         bound_reached(

@@ -1,12 +1,10 @@
-"""Owns `sim://`: the simulation behind pyserial's port interface, paced in real time.
-
-It must not know how the simulation makes its bytes.
+"""`sim://`: the simulation as a pyserial port, in real time.
 
     sim://?seed=1&rate=200&drop=0.01&flip=0.01&noise=0.01
 
-A byte can be read when its frame's last byte would have arrived on a real line. What is written is
-heard by the simulated controller as commands; with `host=off` it is a controller to develop
-against. After `frames=N` frames the port is lost, as if it were unplugged.
+A byte can be read when the last byte of its frame would have arrived on a real line. Written bytes
+are commands to the simulated controller; with `host=off` it is a controller to develop against.
+After `frames=N` frames the port is lost, as if it were unplugged.
 """
 
 from __future__ import annotations
@@ -32,19 +30,19 @@ if TYPE_CHECKING:
 
 _SCHEME = "sim"
 
-_LISTENS_ON_NS = 100_000_000
-"""How long after a write the controller is told of the silence, so that it holds nothing back."""
+_SILENCE_NS = 100_000_000
+"""How long after a write silence is fed to the framer, so that it holds back no command."""
 
 _NEVER_NS = 2**62
-_SILENCE = TimedBytes(_NEVER_NS, _NEVER_NS, b"", b"")
-"""What comes next on a line where nobody is ever heard: such a port is silent, not unplugged."""
+_NOTHING = TimedBytes(_NEVER_NS, _NEVER_NS, b"", b"")
+"""The next item of a line that is silent for ever: the port is not unplugged."""
 
 
 def parameters_of_url(url: str) -> SimulationParameters:
-    """The parameters in a `sim://` URL.
+    """Parse a `sim://` URL.
 
     Raises:
-        PortError: the URL has something before its `?`, or a parameter is not legal.
+        PortError: there is something before the `?`, or a parameter is not legal.
     """
     parts = urlsplit(url)
     if parts.netloc or parts.path or parts.fragment:
@@ -52,15 +50,15 @@ def parameters_of_url(url: str) -> SimulationParameters:
     return parse_parameters(parts.query)
 
 
-class Serial(SerialBase):
-    """A port with a simulated host and controller behind it, as `serial_for_url` makes it."""
+class SimSerial(SerialBase):
+    """A port with a simulated host and controller, made by `serial_for_url`."""
 
     _simulation: Simulation | None = None
     _coming: TimedBytes | None = None
-    """What arrives next; None when the port is unplugged."""
+    """The next item; None when the port is unplugged."""
 
     def open(self) -> None:
-        """Start the simulation; raises SerialException where the URL or the rate is not legal."""
+        """Start the simulation; raises SerialException if the URL or the rate is not legal."""
         if self.port is None:
             raise SerialException("Port must be configured before it can be used.")
         if self.is_open:
@@ -72,15 +70,15 @@ class Serial(SerialBase):
         self._changed = threading.Condition()
         self._arrived = bytearray()
         self._cancelled = False
-        self._listens_until_ns = 0
+        self._silence_until_ns = 0
         self._commands = Framer(_SCHEME, self.baudrate)
         self._started_ns = time.monotonic_ns()
-        silent = self._simulation.parameters.never_heard
-        self._coming = _SILENCE if silent else next(self._simulation, None)
+        silent = self._simulation.parameters.is_silent
+        self._coming = _NOTHING if silent else next(self._simulation, None)
         self.is_open = True
 
     def close(self) -> None:
-        """End the simulation; a read under way returns what it has."""
+        """End the simulation; a waiting read returns what it has."""
         if self.is_open:
             with self._changed:
                 self.is_open = False
@@ -88,11 +86,11 @@ class Serial(SerialBase):
 
     @property
     def in_waiting(self) -> int:
-        """How many bytes can be read at once; raises SerialException when all have been read."""
+        """Number of bytes that can be read at once; raises SerialException when unplugged."""
         with self._opened():
-            self._let_arrive()
+            self._advance()
             if not self._arrived:
-                self._refuse_when_unplugged()
+                self._raise_if_unplugged()
             return len(self._arrived)
 
     def read(self, size: int = 1, /) -> bytes:
@@ -100,7 +98,7 @@ class Serial(SerialBase):
         until_ns = None if self.timeout is None else self._elapsed_ns() + int(self.timeout * 1e9)
         with self._opened():
             while self.is_open and not self._cancelled:
-                self._let_arrive()
+                self._advance()
                 if len(self._arrived) >= size or self._coming is None:
                     break
                 next_ns = self._coming.t_ns
@@ -111,23 +109,23 @@ class Serial(SerialBase):
                 self._changed.wait(max(next_ns - self._elapsed_ns(), 0) / 1e9)
             self._cancelled = False
             if size and not self._arrived:
-                self._refuse_when_unplugged()
+                self._raise_if_unplugged()
             data = bytes(self._arrived[:size])
             del self._arrived[:size]
             return data
 
     def write(self, data: Buffer, /) -> int:
-        """Give bytes to the simulated controller, which obeys the control frames in them."""
-        heard = bytes(data)
+        """Send bytes to the simulated controller, which obeys the control frames in them."""
+        commands = bytes(data)
         with self._opened():
-            self._let_arrive()
+            self._advance()
             now_ns = self._elapsed_ns()
-            self._listens_until_ns = now_ns + _LISTENS_ON_NS
-            self._obey(now_ns, heard)
-        return len(heard)
+            self._silence_until_ns = now_ns + _SILENCE_NS
+            self._obey(now_ns, commands)
+        return len(commands)
 
     def cancel_read(self) -> None:
-        """Make a read under way in another thread, or else the next one, return what it has."""
+        """Make a waiting read in another thread, or else the next one, return what it has."""
         with self._opened():
             self._cancelled = True
             self._changed.notify_all()
@@ -139,15 +137,14 @@ class Serial(SerialBase):
         """Do nothing: a write is done when it returns."""
 
     def reset_input_buffer(self) -> None:
-        """Forget what has arrived and was not read."""
+        """Discard what has arrived and was not read."""
         with self._opened():
-            self._let_arrive()
+            self._advance()
             self._arrived.clear()
 
     def reset_output_buffer(self) -> None:
-        """Do nothing but check that the port is open: nothing waits to be sent."""
-        with self._opened():
-            pass
+        """Check that the port is open: nothing waits to be sent."""
+        self._opened()
 
     @property
     def out_waiting(self) -> int:
@@ -199,12 +196,12 @@ class Serial(SerialBase):
     def _elapsed_ns(self) -> int:
         return time.monotonic_ns() - self._started_ns
 
-    def _let_arrive(self) -> None:
+    def _advance(self) -> None:
         elapsed_ns = self._elapsed_ns()
         while self._coming is not None and self._coming.t_ns <= elapsed_ns:
             self._arrived += self._coming.data
             self._coming = next(self._simulation, None) if self._simulation else None
-        if elapsed_ns < self._listens_until_ns:
+        if elapsed_ns < self._silence_until_ns:
             self._obey(elapsed_ns, b"")
 
     def _obey(self, now_ns: int, written: bytes) -> None:
@@ -212,6 +209,10 @@ class Serial(SerialBase):
             if self._simulation and isinstance(row, Frame) and row.kind and not row.faults:
                 self._simulation.controller.obey(row.kind, row.values)
 
-    def _refuse_when_unplugged(self) -> None:
+    def _raise_if_unplugged(self) -> None:
         if self.is_open and self._coming is None:
             raise SerialException("the simulated port is unplugged: all its frames were sent")
+
+
+Serial = SimSerial
+"""The name by which pyserial finds the class."""

@@ -1,7 +1,7 @@
-"""Owns `socket://` as fte-sniff opens it: pyserial's own, but without losing the first bytes.
+"""`socket://`: pyserial's own, but without losing the first bytes.
 
-It must not do more than that. pyserial throws away on opening whatever the server has sent since
-the connection was made, all of a short stream if the server is quick.
+On opening, pyserial discards what the server has sent since the connection was made: with a fast
+server all of a short stream.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 from serial.urlhandler import protocol_socket
 
 
-class Serial(protocol_socket.Serial):
-    """pyserial's socket port; the stream begins where the connection begins."""
+class SocketSerial(protocol_socket.Serial):
+    """pyserial's socket port; the stream starts with the connection."""
 
     _opening = False
 
@@ -23,6 +23,10 @@ class Serial(protocol_socket.Serial):
             self._opening = False
 
     def reset_input_buffer(self) -> None:
-        """Forget what has arrived and was not read, but never on opening."""
+        """Discard what has arrived and was not read, but never on opening."""
         if not self._opening:
             super().reset_input_buffer()
+
+
+Serial = SocketSerial
+"""The name by which pyserial finds the class."""

@@ -20,7 +20,7 @@ from time import monotonic
 import pytest
 
 from fte_sniff.analysis.feed import LiveFeed
-from fte_sniff.capture.multi_source import PortGroup
+from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
 from fte_sniff.recording.output_file import Existing

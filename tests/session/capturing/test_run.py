@@ -9,7 +9,7 @@ from multiprocessing import Pipe
 import pytest
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.multi_source import PortGroup
+from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, Row

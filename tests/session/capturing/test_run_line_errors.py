@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.multi_source import PortGroup
+from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS
 from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.protocol import Chunk, Fault, PortEvent, PortEventKind
@@ -32,7 +32,7 @@ class Told:
     def __init__(self, items: list[Item]) -> None:
         self._items = items
         self.uncertainty_ns = {"tap": 0}
-        self.granted = {"tap": "line errors counted and marked"}
+        self.capabilities = {"tap": "line errors counted and marked"}
 
     def __iter__(self) -> Iterator[Item]:
         return iter(self._items)

@@ -4,7 +4,7 @@ import subprocess
 from serial.tools.list_ports_common import ListPortInfo
 
 from fte_sniff.capture.discovery import Holder, holders_of, list_ports, listings
-from fte_sniff.capture.port_errors import way_in
+from fte_sniff.capture.port_errors import permission_fix
 from fte_sniff.errors import printable
 
 
@@ -53,8 +53,8 @@ def test_the_way_in_names_the_group_or_the_rule(tmp_path):
     file = tmp_path / "port"
     file.touch()
     file.chmod(0o600)
-    assert 'GROUP="dialout"' in way_in(str(file))
-    assert way_in(str(tmp_path / "gone")) == "ask the machine's administrator"
+    assert 'GROUP="dialout"' in permission_fix(str(file))
+    assert permission_fix(str(tmp_path / "gone")) == "ask the machine's administrator"
 
 
 def test_the_way_in_names_the_command_for_a_group_that_may(tmp_path):
@@ -66,4 +66,6 @@ def test_the_way_in_names_the_command_for_a_group_that_may(tmp_path):
     file.chmod(0o660)
     if os.geteuid() == 0:
         os.chown(file, 0, group.gr_gid)
-        assert f"sudo usermod -aG {group.gr_name} root, then log in again" in way_in(str(file))
+        assert f"sudo usermod -aG {group.gr_name} root, then log in again" in permission_fix(
+            str(file)
+        )

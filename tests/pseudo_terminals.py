@@ -1,4 +1,4 @@
-"""Real pseudo-terminals, and bounded waits, for the tests of the capture room."""
+"""Fixtures: real pseudo-terminals, and waits with a timeout."""
 
 import os
 import select
@@ -12,7 +12,7 @@ import pytest
 
 @dataclass
 class Pty:
-    """A pseudo-terminal: the test holds the far end of the line, the program opens `device`."""
+    """A pseudo-terminal: the test writes to the `far` end, the program opens `device`."""
 
     far: int
     near: int

@@ -21,26 +21,26 @@ def lengths_and_kinds(items: list[Item]) -> list[int | str]:
 
 
 def test_what_waits_is_counted_in_bytes() -> None:
-    backlog = ChunkQueue("a")
-    backlog.tell(OPENED)
-    backlog.put(Chunk("a", 1, b"abc"))
-    backlog.put(Chunk("a", 2, b"de"))
-    assert backlog.waiting == 5
-    assert len(list(islice(backlog, 2))) == 2
-    assert backlog.waiting == 2
+    queue = ChunkQueue("a")
+    queue.put_event(OPENED)
+    queue.put(Chunk("a", 1, b"abc"))
+    queue.put(Chunk("a", 2, b"de"))
+    assert queue.waiting == 5
+    assert len(list(islice(queue, 2))) == 2
+    assert queue.waiting == 2
 
 
 @pytest.mark.parametrize("taken", [0, 1, 3])
 def test_what_is_dropped_at_the_end_is_one_overrun_with_a_true_count(taken: int) -> None:
-    backlog = ChunkQueue("a", capacity=3000)
-    backlog.tell(OPENED)
+    queue = ChunkQueue("a", capacity=3000)
+    queue.put_event(OPENED)
     for t_ns in range(1, 9):
-        backlog.put(Chunk("a", t_ns, bytes(500)))
-    backlog.tell(CLOSED)
-    backlog.end()
-    items = iter(backlog)
+        queue.put(Chunk("a", t_ns, bytes(500)))
+    queue.put_event(CLOSED)
+    queue.close()
+    items = iter(queue)
     before = [next(items) for _ in range(taken)]
-    backlog.drop()
+    queue.drop()
     events = [item for item in items if isinstance(item, PortEvent)]
     (overrun,) = [event for event in events if event.kind is PortEventKind.OVERRUN]
     chunks = sum(isinstance(item, Chunk) for item in before)
@@ -48,31 +48,31 @@ def test_what_is_dropped_at_the_end_is_one_overrun_with_a_true_count(taken: int)
     assert overrun.detail.startswith(f"{overrun.count} bytes were not kept: ")
     assert overrun.t_ns == max(taken, 1)
     assert events == [OPENED, overrun, CLOSED][min(taken, 1) :]
-    assert backlog.waiting == 0
-    assert list(backlog) == []
+    assert queue.waiting == 0
+    assert list(queue) == []
 
 
 def test_once_full_it_takes_bytes_again_when_half_is_free() -> None:
-    backlog = ChunkQueue("a", capacity=10_000)
+    queue = ChunkQueue("a", capacity=10_000)
     for t_ns in range(12):
-        backlog.put(Chunk("a", t_ns, bytes(744)))
-    assert backlog.waiting == 10 * 744
-    items = iter(backlog)
+        queue.put(Chunk("a", t_ns, bytes(744)))
+    assert queue.waiting == 10 * 744
+    items = iter(queue)
     for taken in range(1, 11):
         next(items)
-        backlog.put(Chunk("a", 100 + taken, bytes(744)))
+        queue.put(Chunk("a", 100 + taken, bytes(744)))
         if taken == 6:
             break
-        assert backlog.waiting == (10 - taken) * 744
-    assert backlog.waiting == 5 * 744
-    backlog.end()
+        assert queue.waiting == (10 - taken) * 744
+    assert queue.waiting == 5 * 744
+    queue.close()
     assert lengths_and_kinds(list(items)) == [744] * 4 + ["overrun", 744]
 
 
 def test_an_overrun_costs_the_frames_at_its_seams_and_no_other() -> None:
-    backlog, framer = ChunkQueue("a", capacity=20_000), Framer("a", 115_200)
+    queue, framer = ChunkQueue("a", capacity=20_000), Framer("a", 115_200)
     stream = FRAME * 20_000
-    taking = iter(backlog)
+    taking = iter(queue)
     rows, overruns = [], 0
 
     def take(count: int) -> None:
@@ -85,10 +85,10 @@ def test_an_overrun_costs_the_frames_at_its_seams_and_no_other() -> None:
                 rows.extend(framer.cut())
 
     for number, at in enumerate(range(0, len(stream), 997)):
-        backlog.put(Chunk("a", number, stream[at : at + 997]))
+        queue.put(Chunk("a", number, stream[at : at + 997]))
         if number % 4 == 3:
             take(3)
-    backlog.end()
+    queue.close()
     take(len(stream))
     rows.extend(framer.flush())
     damages = [row for row in rows if isinstance(row, Damage)]

@@ -16,21 +16,21 @@ from fte_sniff.capture.serial_port import (
     LowLatency,
     PortCapabilities,
     PortSettings,
-    ask_low_latency,
     has_low_latency,
     latency_timer_ms,
     open_port,
     reader_of,
+    request_low_latency,
     with_low_latency,
 )
 from fte_sniff.capture.uart_errors import (
-    TELL_EVERY_NS,
+    REPORT_INTERVAL_NS,
     BlindWatch,
     UartWatch,
     Unmarker,
-    ask_for_marks,
     counted_since,
     counters_of,
+    enable_error_marks,
     line_watch_of,
     parse_counters,
 )
@@ -91,7 +91,7 @@ def test_marks_are_taken_out_however_they_were_cut(bytes_, cuts):
     edges = [0, *sorted(cut for cut in cuts if cut < len(marked)), len(marked)]
     unmarker, clean, found = Unmarker(), b"", []
     for start, stop in pairwise(edges):
-        piece, places = unmarker.take(marked[start:stop])
+        piece, places = unmarker.feed(marked[start:stop])
         found += [len(clean) + place for place in places]
         clean += piece
     assert (clean, found) == (data, bad)
@@ -101,18 +101,18 @@ def test_a_real_terminal_marks_as_it_is_unmarked(pty):
     """Linux doubles FF where marks are asked for; all else it can tell only of a real UART."""
     sent = bytes(range(256)) * 8 + b"\xff\x00\xff\xff\x00" * 40
     with open_port(pty.device) as port:
-        ask_for_marks(port.fileno())
+        enable_error_marks(port.fileno())
         assert pty.attributes()[0] & termios.INPCK
         read, raw = reader_of(port), b""
         threading.Thread(target=pty.send, args=(sent,)).start()
         while len(raw) < len(as_marked(sent, [])):
             raw += read()
     assert raw == as_marked(sent, [])
-    assert Unmarker().take(raw) == (sent, [])
+    assert Unmarker().feed(raw) == (sent, [])
 
 
 def test_opening_again_without_marks_leaves_no_marks(pty):
-    ask_for_marks(pty.near)
+    enable_error_marks(pty.near)
     with open_port(pty.device) as port:
         pty.send(b"\xff\x00A")
         read, raw = reader_of(port), b""
@@ -124,31 +124,31 @@ def test_opening_again_without_marks_leaves_no_marks(pty):
 def test_marked_and_counted_errors_are_placed_and_told_by_kind():
     counters = Counting(framing=7)
     watch = UartWatch(counters)
-    assert watch.take(b"abc") == (b"abc", ())
+    assert watch.feed(b"abc") == (b"abc", ())
     counters.add(framing=2, breaks=1)
-    assert watch.take(b"ab\xff\x00Cd" + b"\xff\xff" * 12 + b"\xff\x00\x00") == (
+    assert watch.feed(b"ab\xff\x00Cd" + b"\xff\xff" * 12 + b"\xff\x00\x00") == (
         b"abCd" + b"\xff" * 12 + b"\x00",
         ((2, 3), (16, 17)),
     )
-    assert watch.news(5) == LineErrorCounts(framing=2, breaks=1)
-    assert watch.news(5 + TELL_EVERY_NS) is None
+    assert watch.report(5) == LineErrorCounts(framing=2, breaks=1)
+    assert watch.report(5 + REPORT_INTERVAL_NS) is None
 
 
 def test_errors_that_are_only_counted_lie_anywhere_up_to_the_next_byte():
     counters = Counting()
     watch = UartWatch(counters)
     counters.add(overruns=1)
-    assert watch.take(b"abcd") == (b"abcd", ((0, 5),))
+    assert watch.feed(b"abcd") == (b"abcd", ((0, 5),))
     counters.add(buffer_overruns=9)
-    assert watch.take(b"") == (b"", ((0, 1),))
-    assert watch.rest() == LineErrorCounts(overruns=1, buffer_overruns=9)
-    assert watch.rest() is None
+    assert watch.feed(b"") == (b"", ((0, 1),))
+    assert watch.flush() == LineErrorCounts(overruns=1, buffer_overruns=9)
+    assert watch.flush() is None
 
 
 def test_errors_that_are_only_marked_are_counted_by_their_marks():
     watch = UartWatch(Counting())
-    assert watch.take(b"\xff\x00A\xff\x00\x00") == (b"A\x00", ((0, 2),))
-    assert watch.news(0) == LineErrorCounts(framing=1, breaks=1)
+    assert watch.feed(b"\xff\x00A\xff\x00\x00") == (b"A\x00", ((0, 2),))
+    assert watch.report(0) == LineErrorCounts(framing=1, breaks=1)
 
 
 def test_many_errors_are_told_once_a_second():
@@ -157,18 +157,18 @@ def test_many_errors_are_told_once_a_second():
     told = []
     for beat in range(2500):
         counters.add(framing=3)
-        watch.take(b"x")
-        told.append(watch.news(beat * 1_000_000))
+        watch.feed(b"x")
+        told.append(watch.report(beat * 1_000_000))
     assert [beat for beat, news in enumerate(told) if news] == [0, 1000, 2000]
-    assert sum(news.total for news in told if news) + watch.rest().total == 7500
+    assert sum(counts.total for counts in told if counts) + watch.flush().total == 7500
 
 
 def test_a_source_tells_of_errors_and_marks_the_bytes(pty):
     counters = Counting()
     port = open_port(pty.device)
-    ask_for_marks(port.fileno())
-    granted = PortCapabilities(UartWatch(counters), LowLatency.ABSENT, None, False)
-    source = PortSource(port, "tap", Clock.tied(), granted=granted)
+    enable_error_marks(port.fileno())
+    capabilities = PortCapabilities(UartWatch(counters), LowLatency.ABSENT, None, False)
+    source = PortSource(port, "tap", Clock.tied(), capabilities=capabilities)
     items = iter(source)
     next(items)
     counters.add(framing=1)
@@ -189,7 +189,7 @@ def test_ports_without_a_uart_say_that_line_errors_are_unavailable(pty, name):
     with open_port(pty.device if name == "pty" else name) as port:
         assert counters_of(port) is None
         assert isinstance(line_watch_of(port), BlindWatch)
-        assert ask_low_latency(port) is LowLatency.ABSENT
+        assert request_low_latency(port) is LowLatency.ABSENT
     with open_source(pty.device if name == "pty" else name, PortSettings(), Clock.tied()) as source:
         opened = next(iter(source)).detail
     assert "; no low latency setting; line errors unavailable" in opened
@@ -235,7 +235,7 @@ def test_the_latency_timer_is_read_through_links(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("granted", "words"),
+    ("capabilities", "words"),
     [
         (
             PortCapabilities(BlindWatch(), LowLatency.ABSENT, None, False),
@@ -247,5 +247,5 @@ def test_the_latency_timer_is_read_through_links(tmp_path):
         ),
     ],
 )
-def test_what_was_granted_is_said(granted, words):
-    assert str(granted) == words
+def test_capabilities_as_text(capabilities, words):
+    assert str(capabilities) == words
