@@ -20,12 +20,12 @@ below it; capture, recording, formats and analysis do not import each other:
     protocol   what the bytes mean: frame definitions, codec, framer (compiled); no I/O
     errors     the exceptions and their exit codes; messages that can be translated
 
-Three promises hold everywhere. Every received byte is in exactly one row, in order, and damage is
-labelled with its cause. A recording is a valid file at every moment. Every mistake a user can make
-ends in one line that says what, where, and how to fix it.
+Three rules hold everywhere. Every received byte is in exactly one row, in order, and damage is
+labelled with its cause. A recording is a valid file at every moment. An error that a user can cause
+is one line: what happened, where, and how to fix it.
 """
 
-# Nothing is imported here: `__main__` is to say first what Ctrl-C does.
+# Imports are lazy, so that `__main__` sets the handling of Ctrl-C first.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
@@ -81,12 +81,12 @@ __all__ = [
 
 
 def __getattr__(name: str) -> "Any":
-    """Load the public names when they are asked for, so that the program can begin at once."""
+    """Import a public name on first use."""
     from importlib import import_module
 
     if name in __all__:
-        for room in ("errors", "protocol", "session.scan"):
-            module = import_module(f"{__name__}.{room}")
+        for path in ("errors", "protocol", "session.scan"):
+            module = import_module(f"{__name__}.{path}")
             if hasattr(module, name):
                 return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,15 +1,15 @@
-"""Owns the door of the program: `fte-sniff`, and `python -m fte_sniff`. It knows only what to load.
+"""Console entry point: `fte-sniff` and `python -m fte_sniff`.
 
-Until all is loaded Ctrl-C ends the program as it ends any other, without a traceback; from then on
-`cli` says what it does.
+While the program is loading, Ctrl-C ends it at once and without a traceback; afterwards the
+command line handles it.
 """
 
-# The one that `signal` is made on, and built in: nothing is loaded until Ctrl-C is seen to.
+# The built-in module behind `signal`, which would take time to import before Ctrl-C is handled.
 import _signal as signal  # type: ignore[import-not-found]
 
 
 def main() -> None:
-    """Load the command line, and run it."""
+    """Load and run the command line."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from fte_sniff.cli import main as run

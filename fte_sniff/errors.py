@@ -1,18 +1,16 @@
-"""Exception classes and TranslatableText (a message that is translated when shown).
+"""Exceptions, their exit codes, and texts that can be translated.
 
-This module knows no other part of the program but `said`, in which a message keeps its values.
-
-    FteSniffError                 anything below; `exit_code` and a one-line message
+    FteSniffError                 exit code and a one-line message; base of all below
     ├── UsageError          2     the command line contradicts itself
-    │   ├── InputTextError  2     text that cannot be read (hex, a filter, a number)
-    │   │   └── FilterError 2     a filter that does not parse or names what is not there
+    │   ├── InputTextError  2     text that cannot be read (hex, a number, a log)
+    │   │   └── FilterError 2     a filter that does not parse or names an unknown field
     │   └── ValueRangeError 2     a value that does not fit its field in a frame
     ├── PortError           3     a serial port: absent, busy, forbidden, lost
-    └── FileError           4     a file: unreadable, not what it should be, in the way
+    └── FileError           4     a file: unreadable, of the wrong kind, already there
 
-    RecordingWarning              beside the tree: what was read lacks something
+    RecordingWarning              a category of `warnings`: a recording is damaged
 
-Each message is one line that says what happened, where, and the way out.
+Each message is one line: what happened, where, and how to fix it.
 """
 
 from __future__ import annotations
@@ -24,28 +22,28 @@ from typing import ClassVar
 
 
 class TranslatableText(str):
-    """A text out of a form with named places, `expected {wanted}`, and what stands in them.
+    """A text made from a form such as `expected {wanted}` and the values of its names.
 
-    It goes from process to process whole.
+    The text itself is English. The screen translates the form and inserts the values; values that
+    are `TranslatableText` are translated too. Pickling keeps form and values.
     """
 
     __slots__ = ("form", "values")
 
     form: str
     values: Mapping[str, object]
-    """Values that are `TranslatableText` are translated too; other texts are not."""
 
     def __new__(cls, form: str, **values: object) -> TranslatableText:
-        """The form with the values in their places."""
-        made = super().__new__(cls, form.format(**values))
-        made.form, made.values = form, MappingProxyType(values)
-        return made
+        """Insert the values into the form."""
+        text = super().__new__(cls, form.format(**values))
+        text.form, text.values = form, MappingProxyType(values)
+        return text
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _again, (self.form, dict(self.values))
+        return _unpickled, (self.form, dict(self.values))
 
 
-def _again(form: str, values: dict[str, object]) -> TranslatableText:
+def _unpickled(form: str, values: dict[str, object]) -> TranslatableText:
     return TranslatableText(form, **values)
 
 
@@ -53,27 +51,27 @@ _MOST_QUOTED = 60
 
 
 def printable(text: str) -> str:
-    """Text from outside (a name, metadata) on one line, its control characters made visible."""
+    """Escape the control characters of a text from outside, so that it is one line."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def shortened(text: str) -> str:
-    """What a user wrote; of what would fill a screen only the beginning."""
+    """Cut a text that the user wrote to at most 60 characters."""
     return text if len(text) <= _MOST_QUOTED else f"{text[:_MOST_QUOTED]}…"
 
 
 def quoted(text: str) -> str:
-    """The same in quotation marks."""
+    """Shorten a text that the user wrote, escape it, and put it in quotation marks."""
     return repr(shortened(text))
 
 
 class FteSniffError(Exception):
-    """The base of every error that a user can cause; its text is one line for the terminal."""
+    """Base of all errors that a user can cause; the text is one line for the terminal."""
 
     exit_code: ClassVar[int] = 2
 
     def __init__(self, message: str, **values: object) -> None:
-        """The message; with `values`, a form that has their names in braces, translatable."""
+        """Set the message; with `values` it is a form with their names, and can be translated."""
         super().__init__(TranslatableText(message, **values) if values else message)
 
     def __str__(self) -> str:
@@ -81,13 +79,13 @@ class FteSniffError(Exception):
 
     @property
     def message(self) -> str:
-        """The message with the form and the values it was made of, where it keeps them."""
+        """The message; a `TranslatableText` if it can be translated."""
         message = self.args[0] if len(self.args) == 1 else None
         return message if isinstance(message, TranslatableText) else str(self)
 
 
 class UsageError(FteSniffError):
-    """The command line asks for what cannot be done as asked."""
+    """The command line contradicts itself, or needs something that is absent."""
 
 
 class InputTextError(UsageError):
@@ -95,11 +93,11 @@ class InputTextError(UsageError):
 
 
 class FilterError(InputTextError):
-    """A filter expression does not parse, or names a field or a word that does not exist."""
+    """A filter does not parse, or names an unknown field or word."""
 
 
 class ValueRangeError(UsageError):
-    """A value does not fit the field of the frame it was given for."""
+    """A value does not fit its field in a frame."""
 
 
 class PortError(FteSniffError):
@@ -109,16 +107,15 @@ class PortError(FteSniffError):
 
 
 class FileError(FteSniffError):
-    """A file cannot be read, is not what it should be, or must not be overwritten."""
+    """A file cannot be read or written, is of the wrong kind, or must not be overwritten."""
 
     exit_code: ClassVar[int] = 4
 
 
 class RecordingWarning(UserWarning):
-    """A recording is damaged: what could be read was, and the text says in one line what is lost.
+    """A recording is damaged; all readable rows were read, and the text says what is lost.
 
-    A category of `warnings`, and no error: `warnings.simplefilter("error", RecordingWarning)` makes
-    it one.
+    `warnings.simplefilter("error", RecordingWarning)` turns it into an error.
     """
 
 
@@ -141,16 +138,16 @@ _REASONS = {
     errno.ECONNRESET: TranslatableText("Connection reset by peer"),
     errno.ETIMEDOUT: TranslatableText("Connection timed out"),
 }
-"""The commonest reasons, in the system's own English words but for the first two."""
+"""Frequent reasons, so that they are translated; all but the first two in the system's words."""
 
 
 def reason_of(error: OSError) -> str:
-    """Why the system refused, in words."""
+    """The reason of a system error, in words."""
     return _REASONS.get(error.errno or 0, error.strerror or str(error))
 
 
 def unreadable(path: object, error: OSError) -> FileError:
-    """What to tell the user when a file cannot be opened or read."""
+    """The error of a file that cannot be opened or read."""
     match error:
         case FileNotFoundError():
             return FileError(
@@ -170,7 +167,7 @@ def unreadable(path: object, error: OSError) -> FileError:
 
 
 def unwritable(path: object, error: OSError) -> FileError:
-    """What to tell the user when a file cannot be made or written."""
+    """The error of a file that cannot be created or written."""
     match error:
         case FileExistsError():
             return FileError("{path} exists already; name another file, or use --force", path=path)

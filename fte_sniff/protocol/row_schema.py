@@ -1,4 +1,4 @@
-"""Names, types and order of a row's columns; time formats."""
+"""The row contract: names, types and order of a row's columns; text forms of times and bytes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from fte_sniff.protocol.rows import Frame, Row
 from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS, Direction, Fault, Status
 
 Value: TypeAlias = int | str | list[str] | None
-"""What a column holds: a number, a text, the list of faults, or nothing."""
+"""The value of a column: a number, a text, the list of faults, or None."""
 
 
 class ColumnType(StrEnum):
-    """The type of a column's values; any value may be null but those of `offset` and `raw`."""
+    """The type of a column's values; all columns but `offset` and `raw` may be null."""
 
     TIME = "time"
     """Nanoseconds since 1970 UTC."""
@@ -37,11 +37,11 @@ class Column:
     type: ColumnType
     meaning: str
     words: tuple[str, ...] = ()
-    """For WORD and WORDS: every value there can be."""
+    """All possible words of a WORD or WORDS column."""
 
 
 def _meaning(name: str, unit: str) -> str:
-    """What a value is in every kind that has it, with its unit."""
+    """The meanings of a field in all kinds, with its unit."""
     fields = (field for kind in KINDS for field in kind.fields if field.name == name)
     meanings = ", or ".join(dict.fromkeys(field.meaning for field in fields))
     return f"{meanings} [{unit}]" if unit else meanings
@@ -63,21 +63,20 @@ COLUMNS: tuple[Column, ...] = (
     Column("faults", ColumnType.WORDS, "what is wrong with the row", tuple(FAULT_MEANINGS)),
     Column("raw", ColumnType.HEX, "the bytes"),
 )
-"""The row contract, in order (JSONL keys, CSV columns, filter fields; never translated)."""
+"""The columns in order (JSONL keys, CSV columns, filter fields; never translated)."""
 
 COLUMN_BY_NAME = {column.name: column for column in COLUMNS}
 
-_NOTHING: dict[str, Value] = dict.fromkeys(COLUMN_BY_NAME)
+_NO_VALUES: dict[str, Value] = dict.fromkeys(COLUMN_BY_NAME)
 
 
 def record(row: Row) -> dict[str, Value]:
-    """The row as a dict of the contract's names, in their order.
+    """Convert a row to a dict with a value for each of `COLUMNS`, in their order.
 
-    `time` is in nanoseconds since 1970 UTC, the values are in the units of their `COLUMNS`, `raw`
-    is hex; what the row has not is None.
+    `time` is in nanoseconds since 1970 UTC, and `raw` is hex; columns that do not apply are None.
     """
-    found: dict[str, Value] = {
-        **_NOTHING,
+    values: dict[str, Value] = {
+        **_NO_VALUES,
         "time": row.t_ns,
         "port": row.port,
         "offset": row.offset,
@@ -87,30 +86,30 @@ def record(row: Row) -> dict[str, Value]:
         "raw": row.raw.hex().upper(),
     }
     if isinstance(row, Frame):
-        found["direction"] = row.direction.value
-        found["cmd"] = row.cmd
+        values["direction"] = row.direction.value
+        values["cmd"] = row.cmd
         kind = row.kind
         if kind is not None:
-            found["kind"] = kind.name
-            found.update(row.values)
-    return found
+            values["kind"] = kind.name
+            values.update(row.values)
+    return values
 
 
 def iso_time(t_ns: int) -> str:
-    """A time as ISO 8601 in UTC with nine digits: `2026-01-31T12:00:00.000000001Z`."""
+    """Format nanoseconds since 1970 UTC as ISO 8601: `2026-01-31T12:00:00.000000001Z`."""
     seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
 
 
 def faults_text(faults: tuple[Fault, ...]) -> str:
-    """The faults as one text, joined by commas; empty where there are none."""
+    """Join the faults by commas; empty if there are none."""
     return ",".join(faults)
 
 
 def spaced_hex(raw: bytes) -> str:
-    """Bytes as people read them: `AA 01 01 03 E8 00 00 00 00 EE`."""
+    """Format bytes as hex with spaces: `AA 01 01 03 E8 00 00 00 00 EE`."""
     return raw.hex(" ").upper()
 
 
 TIME_FORMAT = "%Y-%m-%dT%H:%M:%S%.9fZ"
-"""ISO 8601 in UTC with nine digits: `2026-01-31T12:00:00.000000001Z`."""
+"""The format of `iso_time` for polars."""

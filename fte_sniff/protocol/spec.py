@@ -1,4 +1,4 @@
-"""The frame definitions: kinds, fields, constants.
+"""The frame table: kinds, fields, faults, constants.
 
 A frame (PROTOCOL.md, "Framing"), ten bytes, big-endian two's complement, no checksum:
 
@@ -16,7 +16,7 @@ A frame (PROTOCOL.md, "Framing"), ten bytes, big-endian two's complement, no che
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
@@ -30,26 +30,26 @@ TAIL = 0xEE
 """The last byte of every frame."""
 
 CMD_OFFSET = 1
-"""The place of CMD in a frame."""
+"""The offset of CMD in a frame."""
 
 NUM_OFFSET = 2
-"""The place of NUM in a frame."""
+"""The offset of NUM in a frame."""
 
 MOTORS = range(1, 5)
-"""The motor (driver) numbers that the protocol knows."""
+"""The motor (driver) numbers of the protocol."""
 
 DEFAULT_BAUD = 115_200
 """Bits per second on the controller's line, 8N1."""
 
 BITS_PER_BYTE = 10
-"""Bits that one byte takes on an 8N1 line: start, eight data bits, stop."""
+"""Bits of one byte on an 8N1 line: start, eight data bits, stop."""
 
 
 def byte_time_ns(baud: int) -> int:
-    """Nanoseconds that one byte takes on an 8N1 line of `baud` bits per second.
+    """Return the nanoseconds of one byte on an 8N1 line of `baud` bits per second.
 
     Raises:
-        ValueRangeError: there is no such baud.
+        ValueRangeError: the baud is less than 1.
     """
     if baud < 1:
         raise ValueRangeError(f"baud {baud} is out of range: 1 or more bits per second")
@@ -57,7 +57,7 @@ def byte_time_ns(baud: int) -> int:
 
 
 class Status(StrEnum):
-    """How far a row can be believed; the gravest of its faults decides."""
+    """How reliable a row is, by the worst of its faults."""
 
     OK = "ok"
     SUSPECT = "suspect"
@@ -103,14 +103,14 @@ SUSPECT_FAULTS = frozenset(
 
 
 def status_of(faults: tuple[Fault, ...]) -> Status:
-    """The status that a row with these faults has."""
+    """The status of a row with these faults."""
     if not faults:
         return Status.OK
     return Status.SUSPECT if SUSPECT_FAULTS.issuperset(faults) else Status.MALFORMED
 
 
 class Direction(StrEnum):
-    """Which way a frame goes; the header byte tells."""
+    """The direction of a frame, given by its header byte."""
 
     CONTROL = "control"
     FEEDBACK = "feedback"
@@ -212,19 +212,19 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class FrameKind:
-    """One kind of frame: which header and CMDs name it, and what its bytes mean."""
+    """One kind of frame: the header and CMDs that name it, and the meaning of its bytes."""
 
     name: str
-    """The word in the row's `kind`."""
+    """The value of the row's `kind`."""
     direction: Direction
     cmds: tuple[int, ...]
-    """The CMD values that name this kind; the first is the one encoded by default."""
+    """The CMD values that name this kind; `encode` uses the first by default."""
     fields: tuple[Field, ...]
-    """In the order of their places; NUM is among them only where it names a motor."""
+    """By offset; NUM is one of them only if it is a motor number."""
     reserved: range
-    """Places that every example in the protocol leaves at 00."""
+    """The offsets that are 00 in all examples of the protocol."""
     meaning: str
-    """What the frame does or tells, for help texts."""
+    """Description for help texts."""
 
     @property
     def header(self) -> int:
@@ -233,11 +233,11 @@ class FrameKind:
 
     @property
     def names_motor(self) -> bool:
-        """Whether NUM is a motor number; otherwise it means nothing and may be anything."""
+        """Whether NUM is a motor number; otherwise it has no meaning, and any value is legal."""
         return any(field.start == NUM_OFFSET for field in self.fields)
 
     def field(self, name: str) -> Field | None:
-        """The field of that row name, or None where this kind has no such field."""
+        """The field of that row name, or None."""
         return next((field for field in self.fields if field.name == name), None)
 
 
@@ -314,7 +314,7 @@ KINDS: tuple[FrameKind, ...] = (
         "present position of one motor",
     ),
 )
-"""Every kind of frame. A new kind is one entry here."""
+"""Every kind of frame; a new kind is one entry here."""
 
 KIND_BY_NAME: Mapping[str, FrameKind] = MappingProxyType({kind.name: kind for kind in KINDS})
 
@@ -323,14 +323,13 @@ KIND_BY_HEADER_AND_CMD: Mapping[tuple[int, int], FrameKind] = MappingProxyType(
 )
 
 
-def _distinct_fields() -> Iterator[Field]:
-    seen = set()
+def _value_fields() -> tuple[Field, ...]:
+    fields: dict[str, Field] = {}
     for kind in KINDS:
         for field in kind.fields:
-            if field.name not in seen:
-                seen.add(field.name)
-                yield field
+            fields.setdefault(field.name, field)
+    return tuple(fields.values())
 
 
-VALUE_FIELDS: tuple[Field, ...] = tuple(_distinct_fields())
-"""The first field of each row name, in the order in which the table first names them."""
+VALUE_FIELDS = _value_fields()
+"""The first field of each row name, in the order of `KINDS`."""
