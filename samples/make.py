@@ -154,7 +154,8 @@ def _content(path: Path) -> object:
         return path.read_bytes()
     reader = RecordingReader(path)
     facts = {key: value for key, value in reader.metadata["fte-sniff"].items() if key != "library"}
-    return [record(row) for row in reader], list(reader.events()), facts, reader.complete
+    rows, events = [record(row) for row in reader], list(reader.events())
+    return rows, events, facts, reader.ending, reader.losses
 
 
 def main() -> int:

@@ -1,9 +1,8 @@
-"""Read batches with worker processes.
+"""Reading of batches by several threads.
 
-Chunks are unpacked and gathered ahead by threads (unpacking, checksums and numpy let go of the
-interpreter) on the strength of what is known of the channels then. A chunk that cannot be read that
-way, or that defines something new, is read record by record when its turn comes, so that the
-outcome is always that of reading one record after the other.
+Threads unpack and decode chunks ahead, with the definitions known at the time; zstd, CRC and numpy
+release the interpreter lock. A chunk that cannot be decoded so, or that changes the definitions, is
+read record by record when its turn comes. So the result is always that of `SequentialReader`.
 """
 
 from __future__ import annotations
@@ -35,287 +34,288 @@ from fte_sniff.recording.messages.index import (
     indexed_starts,
     message_count,
 )
-from fte_sniff.recording.row_ranges import Range, RowRange, TimeRange, ranges_of
-from fte_sniff.recording.sequential import SequentialReading
+from fte_sniff.recording.row_ranges import ByteRange, RowRange, TimeRange, merged
+from fte_sniff.recording.sequential import SequentialReader
 from fte_sniff.row_batch import Array, Codebook, RowBatch, RowBuffer
 
 JOB = 8 * 1024 * 1024
-"""Unpacked bytes that one batch of columns is made of, more or less: 64 thousand rows at least."""
+"""Unpacked bytes of one batch, about: at least 64 thousand rows."""
 
-FIRST_JOB = 512 * 1024
-"""The same for the first batch, so that something is there soon."""
+_FIRST_JOB = 512 * 1024
+"""The same for the first batch, so that the first rows come soon."""
 
-PIECE = 1024 * 1024
-"""Unpacked bytes that are gathered at once, at least: so many rows that numpy pays, and so few
-that they stay in a core's cache."""
+_PIECE = 1024 * 1024
+"""Unpacked bytes that are decoded at once, at least: enough rows for numpy, and few enough for a
+core's cache."""
 
-SLOW_BATCH = 65_536
-"""Rows of one batch, where they are read record by record."""
+_SEQUENTIAL_ROWS = 65_536
+"""Rows of one batch that is read record by record."""
 
-_MOST_ROOM = 2 * JOB // MESSAGE_HEAD
-"""Rows that are given room before they are seen, whatever an index says."""
+_MOST_RESERVED = 2 * JOB // MESSAGE_HEAD
+"""Rows that memory is reserved for at most, whatever a message index says."""
 
 _DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.HEADER})
 
 
 @dataclass(slots=True)
-class _Part:
-    """A chunk with its message indexes, or the bytes of records that stand in no chunk."""
+class _Section:
+    """A chunk with its message indexes, or consecutive records outside of chunks."""
 
     chunk: RawRecord | None
     indexes: list[bytes] = field(default_factory=list)
     loose: bytearray = field(default_factory=bytearray)
-    ranges: list[Range] = field(default_factory=list)
-    """Where its records stand in the file."""
+    """The records outside of chunks."""
+    ranges: list[ByteRange] = field(default_factory=list)
+    """The records in the file."""
     after_loss: bool = False
-    """Whether the file could not be read right before it."""
-
-    @property
-    def named(self) -> int:
-        """How many messages its indexes name."""
-        return message_count(self.indexes)
+    """Whether the file could not be read directly before this section."""
 
     @property
     def size(self) -> int:
+        """Unpacked bytes."""
         return len(self.loose) if self.chunk is None else unpacked_size(self.chunk.body)
 
-    def entries(self, reading: SequentialReading) -> Iterator[Row | PortEvent]:
-        """Record by record."""
+    def read(self, reader: SequentialReader) -> Iterator[Row | PortEvent]:
+        """The rows and events, record by record."""
         if self.chunk is not None:
-            yield from reading.chunk_entries(self.chunk)
+            yield from reader.read_chunk(self.chunk)
             return
         for opcode, body in records_in(bytes(self.loose)):
-            yield from reading.entries_of(opcode, body)
+            yield from reader.read_record(opcode, body)
 
 
 @dataclass(slots=True)
-class _Outcome:
-    """What a thread made of a job, given what was known of the channels."""
+class _Decoded:
+    """The result of a job, with one version of the definitions."""
 
     version: int
-    gathered: list[DecodedColumns]
-    columns: RowBatch
+    pieces: list[DecodedColumns]
+    rows: RowBatch
     definitions: list[tuple[int, bytes]]
+    """Opcode and body of each record other than messages."""
 
 
 @dataclass(slots=True)
 class _Job:
-    parts: list[_Part]
+    sections: list[_Section]
     size: int
-    outcome: Future[_Outcome | None]
+    result: Future[_Decoded | None]
 
 
-class ParallelReading:
-    """One pass over a recording by columns."""
+class ParallelReader:
+    """One pass over a recording, in batches."""
 
-    def __init__(self, reading: SequentialReading, codebook: Codebook, span: TimeRange) -> None:
+    def __init__(self, reader: SequentialReader, codebook: Codebook, span: TimeRange) -> None:
         """Begin a pass.
 
         Args:
-            reading: knows the channels, and reads what must be read record by record.
-            codebook: takes up ports and faults.
-            span: rows outside it are left out.
+            reader: knows the channels, and reads what must be read record by record.
+            codebook: for ports and faults.
+            span: rows outside of it are omitted.
         """
         keep_freed_memory()
-        self._reading, self._codebook, self._span = reading, codebook, span
+        self._reader, self._codebook, self._span = reader, codebook, span
         self._readers: tuple[int, Readers] = (-1, {})
         self._jobs: deque[_Job] = deque()
-        self._ahead = cores() + 1
+        self._most_jobs = cores() + 1
 
-    def passages(self, records: RecordStream) -> Iterator[tuple[RowRange, RowBatch]]:
-        """The rows and events of the records, in their order, many thousands at once.
-
-        Each time with what it takes to read them again.
+    def read(self, records: RecordStream) -> Iterator[tuple[RowRange, RowBatch]]:
+        """The rows and events of the records, in their order, with the range of each batch.
 
         Raises:
-            FileError: the file has none of our topics, or none that can be read.
+            FileError: the file has none of fte-sniff's topics, or none that can be read.
         """
-        begun = False
+        first = True
         with ThreadPoolExecutor(cores(), "unpacks chunks") as threads:
             try:
-                for parts in self._jobs_of(records):
-                    size = sum(part.size for part in parts)
+                for sections in self._sections_of_jobs(records):
+                    size = sum(section.size for section in sections)
                     while self._jobs and not self._has_room(size):
-                        yield from self._placed(self._jobs.popleft())
-                    outcome = threads.submit(self._outcome, parts, *self._known())
-                    self._jobs.append(_Job(parts, size, outcome))
-                    if not begun:
-                        # Whoever waits for the first rows shall not share the cores with the next.
-                        begun = True
-                        yield from self._placed(self._jobs.popleft())
+                        yield from self._next_batches()
+                    result = threads.submit(self._decode, sections, *self._known())
+                    self._jobs.append(_Job(sections, size, result))
+                    if first:
+                        # The first rows come sooner if the next job does not share the cores.
+                        first = False
+                        yield from self._next_batches()
                 while self._jobs:
-                    yield from self._placed(self._jobs.popleft())
+                    yield from self._next_batches()
             finally:
                 for job in self._jobs:
-                    job.outcome.cancel()
-        self._reading.check_topics(cut=records.cut)
+                    job.result.cancel()
+        self._reader.check_topics(cut=records.cut)
 
-    def again(self, records: Iterable[RawRecord]) -> Iterator[RowBatch]:
-        """The rows and events of a few records, in their order and without threads."""
-        for parts in self._jobs_of(records):
-            outcome: Future[_Outcome | None] = Future()
-            outcome.set_result(self._outcome(parts, *self._known()))
-            yield from (columns for columns, _ in self._finished(_Job(parts, 0, outcome)))
+    def read_again(self, records: Iterable[RawRecord]) -> Iterator[RowBatch]:
+        """The rows and events of a few records, in their order, without threads."""
+        for sections in self._sections_of_jobs(records):
+            result = self._decode(sections, *self._known())
+            yield from (rows for rows, _ in self._batches(sections, result))
 
-    def _placed(self, job: _Job) -> Iterator[tuple[RowRange, RowBatch]]:
-        known, skipped = self._reading.definitions, 0
-        ranges = ranges_of(one for part in job.parts for one in part.ranges)
-        for columns, after_loss in self._finished(job):
-            yield RowRange(known, ranges, self._span, skipped, len(columns), after_loss), columns
-            skipped += len(columns)
+    def _next_batches(self) -> Iterator[tuple[RowRange, RowBatch]]:
+        job = self._jobs.popleft()
+        definitions, skipped = self._reader.definitions, 0
+        ranges = merged(one for section in job.sections for one in section.ranges)
+        for rows, after_loss in self._batches(job.sections, job.result.result()):
+            count = len(rows)
+            yield RowRange(definitions, ranges, self._span, skipped, count, after_loss), rows
+            skipped += count
 
     def _has_room(self, size: int) -> bool:
-        """Whether one more job may be under way, for its number and for what it may take up."""
-        taken = sum(job.size for job in self._jobs)
-        return len(self._jobs) < self._ahead and taken + size <= LARGEST
+        """Whether the number of jobs and their memory allow one more."""
+        under_way = sum(job.size for job in self._jobs)
+        return len(self._jobs) < self._most_jobs and under_way + size <= LARGEST
 
     def _known(self) -> tuple[int, Readers]:
-        version = self._reading.version
+        version = self._reader.version
         if self._readers[0] != version:
-            self._readers = version, self._reading.readers()
+            self._readers = version, self._reader.readers()
         return self._readers
 
-    def _jobs_of(self, records: Iterable[RawRecord]) -> Iterator[list[_Part]]:
-        parts: list[_Part] = []
-        size, enough, skipped = 0, FIRST_JOB, 0
+    def _sections_of_jobs(self, records: Iterable[RawRecord]) -> Iterator[list[_Section]]:
+        """The sections of each job; after a loss a new job begins."""
+        sections: list[_Section] = []
+        size, enough, losses = 0, _FIRST_JOB, 0
         for record in records:
             if record.opcode == Opcode.MESSAGE_INDEX:
-                if parts:
-                    parts[-1].indexes.append(record.body)
-                    parts[-1].ranges.append(_range(record))
+                if sections:
+                    sections[-1].indexes.append(record.body)
+                    sections[-1].ranges.append(_range_of(record))
                 continue
-            begins = record.opcode in (Opcode.CHUNK, Opcode.MESSAGE)
-            lost = _skipped(records) > skipped
-            if begins and parts and (lost or size >= enough):
-                yield parts
-                parts, size, enough = [], 0, JOB
+            has_rows = record.opcode in (Opcode.CHUNK, Opcode.MESSAGE)
+            after_loss = _losses(records) > losses
+            if has_rows and sections and (after_loss or size >= enough):
+                yield sections
+                sections, size, enough = [], 0, JOB
             if record.opcode == Opcode.CHUNK:
-                parts.append(_Part(record, ranges=[_range(record)]))
-                size += parts[-1].size
+                sections.append(_Section(record, ranges=[_range_of(record)]))
+                size += sections[-1].size
             elif record.opcode == Opcode.MESSAGE or record.opcode in _DEFINITIONS:
-                size += self._take_loose(record, parts)
-            if begins:
-                parts[-1].after_loss |= lost
-                skipped = _skipped(records)
-        if parts:
-            yield parts
+                size += self._append_loose(record, sections)
+            if has_rows:
+                sections[-1].after_loss |= after_loss
+                losses = _losses(records)
+        if sections:
+            yield sections
 
-    def _take_loose(self, record: RawRecord, parts: list[_Part]) -> int:
-        """Take a record that stands in no chunk; how many bytes it adds to the job."""
-        if record.opcode != Opcode.MESSAGE and not parts and not self._jobs:
-            for _ in self._reading.entries_of(record.opcode, record.body):
+    def _append_loose(self, record: RawRecord, sections: list[_Section]) -> int:
+        """Append a record outside of chunks; returns its bytes in the job."""
+        if record.opcode != Opcode.MESSAGE and not sections and not self._jobs:
+            for _ in self._reader.read_record(record.opcode, record.body):
                 raise AssertionError("a definition is no row")
             return 0
-        if not parts or parts[-1].chunk is not None:
-            parts.append(_Part(None))
-        parts[-1].ranges.append(_range(record))
-        parts[-1].loose += HEAD.pack(record.opcode, len(record.body)) + record.body
+        if not sections or sections[-1].chunk is not None:
+            sections.append(_Section(None))
+        sections[-1].ranges.append(_range_of(record))
+        sections[-1].loose += HEAD.pack(record.opcode, len(record.body)) + record.body
         return HEAD.size + len(record.body)
 
-    def _finished(self, job: _Job) -> Iterator[tuple[RowBatch, bool]]:
-        """The rows, and whether something was lost right before them."""
-        outcome = job.outcome.result()
-        if outcome is not None and outcome.version != self._reading.version:
-            outcome = self._outcome(job.parts, *self._known())
-        if outcome is None or not all(self._reading.knows(*known) for known in outcome.definitions):
-            yield from self._one_by_one(job.parts)
+    def _batches(
+        self, sections: list[_Section], result: _Decoded | None
+    ) -> Iterator[tuple[RowBatch, bool]]:
+        """Batches of rows, and whether something was lost directly before them."""
+        if result is not None and result.version != self._reader.version:
+            result = self._decode(sections, *self._known())
+        if result is None or not all(
+            self._reader.changes_nothing(*definition) for definition in result.definitions
+        ):
+            yield from self._read_sequentially(sections)
             return
-        for gathered in outcome.gathered:
-            self._reading.count(gathered.messages, gathered.times)
-        yield outcome.columns, job.parts[0].after_loss
+        for piece in result.pieces:
+            self._reader.count(piece.messages, piece.times)
+        yield result.rows, sections[0].after_loss
 
-    def _one_by_one(self, parts: list[_Part]) -> Iterator[tuple[RowBatch, bool]]:
+    def _read_sequentially(self, sections: list[_Section]) -> Iterator[tuple[RowBatch, bool]]:
         batch: list[Row | PortEvent] = []
         after_loss = False
-        for lost, entry in self._entries(parts):
-            if lost or len(batch) == SLOW_BATCH:
+        for lost, entry in self._entries(sections):
+            if lost or len(batch) == _SEQUENTIAL_ROWS:
                 if batch or after_loss:
-                    yield self._columns_of(batch), after_loss
+                    yield self._batch_of(batch), after_loss
                 batch, after_loss = [], lost
             if entry is not None:
                 batch.append(entry)
         if batch or after_loss:
-            yield self._columns_of(batch), after_loss
+            yield self._batch_of(batch), after_loss
 
-    def _entries(self, parts: list[_Part]) -> Iterator[tuple[bool, Row | PortEvent | None]]:
-        """What the parts hold, and whether something was lost before it; None at the last end."""
-        known = self._reading.lost
-        for part in parts:
-            skipped = part.after_loss
-            for entry in part.entries(self._reading):
-                yield skipped or self._reading.lost > known, entry
-                known, skipped = self._reading.lost, False
-            if skipped:
+    def _entries(self, sections: list[_Section]) -> Iterator[tuple[bool, Row | PortEvent | None]]:
+        """Rows and events, and whether something was lost before each; None at the end."""
+        losses = self._reader.loss_count
+        for section in sections:
+            after_loss = section.after_loss
+            for entry in section.read(self._reader):
+                yield after_loss or self._reader.loss_count > losses, entry
+                losses, after_loss = self._reader.loss_count, False
+            if after_loss:
                 yield True, None
-        yield self._reading.lost > known, None
+        yield self._reader.loss_count > losses, None
 
-    def _columns_of(self, batch: list[Row | PortEvent]) -> RowBatch:
-        events = [entry for entry in batch if isinstance(entry, PortEvent)]
-        rows = [entry for entry in batch if not isinstance(entry, PortEvent)]
-        return self._span.part_of(RowBatch.from_rows(rows, self._codebook, events))
+    def _batch_of(self, entries: list[Row | PortEvent]) -> RowBatch:
+        events = [entry for entry in entries if isinstance(entry, PortEvent)]
+        rows = [entry for entry in entries if not isinstance(entry, PortEvent)]
+        return self._span.select(RowBatch.from_rows(rows, self._codebook, events))
 
-    def _outcome(self, parts: list[_Part], version: int, readers: Readers) -> _Outcome | None:
-        """Runs in a thread. None where the parts must be read record by record."""
-        gathered: list[DecodedColumns] = []
+    def _decode(self, sections: list[_Section], version: int, readers: Readers) -> _Decoded | None:
+        """Decode sections, in a thread; None if they must be read record by record."""
+        pieces: list[DecodedColumns] = []
         definitions: list[tuple[int, bytes]] = []
-        room = RowBuffer(self._codebook, min(sum(part.named for part in parts), _MOST_ROOM))
+        reserved = sum(message_count(section.indexes) for section in sections)
+        buffer = RowBuffer(self._codebook, min(reserved, _MOST_RESERVED))
         try:
-            for records, places in _pieces(parts):
-                messages = index_messages(records, places)
+            for records, starts in _unpacked(sections):
+                messages = index_messages(records, starts)
                 definitions += messages.others
-                gathered.append(decode_columns(messages, readers, room.reserve(len(messages))))
-                # Let go of before the next are unpacked, which then come where a core's cache has
-                # them.
-                del records, places, messages
+                pieces.append(decode_columns(messages, readers, buffer.reserve(len(messages))))
+                # Free this piece first: the next is then unpacked into cached memory.
+                del records, starts, messages
         except (ValueError, KeyError):
             return None
-        columns = room.filled() if all(piece.in_place for piece in gathered) else None
-        if columns is None:
-            columns = RowBatch.concat([piece.columns for piece in gathered])
-        return _Outcome(version, gathered, self._span.part_of(columns), definitions)
+        rows = buffer.filled() if all(piece.in_place for piece in pieces) else None
+        if rows is None:
+            rows = RowBatch.concat([piece.columns for piece in pieces])
+        return _Decoded(version, pieces, self._span.select(rows), definitions)
 
 
-def _skipped(records: Iterable[RawRecord]) -> int:
-    """How often reading the file went on elsewhere so far."""
+def _losses(records: Iterable[RawRecord]) -> int:
     return len(records.losses) if isinstance(records, RecordStream) else 0
 
 
-def _range(record: RawRecord) -> Range:
+def _range_of(record: RawRecord) -> ByteRange:
     return record.position, record.position + HEAD.size + len(record.body)
 
 
-def _pieces(parts: list[_Part]) -> Iterator[tuple[bytes, Array | None]]:
-    """The parts unpacked, small chunks joined, with the places that their indexes name."""
-    for loose, group in groupby(parts, lambda part: part.chunk is None):
+def _unpacked(sections: list[_Section]) -> Iterator[tuple[bytes, Array | None]]:
+    """The records of the sections and the message starts in their indexes; small chunks joined."""
+    for loose, group in groupby(sections, lambda section: section.chunk is None):
         if loose:
-            yield from ((bytes(part.loose), None) for part in group)
+            yield from ((bytes(section.loose), None) for section in group)
         else:
             yield from _joined_chunks(group)
 
 
-def _joined_chunks(parts: Iterable[_Part]) -> Iterator[tuple[bytes, Array | None]]:
+def _joined_chunks(sections: Iterable[_Section]) -> Iterator[tuple[bytes, Array | None]]:
     records: list[bytes] = []
-    places: list[Array | None] = []
+    starts: list[Array | None] = []
     size = 0
-    for part in parts:
-        assert part.chunk is not None
-        records.append(unpack(part.chunk.body))
-        named = indexed_starts(part.indexes, len(records[-1]))
-        places.append(named + size if size and named is not None else named)
+    for section in sections:
+        assert section.chunk is not None
+        records.append(unpack(section.chunk.body))
+        own = indexed_starts(section.indexes, len(records[-1]))
+        starts.append(own + size if size and own is not None else own)
         size += len(records[-1])
-        if size >= PIECE:
-            yield _joined(records), _all_places(places)
-            records, places, size = [], [], 0
+        if size >= _PIECE:
+            yield _joined(records), _concatenated(starts)
+            records, starts, size = [], [], 0
     if records:
-        yield _joined(records), _all_places(places)
+        yield _joined(records), _concatenated(starts)
 
 
 def _joined(records: list[bytes]) -> bytes:
     return records[0] if len(records) == 1 else b"".join(records)
 
 
-def _all_places(places: list[Array | None]) -> Array | None:
-    known = [named for named in places if named is not None]
-    if len(places) == 1:
-        return places[0]
-    return np.concatenate(known) if len(known) == len(places) else None
+def _concatenated(starts: list[Array | None]) -> Array | None:
+    """All starts; None if those of a chunk are unknown."""
+    known = [own for own in starts if own is not None]
+    if len(starts) == 1:
+        return starts[0]
+    return np.concatenate(known) if len(known) == len(starts) else None

@@ -1,7 +1,7 @@
-"""RecordingReader: public reading interface, several files.
+"""RecordingReader: read one recording; and the recordings that paths name.
 
-A file may be cut, damaged or written by another program. What can be read is read; what cannot is
-told by `ending` and `losses`, and never made up: a chunk counts only if its checksum holds.
+A file may be truncated, damaged or written by another program. Everything readable is read;
+`ending` and `losses` report the rest. A chunk counts only if its checksum is right.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from fte_sniff.recording.mcap.records import MAGIC, RecordError, parse, records_
 from fte_sniff.recording.mcap.salvage import next_chunk
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import PortFacts, Selection, gap_from_metadata, selection_of
-from fte_sniff.recording.parallel import ParallelReading
+from fte_sniff.recording.parallel import ParallelReader
 from fte_sniff.recording.row_ranges import EVERYTHING, Definitions, RecordScan, RowRange, TimeRange
-from fte_sniff.recording.sequential import SequentialReading, without_our_topics
+from fte_sniff.recording.sequential import SequentialReader, without_our_topics
 from fte_sniff.row_batch import Codebook, RowBatch
 
 _MOST_BAUD_DIGITS = 9
@@ -38,40 +38,41 @@ _HEAD_ENDS = frozenset({Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.FO
 
 
 class RecordingReader:
-    """Reads one recording; iterate it for its rows, as often as wanted.
+    """Reader of one recording; each iteration reads the file anew.
 
-    `ending` and `losses` tell of the last iteration that came to its end.
+    `ending` and `losses` are those of the last finished iteration.
     """
 
     def __init__(self, path: Path) -> None:
-        """Look at the file: that it is an MCAP, and what its head and summary tell.
+        """Read the start of the file and its summary.
 
         Raises:
-            FileError: the file cannot be read, is empty, no MCAP, or has none of our topics.
+            FileError: the file cannot be read, is empty, no MCAP, or has none of fte-sniff's
+                topics.
         """
         self._path = path
         self._channels: dict[int, Channel] = {}
         self._metadata: dict[str, dict[str, str]] = {}
         self._summary: Summary | None = None
-        self._noted: list[Metadata] | None = None
+        self._all_metadata: list[Metadata] | None = None
         self._ending = ""
         self._losses: tuple[str, ...] = ()
         self._times: tuple[int, int] | None = None
-        self._route = RecordScan()
+        self._scan = RecordScan()
         self._copy: IO[bytes] | None = None
         self._copy = self._copy_of_pipe()
         with self._open() as stream:
             self._identity = _identity(stream)
-            self._look(stream)
+            self._read_start(stream)
 
     @property
     def path(self) -> Path:
-        """Where the recording lies."""
+        """The path of the recording."""
         return self._path
 
     @property
     def ports(self) -> tuple[PortFacts, ...]:
-        """The ports that the file names before its rows are read, each once."""
+        """The ports named at the start of the file and in its summary, each once."""
         found = {}
         for channel in self._channels.values():
             if channel.topic in TOPIC_BY_NAME:
@@ -81,56 +82,45 @@ class RecordingReader:
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """The metadata records by name, as far as they stand before the first row."""
+        """The metadata records before the first row, by name."""
         return self._metadata
 
     @property
     def times(self) -> tuple[int, int] | None:
-        """First and last log time, nanoseconds since 1970 UTC; None where the file cannot tell."""
+        """First and last log time, nanoseconds since 1970 UTC; None if unknown."""
         return self._times
 
     @property
     def count(self) -> int | None:
-        """How many messages the summary tells of; None where there is none to be trusted."""
+        """The number of messages in the summary; None without a trusted summary."""
         statistics = self._summary and self._summary.statistics
         return statistics.message_count if statistics else None
 
     @property
     def ending(self) -> str:
-        """How the file ends, where it does not end as it should; else empty."""
+        """What is wrong with the end of the file; empty if nothing."""
         return self._ending
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """What could not be read, one line each; empty where all could."""
+        """What could not be read, one line each; empty if nothing."""
         return self._losses
 
     def gaps(self) -> list[Gap]:
         """The gaps that the file's metadata reports; reads no chunk."""
-        found = [gap_from_metadata(one.name, one.metadata) for one in self._notes()]
+        found = [gap_from_metadata(one.name, one.metadata) for one in self._read_metadata()]
         return [gap for gap in found if gap is not None]
 
     def selections(self) -> list[Selection]:
-        """The filters that chose the rows of the file, as it tells; no chunk is read for it."""
-        found = [selection_of(one.name, one.metadata) for one in self._notes()]
+        """The filters that selected the rows of the file, from its metadata; reads no chunk."""
+        found = [selection_of(one.name, one.metadata) for one in self._read_metadata()]
         return [selection for selection in found if selection is not None]
-
-    def _notes(self) -> list[Metadata]:
-        """All metadata records, wherever they stand."""
-        if self._noted is None:
-            self._noted = []
-            with self._open() as stream:
-                for record in self._record_stream(stream, lambda _first, _last: False):
-                    if record.opcode == Opcode.METADATA:
-                        with suppress(RecordError):
-                            self._noted.append(parse(Metadata, record.body))
-        return self._noted
 
     def __iter__(self) -> Iterator[Row]:
         """The rows, in file order.
 
         Raises:
-            FileError: reading failed, or the file turns out to have none of our topics.
+            FileError: reading failed, or the file has none of fte-sniff's topics.
         """
         return (entry for entry in self.entries() if not isinstance(entry, PortEvent))
 
@@ -139,75 +129,91 @@ class RecordingReader:
         return (entry for entry in self.entries() if isinstance(entry, PortEvent))
 
     def entries(self) -> Iterator[Row | PortEvent]:
-        """Rows and port events together, in file order; raises as iteration over rows does."""
-        reading = SequentialReading(self._path, self._port_of, self._known(EVERYTHING))
-        with self._open() as stream:
-            records = self._record_stream(stream)
-            yield from reading.entries(records)
-        self._finish(reading, records, whole=True)
-
-    def batches(
-        self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
-    ) -> Iterator[RowBatch]:
-        """The same rows and events as columns, in file order, most often 64 thousand and more.
-
-        Chunks outside `span` are passed over by their log times; a row that came late is looked
-        for where it was recorded. What was passed over is not checked, nor missed.
-
-        Args:
-            codebook: takes up ports and faults; give the same to several readers whose columns are
-                to be used together.
-            span: rows and events outside it are left out.
+        """Rows and port events, in file order, one at a time; `batches` is much faster.
 
         Raises:
             FileError: as iteration over rows.
         """
-        return (columns for _, columns in self.passages(codebook, span))
-
-    def passages(
-        self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
-    ) -> Iterator[tuple[RowRange, RowBatch]]:
-        """The same as `batches`, each with the place at which `again` finds its rows."""
-        known = self._known(span)
-        reading = SequentialReading(self._path, self._port_of, known)
+        reader = SequentialReader(self._path, self._port_of, self._known(EVERYTHING))
         with self._open() as stream:
-            passes = known is not None and not span.everything
-            records = self._record_stream(stream, span.touches if passes else None)
-            yield from ParallelReading(reading, codebook or Codebook(), span).passages(records)
-        self._finish(reading, records, whole=span.everything)
+            records = self._record_stream(stream)
+            yield from reader.read(records)
+        self._finish(reader, records, whole=True)
 
-    def again(self, passage: RowRange) -> RowBatch:
-        """The rows of a passage of this file once more, with words of their own.
+    def batches(
+        self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
+    ) -> Iterator[RowBatch]:
+        """The same rows and events in batches, in file order, mostly of at least 64 thousand rows.
+
+        Chunks outside `span`, by their log times, are skipped; a row that came late is in the range
+        of its chunk. Damage in skipped chunks is not detected.
+
+        Args:
+            codebook: for ports and faults; several readers can share one.
+            span: rows and events outside of it are omitted.
 
         Raises:
-            FileError: the file cannot be read any more, or is not what it was.
+            FileError: as iteration over rows.
         """
-        reading = SequentialReading(self._path, self._port_of, passage.known)
+        return (rows for _, rows in self.ranges(codebook, span))
+
+    def ranges(
+        self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
+    ) -> Iterator[tuple[RowRange, RowBatch]]:
+        """The same batches, each with the range with which `read` reads it again."""
+        known = self._known(span)
+        reader = SequentialReader(self._path, self._port_of, known)
+        with self._open() as stream:
+            skips = known is not None and not span.everything
+            records = self._record_stream(stream, span.overlaps if skips else None)
+            yield from ParallelReader(reader, codebook or Codebook(), span).read(records)
+        self._finish(reader, records, whole=span.everything)
+
+    def read(self, rows: RowRange) -> RowBatch:
+        """Read a range of rows again, with a codebook of its own.
+
+        Raises:
+            FileError: the file cannot be read any more, or has changed.
+        """
+        reader = SequentialReader(self._path, self._port_of, rows.definitions)
         try:
-            records = list(self._records(passage))
+            records = list(self._records_of(rows))
         except RecordError as error:
             raise self._changed() from error
-        parts = list(ParallelReading(reading, Codebook(), passage.span).again(records))
-        end = passage.skipped + passage.count
-        if sum(map(len, parts)) < end:
+        batches = list(ParallelReader(reader, Codebook(), rows.span).read_again(records))
+        end = rows.skipped + rows.count
+        if sum(map(len, batches)) < end:
             raise self._changed()
-        return RowBatch.concat(parts)[passage.skipped : end]
+        return RowBatch.concat(batches)[rows.skipped : end]
 
-    def _records(self, passage: RowRange) -> Iterator[RawRecord]:
+    def _records_of(self, rows: RowRange) -> Iterator[RawRecord]:
         with self._open() as stream:
             if _identity(stream) != self._identity:
                 raise self._changed()
-            for place in passage.ranges:
-                yield from self._route.again(stream, place)
+            for records in rows.records:
+                yield from self._scan.read(stream, records)
 
     def _changed(self) -> FileError:
         return FileError("{path}: has changed since it was read; open it again", path=self._path)
 
-    def _definitions(self) -> Definitions | None:
-        """What the summary tells of the channels: a chunk passed over may have defined one.
+    def _read_metadata(self) -> list[Metadata]:
+        """All metadata records of the file."""
+        if self._all_metadata is None:
+            self._all_metadata = []
+            with self._open() as stream:
+                for record in self._record_stream(stream, lambda _first, _last: False):
+                    if record.opcode == Opcode.METADATA:
+                        with suppress(RecordError):
+                            self._all_metadata.append(parse(Metadata, record.body))
+        return self._all_metadata
 
-        None where it tells of none; then no chunk can be passed over.
+    def _known(self, span: TimeRange) -> Definitions | None:
+        """The definitions in the summary, for a pass that does not read every record.
+
+        A skipped chunk may hold a definition, so without them no chunk can be skipped.
         """
+        if span.everything and not self._scan.begin:
+            return None
         summary = self._summary
         if summary is None or not summary.channels:
             return None
@@ -216,37 +222,29 @@ class RecordingReader:
             {channel.id: channel for channel in summary.channels},
         )
 
-    def _known(self, span: TimeRange) -> Definitions | None:
-        """What must be known before the first record that is read, where not all are read."""
-        return None if span.everything and not self._route.begin else self._definitions()
-
     def _record_stream(
         self, stream: BinaryIO, wanted: Callable[[int, int], bool] | None = None
     ) -> RecordStream:
-        """The file's records; where its beginning is damaged, from the first whole chunk on.
+        """The file's records; if its start is damaged, from the first whole chunk on."""
+        return self._scan.records(stream, self._summary, wanted)
 
-        What describes rows before that chunk, no checksum guards, and it is not believed.
-        """
-        return self._route.records(stream, self._summary, wanted)
-
-    def _finish(self, reading: SequentialReading, records: RecordStream, *, whole: bool) -> None:
-        """Keep what a pass has found out about the file."""
+    def _finish(self, reader: SequentialReader, records: RecordStream, *, whole: bool) -> None:
+        """Keep the results of a pass."""
         self._ending = records.ending
-        beginning = [self._beginning_lost(self._route.begin[0])] if self._route.begin else []
-        self._losses = (*beginning, *records.losses, *reading.losses)
+        start = [self._start_lost(self._scan.begin[0])] if self._scan.begin else []
+        self._losses = (*start, *records.losses, *reader.losses)
         if whole:
-            self._times = reading.times or self._times
-        expected = self._summary and self._summary.statistics
-        if whole and expected and expected.message_count > reading.messages:
-            missing = expected.message_count - reading.messages
-            told = TranslatableText(
+            self._times = reader.times or self._times
+        count = self.count
+        if whole and count is not None and count > reader.messages:
+            missing = TranslatableText(
                 "{missing} of {count} messages are missing",
-                missing=missing,
-                count=expected.message_count,
+                missing=count - reader.messages,
+                count=count,
             )
-            self._losses += (told,)
+            self._losses += (missing,)
 
-    def _beginning_lost(self, count: int) -> TranslatableText:
+    def _start_lost(self, count: int) -> TranslatableText:
         return TranslatableText(
             "the beginning of this recording is damaged, its first {count} bytes; "
             "of what is whole behind them `fte-sniff repair {path}` makes a whole file",
@@ -264,7 +262,7 @@ class RecordingReader:
             raise unreadable(self._path, error) from error
 
     def _copy_of_pipe(self) -> IO[bytes] | None:
-        """A temporary file with all that a pipe brings, because a pipe can be read only once."""
+        """A temporary copy of a pipe, because a pipe can be read only once."""
         with self._open() as stream:
             if stream.seekable():
                 return None
@@ -274,20 +272,20 @@ class RecordingReader:
             finalize(self, copy.close)
             return copy
 
-    def _look(self, stream: BinaryIO) -> None:
+    def _read_start(self, stream: BinaryIO) -> None:
         self._check_magic(stream)
-        self._summary = read_summary(stream)
-        if self._route.begin and self._summary is not None and not self._summary.guarded:
-            self._summary = None
+        summary = read_summary(stream)
+        if summary is not None and (summary.guarded or not self._scan.begin):
+            self._summary = summary
         stream.seek(0)
-        for record in () if self._route.begin else RecordStream(stream):
+        for record in () if self._scan.begin else RecordStream(stream):
             if record.opcode in _HEAD_ENDS:
                 break
-            self._take_from_head(record)
+            self._read_definition(record.opcode, record.body)
         if self._summary is not None:
-            self._take_summary(self._summary)
+            self._use_summary(self._summary)
 
-    def _take_summary(self, summary: Summary) -> None:
+    def _use_summary(self, summary: Summary) -> None:
         self._channels.update((channel.id, channel) for channel in summary.channels)
         statistics = summary.statistics
         if statistics is not None and statistics.message_count:
@@ -297,6 +295,7 @@ class RecordingReader:
             raise without_our_topics(self._path, topics)
 
     def _check_magic(self, stream: BinaryIO) -> None:
+        """Check how the file begins; if it is damaged there, begin with the first whole chunk."""
         magic = stream.read(len(MAGIC))
         if not magic:
             raise FileError(f"{self._path} is empty: nothing was recorded into it")
@@ -305,29 +304,26 @@ class RecordingReader:
         if MAGIC.startswith(magic):
             raise FileError(f"{self._path} is cut after {len(magic)} bytes: nothing is left in it")
         first = next_chunk(stream)
-        if first is not None:
-            self._route.begin_with(first)
-            for opcode, body in records_in(first.records):
-                self._take_from_head(RawRecord(first.position, opcode, body))
-            return
-        raise FileError(
-            f"{self._path} is not an MCAP recording; "
-            "if it holds raw bytes or hex text, say --input raw or --input hex"
-        )
+        if first is None:
+            raise FileError(
+                f"{self._path} is not an MCAP recording; "
+                "if it holds raw bytes or hex text, say --input raw or --input hex"
+            )
+        self._scan.begin_with(first)
+        for opcode, body in records_in(first.records):
+            self._read_definition(opcode, body)
 
-    def _take_from_head(self, record: RawRecord) -> None:
-        try:
-            if record.opcode == Opcode.CHANNEL:
-                channel = parse(Channel, record.body)
+    def _read_definition(self, opcode: int, body: bytes) -> None:
+        with suppress(RecordError):
+            if opcode == Opcode.CHANNEL:
+                channel = parse(Channel, body)
                 self._channels[channel.id] = channel
-            elif record.opcode == Opcode.METADATA:
-                metadata = parse(Metadata, record.body)
+            elif opcode == Opcode.METADATA:
+                metadata = parse(Metadata, body)
                 self._metadata[metadata.name] = metadata.metadata
-        except RecordError:
-            return
 
     def _port_of(self, channel: Channel) -> PortFacts:
-        """The port of a channel; the file's name stands in where the file names none."""
+        """The port of a channel; the name of the file if the channel names none."""
         name = channel.metadata.get("port", self._path.name)
         baud = channel.metadata.get("baud", "")
         legible = baud.isascii() and baud.isdecimal() and len(baud) <= _MOST_BAUD_DIGITS
@@ -335,29 +331,29 @@ class RecordingReader:
 
 
 def _identity(stream: BinaryIO) -> tuple[int, int]:
-    """Tells whether it is the same file, though it may have grown."""
+    """Device and inode: the same for a file that has grown."""
     found = os.fstat(stream.fileno())
     return found.st_dev, found.st_ino
 
 
 SUFFIX = ".mcap"
-"""How the names of recordings end."""
+"""The suffix of recordings."""
 
 _PATTERN = frozenset("*?[")
 _LATEST = 2**64
 
 
 def recordings_in(paths: Iterable[Path]) -> list[Path]:
-    """The files that paths mean: each file itself, a folder's recordings, a pattern's matches.
-
-    Raises:
-        FileError: a folder holds no recording, or nothing matches a pattern.
-    """
+    """The files of some paths, each once: see `files_of`."""
     return list(dict.fromkeys(found for path in paths for found in files_of(path)))
 
 
 def files_of(path: Path) -> Iterator[Path]:
-    """The files that one path means, sorted by name; raises as `recordings_in`."""
+    """The file itself, the recordings in a folder, or the matches of a pattern, sorted by name.
+
+    Raises:
+        FileError: the folder holds no recording, or nothing matches the pattern.
+    """
     if path.is_dir():
         found = sorted(entry for entry in path.glob(f"*{SUFFIX}") if entry.is_file())
         if not found:
@@ -374,41 +370,37 @@ def files_of(path: Path) -> Iterator[Path]:
 
 
 def start_of(reader: RecordingReader) -> tuple[int, str]:
-    """By what recordings are put in order: their first time, then their name."""
+    """The sort key of recordings: their first time, then their name."""
     return reader.times[0] if reader.times else _LATEST, str(reader.path)
 
 
-_LENGTH_NS = 10**9
+_FIRST_STEP_NS = 10**9
 _LONGER = 60
-"""How many times as far back the last row is looked for where there was none."""
+"""The factor by which the search for the latest time goes further back at each step."""
 
 
 def row_times(reader: RecordingReader) -> tuple[int, int] | None:
-    """Time of the first row in the file, and the latest of all; None where there is no row.
+    """Time of the first row in the file, and the latest time; None without rows.
 
     Raises:
         FileError: the file cannot be read.
     """
-    first_ns = _first_ns(reader)
-    return None if first_ns is None else (first_ns, _last_ns(reader, first_ns))
+    first_ns = next((int(rows.t_ns[0]) for rows in reader.batches() if len(rows)), None)
+    return None if first_ns is None else (first_ns, _latest_ns(reader, first_ns))
 
 
-def _first_ns(reader: RecordingReader) -> int | None:
-    return next((int(rows.t_ns[0]) for rows in reader.batches() if len(rows)), None)
-
-
-def _last_ns(reader: RecordingReader, first_ns: int) -> int:
-    """The latest time; chunks at the end of the file are looked through first."""
+def _latest_ns(reader: RecordingReader, first_ns: int) -> int:
+    """The latest time; searches the chunks at the end of the file first."""
     end_ns = reader.times[1] if reader.times else first_ns
-    back_ns = _LENGTH_NS
+    back_ns = _FIRST_STEP_NS
     while end_ns - back_ns > first_ns:
-        found = _latest_ns(reader, TimeRange(end_ns - back_ns))
+        found = _latest_in(reader, TimeRange(end_ns - back_ns))
         if found is not None:
             return found
         back_ns *= _LONGER
-    return max(first_ns, _latest_ns(reader, TimeRange(first_ns)) or first_ns)
+    return max(first_ns, _latest_in(reader, TimeRange(first_ns)) or first_ns)
 
 
-def _latest_ns(reader: RecordingReader, span: TimeRange) -> int | None:
+def _latest_in(reader: RecordingReader, span: TimeRange) -> int | None:
     latest = [int(rows.t_ns.max()) for rows in reader.batches(span=span) if len(rows)]
     return max(latest, default=None)

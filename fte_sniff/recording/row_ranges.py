@@ -1,4 +1,4 @@
-"""Row ranges of a file and how a damaged file is read."""
+"""Time ranges, row ranges of a file, and the scan of a file's records."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.mcap.reader import Place, RawRecord, RecordStream, Summary
+from fte_sniff.recording.mcap.reader import Location, RawRecord, RecordStream, Summary
 from fte_sniff.recording.mcap.records import HEAD, records_in
 from fte_sniff.recording.mcap.salvage import FoundChunk, next_chunk
 from fte_sniff.row_batch import Array, RowBatch
@@ -20,51 +20,50 @@ _LATEST = 2**63 - 1
 
 @dataclass(frozen=True, slots=True)
 class TimeRange:
-    """From one time to another, nanoseconds since 1970 UTC; the end is not part of it."""
+    """A range of time, nanoseconds since 1970 UTC, without its end."""
 
     first_ns: int = 0
     end_ns: int = _LATEST
 
     @property
     def everything(self) -> bool:
-        """Whether it leaves nothing out."""
+        """Whether the range covers all of time."""
         return self.first_ns <= 0 and self.end_ns >= _LATEST
 
-    def touches(self, first_ns: int, last_ns: int) -> bool:
-        """Whether something from `first_ns` to `last_ns`, both included, can lie in the span."""
+    def overlaps(self, first_ns: int, last_ns: int) -> bool:
+        """Whether the range overlaps the time from `first_ns` to `last_ns`, both included."""
         return self.first_ns <= last_ns and first_ns < self.end_ns
 
-    def holds(self, entry: Row | PortEvent) -> bool:
-        """Whether a row or event lies in the span; what has no time does not."""
+    def contains(self, entry: Row | PortEvent) -> bool:
+        """Whether a row or event is in the range; one without time is not."""
         return entry.t_ns is not None and self.first_ns <= entry.t_ns < self.end_ns
 
-    def among(self, t_ns: Array) -> Array:
-        """Which of these times lie in the span."""
+    def mask(self, t_ns: Array) -> Array:
+        """A mask of the times in the range."""
         found: Array = (t_ns >= self.first_ns) & (t_ns < self.end_ns)
         return found
 
-    def part_of(self, columns: RowBatch) -> RowBatch:
-        """The rows and events that lie in the span."""
+    def select(self, rows: RowBatch) -> RowBatch:
+        """The rows and events in the range."""
         if self.everything:
-            return columns
-        inside = self.among(columns.t_ns)
-        events = tuple(filter(self.holds, columns.events))
-        if inside.all() and len(events) == len(columns.events):
-            return columns
-        return columns.select(inside, events)
+            return rows
+        inside = self.mask(rows.t_ns)
+        events = tuple(filter(self.contains, rows.events))
+        if inside.all() and len(events) == len(rows.events):
+            return rows
+        return rows.select(inside, events)
 
 
 EVERYTHING = TimeRange()
 """All of time."""
 
-
-Range = tuple[int, int]
-"""Where records begin in a file, and where the last of them ends."""
+ByteRange = tuple[int, int]
+"""Start and end in a file."""
 
 
 @dataclass(frozen=True, slots=True)
 class Definitions:
-    """What a pass knew of the channels before it came to a stretch."""
+    """The schemas and channels known at some point of a file, by id."""
 
     schemas: Mapping[int, Schema]
     channels: Mapping[int, Channel]
@@ -72,25 +71,26 @@ class Definitions:
 
 @dataclass(frozen=True, slots=True)
 class RowRange:
-    """Some rows of a recording, by where they stand in the file."""
+    """Some rows of a recording, by their records in the file."""
 
-    known: Definitions
-    ranges: tuple[Range, ...]
-    """Of the records that hold the rows, rising."""
+    definitions: Definitions
+    """What is defined before the first record."""
+    records: tuple[ByteRange, ...]
+    """The records that hold the rows, rising."""
     span: TimeRange
-    """Rows outside it were left out."""
+    """The range that the rows were read with."""
     skipped: int
-    """Rows that these records hold before them."""
+    """Number of rows in the records before the first of these."""
     count: int
-    """How many rows they are."""
+    """Number of rows."""
     after_loss: bool = False
-    """Whether something could not be read between the rows before and these."""
+    """Whether something could not be read between the previous rows and these."""
 
 
-def ranges_of(records: Iterable[Range]) -> tuple[Range, ...]:
-    """The same, with those that follow each other without a gap as one."""
-    found: list[Range] = []
-    for start, end in records:
+def merged(ranges: Iterable[ByteRange]) -> tuple[ByteRange, ...]:
+    """The same ranges, contiguous ones merged."""
+    found: list[ByteRange] = []
+    for start, end in ranges:
         if found and found[-1][1] == start:
             start = found.pop()[0]
         found.append((start, end))
@@ -98,21 +98,16 @@ def ranges_of(records: Iterable[Range]) -> tuple[Range, ...]:
 
 
 class RecordScan:
-    """The way through one file; it remembers the chunks that had to be looked for."""
+    """Reads the records of one file, and remembers the chunks that had to be searched for."""
 
     def __init__(self) -> None:
-        """The file is whole, as far as is known."""
-        self.begin: Place | None = None
-        """The first whole chunk, where nothing before it can be read."""
+        self.begin: Location | None = None
+        """The first whole chunk, if nothing before it can be read."""
         self._found: dict[int, int] = {}
 
     def begin_with(self, chunk: FoundChunk) -> None:
-        """Nothing before this chunk can be read."""
-        self.begin = self._noted(chunk)
-
-    def _noted(self, chunk: FoundChunk) -> Place:
-        self._found[chunk.position] = chunk.length
-        return chunk.position, chunk.length
+        """Begin with this chunk, because nothing before it can be read."""
+        self.begin = self._remember(chunk)
 
     def records(
         self,
@@ -120,29 +115,33 @@ class RecordScan:
         summary: Summary | None,
         wanted: Callable[[int, int], bool] | None = None,
     ) -> RecordStream:
-        """The file's records, as far as they can be read; see `RecordStream`."""
+        """The file's records; arguments as for `RecordStream`."""
         if summary is not None:
             return RecordStream(stream, summary.starts, wanted, begin=self.begin)
 
-        def search(position: int) -> Place | None:
+        def search(position: int) -> Location | None:
             chunk = next_chunk(stream, position)
-            return None if chunk is None else self._noted(chunk)
+            return None if chunk is None else self._remember(chunk)
 
         return RecordStream(stream, (), wanted, search, self.begin)
 
-    def again(self, stream: BinaryIO, place: Range) -> Iterator[RawRecord]:
-        """The records that were read there before.
+    def read(self, stream: BinaryIO, records: ByteRange) -> Iterator[RawRecord]:
+        """Records that were read before.
 
         Raises:
-            RecordError: there are others by now.
+            RecordError: the file has other records now.
         """
-        start, end = place
+        start, end = records
         stream.seek(start)
         data = bytearray(stream.read(end - start))
         for position, length in self._found.items():
             if start <= position < end:
-                head = slice(position - start, position - start + HEAD.size)
-                data[head] = HEAD.pack(Opcode.CHUNK, length - HEAD.size)
+                # The head of a chunk that was searched for may be damaged.
+                HEAD.pack_into(data, position - start, Opcode.CHUNK, length - HEAD.size)
         for opcode, body in records_in(bytes(data)):
             yield RawRecord(start, opcode, body)
             start += HEAD.size + len(body)
+
+    def _remember(self, chunk: FoundChunk) -> Location:
+        self._found[chunk.position] = chunk.length
+        return chunk.position, chunk.length

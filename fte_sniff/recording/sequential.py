@@ -1,8 +1,8 @@
-"""Read rows in order, in one process.
+"""Reading of rows record by record, and the channel definitions met on the way.
 
-A later definition takes the place of an earlier one of the same number. So what a chunk defines,
-under its checksum, is believed more than the head of the file, which nothing guards: a flipped bit
-there would put rows on another port.
+A later definition replaces an earlier one of the same id. So the definitions in a chunk, under its
+checksum, take precedence over those at the start of the file, which no checksum covers: a flipped
+bit there would assign rows to another port.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ _MOST_TOPICS = 10
 _Definition = TypeVar("_Definition", Schema, Channel)
 
 
-class SequentialReading:
-    """One pass; what it found is valid when `entries` has come to its end."""
+class SequentialReader:
+    """One pass over a recording; knows its channels, and counts messages and losses."""
 
     def __init__(
         self,
@@ -47,8 +47,8 @@ class SequentialReading:
 
         Args:
             path: the file, for messages.
-            port_of: the port that a channel's rows belong to.
-            known: what is known of the channels where it does not begin with the file.
+            port_of: the port of a channel.
+            known: the definitions so far, for a pass that begins later in the file.
         """
         self._path, self._port_of = path, port_of
         self._schemas: dict[int, Schema] = dict(known.schemas) if known else {}
@@ -57,13 +57,13 @@ class SequentialReading:
         self._readers: dict[int, MessageReader | None] = {}
         self._refused: FileError | None = None
         self._ours = False
-        self._lost: Counter[str] = Counter()
+        self._losses: Counter[str] = Counter()
         self.version = 0
-        """Rises whenever a definition changes what is known of the channels."""
+        """Rises with every change of the definitions."""
         self.messages = 0
-        """Messages seen, of any topic."""
+        """Number of messages of any topic."""
         self.times: tuple[int, int] | None = None
-        """First and last log time of our messages."""
+        """First and last log time of fte-sniff's messages."""
 
     @property
     def losses(self) -> tuple[str, ...]:
@@ -72,77 +72,77 @@ class SequentialReading:
             text
             if count == 1
             else TranslatableText("{loss} ({count} times)", loss=text, count=count)
-            for text, count in self._lost.items()
+            for text, count in self._losses.items()
         )
 
     @property
-    def lost(self) -> int:
+    def loss_count(self) -> int:
         """How often something could not be read."""
-        return self._lost.total()
+        return self._losses.total()
 
     @property
     def definitions(self) -> Definitions:
-        """What is known of the channels so far."""
+        """The definitions so far."""
         if self._definitions is None or self._definitions[0] != self.version:
             known = Definitions(dict(self._schemas), dict(self._channels))
             self._definitions = self.version, known
         return self._definitions[1]
 
-    def entries(self, records: RecordStream) -> Iterator[Row | PortEvent]:
+    def read(self, records: RecordStream) -> Iterator[Row | PortEvent]:
         """The rows and events of the records, in their order.
 
         Raises:
-            FileError: the file has none of our topics, or none that can be read.
+            FileError: the file has none of fte-sniff's topics, or none that can be read.
         """
         for record in records:
             if record.opcode == Opcode.CHUNK:
-                yield from self.chunk_entries(record)
+                yield from self.read_chunk(record)
             else:
-                yield from self.entries_of(record.opcode, record.body)
+                yield from self.read_record(record.opcode, record.body)
         self.check_topics(cut=records.cut)
 
-    def chunk_entries(self, record: RawRecord) -> Iterator[Row | PortEvent]:
-        """The rows and events of one chunk, in their order; what it defines is taken on the way."""
+    def read_chunk(self, record: RawRecord) -> Iterator[Row | PortEvent]:
+        """The rows and events of a chunk, in their order."""
         try:
             for opcode, body in records_in(unpack(record.body)):
-                yield from self.entries_of(opcode, body)
+                yield from self.read_record(opcode, body)
         except RecordError as error:
-            told = TranslatableText(
+            loss = TranslatableText(
                 "{error} at byte {position} ({size} bytes)",
                 error=error.message,
                 position=record.position,
                 size=len(record.body),
             )
-            self.lose(told)
+            self._add_loss(loss)
 
-    def entries_of(self, opcode: int, body: bytes) -> Iterator[Row | PortEvent]:
-        """What one record outside the chunks, or inside one, brings; definitions are taken."""
+    def read_record(self, opcode: int, body: bytes) -> Iterator[Row | PortEvent]:
+        """The row or event of a message; applies a definition."""
         if opcode == Opcode.MESSAGE:
-            yield from self._message_entries(body)
+            yield from self._read_message(body)
         else:
             self._define(opcode, body)
 
     def count(self, messages: int, times: tuple[int, int] | None) -> None:
-        """Take note of messages that were read elsewhere, and of their log times."""
+        """Count messages, with the first and last log time of fte-sniff's among them."""
         self.messages += messages
         if times is not None:
             first, last = self.times or times
             self.times = (min(first, times[0]), max(last, times[1]))
 
     def readers(self) -> dict[int, MessageReader | None]:
-        """What reads each channel described so far; None for those of no interest.
+        """The reader of each channel; None for other topics.
 
-        Channels that cannot be read are left out: that is a loss only if they have messages.
+        Channels that cannot be read are absent: only their messages are losses.
         """
         for channel_id, channel in self._channels.items():
             if channel_id not in self._readers:
                 with suppress(FileError):
                     ours = channel.topic in TOPIC_BY_NAME
-                    self._readers[channel_id] = self._our_reader(channel) if ours else None
+                    self._readers[channel_id] = self._message_reader(channel) if ours else None
         return dict(self._readers)
 
-    def knows(self, opcode: int, body: bytes) -> bool:
-        """Whether a record defines nothing but what is known already."""
+    def changes_nothing(self, opcode: int, body: bytes) -> bool:
+        """Whether a record outside messages defines only what is known already."""
         try:
             if opcode == Opcode.SCHEMA:
                 schema = parse(Schema, body)
@@ -154,10 +154,24 @@ class SequentialReading:
             return False
         return opcode != Opcode.HEADER
 
-    def _message_entries(self, body: bytes) -> Iterator[Row | PortEvent]:
-        """The row or event of one message, if it is one of ours."""
+    def check_topics(self, *, cut: bool) -> None:
+        """Refuse a file of which nothing could be read, at the end of the pass.
+
+        Raises:
+            FileError: the file has none of fte-sniff's topics, or none that can be read.
+        """
+        if self.times is not None:
+            return
+        if self._refused is not None:
+            raise self._refused
+        topics = [channel.topic for channel in self._channels.values()]
+        ours = self._ours or any(topic in TOPIC_BY_NAME for topic in topics)
+        if not ours and (topics or not cut):
+            raise without_our_topics(self._path, topics)
+
+    def _read_message(self, body: bytes) -> Iterator[Row | PortEvent]:
         if len(body) < _MESSAGE_HEAD.size:
-            self.lose(TranslatableText("a message without its head"))
+            self._add_loss(TranslatableText("a message without its head"))
             return
         channel_id, _, log_time, _ = _MESSAGE_HEAD.unpack_from(body)
         self.count(1, None)
@@ -170,40 +184,38 @@ class SequentialReading:
             entry = reader.entry(body[_MESSAGE_HEAD.size :], log_time)
         except ValueError as error:
             topic = self._channels[channel_id].topic
-            self.lose(TranslatableText("{topic}: {why}", topic=topic, why=reason_in(error)))
+            self._add_loss(TranslatableText("{topic}: {why}", topic=topic, why=reason_in(error)))
             return
         self.count(0, (log_time, log_time))
         yield entry
 
-    def lose(self, text: str) -> None:
-        """Note a loss; a file can hold any number of different ones, so most are only counted."""
-        told = text in self._lost or len(self._lost) < _MOST_LOSSES
-        self._lost[text if told else _OTHER_LOSSES] += 1
+    def _add_loss(self, text: str) -> None:
+        """Note a loss; beyond a number of different ones they are only counted."""
+        noted = text in self._losses or len(self._losses) < _MOST_LOSSES
+        self._losses[text if noted else _OTHER_LOSSES] += 1
 
     def _define(self, opcode: int, body: bytes) -> None:
-        """Take a schema or channel, and who wrote the file; other records say nothing of rows."""
         try:
             if opcode == Opcode.SCHEMA:
-                self._take(parse(Schema, body), self._schemas)
+                self._update(self._schemas, parse(Schema, body))
             elif opcode == Opcode.CHANNEL:
-                self._take(parse(Channel, body), self._channels)
+                self._update(self._channels, parse(Channel, body))
             elif opcode == Opcode.HEADER:
                 self._ours = parse(Header, body).library.startswith(PROGRAM)
         except RecordError as error:
-            self.lose(error.message)
+            self._add_loss(error.message)
 
-    def _take(self, record: _Definition, known: dict[int, _Definition]) -> None:
-        if known.get(record.id) == record:
-            return
-        known[record.id] = record
-        self.version += 1
-        self._readers.clear()
+    def _update(self, known: dict[int, _Definition], definition: _Definition) -> None:
+        if known.get(definition.id) != definition:
+            known[definition.id] = definition
+            self.version += 1
+            self._readers.clear()
 
     def _reader_of(self, channel_id: int) -> MessageReader | None:
-        """What reads a channel's messages; None where nothing can or needs to."""
+        """The reader of a channel's messages; None if they are of another topic or unreadable."""
         channel = self._channels.get(channel_id)
         if channel is None:
-            self.lose(
+            self._add_loss(
                 TranslatableText(
                     "messages of channel {channel}, which nothing describes", channel=channel_id
                 )
@@ -212,14 +224,14 @@ class SequentialReading:
         if channel.topic not in TOPIC_BY_NAME:
             return None
         try:
-            return self._our_reader(channel)
+            return self._message_reader(channel)
         except FileError as error:
             refused = FileError("{path}: {why}", path=self._path, why=error.message)
             self._refused = self._refused or refused
-            self.lose(error.message)
+            self._add_loss(error.message)
             return None
 
-    def _our_reader(self, channel: Channel) -> MessageReader:
+    def _message_reader(self, channel: Channel) -> MessageReader:
         schema = self._schemas.get(channel.schema_id)
         if channel.message_encoding != MessageEncoding.Protobuf or schema is None:
             encoding = channel.message_encoding if schema else "without schema"
@@ -231,24 +243,9 @@ class SequentialReading:
         port = self._port_of(channel).name
         return MessageReader(channel.topic, port, schema.name, schema.data)
 
-    def check_topics(self, *, cut: bool) -> None:
-        """Refuse a file of which nothing could be read, at the end of the pass.
-
-        Raises:
-            FileError: the file has none of our topics, or none that can be read.
-        """
-        if self.times is not None:
-            return
-        if self._refused is not None:
-            raise self._refused
-        topics = [channel.topic for channel in self._channels.values()]
-        ours = self._ours or any(topic in TOPIC_BY_NAME for topic in topics)
-        if not ours and (topics or not cut):
-            raise without_our_topics(self._path, topics)
-
 
 def without_our_topics(path: Path, topics: Iterable[str]) -> FileError:
-    """What to tell the user about an MCAP that is not ours; names the topics that it has."""
+    """The error for an MCAP file without fte-sniff's topics; it lists the file's topics."""
     names = sorted(set(topics))
     has = TranslatableText("no topics at all")
     if names:

@@ -133,7 +133,7 @@ class ListBatch:
 
     def within(self, span: TimeRange) -> ListBatch:
         """Only those that lie in the span."""
-        return ListBatch([row for row in self.held if span.holds(row)])
+        return ListBatch([row for row in self.held if span.contains(row)])
 
     def sequence(self) -> Sequence[Row]:
         """The objects."""
@@ -254,7 +254,7 @@ class PackedBatch:
 
     def within(self, span: TimeRange) -> PackedBatch:
         """Only those that lie in the span."""
-        return PackedBatch(self.held.select(span.among(self.held.t_ns) & self.held.timed))
+        return PackedBatch(self.held.select(span.mask(self.held.t_ns) & self.held.timed))
 
     def sequence(self) -> Sequence[Row]:
         """As they are."""
@@ -549,12 +549,12 @@ class RecordingInput:
 
         troubles: Counter[PortEventKind] = Counter()
         some = False
-        for passage, columns in self.reader.passages(span=span or EVERYTHING):
+        for passage, columns in self.reader.ranges(span=span or EVERYTHING):
             troubles.update(event.kind for event in columns.events)
             some = some or bool(len(columns))
             self.ends.update(columns.end_offsets())
             if len(columns) or columns.events or passage.after_loss:
-                again = partial(self.reader.again, passage)
+                again = partial(self.reader.read, passage)
                 yield ColumnBatch(columns, again, passage.after_loss)
         for kind in TROUBLES:
             if troubles[kind]:

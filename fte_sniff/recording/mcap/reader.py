@@ -45,7 +45,7 @@ class RawRecord(NamedTuple):
     body: bytes
 
 
-Place = tuple[int, int]
+Location = tuple[int, int]
 """Where a record begins in a file, and its length, head included."""
 
 
@@ -57,8 +57,8 @@ class RecordStream:
         stream: BinaryIO,
         starts: Sequence[int] = (),
         wanted: Callable[[int, int], bool] | None = None,
-        search: Callable[[int], Place | None] | None = None,
-        begin: Place | None = None,
+        search: Callable[[int], Location | None] | None = None,
+        begin: Location | None = None,
     ) -> None:
         """Take the file.
 

@@ -2,10 +2,10 @@
 
 Modules:
 
-    codec        One row to one message and back.
-    columns      Messages to RowBatch.
+    codec        One row to one message by protobuf, and back.
+    columns      Decoder of many messages at once.
     index        Message starts in an unpacked chunk.
-    packer       RowBatch to messages.
-    schema       Protobuf schemas, topics, channel metadata.
-    wire_layout  Protobuf wire format offsets and varints.
+    packer       Encoder of rows and port events.
+    schema       Topics and protobuf schemas.
+    wire_layout  Fixed layouts in the protobuf wire format.
 """

@@ -340,8 +340,8 @@ def test_what_is_whole_behind_a_hole_is_found_without_a_summary(
         path.write_bytes(altered)
         assert _assert_true(path, rows, length) == rows, length
         reader = RecordingReader(path)
-        for passage, columns in list(reader.passages()):
-            assert list(reader.again(passage)) == list(columns)
+        for passage, columns in list(reader.ranges()):
+            assert list(reader.read(passage)) == list(columns)
         altered[end - 30] ^= 0x41
         path.write_bytes(altered)
         assert _assert_true(path, rows, length) == rows[:20] + rows[40:], length

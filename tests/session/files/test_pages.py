@@ -65,8 +65,8 @@ def noted(files: list[Path], span: TimeRange = EVERYTHING) -> tuple[RecordingPag
     pages, found = RecordingPages(), list[Row]()
     for path in files:
         reader = RecordingReader(path)
-        for passage, columns in reader.passages(span=span):
-            pages.add(partial(reader.again, passage), len(columns))
+        for passage, columns in reader.ranges(span=span):
+            pages.add(partial(reader.read, passage), len(columns))
             found += columns
     return pages, found
 
