@@ -105,7 +105,7 @@ def survey(path: Path) -> None:
     numbers = StatisticsSummary(LineSetup())
     numbers.begin(str(path), {})
     for columns in RecordingReader(path).batches():
-        numbers.add(packed_rows(columns), columns.events)
+        numbers.observe(packed_rows(columns), columns.events)
 
 
 def read_messages(path: Path) -> None:

@@ -1,7 +1,9 @@
-"""Counters, rates, histograms over batches.
+"""Counters over rows: durations, counts over time, recent values, tallies, rates.
+
+The histogram of durations has logarithmic bins, 1024 in an octave:
 
 octave 0     1 ns                        one bin for each ns: exact, up to 1,024 ns
-octave 10    1,024 ns ... 2,047 ns       the last for which that holds
+octave 10    1,024 ns ... 2,047 ns       the last octave that is exact
 octave 22    4.2 ms ... 8.4 ms           bins of 4,096 ns
 """
 
@@ -26,20 +28,20 @@ _Floats: TypeAlias = npt.NDArray[np.float64]
 
 
 class Durations:
-    """Durations of 0 nanoseconds and more; one of 0 counts as one of 1."""
+    """Histogram of durations, 0 ns or longer; 0 counts as 1 ns."""
 
     def __init__(self) -> None:
         self.count = 0
         self.longest_ns: int | None = None
         self.longest_at_ns: int | None = None
-        """When the longest of them ended, nanoseconds since 1970 UTC; of several, the first."""
+        """End of the longest one, nanoseconds since 1970 UTC; the first of several."""
         self._shortest_ns = 0
         self._bins: Ints = np.zeros(0, np.int64)
         self._first = 0
-        """The bin that `_bins` begins with; the first of an octave."""
+        """Number of the first bin in `_bins`; the first of an octave."""
 
-    def add(self, durations_ns: Ints, ends_ns: Ints) -> None:
-        """These came, each with the time at which it ended."""
+    def update(self, durations_ns: Ints, ends_ns: Ints) -> None:
+        """Count durations, each with the time of its end."""
         if not len(durations_ns):
             return
         longest, shortest = int(durations_ns.argmax()), int(durations_ns.min())
@@ -49,34 +51,34 @@ class Durations:
             self.longest_ns = int(durations_ns[longest])
             self.longest_at_ns = int(ends_ns[longest])
         bins = _bins_of(durations_ns)
-        self._make_room(int(bins.min()), int(bins.max()))
+        self._cover(int(bins.min()), int(bins.max()))
         np.add.at(self._bins, bins - self._first, 1)
 
-    def _make_room(self, low: int, high: int) -> None:
-        """Let there be bins from one to another."""
+    def _cover(self, low: int, high: int) -> None:
+        """Extend `_bins` to whole octaves that contain two bins."""
         end = self._first + len(self._bins)
         first = min(low, self._first if len(self._bins) else low) // PER_OCTAVE * PER_OCTAVE
         last = max(high + 1, end)
         if first == self._first and last == end:
             return
         last += -last % PER_OCTAVE
-        kept, at = self._bins, self._first - first
+        old, at = self._bins, self._first - first
         self._bins = np.zeros(last - first, np.int64)
-        if len(kept):
-            self._bins[at : at + len(kept)] = kept
+        if len(old):
+            self._bins[at : at + len(old)] = old
         self._first = first
 
     def percentile_ns(self, percent: float) -> float | None:
-        """What so many percent (above 0, to 100) do not exceed, to 0.05 %; None without any."""
+        """The percentile (above 0, to 100) with an error of 0.05 %; None without durations."""
         if self.longest_ns is None:
             return None
         rank = np.ceil(self.count * percent / 100)
-        place = int(np.searchsorted(np.cumsum(self._bins), rank))
-        middle = float(_middles(np.array([self._first + place]))[0])
+        number = self._first + int(np.searchsorted(np.cumsum(self._bins), rank))
+        middle = float(_middles(np.array([number]))[0])
         return min(max(middle, float(self._shortest_ns)), float(self.longest_ns))
 
     def between(self, low_ns: float, high_ns: float) -> int:
-        """How many lasted `low_ns` to `high_ns`, by the bins whose middle lies there."""
+        """The number of durations in the bins whose middle is in [`low_ns`, `high_ns`)."""
         middles = _middles(np.arange(self._first, self._first + len(self._bins)))
         return int(self._bins[(middles >= low_ns) & (middles < high_ns)].sum())
 
@@ -88,35 +90,35 @@ def _bins_of(durations_ns: Ints) -> Ints:
 
 
 def _middles(bins: Ints) -> _Floats:
-    """The middle of the whole nanoseconds that fall into each bin."""
+    """The middle of the whole nanoseconds in each bin."""
     octaves, within = np.divmod(bins, PER_OCTAVE)
     low = np.ldexp(1 + within / PER_OCTAVE, octaves)
-    wide = np.ldexp(1.0, octaves) / PER_OCTAVE
-    return np.asarray(np.where(wide > 1, low + (wide - 1) / 2, np.ceil(low)), np.float64)
+    width = np.ldexp(1.0, octaves) / PER_OCTAVE
+    return np.asarray(np.where(width > 1, low + (width - 1) / 2, np.ceil(low)), np.float64)
 
 
 SLOTS: Final = 512
-"""Slots at most; they cover at least half of what they could."""
+"""Most slots of a `CountsOverTime`."""
 
 SHORTEST_NS: Final = 1 << 24
-"""Length of a slot at first, nanoseconds: about 17 ms."""
+"""Initial length of a slot, nanoseconds: about 17 ms."""
 
 
 @dataclass(frozen=True, slots=True)
-class OverTime:
-    """A number in each of equally long slots of time."""
+class TimeSeries:
+    """One number for each of equally long slots of time."""
 
     start_ns: int
-    """When the first slot begins, nanoseconds since 1970 UTC."""
+    """Start of the first slot, nanoseconds since 1970 UTC."""
     slot_ns: int
     values: tuple[float, ...]
 
 
 class CountsOverTime:
-    """Numbers by sort (0, 1, ...) and by slot."""
+    """Counts by category (0, 1, ...) and by slot of time; slots grow so that `SLOTS` suffice."""
 
     def __init__(self, shortest_ns: int = SHORTEST_NS) -> None:
-        """Nothing came yet; a slot is `shortest_ns` long as long as that is long enough."""
+        """`shortest_ns` is the initial length of a slot."""
         self.slot_ns = shortest_ns
         """Length of a slot, nanoseconds."""
         self._first = 0
@@ -124,36 +126,38 @@ class CountsOverTime:
 
     @property
     def start_ns(self) -> int:
-        """When the first slot begins, nanoseconds since 1970 UTC."""
+        """Start of the first slot, nanoseconds since 1970 UTC."""
         return self._first * self.slot_ns
 
-    def add(self, sorts: npt.NDArray[np.integer], t_ns: Ints, counts: Ints | None = None) -> None:
-        """So many (1 where nothing is said) of each sort came at these times."""
+    def update(
+        self, categories: npt.NDArray[np.integer], t_ns: Ints, counts: Ints | None = None
+    ) -> None:
+        """Add counts (by default 1 each) by category and time."""
         if not len(t_ns):
             return
-        self._make_room(int(sorts.max()), int(t_ns.min()), int(t_ns.max()))
-        places = sorts * self._table.shape[1] + (t_ns // self.slot_ns - self._first)
-        added = np.bincount(places, counts, self._table.size)
+        self._cover(int(categories.max()), int(t_ns.min()), int(t_ns.max()))
+        cells = categories * self._table.shape[1] + (t_ns // self.slot_ns - self._first)
+        added = np.bincount(cells, counts, self._table.size)
         self._table += added.astype(np.int64).reshape(self._table.shape)
 
-    def _make_room(self, sort: int, low_ns: int, high_ns: int) -> None:
+    def _cover(self, category: int, low_ns: int, high_ns: int) -> None:
+        """Extend the table to a category and a range of time."""
         if not self._table.shape[1]:
             self._first = low_ns // self.slot_ns
-        slots = self._table.shape[1]
         while True:
+            slots = self._table.shape[1]
             first = min(self._first, low_ns // self.slot_ns)
             last = max(self._first + slots - 1, high_ns // self.slot_ns)
             if last - first < SLOTS:
                 break
-            self._halve()
-            slots = self._table.shape[1]
-        before, behind = self._first - first, last + 1 - self._first - slots
-        below = max(0, sort + 1 - len(self._table))
-        self._table = np.pad(self._table, ((0, below), (before, behind)))
+            self._merge_pairs()
+        before, after = self._first - first, last + 1 - self._first - slots
+        below = max(0, category + 1 - len(self._table))
+        self._table = np.pad(self._table, ((0, below), (before, after)))
         self._first = first
 
-    def _halve(self) -> None:
-        """Make two slots one."""
+    def _merge_pairs(self) -> None:
+        """Double the length of a slot."""
         table, slots = self._table, self._table.shape[1]
         odd = self._first % 2
         table = np.pad(table, ((0, 0), (odd, (slots + odd) % 2)))
@@ -161,181 +165,188 @@ class CountsOverTime:
         self._first //= 2
         self.slot_ns *= 2
 
-    def of(self, sort: int) -> Ints:
-        """The numbers of one sort, slot by slot; as many as for every other."""
-        if sort >= len(self._table):
+    def of(self, category: int) -> Ints:
+        """The counts of one category, slot by slot."""
+        if category >= len(self._table):
             return np.zeros(self._table.shape[1], np.int64)
-        row: Ints = self._table[sort]
+        row: Ints = self._table[category]
         return row
 
 
-MOST: Final = 256
-"""Numbers kept where nobody says otherwise."""
+RECENT: Final = 256
+"""Default size of a `RecentValues`."""
 
-RATE_OVER_NS: Final = 2_000_000_000
-"""How far back a rate looks, nanoseconds."""
+RATE_WINDOW_NS: Final = 2_000_000_000
+"""Window of a rate, nanoseconds."""
 
 
-class Recent:
-    """The latest `most` of the numbers added, in the order in which they came."""
+class RecentValues:
+    """Ring buffer of the latest values."""
 
-    def __init__(self, most: int = MOST) -> None:
-        """`most` is at least 1."""
-        self._most = most
+    def __init__(self, size: int = RECENT) -> None:
+        """`size` is at least 1."""
+        self._size = size
         self.values: npt.NDArray[np.int64] = np.empty(0, np.int64)
-        """The numbers kept, the latest last; never written in place, so copies may share it."""
+        """The latest last; never changed in place, so that copies may share it."""
 
-    def add(self, values: npt.NDArray[np.int64]) -> None:
-        """These came."""
+    def update(self, values: npt.NDArray[np.int64]) -> None:
+        """Append values."""
         if len(values):
-            kept = np.concatenate((self.values, values[-self._most :]))
-            self.values = kept[-self._most :]
+            self.values = np.concatenate((self.values, values[-self._size :]))[-self._size :]
 
     def percentile(self, percent: float) -> int | None:
-        """The least number kept that so many percent (0 to 100) do not exceed; None without any."""
+        """A percentile (0 to 100) of the values, itself one of them; None without values."""
         if not len(self.values):
             return None
         return int(np.percentile(self.values, percent, method="inverted_cdf"))
 
     def per_second(self, now_ns: int) -> float | None:
-        """Where the numbers are times: how many a second came lately; None where none ever came.
+        """The rate of values that are times, over two seconds before `now_ns`.
 
-        It looks back two seconds from `now_ns`, or as far as the numbers kept reach; 0 says that
-        what came before has stopped.
+        None if it is unknown; 0 if the last value is older.
         """
         times = self.values
         if not len(times):
             return None
-        late = times[times > now_ns - RATE_OVER_NS]
+        late = times[times > now_ns - RATE_WINDOW_NS]
         if len(late) == len(times):
-            # The window begins before the first of them: they alone say how far apart they come.
+            # All values are in the window: what was before them is unknown.
             span = int(late[-1] - late[0])
             return (len(late) - 1) * 1e9 / span if span > 0 else None
-        return len(late) * 1e9 / RATE_OVER_NS
+        return len(late) * 1e9 / RATE_WINDOW_NS
+
+
+def extent(t_ns: Ints) -> tuple[int, int] | None:
+    """The earliest and the latest of some times; None without times."""
+    return (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
 
 
 @dataclass(slots=True)
-class Tally:
-    """Counts over all rows added so far."""
+class RowCount:
+    """Number of rows and bytes, and the range of their times."""
 
     rows: int = 0
     """Frames and damage together."""
-    frames: int = 0
-    """Rows whose framing holds, malformed or not."""
     bytes: int = 0
     """Bytes on the wire."""
+    first_ns: int | None = None
+    """Earliest time of a row, nanoseconds since 1970 UTC; None if no row has one."""
+    last_ns: int | None = None
+    """Latest time of a row."""
+
+    def count(self, rows: int, bytes_: int, times: tuple[int, int] | None) -> None:
+        """Add rows; `times` are the earliest and the latest time of those that have one."""
+        self.rows += rows
+        self.bytes += bytes_
+        if times is not None:
+            first, last = times
+            self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
+            self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
+
+    def include(self, other: RowCount) -> None:
+        """Add the rows of another count."""
+        self.count(other.rows, other.bytes, other.times)
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """Earliest and latest time; None if no row has one."""
+        if self.first_ns is None or self.last_ns is None:
+            return None
+        return self.first_ns, self.last_ns
+
+    @property
+    def duration_ns(self) -> int | None:
+        """Nanoseconds from the earliest time to the latest."""
+        return None if self.times is None else self.times[1] - self.times[0]
+
+
+@dataclass(slots=True)
+class Tally(RowCount):
+    """Counts of rows by status, kind, fault and port."""
+
+    frames: int = 0
+    """Rows whose framing holds, malformed or not."""
     by_status: Counter[Status] = field(default_factory=Counter)
     by_kind: Counter[str] = field(default_factory=Counter)
-    """Frames by kind; those whose CMD names none are in no count here."""
+    """Frames by kind, without those of an unknown CMD."""
     by_fault: Counter[Fault] = field(default_factory=Counter)
     """Rows by fault; a row counts once for each of its faults."""
     by_port: Counter[str] = field(default_factory=Counter)
-    first_ns: int | None = None
-    """The earliest time of a row, nanoseconds since 1970 UTC; None while no row has one."""
-    last_ns: int | None = None
-    """The latest time of a row, nanoseconds since 1970 UTC; None while no row has one."""
 
-    def add(self, rows: Sequence[Row]) -> None:
-        """Count these rows too."""
-        self.rows += len(rows)
-        self.bytes += sum(len(row.raw) for row in rows)
+    def update(self, rows: Sequence[Row]) -> None:
+        """Count rows."""
+        if isinstance(rows, PackedRows):
+            self.update_columns(rows)
+            return
+        times = [row.t_ns for row in rows if row.t_ns is not None]
+        first_last = (min(times), max(times)) if times else None
+        self.count(len(rows), sum(len(row.raw) for row in rows), first_last)
         self.by_port.update(row.port for row in rows)
         for faults, count in Counter(row.faults for row in rows).items():
-            self.by_status[status_of(faults)] += count
-            for fault in set(faults):
-                self.by_fault[fault] += count
+            self._count_faults(faults, count)
         frames = [row for row in rows if isinstance(row, Frame)]
         self.frames += len(frames)
         self.by_kind.update(kind.name for frame in frames if (kind := frame.kind))
-        self._stretch([row.t_ns for row in rows if row.t_ns is not None])
 
-    def _stretch(self, times: Sequence[int]) -> None:
-        if not times:
-            return
-        first, last = min(times), max(times)
-        self.first_ns = first if self.first_ns is None else min(first, self.first_ns)
-        self.last_ns = last if self.last_ns is None else max(last, self.last_ns)
+    def update_columns(self, rows: SideBySide) -> None:
+        """Count rows by their columns."""
+        timed, codebook = rows.timed, rows.codebook
+        times = rows.t_ns if timed.all() else rows.t_ns[timed]
+        self.count(len(timed), int(rows.length.sum(dtype=np.int64)), extent(times))
+        self.frames += int(np.count_nonzero(rows.framed))
+        for port, count in enumerate(np.bincount(rows.port).tolist()):
+            if count:
+                self.by_port[codebook.ports[port]] += count
+        for code, count in enumerate(np.bincount(rows.faults).tolist()):
+            if count:
+                self._count_faults(codebook.faults[code], count)
+        counts = np.bincount(kind_codes(rows.raw, rows.framed), minlength=len(KINDS)).tolist()
+        for kind, count in zip(KINDS, counts, strict=False):
+            if count:
+                self.by_kind[kind.name] += count
+
+    def _count_faults(self, faults: tuple[Fault, ...], count: int) -> None:
+        self.by_status[status_of(faults)] += count
+        for fault in dict.fromkeys(faults):
+            self.by_fault[fault] += count
 
     @property
     def malformed(self) -> int:
-        """Rows that cannot be believed."""
+        """Malformed rows."""
         return self.by_status[Status.MALFORMED]
 
     @property
     def malformed_share(self) -> float:
-        """Malformed rows of all, 0 to 1; 0 while there are none."""
+        """Share of malformed rows, 0 to 1."""
         return self.malformed / self.rows if self.rows else 0.0
-
-    @property
-    def duration_ns(self) -> int | None:
-        """From the first row's time to the last one's, nanoseconds; None without times."""
-        if self.first_ns is None or self.last_ns is None:
-            return None
-        return self.last_ns - self.first_ns
 
 
 class Rate:
-    """How many per second, over a window that slides with the times it is given."""
+    """Rate per second in a sliding window."""
 
-    def __init__(self, window_ns: int = 2_000_000_000) -> None:
-        """`window_ns` is how far back it looks, nanoseconds, more than 0."""
+    def __init__(self, window_ns: int = RATE_WINDOW_NS) -> None:
+        """`window_ns` is more than 0."""
         self._window_ns = window_ns
         self._counts: deque[tuple[int, int]] = deque()
         self._total = 0
         self._since_ns: int | None = None
 
-    def add(self, count: int, t_ns: int) -> None:
-        """So many came, up to `t_ns`; times must not fall."""
+    def update(self, count: int, t_ns: int) -> None:
+        """Add a count at a time; times must not fall."""
         if self._since_ns is None:
             self._since_ns = t_ns
         self._counts.append((t_ns, count))
         self._total += count
-        self._forget(t_ns)
+        self._expire(t_ns)
 
     def per_second(self, now_ns: int) -> float:
-        """The rate over the window that ends now; while it fills, over the time since it began."""
-        self._forget(now_ns)
+        """The rate in the window that ends now; at first, since the first update."""
+        self._expire(now_ns)
         if self._since_ns is None:
             return 0.0
         span_ns = min(self._window_ns, now_ns - self._since_ns)
         return self._total * 1e9 / span_ns if span_ns > 0 else 0.0
 
-    def _forget(self, now_ns: int) -> None:
+    def _expire(self, now_ns: int) -> None:
         while self._counts and self._counts[0][0] <= now_ns - self._window_ns:
             self._total -= self._counts.popleft()[1]
-
-
-def count_rows(tally: Tally, rows: Sequence[Row]) -> None:
-    """Count rows, one by one or many at once, whichever they allow."""
-    if isinstance(rows, PackedRows):
-        count_columns(tally, rows)
-    else:
-        tally.add(rows)
-
-
-def count_columns(tally: Tally, rows: SideBySide) -> None:
-    """Count these rows too, as `tally.add` counts rows."""
-    words = rows.codebook
-    tally.rows += len(rows.t_ns)
-    tally.bytes += int(rows.length.sum(dtype=np.int64))
-    tally.frames += int(np.count_nonzero(rows.framed))
-    for port, count in enumerate(np.bincount(rows.port).tolist()):
-        if count:
-            tally.by_port[words.ports[port]] += count
-    for number, count in enumerate(np.bincount(rows.faults).tolist()):
-        if count:
-            faults = words.faults[number]
-            tally.by_status[status_of(faults)] += count
-            for fault in dict.fromkeys(faults):
-                tally.by_fault[fault] += count
-    for kind, count in zip(
-        KINDS, np.bincount(kind_codes(rows.raw, rows.framed), minlength=len(KINDS)), strict=False
-    ):
-        if count:
-            tally.by_kind[kind.name] += int(count)
-    timed = rows.timed
-    times = rows.t_ns if timed.all() else rows.t_ns[timed]
-    if len(times):
-        first, last = int(times.min()), int(times.max())
-        tally.first_ns = first if tally.first_ns is None else min(first, tally.first_ns)
-        tally.last_ns = last if tally.last_ns is None else max(last, tally.last_ns)

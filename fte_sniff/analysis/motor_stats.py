@@ -1,4 +1,4 @@
-"""Flags seen and answer times."""
+"""Statistics of motors: flags and answer times."""
 
 from __future__ import annotations
 
@@ -8,23 +8,21 @@ import numpy as np
 
 from fte_sniff.analysis.counters import Durations
 from fte_sniff.analysis.fields import NO_TIME, Bools, Decoded, Ints
-from fte_sniff.analysis.motors import Addressed, Pairing, PendingCommands
+from fte_sniff.analysis.motors import BITS, MotorFrames, MotorRows, Pairing
 from fte_sniff.protocol import MOTORS
-
-BITS = range(8)
 
 
 @dataclass(slots=True)
 class FlagCount:
-    """How often something was so, and when it was first and last."""
+    """Number of frames with a flag, and when they were first and last seen."""
 
     frames: int = 0
     first_ns: int | None = None
-    """Nanoseconds since 1970 UTC; None where no such frame has a time."""
+    """Nanoseconds since 1970 UTC; None if no such frame has a time."""
     last_ns: int | None = None
 
-    def add(self, having: Bools, t_ns: Ints) -> None:
-        """Frames, those that have it, and their times."""
+    def update(self, having: Bools, t_ns: Ints) -> None:
+        """Count frames: whether each has the flag, and its time."""
         times = t_ns[having]
         self.frames += len(times)
         times = times[times != NO_TIME]
@@ -34,121 +32,114 @@ class FlagCount:
 
 
 @dataclass(slots=True)
-class FlagNumbers:
-    """What was told of one motor."""
+class FlagStats:
+    """The flags of one motor."""
 
     motor: int
     error_bits: dict[int, FlagCount] = field(default_factory=dict)
-    """By bit of ERROR, from 0; only those that were ever set in this motor's feedback."""
+    """By bit of ERROR, from 0; only bits that were set in this motor's feedback."""
     offline: FlagCount = field(default_factory=FlagCount)
     """Feedback of any motor whose ONLINE byte lacks this motor's bit."""
     times_lost: int = 0
-    """How often the bit was there, and then was not."""
+    """Number of times that the bit changed from 1 to 0."""
 
 
-class FlagsSeen:
-    """The flags of every motor so far."""
+class FlagCounts:
+    """The flags of all motors so far."""
 
     def __init__(self) -> None:
-        self._motors = {number: FlagNumbers(number) for number in MOTORS}
+        self._motors = {number: FlagStats(number) for number in MOTORS}
         self._online: int | None = None
 
-    def add(self, rows: Decoded, found: Addressed) -> None:
-        """The next rows, in order of time, and whom they are to and from."""
-        for number, places in found.feedback.items():
-            self._add_errors(self._motors[number], rows.values("error", places), rows.t_ns[places])
-        places = found.any_feedback
-        if len(places):
-            self._add_online(rows.values("online", places), rows.t_ns[places])
+    def observe(self, rows: Decoded, found: MotorRows) -> None:
+        """Add the next rows, in order of time."""
+        for number, own in found.feedback.items():
+            self._count_errors(self._motors[number], rows.values("error", own), rows.t_ns[own])
+        feedback = found.any_feedback
+        if len(feedback):
+            self._count_online(rows.values("online", feedback), rows.t_ns[feedback])
 
-    def _add_errors(self, motor: FlagNumbers, errors: Ints, t_ns: Ints) -> None:
+    def _count_errors(self, motor: FlagStats, errors: Ints, t_ns: Ints) -> None:
         ever = int(np.bitwise_or.reduce(errors)) if len(errors) else 0
         for bit in BITS:
             if ever >> bit & 1:
                 having = (errors >> bit & 1).astype(np.bool_)
-                motor.error_bits.setdefault(bit, FlagCount()).add(having, t_ns)
+                motor.error_bits.setdefault(bit, FlagCount()).update(having, t_ns)
 
-    def _add_online(self, online: Ints, t_ns: Ints) -> None:
+    def _count_online(self, online: Ints, t_ns: Ints) -> None:
         before = online[0] if self._online is None else self._online
         lost = np.concatenate(([before], online[:-1])) & ~online
         always = int(np.bitwise_and.reduce(online))
         for number, motor in self._motors.items():
             bit = number - MOTORS[0]
             if not always >> bit & 1:
-                motor.offline.add((online >> bit & 1) == 0, t_ns)
+                motor.offline.update((online >> bit & 1) == 0, t_ns)
                 motor.times_lost += int((lost >> bit & 1).sum())
         self._online = int(online[-1])
 
-    def numbers(self) -> list[FlagNumbers]:
-        """Every motor, by its number."""
+    def stats(self) -> list[FlagStats]:
+        """By motor."""
         for motor in self._motors.values():
             motor.error_bits = dict(sorted(motor.error_bits.items()))
         return list(self._motors.values())
 
 
-@dataclass(frozen=True, slots=True)
-class AnswerNumbers:
-    """One motor."""
+@dataclass(slots=True)
+class AnswerStats:
+    """The commands to one motor, and their answers."""
 
     motor: int
-    commands: int
-    """Frames to it; a reset and a motion of the chassis are commands to every motor."""
-    feedback: int
+    commands: int = 0
+    """Frames to it; a reset and a chassis motion are commands to every motor."""
+    feedback: int = 0
     """Frames from it."""
-    answered: int
-    unanswered: int
-    """Commands by whether feedback came before the next one; those that await none are neither."""
-    neither: int
-    """Commands that await no feedback, and those behind which the rows end or were left out."""
-    waiting: bool
-    """Whether the last command was neither answered nor followed by another."""
-    delays: Durations
-    """From each command to its answer; its ends are when the answer came."""
+    pairing: Pairing = field(default_factory=Pairing)
+    delays: Durations = field(default_factory=Durations)
+    """From each command to its answer; its ends are the times of the answers."""
 
+    @property
+    def answered(self) -> int:
+        """Commands with feedback before the next command."""
+        return self.pairing.answered
 
-class _Motor:
-    """One motor as the rows run."""
+    @property
+    def unanswered(self) -> int:
+        """Commands without, of those that expect feedback."""
+        return self.pairing.unanswered
 
-    def __init__(self) -> None:
-        self.commands = self.feedback = 0
-        self.pairing = Pairing()
-        self.delays = Durations()
+    @property
+    def neither(self) -> int:
+        """Commands that expect no feedback, or before a gap or the end of the rows."""
+        return self.commands - self.answered - self.unanswered
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the last command may still be answered."""
+        return self.pairing.waiting
 
 
 class Answers:
-    """The commands and the feedback of every motor so far."""
+    """The commands and answers of all motors so far."""
 
     def __init__(self) -> None:
-        self._motors = {number: _Motor() for number in MOTORS}
+        self._motors = [AnswerStats(number) for number in MOTORS]
 
-    def add(self, rows: Decoded, found: Addressed) -> None:
-        """The next rows, in order of time, and whom they are to and from."""
-        for number, motor in self._motors.items():
-            commands, feedback = found.commands[number], found.feedback[number]
+    def observe(self, rows: Decoded, found: MotorRows) -> None:
+        """Add the next rows, in order of time."""
+        for motor in self._motors:
+            commands, feedback = found.commands[motor.motor], found.feedback[motor.motor]
             motor.commands += len(commands)
             motor.feedback += len(feedback)
-            took = motor.pairing.add(
-                PendingCommands.of(rows, commands), PendingCommands.of(rows, feedback)
+            new = motor.pairing.update(
+                MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
             )
-            motor.delays.add(took.delays_ns, took.ends_ns)
+            motor.delays.update(new.delays_ns, new.ends_ns)
 
     def interrupt(self) -> None:
-        """Rows are missing here: no answer is looked for behind this."""
-        for motor in self._motors.values():
+        """Rows are missing here: a command before the gap has no answer after it."""
+        for motor in self._motors:
             motor.pairing.interrupt()
 
-    def numbers(self) -> list[AnswerNumbers]:
-        """Every motor, by its number."""
-        return [
-            AnswerNumbers(
-                number,
-                motor.commands,
-                motor.feedback,
-                motor.pairing.answered,
-                motor.pairing.unanswered,
-                motor.commands - motor.pairing.answered - motor.pairing.unanswered,
-                motor.pairing.waiting,
-                motor.delays,
-            )
-            for number, motor in self._motors.items()
-        ]
+    def stats(self) -> list[AnswerStats]:
+        """By motor."""
+        return self._motors

@@ -1,7 +1,7 @@
-"""Motor state from commands and replies.
+"""State of the motors, from commands and feedback.
 
-Whole batches are worked on at once. A state is small, however many rows went into it, and can be
-copied; so the state at any row costs a copy of an earlier one and the rows between.
+Batches are processed as columns. A state has constant size and can be copied, so that the state at
+any row can be computed from an earlier copy and the rows between.
 """
 
 from __future__ import annotations
@@ -14,41 +14,41 @@ from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.counters import Recent
+from fte_sniff.analysis.counters import RecentValues
 from fte_sniff.analysis.fields import NO_TIME, Bools, Decoded, Ints, subject
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
 from fte_sniff.protocol.spec import NUM_OFFSET
 
 
-def _having(keep: Iterator[bool]) -> Bools:
-    """By kind code, `NO_KIND` included, which never has what is asked for."""
-    return np.array([*keep, False])
+def _by_kind(values: Iterator[bool]) -> Bools:
+    """Values by kind code, with False for `NO_KIND`."""
+    return np.array([*values, False])
 
 
-_COMMANDS: Final = _having(kind.direction is Direction.CONTROL for kind in KINDS)
-_FEEDBACK: Final = _having(kind.direction is Direction.FEEDBACK for kind in KINDS)
-_NAMES_MOTOR: Final = _having(kind.names_motor for kind in KINDS)
+_COMMANDS: Final = _by_kind(kind.direction is Direction.CONTROL for kind in KINDS)
+_FEEDBACK: Final = _by_kind(kind.direction is Direction.FEEDBACK for kind in KINDS)
+_NAMES_MOTOR: Final = _by_kind(kind.names_motor for kind in KINDS)
 
 
 @dataclass(frozen=True, slots=True)
-class Addressed:
-    """The places, rising, of one batch's rows that concern motors."""
+class MotorRows:
+    """Indices, rising, of the rows of a batch that are to or from motors."""
 
     commands: dict[int, Ints]
-    """To each motor."""
+    """By motor."""
     feedback: dict[int, Ints]
-    """From each motor."""
+    """By motor."""
     any_feedback: Ints
-    """From all motors, in the order of the rows."""
+    """Of all motors, in order."""
 
 
-def addressed(rows: Decoded) -> Addressed:
-    """Whom the rows are to, and from."""
+def motor_rows(rows: Decoded) -> MotorRows:
+    """Find the rows that are to or from motors."""
     commands = np.flatnonzero(_COMMANDS[rows.kinds])
     feedback = np.flatnonzero(_FEEDBACK[rows.kinds])
     to_all, to = ~_NAMES_MOTOR[rows.kinds[commands]], rows.nums[commands]
     answering = rows.nums[feedback]
-    return Addressed(
+    return MotorRows(
         {motor: commands[(to == motor) | to_all] for motor in MOTORS},
         {motor: feedback[answering == motor] for motor in MOTORS},
         feedback[(answering >= MOTORS[0]) & (answering <= MOTORS[-1])],
@@ -58,65 +58,69 @@ def addressed(rows: Decoded) -> Addressed:
 ANSWERABLE: Final = np.array(
     sorted({cmd for kind in KINDS if kind.direction is Direction.FEEDBACK for cmd in kind.cmds})
 )
-"""The CMDs that feedback can have: a command with another awaits nothing."""
+"""The CMDs of feedback: commands with another CMD have no answer."""
 
-_BEFORE: Final = -1
+_BEFORE_BATCH: Final = -1
 _NEVER: Final = 2**62
 
 
 @dataclass(frozen=True, slots=True)
 class Delays:
-    """How long answers took, as far as that can be measured."""
+    """Answer times, where both times are known."""
 
     delays_ns: Ints
-    """From a command's first byte to that of its answer, nanoseconds."""
+    """From the first byte of a command to that of its answer, nanoseconds."""
     ends_ns: Ints
-    """When each answer came, nanoseconds since 1970 UTC."""
+    """Times of the answers, nanoseconds since 1970 UTC."""
 
 
 _NO_DELAYS: Final = Delays(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True, slots=True)
-class PendingCommands:
-    """Some frames of a batch, in order."""
+class MotorFrames:
+    """Commands to one motor, or its feedback, in a batch."""
 
-    places: Ints
-    """Where in the batch they stand, from 0, rising."""
+    indices: Ints
+    """In the batch, rising."""
     cmds: Ints
     t_ns: Ints
     """Nanoseconds since 1970 UTC, or `NO_TIME`."""
 
     @classmethod
-    def of(cls, rows: Decoded, places: Ints) -> PendingCommands:
-        """Those of the rows that stand at these places."""
-        return cls(places, rows.cmds[places].astype(np.int64), rows.t_ns[places])
+    def of(cls, rows: Decoded, indices: Ints) -> MotorFrames:
+        """The rows with these indices."""
+        return cls(indices, rows.cmds[indices].astype(np.int64), rows.t_ns[indices])
 
-    def before(self, cmd: int, t_ns: int) -> PendingCommands:
-        """The same with one more that came before the batch."""
-        return PendingCommands(
-            np.concatenate(([_BEFORE], self.places)),
+    def after(self, cmd: int, t_ns: int) -> MotorFrames:
+        """The same frames after one from before the batch."""
+        return MotorFrames(
+            np.concatenate(([_BEFORE_BATCH], self.indices)),
             np.concatenate(([cmd], self.cmds)),
             np.concatenate(([t_ns], self.t_ns)),
         )
 
 
 class Pairing:
-    """The commands to one motor so far, and how many of them were answered."""
+    """Matches the commands to one motor with its feedback.
+
+    The answer of a command is the first feedback with the same CMD before the next command.
+    """
 
     def __init__(self) -> None:
         self.answered = 0
         self.unanswered = 0
-        self.delays = Recent()
-        """From a command's first byte to that of its answer, nanoseconds, the latest of them."""
+        self.delays = RecentValues()
+        """Latest answer times, nanoseconds."""
         self._waiting: tuple[int, int] | None = None
+        """CMD and time of the last command, if it may still be answered."""
 
     def interrupt(self) -> None:
-        """Frames are missing here: whether the last command was answered will never be known."""
+        """Frames are missing here: whether the last command was answered remains unknown."""
         self._waiting = None
 
-    def copied(self) -> Pairing:
-        """The same, which later frames do not change."""
+    def copy(self) -> Pairing:
+        """An independent copy."""
         other = copy(self)
         other.delays = copy(self.delays)
         return other
@@ -128,29 +132,29 @@ class Pairing:
 
     @property
     def waiting_since_ns(self) -> int | None:
-        """The time of the command that waits, if there is one and it has a time."""
+        """The time of that command, if it has one."""
         if self._waiting is None or self._waiting[1] == NO_TIME:
             return None
         return self._waiting[1]
 
-    def add(self, commands: PendingCommands, feedback: PendingCommands) -> Delays:
-        """Take the commands to this motor, and its feedback, in the next batch of rows.
+    def update(self, commands: MotorFrames, feedback: MotorFrames) -> Delays:
+        """Match the commands and the feedback of the next batch.
 
         Returns:
-            The delays of the answers that it found.
+            The new answer times.
         """
         if self._waiting is not None:
-            commands = commands.before(*self._waiting)
-        if not len(commands.places):
+            commands = commands.after(*self._waiting)
+        if not len(commands.indices):
             return _NO_DELAYS
         answers, answered = _answers(commands, feedback)
         found = _delays(commands.t_ns[answered], feedback.t_ns[answers[answered]])
-        self.delays.add(found.delays_ns)
-        awaits = np.isin(commands.cmds, ANSWERABLE)
-        waits = bool(awaits[-1] and not answered[-1])
+        self.delays.update(found.delays_ns)
+        answerable = np.isin(commands.cmds, ANSWERABLE)
+        waits = bool(answerable[-1] and not answered[-1])
         self._waiting = (int(commands.cmds[-1]), int(commands.t_ns[-1])) if waits else None
         self.answered += int(answered.sum())
-        self.unanswered += int((awaits & ~answered).sum()) - waits
+        self.unanswered += int((answerable & ~answered).sum()) - waits
         return found
 
 
@@ -159,72 +163,72 @@ def _delays(asked_ns: Ints, answered_ns: Ints) -> Delays:
     return Delays((answered_ns - asked_ns)[measured], answered_ns[measured])
 
 
-def _answers(commands: PendingCommands, feedback: PendingCommands) -> tuple[Ints, Bools]:
-    """For every command the place in `feedback` of its answer, and whether it has one."""
-    answers = np.zeros(len(commands.places), np.int64)
-    answered = np.zeros(len(commands.places), np.bool_)
-    ends = np.append(commands.places[1:], _NEVER)
+def _answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bools]:
+    """For every command the position in `feedback` of its answer, and whether it has one."""
+    answers = np.zeros(len(commands.indices), np.int64)
+    answered = np.zeros(len(commands.indices), np.bool_)
+    ends = np.append(commands.indices[1:], _NEVER)
     for cmd in ANSWERABLE:
         asking = np.flatnonzero(commands.cmds == cmd)
         same = np.flatnonzero(feedback.cmds == cmd)
         if not len(asking) or not len(same):
             continue
-        places = feedback.places[same]
-        first = np.searchsorted(places, commands.places[asking], side="right")
+        indices = feedback.indices[same]
+        first = np.searchsorted(indices, commands.indices[asking], side="right")
         found = first < len(same)
-        found[found] = places[first[found]] < ends[asking[found]]
+        found[found] = indices[first[found]] < ends[asking[found]]
         answered[asking[found]] = True
         answers[asking[found]] = same[first[found]]
     return answers, answered
 
 
 FLAG_FIELDS: Final = tuple(field.name for field in VALUE_FIELDS if field.defined_bits is not None)
-"""The row names of the flag bytes."""
+"""Column names of the flag bytes."""
 
 BITS: Final = range(8)
 
 
 @dataclass(frozen=True, slots=True)
 class MotorReading:
-    """A value, and when it was told."""
+    """A value and its time."""
 
     value: int
     t_ns: int | None
-    """When the frame began that told it, nanoseconds since 1970 UTC; None without times."""
+    """Start of the frame, nanoseconds since 1970 UTC; None without times."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotorTarget:
-    """The last command that a motor was given."""
+    """The last command to a motor."""
 
     kind: FrameKind
     values: Mapping[str, int]
-    """By row name, without the motor's number."""
+    """By column name, without the motor's number."""
     t_ns: int | None
     since_ns: int | None
-    """When the first came of the latest commands that all say the same."""
+    """Time of the first of the latest equal commands."""
 
 
 @dataclass(frozen=True, slots=True)
 class Flags:
-    """A flag byte, and when its bits changed."""
+    """A flag byte and when its bits changed."""
 
     byte: int
     changed_ns: tuple[int | None, ...]
-    """By bit, from 0: when it was last seen to differ from before; None where it never was."""
+    """By bit, from 0: time of the last change; None if it never changed."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotorState:
-    """All that is known of one motor at one row; what is not known is None, never 0."""
+    """State of one motor at one row; an unknown value is None, never 0."""
 
     motor: int
     target: MotorTarget | None
-    """The last command; a reset and a motion of the chassis are commands to every motor."""
+    """A reset and a chassis motion are commands to every motor."""
     present: Mapping[str, MotorReading]
-    """What feedback told last, by row name (`rpm`, `pulses`); those never told are not in it."""
+    """Latest feedback by column name (`rpm`, `pulses`), without names that never came."""
     flags: Mapping[str, Flags]
-    """The flag bytes in this motor's own feedback, by row name; empty before the first."""
+    """Flag bytes in this motor's own feedback, by column name; empty before the first."""
     online: bool | None
     """This motor's bit in the ONLINE byte of the latest feedback of any motor.
 
@@ -236,36 +240,35 @@ class MotorState:
     """Frames so far."""
     answered: int
     unanswered: int
-    """Commands so far, by whether feedback came before the next command (see `pairing`)."""
+    """Commands so far, see `Pairing`."""
     waiting_since_ns: int | None
-    """The time of the last command while it is neither."""
+    """Time of the last command, if it may still be answered."""
     delay_p50_ns: int | None
     delay_p99_ns: int | None
-    """From a command to its answer, over the latest ones."""
+    """Answer times, over the latest commands."""
     commands_per_s: float | None
     feedback_per_s: float | None
 
 
 class _FlagByte:
-    """One flag byte over time."""
+    """Model of one flag byte."""
 
     def __init__(self) -> None:
         self.byte: int | None = None
         self._changed: list[int | None] = [None for _ in BITS]
 
-    def add(self, bytes_: Ints, t_ns: Ints) -> None:
-        """These values came at these times."""
+    def update(self, bytes_: Ints, t_ns: Ints) -> None:
         if not len(bytes_):
             return
         before = bytes_[0] if self.byte is None else self.byte
         changes = bytes_ ^ np.concatenate(([before], bytes_[:-1]))
         for bit in BITS if changes.any() else ():
-            places = np.flatnonzero(changes >> bit & 1)
-            if len(places):
-                self._changed[bit] = _time(t_ns[places[-1]])
+            changed = np.flatnonzero(changes >> bit & 1)
+            if len(changed):
+                self._changed[bit] = _time(t_ns[changed[-1]])
         self.byte = int(bytes_[-1])
 
-    def copied(self) -> _FlagByte:
+    def copy(self) -> _FlagByte:
         other = copy(self)
         other._changed = self._changed.copy()
         return other
@@ -283,7 +286,7 @@ _SUBJECTS: Final = [
 
 
 class _Motor:
-    """One motor's state, as it changes."""
+    """Model of one motor."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -292,51 +295,51 @@ class _Motor:
         self._target: MotorTarget | None = None
         self._present: dict[str, MotorReading] = {}
         self._flags = {name: _FlagByte() for name in FLAG_FIELDS}
-        self._command_times, self._feedback_times = Recent(), Recent()
+        self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
-    def add(self, rows: Decoded, commands: Ints, feedback: Ints) -> None:
-        """The places in the batch of the commands to this motor, and of its feedback."""
-        self.pairing.add(PendingCommands.of(rows, commands), PendingCommands.of(rows, feedback))
+    def update(self, rows: Decoded, commands: Ints, feedback: Ints) -> None:
+        """Apply the commands to this motor and its feedback, by their indices in the batch."""
+        self.pairing.update(MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback))
         self.commands += len(commands)
         self.feedback += len(feedback)
-        self._command_times.add(_known(rows.t_ns[commands]))
-        self._feedback_times.add(_known(rows.t_ns[feedback]))
+        self._command_times.update(_known(rows.t_ns[commands]))
+        self._feedback_times.update(_known(rows.t_ns[feedback]))
         if len(commands):
-            self._aim(rows, commands)
+            self._set_target(rows, commands)
         if not len(feedback):
             return
         for code, name in _SUBJECTS:
-            places = feedback[rows.kinds[feedback] == code]
-            if len(places):
-                last = int(places[-1])
+            having = feedback[rows.kinds[feedback] == code]
+            if len(having):
+                last = int(having[-1])
                 self._present[name] = MotorReading(rows.value(name, last), _time(rows.t_ns[last]))
         for name, flag_byte in self._flags.items():
-            flag_byte.add(rows.values(name, feedback), rows.t_ns[feedback])
+            flag_byte.update(rows.values(name, feedback), rows.t_ns[feedback])
 
     def interrupt(self) -> None:
         self.pairing.interrupt()
-        self._command_times, self._feedback_times = Recent(), Recent()
+        self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
-    def _aim(self, rows: Decoded, commands: Ints) -> None:
-        place = int(commands[-1])
-        kind = KINDS[rows.kinds[place]]
+    def _set_target(self, rows: Decoded, commands: Ints) -> None:
+        last = int(commands[-1])
+        kind = KINDS[rows.kinds[last]]
         fields = [field for field in kind.fields if field.start != NUM_OFFSET]
-        values = {field.name: rows.value(field.name, place) for field in fields}
-        told = [at for field in fields for at in field.offsets]
-        same = rows.kinds[commands] == rows.kinds[place]
-        same &= (rows.raw[np.ix_(commands, told)] == rows.raw[place, told]).all(axis=1)
+        values = {field.name: rows.value(field.name, last) for field in fields}
+        offsets = [offset for field in fields for offset in field.offsets]
+        same = rows.kinds[commands] == rows.kinds[last]
+        same &= (rows.raw[np.ix_(commands, offsets)] == rows.raw[last, offsets]).all(axis=1)
         others, before = np.flatnonzero(~same), self._target
         first = int(others[-1]) + 1 if len(others) else 0
         since = _time(rows.t_ns[commands[first]])
         if not first and before and (before.kind, before.values) == (kind, values):
             since = before.since_ns
-        self._target = MotorTarget(kind, MappingProxyType(values), _time(rows.t_ns[place]), since)
+        self._target = MotorTarget(kind, MappingProxyType(values), _time(rows.t_ns[last]), since)
 
-    def copied(self) -> _Motor:
+    def copy(self) -> _Motor:
         other = copy(self)
-        other.pairing = self.pairing.copied()
+        other.pairing = self.pairing.copy()
         other._present = self._present.copy()
-        other._flags = {name: byte.copied() for name, byte in self._flags.items()}
+        other._flags = {name: byte.copy() for name, byte in self._flags.items()}
         other._command_times = copy(self._command_times)
         other._feedback_times = copy(self._feedback_times)
         return other
@@ -364,34 +367,34 @@ class _Motor:
 
 
 class Motors:
-    """Every motor of the controller, as far as the rows added so far tell."""
+    """Models of all motors."""
 
     def __init__(self) -> None:
         self._motors = [_Motor(number) for number in MOTORS]
         self._online = _FlagByte()
 
-    def add(self, rows: Decoded, found: Addressed | None = None) -> None:
-        """The next rows, in order of time, and whom they are to and from, where that is known."""
-        found = found or addressed(rows)
+    def observe(self, rows: Decoded, found: MotorRows | None = None) -> None:
+        """Apply the next rows, in order of time; `found` is `motor_rows(rows)` if known."""
+        found = found or motor_rows(rows)
         for motor in self._motors:
-            motor.add(rows, found.commands[motor.number], found.feedback[motor.number])
-        named = found.any_feedback
-        self._online.add(rows.values("online", named), rows.t_ns[named])
+            motor.update(rows, found.commands[motor.number], found.feedback[motor.number])
+        feedback = found.any_feedback
+        self._online.update(rows.values("online", feedback), rows.t_ns[feedback])
 
     def interrupt(self) -> None:
-        """Rows are missing here: no answer is looked for behind this, and no rate goes over it."""
+        """Rows are missing here: no answer and no rate spans the gap."""
         for motor in self._motors:
             motor.interrupt()
 
-    def copied(self) -> Motors:
-        """The same, which later rows do not change."""
+    def copy(self) -> Motors:
+        """An independent copy."""
         other = Motors()
-        other._motors = [motor.copied() for motor in self._motors]
-        other._online = self._online.copied()
+        other._motors = [motor.copy() for motor in self._motors]
+        other._online = self._online.copy()
         return other
 
     def states(self, now_ns: int | None) -> list[MotorState]:
-        """What is known of each motor; rates are those at `now_ns`, not before the last row."""
+        """The state of every motor, with rates at `now_ns`, which is not before the last row."""
         online = self._online.flags
         return [motor.state(online, now_ns) for motor in self._motors]
 

@@ -1,8 +1,8 @@
-"""Counts, rates, faults per port and direction.
+"""Statistics of ports, streams and faults.
 
-stream   the frames of one kind, to or from one motor, on one port (`streams`)
-port     one wire: how full it is, and how long it is silent
-fault    how often each occurs, and when
+port     one wire: counts, utilization, silences, events
+stream   the frames of one kind, to or from one motor, on one port: rate, period, jitter, ranges
+fault    count, and count over time
 """
 
 from __future__ import annotations
@@ -14,7 +14,14 @@ from typing import Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.counters import CountsOverTime, Durations, OverTime, Recent
+from fte_sniff.analysis.counters import (
+    CountsOverTime,
+    Durations,
+    RecentValues,
+    RowCount,
+    TimeSeries,
+    extent,
+)
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.fields import NO_KIND, NO_TIME, Decoded, Ints, read_place
 from fte_sniff.protocol import (
@@ -37,14 +44,14 @@ from fte_sniff.row_batch import FRAMED, Codebook
 
 @dataclass(frozen=True, slots=True)
 class LineSetup:
-    """One set-up of line, controller and motors."""
+    """What the user says about the line and the motors."""
 
     baud: int = DEFAULT_BAUD
     """Bits per second on every line."""
     resolution: float | None = None
-    """Encoder pulses in one turn of a motor's shaft, more than 0; None where nobody said."""
+    """Encoder pulses per turn of a motor's shaft, more than 0; None if unknown."""
     gear_ratio: float = 1.0
-    """Turns of the motor's shaft in one turn of what it drives, more than 0."""
+    """Turns of the motor's shaft per turn of its load, more than 0."""
 
     def turns(self, pulses: int) -> float | None:
         """A position in turns (PROTOCOL.md, "Pulses and turns"); None without a resolution."""
@@ -53,54 +60,17 @@ class LineSetup:
         return pulses / self.resolution / self.gear_ratio
 
 
-NO_BENCH = LineSetup()
-"""Nobody said anything about the set-up."""
-
-
-@dataclass(slots=True)
-class Count:
-    """Some rows."""
-
-    rows: int = 0
-    bytes: int = 0
-    first_ns: int | None = None
-    """Of those that have a time, nanoseconds since 1970 UTC; None where none has."""
-    last_ns: int | None = None
-
-    def add(self, rows: int, bytes_: int, t_ns: Ints) -> None:
-        """So many rows and bytes, and the times of rows that have one."""
-        self.rows += rows
-        self.bytes += bytes_
-        if len(t_ns):
-            self._stretch(int(t_ns.min()), int(t_ns.max()))
-
-    def include(self, other: Count) -> None:
-        """The rows of another count too."""
-        self.rows += other.rows
-        self.bytes += other.bytes
-        if other.first_ns is not None and other.last_ns is not None:
-            self._stretch(other.first_ns, other.last_ns)
-
-    def _stretch(self, first_ns: int, last_ns: int) -> None:
-        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
-        self.last_ns = last_ns if self.last_ns is None else max(self.last_ns, last_ns)
-
-    @property
-    def span_ns(self) -> int | None:
-        """From the first time to the last."""
-        if self.first_ns is None or self.last_ns is None:
-            return None
-        return self.last_ns - self.first_ns
+DEFAULT_SETUP: Final = LineSetup()
 
 
 class FaultCounts:
-    """The rows so far, by port and combination of faults."""
+    """Counts of rows by port and combination of faults."""
 
     def __init__(self) -> None:
-        self._counts: dict[tuple[str, tuple[Fault, ...]], Count] = {}
+        self._counts: dict[tuple[str, tuple[Fault, ...]], RowCount] = {}
 
-    def add(self, rows: Decoded, codebook: Codebook) -> None:
-        """The next rows, with what the numbers of their ports and faults stand for."""
+    def update(self, rows: Decoded, codebook: Codebook) -> None:
+        """Count the next rows, whose ports and faults are codes of the codebook."""
         sets = len(codebook.faults)
         keys = rows.packed["port"].astype(np.int64) * sets + rows.packed["faults"]
         lengths = rows.packed["length"].astype(np.int64)
@@ -108,27 +78,26 @@ class FaultCounts:
             own = keys == key
             port, faults = divmod(key, sets)
             name = codebook.ports[port], codebook.faults[faults]
-            count = self._counts.setdefault(name, Count())
-            t_ns = rows.t_ns[own & rows.has_time]
-            count.add(int(own.sum()), int(lengths[own].sum()), t_ns)
+            count = self._counts.setdefault(name, RowCount())
+            times = extent(rows.t_ns[own & rows.has_time])
+            count.count(int(own.sum()), int(lengths[own].sum()), times)
 
-    def by_fault(self, port: str | None = None) -> dict[Fault, Count]:
-        """By fault, in the order of the vocabulary; a row counts once for each that it has."""
-        found = {fault: Count() for fault in Fault}
-        for faults, count in self._of(port):
+    def by_fault(self, port: str | None = None) -> dict[Fault, RowCount]:
+        """By fault that occurred; a row counts once for each of its faults."""
+        found = {fault: RowCount() for fault in Fault}
+        for faults, count in self._on(port):
             for fault in set(faults):
                 found[fault].include(count)
         return {fault: count for fault, count in found.items() if count.rows}
 
-    def by_status(self, port: str | None = None) -> dict[Status, Count]:
-        """By status; all are in it."""
-        found = {status: Count() for status in Status}
-        for faults, count in self._of(port):
+    def by_status(self, port: str | None = None) -> dict[Status, RowCount]:
+        """By status, all of them."""
+        found = {status: RowCount() for status in Status}
+        for faults, count in self._on(port):
             found[status_of(faults)].include(count)
         return found
 
-    def _of(self, port: str | None) -> Iterable[tuple[tuple[Fault, ...], Count]]:
-        """All combinations on one port, or on all of them."""
+    def _on(self, port: str | None) -> Iterable[tuple[tuple[Fault, ...], RowCount]]:
         return [
             (faults, count)
             for (name, faults), count in self._counts.items()
@@ -137,23 +106,23 @@ class FaultCounts:
 
 
 @dataclass(frozen=True, slots=True)
-class EventNumbers:
-    """One sort of thing that happened to a port: line errors, for one."""
+class EventStats:
+    """The events of one kind on a port, such as line errors."""
 
     kind: PortEventKind
     count: int
-    """How often."""
+    """Number of events."""
     total: int
-    """Of what there was to count each time: errors on the line, bytes of an overrun."""
+    """Sum of what the events count: line errors, bytes of an overrun."""
     first_ns: int
-    """When it first did, nanoseconds since 1970 UTC."""
+    """Time of the first one, nanoseconds since 1970 UTC."""
     last_ns: int
-    """When it last did, nanoseconds since 1970 UTC."""
+    """Time of the last one."""
 
 
 @dataclass(frozen=True, slots=True)
-class PortNumbers:
-    """One wire."""
+class PortStats:
+    """Statistics of one port."""
 
     port: str
     rows: int
@@ -161,100 +130,82 @@ class PortNumbers:
     frames: Mapping[Direction, int]
     """Rows whose framing holds, by direction."""
     baud: int
-    """Bits per second, at last."""
+    """Latest bits per second."""
     first_ns: int | None
-    """Time of its first row, nanoseconds since 1970 UTC; None where no row has one."""
+    """Time of its first row, nanoseconds since 1970 UTC; None if no row has one."""
     last_ns: int | None
     per_s: float | None
-    """Rows, on the average from the first to the last; None where that cannot be told."""
+    """Mean rate of rows; None if it is unknown."""
     share: float | None
-    """Of the time from the first row to the end of the last that bytes took; None without times."""
+    """Utilization: share of the time that bytes took, from the first row to the last."""
     silences: Durations
-    """From the end of each row to the begin of the next, where there was anything between."""
-    share_over_time: OverTime
-    events: tuple[EventNumbers, ...]
-    """What happened to the port, in the order in which it first did."""
+    """Idle times between rows."""
+    share_over_time: TimeSeries
+    events: tuple[EventStats, ...]
+    """By kind, in order of first occurrence."""
 
 
-class PortRun:
-    """One wire as it runs."""
+class _Port:
+    """Model of one port."""
 
     def __init__(self, baud: int) -> None:
-        """Nothing came yet, at so many bits per second."""
         self.baud = baud
-        self.rows = self.bytes = self.timed = self.taken_ns = 0
-        self.frames = dict.fromkeys(Direction, 0)
-        self.first_ns: int | None = None
-        self.last_ns: int | None = None
-        self.end_ns = 0
+        self._rows = self._bytes = self._timed = self._busy_ns = 0
+        self._frames = dict.fromkeys(Direction, 0)
+        self._first_ns: int | None = None
+        self._last_ns: int | None = None
+        self._end_ns = 0
         self._runs = 0
-        self._between_rows_ns = self._between_ends_ns = 0
-        self._goes_on = False
-        self.silences = Durations()
-        self.events: dict[PortEventKind, EventNumbers] = {}
+        """Runs of rows without a gap between them."""
+        self._gap_starts_ns = self._gap_idle_ns = 0
+        """Sums over gaps: between the starts of the rows around them, and between those rows."""
+        self._continues = False
+        """Whether the next row follows the last one without a gap."""
+        self._silences = Durations()
+        self._events: dict[PortEventKind, EventStats] = {}
 
     @property
     def byte_ns(self) -> int:
         """Nanoseconds that a byte takes."""
         return byte_time_ns(self.baud)
 
-    def add(self, lengths: Ints, t_ns: Ints) -> None:
-        """Rows: lengths, and times or `NO_TIME`."""
-        self.rows += len(lengths)
-        self.bytes += int(lengths.sum())
-        known = t_ns != NO_TIME
-        self._add_timed(t_ns[known], t_ns[known] + lengths[known] * self.byte_ns)
-
-    def add_frames(self, headers: npt.NDArray[np.uint8]) -> None:
-        """Rows whose framing holds, with their first bytes."""
+    def update(self, lengths: Ints, t_ns: Ints, headers: npt.NDArray[np.uint8]) -> None:
+        """Count rows: lengths, times or `NO_TIME`, and the first bytes of frames."""
+        self._rows += len(lengths)
+        self._bytes += int(lengths.sum())
         for direction, header in HEADERS.items():
-            self.frames[direction] += int(np.count_nonzero(headers == header))
+            self._frames[direction] += int(np.count_nonzero(headers == header))
+        known = t_ns != NO_TIME
+        if known.any():
+            self._update_times(t_ns[known], t_ns[known] + lengths[known] * self.byte_ns)
 
-    def _add_timed(self, t_ns: Ints, ends_ns: Ints) -> None:
-        self.timed += len(t_ns)
-        self.taken_ns += int((ends_ns - t_ns).sum())
-        if not len(t_ns):
-            return
-        if not self._goes_on:
-            self._begin_run(int(t_ns[0]))
-        before = np.concatenate(([self.end_ns], ends_ns[:-1]))
-        silent = t_ns - before
-        self.silences.add(silent[silent > 0], t_ns[silent > 0])
-        self.last_ns, self.end_ns = int(t_ns[-1]), int(ends_ns[-1])
+    def _update_times(self, t_ns: Ints, ends_ns: Ints) -> None:
+        self._timed += len(t_ns)
+        self._busy_ns += int((ends_ns - t_ns).sum())
+        if not self._continues:
+            self._start_run(int(t_ns[0]))
+        before = np.concatenate(([self._end_ns], ends_ns[:-1]))
+        idle = t_ns - before
+        self._silences.update(idle[idle > 0], t_ns[idle > 0])
+        self._last_ns, self._end_ns = int(t_ns[-1]), int(ends_ns[-1])
 
-    def _begin_run(self, t_ns: int) -> None:
-        """What lies before this time was not silence, but rows that are not here."""
-        if self.first_ns is None or self.last_ns is None:
-            self.first_ns = t_ns
+    def _start_run(self, t_ns: int) -> None:
+        """Start after a gap: the time before is not silence, but missing rows."""
+        if self._first_ns is None or self._last_ns is None:
+            self._first_ns = t_ns
         else:
-            self._between_rows_ns += t_ns - self.last_ns
-            self._between_ends_ns += t_ns - self.end_ns
-        self.end_ns, self._runs, self._goes_on = t_ns, self._runs + 1, True
+            self._gap_starts_ns += t_ns - self._last_ns
+            self._gap_idle_ns += t_ns - self._end_ns
+        self._end_ns, self._runs, self._continues = t_ns, self._runs + 1, True
 
     def interrupt(self) -> None:
-        """Rows are missing here, so that the next one is measured against none before."""
-        self._goes_on = False
+        """Rows are missing here."""
+        self._continues = False
 
-    @property
-    def per_s(self) -> float | None:
-        """Rows, on the average from the first to the last; None where that cannot be told."""
-        if self.first_ns is None or self.last_ns is None:
-            return None
-        span = self.last_ns - self.first_ns - self._between_rows_ns
-        return (self.timed - self._runs) * 1e9 / span if span > 0 else None
-
-    @property
-    def share(self) -> float | None:
-        """Of the time from the first row to the end of the last that bytes took."""
-        if self.first_ns is None:
-            return None
-        span = self.end_ns - self.first_ns - self._between_ends_ns
-        return self.taken_ns / span if span > 0 else None
-
-    def happened(self, event: PortEvent) -> None:
-        """This happened to it."""
-        before = self.events.get(event.kind)
-        self.events[event.kind] = EventNumbers(
+    def on_event(self, event: PortEvent) -> None:
+        """Count an event."""
+        before = self._events.get(event.kind)
+        self._events[event.kind] = EventStats(
             event.kind,
             1 if before is None else before.count + 1,
             event.count + (0 if before is None else before.total),
@@ -262,81 +213,84 @@ class PortRun:
             event.t_ns,
         )
 
-    def numbers(self, name: str, share_over_time: OverTime) -> PortNumbers:
-        """All of it so far."""
-        return PortNumbers(
-            name,
-            self.rows,
-            self.bytes,
-            self.frames,
-            self.baud,
-            self.first_ns,
-            self.last_ns,
-            self.per_s,
-            self.share,
-            self.silences,
-            share_over_time,
-            tuple(self.events.values()),
+    def stats(self, name: str, share_over_time: TimeSeries) -> PortStats:
+        """The statistics so far."""
+        per_s = share = None
+        if self._first_ns is not None and self._last_ns is not None:
+            starts_ns = self._last_ns - self._first_ns - self._gap_starts_ns
+            per_s = (self._timed - self._runs) * 1e9 / starts_ns if starts_ns > 0 else None
+            whole_ns = self._end_ns - self._first_ns - self._gap_idle_ns
+            share = self._busy_ns / whole_ns if whole_ns > 0 else None
+        return PortStats(
+            port=name,
+            rows=self._rows,
+            bytes=self._bytes,
+            frames=self._frames,
+            baud=self.baud,
+            first_ns=self._first_ns,
+            last_ns=self._last_ns,
+            per_s=per_s,
+            share=share,
+            silences=self._silences,
+            share_over_time=share_over_time,
+            events=tuple(self._events.values()),
         )
 
 
 _NUMS: Final = 256
 
 
-def _numbered() -> tuple[list[tuple[int, int | None]], Ints]:
-    """Every kind and motor that there can be, and by kind and NUM the place among them."""
-    places = np.full((NO_KIND + 1, _NUMS), -1, np.int64)
+def _stream_codes() -> tuple[list[tuple[int, int | None]], Ints]:
+    """Kind code and motor of every stream, and the stream's number by kind code and NUM."""
+    codes = np.full((NO_KIND + 1, _NUMS), -1, np.int64)
     found: list[tuple[int, int | None]] = []
     for code, kind in enumerate(KINDS):
         if kind.names_motor:
             for motor in MOTORS:
-                places[code, motor] = len(found)
+                codes[code, motor] = len(found)
                 found.append((code, motor))
         else:
-            places[code, :] = len(found)
+            codes[code, :] = len(found)
             found.append((code, None))
-    places[places < 0] = len(found)
-    return found, places
+    codes[codes < 0] = len(found)
+    return found, codes
 
 
-_STREAMS, _PLACES = _numbered()
+_STREAMS, _STREAM_CODES = _stream_codes()
 _NO_STREAM: Final = len(_STREAMS)
 
-_Place: TypeAlias = tuple[int, int, bool]
-"""Where a field stands: start, size, and whether it is signed."""
+_Layout: TypeAlias = tuple[int, int, bool]
+"""Offset and size of a field, and whether it is signed."""
 
-_QUANTITIES: Final[list[dict[str, _Place]]] = [
+_QUANTITIES: Final[list[dict[str, _Layout]]] = [
     {field.name: (field.start, field.size, field.signed) for field in kind.fields if field.unit}
     for kind in KINDS
 ]
-"""By kind code, the fields that have a unit, by row name."""
+"""By kind code, the fields that have a unit, by name."""
 
-_QUANTITY_PLACES: Final = sorted({place for fields in _QUANTITIES for place in fields.values()})
+_QUANTITY_LAYOUTS: Final = sorted({layout for fields in _QUANTITIES for layout in fields.values()})
 
 
 @dataclass(frozen=True, slots=True)
-class StreamNumbers:
-    """The frames of one kind, to or from one motor that there can be, on one port."""
+class StreamStats:
+    """Statistics of the frames of one kind, to or from one motor, on one port."""
 
     port: str
     kind: FrameKind
     motor: int | None
-    """None where frames of this kind name none."""
+    """None for kinds without a motor."""
     count: int
     per_s: float | None
-    """On the average from its first frame to its last; None where that cannot be told."""
+    """Mean rate from the first frame to the last; None if it is unknown."""
     lately_per_s: float | None
     periods: Durations
-    """From the begin of each frame to that of the next; its ends are those of silence too."""
+    """From the start of each frame to that of the next."""
     ranges: Mapping[str, tuple[int, int]]
-    """The least and the greatest of each quantity in it, by row name."""
+    """Minimum and maximum of each quantity, by column name."""
 
     @property
     def jitter_ns(self) -> float | None:
-        """How much the period varies: between the 5 percent shortest and the 5 percent longest.
-
-        None where there are no two periods.
-        """
+        """Range of the period between its 5th and 95th percentile; None without two periods."""
         if self.periods.count < 2:
             return None
         low, high = self.periods.percentile_ns(5), self.periods.percentile_ns(95)
@@ -344,152 +298,146 @@ class StreamNumbers:
 
 
 class _Stream:
-    """One stream as it runs."""
+    """Model of one stream."""
 
     def __init__(self) -> None:
         self.count = 0
-        self.last_ns = 0
-        self.goes_on = False
-        """Whether the next frame is measured against the one before."""
-        self._measured = self._measured_ns = 0
         self.periods = Durations()
-        self.times = Recent()
+        self.recent = RecentValues()
         self.ranges: dict[str, tuple[int, int]] = {}
+        self._last_ns: int | None = None
+        """Time of the frame before, if there is no gap after it."""
+        self._measured = self._measured_ns = 0
 
-    def add(self, count: int, t_ns: Ints) -> None:
-        """So many frames, and the times of those that have one."""
+    def update(self, count: int, t_ns: Ints) -> None:
+        """Count frames; `t_ns` are the times of those that have one."""
         self.count += count
         if not len(t_ns):
             return
-        before = [self.last_ns] if self.goes_on else t_ns[:1]
-        periods = np.diff(t_ns, prepend=before)[0 if self.goes_on else 1 :]
-        ends = t_ns[len(t_ns) - len(periods) :]
-        self.periods.add(periods[periods >= 0], ends[periods >= 0])
+        times = t_ns if self._last_ns is None else np.concatenate(([self._last_ns], t_ns))
+        periods, ends = np.diff(times), times[1:]
+        self.periods.update(periods[periods >= 0], ends[periods >= 0])
         self._measured += len(periods)
         self._measured_ns += int(periods.sum())
-        self.last_ns, self.goes_on = int(t_ns[-1]), True
-        self.times.add(t_ns)
+        self._last_ns = int(t_ns[-1])
+        self.recent.update(t_ns)
 
-    def stretch(self, name: str, low: int, high: int) -> None:
-        """A quantity had values from `low` to `high`."""
+    def update_range(self, name: str, low: int, high: int) -> None:
+        """Extend the range of a quantity."""
         if name in self.ranges:
             low, high = min(low, self.ranges[name][0]), max(high, self.ranges[name][1])
         self.ranges[name] = low, high
+
+    def interrupt(self) -> None:
+        """Frames are missing here: no period and no rate spans the gap."""
+        self._last_ns, self.recent = None, RecentValues()
 
     @property
     def per_s(self) -> float | None:
         return self._measured * 1e9 / self._measured_ns if self._measured_ns > 0 else None
 
 
-def _ends(rows: Decoded, order: Ints, starts: Ints) -> dict[_Place, tuple[list[int], list[int]]]:
-    """By place of a field, the least and the greatest in each stretch of the rows so ordered."""
+def _ranges(rows: Decoded, order: Ints, starts: Ints) -> dict[_Layout, tuple[list[int], list[int]]]:
+    """By layout, minimum and maximum of the field in each group of the ordered rows."""
     found = {}
-    for place in _QUANTITY_PLACES:
-        column = read_place(rows.raw, *place).astype(np.int64)[order]
+    for layout in _QUANTITY_LAYOUTS:
+        column = read_place(rows.raw, *layout).astype(np.int64)[order]
         lows, highs = np.minimum.reduceat(column, starts), np.maximum.reduceat(column, starts)
-        found[place] = lows.tolist(), highs.tolist()
+        found[layout] = lows.tolist(), highs.tolist()
     return found
 
 
-class Streams:
-    """Every stream so far."""
+class _Streams:
+    """Models of all streams, by code of the port and number of the stream."""
 
     def __init__(self) -> None:
         self._streams: dict[tuple[int, int], _Stream] = {}
 
-    def add(self, rows: Decoded) -> None:
-        """The next rows; their ports' numbers mean the same each time."""
+    def update(self, rows: Decoded) -> None:
+        """Count the next rows."""
         of_port = rows.packed["port"].astype(np.int64) * (_NO_STREAM + 1)
-        keys = of_port + _PLACES[rows.kinds, rows.nums]
-        # Small numbers are sorted by counting them.
+        keys = of_port + _STREAM_CODES[rows.kinds, rows.nums]
+        # A small integer type makes numpy use a radix sort.
         order = np.argsort(keys.astype(np.min_scalar_type(int(keys.max()))), kind="stable")
         ordered, t_ns = keys[order], rows.t_ns[order]
         starts = np.flatnonzero(np.diff(ordered, prepend=-1))
-        ends = _ends(rows, order, starts)
+        ranges = _ranges(rows, order, starts)
         stops = [*starts[1:].tolist(), len(order)]
-        for number, (start, stop) in enumerate(zip(starts.tolist(), stops, strict=True)):
-            port, place = divmod(int(ordered[start]), _NO_STREAM + 1)
-            if place == _NO_STREAM:
+        for group, (start, stop) in enumerate(zip(starts.tolist(), stops, strict=True)):
+            port, code = divmod(int(ordered[start]), _NO_STREAM + 1)
+            if code == _NO_STREAM:
                 continue
-            stream = self._streams.setdefault((port, place), _Stream())
+            stream = self._streams.setdefault((port, code), _Stream())
             times = t_ns[start:stop]
-            stream.add(stop - start, times[times != NO_TIME])
-            for name, where in _QUANTITIES[_STREAMS[place][0]].items():
-                lows, highs = ends[where]
-                stream.stretch(name, lows[number], highs[number])
+            stream.update(stop - start, times[times != NO_TIME])
+            for name, layout in _QUANTITIES[_STREAMS[code][0]].items():
+                lows, highs = ranges[layout]
+                stream.update_range(name, lows[group], highs[group])
 
-    def interrupt(self, wire: int | None) -> None:
-        """Rows of a port, by its number, or of all are missing here: no period goes over this."""
-        for (port, _), stream in self._streams.items():
-            if wire in (None, port):
-                stream.goes_on = False
-                stream.times = Recent()
+    def interrupt(self, port: int | None) -> None:
+        """Rows of a port, by its code, or of all ports are missing here."""
+        for (code, _), stream in self._streams.items():
+            if port in (None, code):
+                stream.interrupt()
 
-    def numbers(self, ports: Sequence[str], now_ns: int | None) -> list[StreamNumbers]:
-        """Each, by port, kind and motor.
-
-        Args:
-            ports: what the numbers of ports stand for.
-            now_ns: not before the last row; None where no time is present.
-        """
+    def stats(self, ports: Sequence[str], now_ns: int | None) -> list[StreamStats]:
         return [
-            StreamNumbers(
-                ports[port],
-                KINDS[_STREAMS[place][0]],
-                _STREAMS[place][1],
-                stream.count,
-                stream.per_s,
-                None if now_ns is None else stream.times.per_second(now_ns),
-                stream.periods,
-                stream.ranges,
+            StreamStats(
+                port=ports[port],
+                kind=KINDS[_STREAMS[code][0]],
+                motor=_STREAMS[code][1],
+                count=stream.count,
+                per_s=stream.per_s,
+                lately_per_s=None if now_ns is None else stream.recent.per_second(now_ns),
+                periods=stream.periods,
+                ranges=stream.ranges,
             )
-            for (port, place), stream in sorted(self._streams.items(), key=lambda one: one[0])
+            for (port, code), stream in sorted(self._streams.items(), key=lambda one: one[0])
         ]
 
 
-FAULTS: Final = tuple(Fault)
+_FAULTS: Final = tuple(Fault)
 
 
 @dataclass(frozen=True, slots=True)
-class FaultNumbers:
-    """One sort of fault, on all ports."""
+class FaultStats:
+    """Statistics of one fault on all ports."""
 
     fault: Fault
     count: int
-    over_time: OverTime
-    """Rows with it that have a time."""
+    over_time: TimeSeries
+    """Rows with the fault that have a time."""
 
 
 class Statistics:
-    """The numbers over all rows added so far."""
+    """Statistics of all rows so far."""
 
-    def __init__(self, bench: LineSetup) -> None:
-        """No rows; `bench` tells how long a byte takes."""
-        self._baud = bench.baud
+    def __init__(self, setup: LineSetup) -> None:
+        """`setup` has the baud of ports for which no `BaudChange` comes."""
+        self._baud = setup.baud
         self._names: list[str] = []
-        self._streams = Streams()
-        self._ports: dict[str, PortRun] = {}
+        self._streams = _Streams()
+        self._ports: dict[str, _Port] = {}
         self.fault_counts = FaultCounts()
-        """The same rows by port and faults."""
         self._faults_over_time = CountsOverTime()
-        self._taken_over_time = CountsOverTime()
+        self._busy_over_time = CountsOverTime()
 
-    def add(self, rows: Decoded, codebook: Codebook) -> None:
-        """The next rows, with what the numbers of their ports and faults stand for."""
+    def observe(self, rows: Decoded, codebook: Codebook) -> None:
+        """Add the next rows, whose ports and faults are codes of the codebook."""
         if not len(rows):
             return
         self._names = codebook.ports
-        self._add_ports(rows)
-        self._streams.add(rows)
-        self._add_faults(rows, codebook)
+        self._observe_ports(rows)
+        self._streams.update(rows)
+        self._observe_faults(rows, codebook)
 
-    def add_events(self, events: Sequence[PortEvent]) -> None:
-        """What happened to ports."""
+    def observe_events(self, events: Sequence[PortEvent]) -> None:
+        """Add events of ports."""
         for event in events:
-            self._port(event.port).happened(event)
+            self._port(event.port).on_event(event)
 
     def observe_change(self, change: Gap | BaudChange) -> None:
-        """Set the baud, or end what is measured: no silence, period or rate spans a gap."""
+        """Apply a change before the next rows: no period, silence or rate spans a gap."""
         if isinstance(change, BaudChange):
             self._port(change.port).baud = change.baud
         elif change.port is None:
@@ -501,56 +449,55 @@ class Statistics:
                 self._streams.interrupt(self._names.index(change.port))
             self._ports[change.port].interrupt()
 
-    def _port(self, name: str) -> PortRun:
+    def _port(self, name: str) -> _Port:
         if name not in self._ports:
-            self._ports[name] = PortRun(self._baud)
+            self._ports[name] = _Port(self._baud)
         return self._ports[name]
 
-    def _add_ports(self, rows: Decoded) -> None:
+    def _observe_ports(self, rows: Decoded) -> None:
         codes, lengths = rows.packed["port"], rows.packed["length"].astype(np.int64)
         framed = (rows.packed["form"] & FRAMED).astype(np.bool_)
         for code in np.flatnonzero(np.bincount(codes)).tolist():
             own, port = codes == code, self._port(self._names[code])
-            port.add(lengths[own], rows.t_ns[own])
-            port.add_frames(rows.raw[own & framed, 0])
+            port.update(lengths[own], rows.t_ns[own], rows.raw[own & framed, 0])
             known = own & rows.has_time
-            taken = lengths[known] * port.byte_ns
-            self._taken_over_time.add(np.full(len(taken), code, np.int64), rows.t_ns[known], taken)
+            busy = lengths[known] * port.byte_ns
+            self._busy_over_time.update(np.full(len(busy), code, np.int64), rows.t_ns[known], busy)
 
-    def _add_faults(self, rows: Decoded, codebook: Codebook) -> None:
-        self.fault_counts.add(rows, codebook)
+    def _observe_faults(self, rows: Decoded, codebook: Codebook) -> None:
+        self.fault_counts.update(rows, codebook)
         codes = rows.packed["faults"]
-        for place, fault in enumerate(FAULTS):
+        for number, fault in enumerate(_FAULTS):
             having = np.array([fault in faults for faults in codebook.faults])
             if having.any():
                 t_ns = rows.t_ns[having[codes] & rows.has_time]
-                self._faults_over_time.add(np.full(len(t_ns), place), t_ns)
+                self._faults_over_time.update(np.full(len(t_ns), number), t_ns)
 
-    def streams(self, now_ns: int | None) -> list[StreamNumbers]:
-        """Every stream, by port, kind and motor; `now_ns` is not before the last row."""
-        return self._streams.numbers(self._names, now_ns)
+    def streams(self, now_ns: int | None) -> list[StreamStats]:
+        """By port, kind and motor; `now_ns` is not before the last row."""
+        return self._streams.stats(self._names, now_ns)
 
-    def ports(self) -> list[PortNumbers]:
-        """Every port that rows or events came from, in the order in which they first did."""
-        return [
-            port.numbers(name, self._share_over_time(name)) for name, port in self._ports.items()
-        ]
+    def ports(self) -> list[PortStats]:
+        """By port, in order of first occurrence."""
+        return [port.stats(name, self._share_over_time(name)) for name, port in self._ports.items()]
 
-    def _share_over_time(self, name: str) -> OverTime:
-        counts = self._taken_over_time
+    def _share_over_time(self, name: str) -> TimeSeries:
+        counts = self._busy_over_time
         code = self._names.index(name) if name in self._names else len(self._names)
         shares = counts.of(code) / counts.slot_ns
-        return OverTime(counts.start_ns, counts.slot_ns, tuple(shares.tolist()))
+        return TimeSeries(counts.start_ns, counts.slot_ns, tuple(shares.tolist()))
 
-    def faults(self) -> list[FaultNumbers]:
-        """Every fault that occurred, in the order of the vocabulary."""
-        counts = self._faults_over_time
+    def faults(self) -> list[FaultStats]:
+        """By fault that occurred."""
+        over_time = self._faults_over_time
         return [
-            FaultNumbers(
+            FaultStats(
                 fault,
                 count.rows,
-                OverTime(
-                    counts.start_ns, counts.slot_ns, tuple(counts.of(FAULTS.index(fault)).tolist())
+                TimeSeries(
+                    over_time.start_ns,
+                    over_time.slot_ns,
+                    tuple(over_time.of(_FAULTS.index(fault)).tolist()),
                 ),
             )
             for fault, count in self.fault_counts.by_fault().items()

@@ -1,4 +1,4 @@
-"""All statistics over a source (`report` is the HTML page of a later command)."""
+"""Statistics of all rows of one or more inputs."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from itertools import pairwise
 
 import numpy as np
 
+from fte_sniff.analysis.counters import RowCount, extent
 from fte_sniff.analysis.feed import BaudChange, GapDetector
 from fte_sniff.analysis.fields import Decoded
-from fte_sniff.analysis.motor_stats import AnswerNumbers, Answers, FlagNumbers, FlagsSeen
-from fte_sniff.analysis.motors import addressed
+from fte_sniff.analysis.motor_stats import Answers, AnswerStats, FlagCounts, FlagStats
+from fte_sniff.analysis.motors import motor_rows
 from fte_sniff.analysis.statistics import (
-    Count,
     FaultCounts,
     LineSetup,
-    PortNumbers,
+    PortStats,
     Statistics,
-    StreamNumbers,
+    StreamStats,
 )
 from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
 from fte_sniff.row_batch import Codebook, Packed, pack
@@ -29,104 +29,100 @@ class RowSource:
     """One input."""
 
     name: str
-    """May hold text from outside, so show it, never obey it."""
-    count: Count = field(default_factory=Count)
+    """May hold text from outside, so escape it when you show it."""
+    count: RowCount = field(default_factory=RowCount)
 
 
 class StatisticsSummary:
-    """The numbers over all rows added so far."""
+    """Statistics of all rows so far."""
 
-    def __init__(self, bench: LineSetup) -> None:
-        """No rows; `bench` tells the baud of ports of which no input tells any."""
+    def __init__(self, setup: LineSetup) -> None:
+        """`setup` has the baud of ports for which no input has one."""
         self.sources: list[RowSource] = []
-        """Every input, in its order."""
+        """All inputs, in order."""
         self._codebook = Codebook()
-        self._statistics = Statistics(bench)
+        self._statistics = Statistics(setup)
         self._answers = Answers()
-        self._flags = FlagsSeen()
+        self._flags = FlagCounts()
         self._gaps = GapDetector()
 
     def begin(self, name: str, bauds: Mapping[str, int], gaps: Sequence[Gap] = ()) -> None:
-        """The rows to come are of this input, which tells these ports' bits per second.
-
-        Of ports whose baud was told, later changes of it are followed.
+        """Start the next input.
 
         Args:
-            name: what people know the input by.
-            bauds: by port.
-            gaps: what the input reports; nothing is measured across.
+            name: its name.
+            bauds: bits per second by port; later changes of these ports are followed.
+            gaps: what the input reports; no measurement spans them.
         """
         self.sources.append(RowSource(name))
         for change in self._gaps.begin(bauds, gaps):
-            self._observe(change.what)
+            self._observe_change(change.what)
 
-    def add(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> None:
-        """The next rows, and what happened to ports among them."""
+    def observe(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> None:
+        """Add the next rows and the port events among them."""
         packed = pack(rows, self._codebook)[0]
         start = 0
         for change in self._gaps.changes(rows, events):
-            self._take(packed[start : change.index])
-            self._observe(change.what)
+            self._observe(packed[start : change.index])
+            self._observe_change(change.what)
             start = change.index
-        self._take(packed[start:])
-        self._statistics.add_events(events)
+        self._observe(packed[start:])
+        self._statistics.observe_events(events)
 
     def interrupt(self) -> None:
-        """Rows are missing here: nothing is measured across."""
-        self._observe(Gap(GapKind.DAMAGE))
+        """Rows are missing here: no measurement spans the gap."""
+        self._observe_change(Gap(GapKind.DAMAGE))
 
-    def _observe(self, change: Gap | BaudChange) -> None:
+    def _observe_change(self, change: Gap | BaudChange) -> None:
         self._statistics.observe_change(change)
         if isinstance(change, Gap):
             self._answers.interrupt()
 
-    def _take(self, packed: Packed) -> None:
+    def _observe(self, packed: Packed) -> None:
         if not len(packed):
             return
         rows = Decoded(packed)
-        lengths = int(packed["length"].sum(dtype=np.int64))
-        self.sources[-1].count.add(len(rows), lengths, rows.t_ns[rows.has_time])
-        self._statistics.add(rows, self._codebook)
-        found = addressed(rows)
-        self._answers.add(rows, found)
-        self._flags.add(rows, found)
+        length = int(packed["length"].sum(dtype=np.int64))
+        self.sources[-1].count.count(len(rows), length, extent(rows.t_ns[rows.has_time]))
+        self._statistics.observe(rows, self._codebook)
+        found = motor_rows(rows)
+        self._answers.observe(rows, found)
+        self._flags.observe(rows, found)
 
     @property
-    def total(self) -> Count:
+    def total(self) -> RowCount:
         """All rows."""
-        total = Count()
+        total = RowCount()
         for source in self.sources:
             total.include(source.count)
         return total
 
     @property
     def in_order(self) -> bool:
-        """Whether each input lies behind the one before, so that frames of both have an order."""
-        counts = [source.count for source in self.sources if source.count.rows]
+        """Whether the inputs follow each other in time without overlap."""
+        times = [source.count.times for source in self.sources if source.count.rows]
         return all(
-            before.last_ns is not None
-            and after.first_ns is not None
-            and before.last_ns <= after.first_ns
-            for before, after in pairwise(counts)
+            before is not None and after is not None and before[1] <= after[0]
+            for before, after in pairwise(times)
         )
 
     @property
     def faults(self) -> FaultCounts:
-        """Rows by port, status and fault."""
+        """Counts by port, status and fault."""
         return self._statistics.fault_counts
 
-    def ports(self) -> list[PortNumbers]:
-        """Every port that an input tells of, or that rows or events came from, in that order."""
+    def ports(self) -> list[PortStats]:
+        """By port that an input names, or that has rows or events."""
         return self._statistics.ports()
 
-    def streams(self) -> list[StreamNumbers]:
-        """Every stream, by port, kind and motor."""
+    def streams(self) -> list[StreamStats]:
+        """By port, kind and motor."""
         return self._statistics.streams(None)
 
-    def answers(self) -> list[AnswerNumbers]:
-        """Every motor, by its number; what answered what means nothing where not `in_order`."""
-        return self._answers.numbers()
+    def answers(self) -> list[AnswerStats]:
+        """By motor; meaningful only if `in_order`."""
+        return self._answers.stats()
 
-    def flags(self) -> list[FlagNumbers]:
-        """Every motor, by its number; losses mean nothing where not `in_order`."""
-        return self._flags.numbers()
+    def flags(self) -> list[FlagStats]:
+        """By motor; `times_lost` is meaningful only if `in_order`."""
+        return self._flags.stats()

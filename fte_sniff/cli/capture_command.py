@@ -303,7 +303,7 @@ class PlainLines:
             self._print_problem(failure, update.state.recording)
             self._leftover.report(update)
         self._not_shown = update.state.not_shown
-        self._tally.add(update.rows)
+        self._tally.update(update.rows)
         self._writer.write(self._select(update.rows))
         sys.stdout.flush()
 
@@ -375,7 +375,7 @@ def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
         leftover.report(update)
         not_shown = update.state.not_shown
         for tally in seen:
-            tally.add(update.rows)
+            tally.update(update.rows)
     session.close()
     for tally in seen:
         if not_shown:

@@ -110,7 +110,7 @@ def _summarize(reading: InputReading, baud: int | None) -> StatisticsSummary:
         for batch in reading.of(one):
             if batch.after_loss:
                 summary.interrupt()
-            summary.add(batch.sequence(), batch.events)
+            summary.observe(batch.sequence(), batch.events)
         if one.losses:
             summary.interrupt()
         before = one

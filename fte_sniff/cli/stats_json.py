@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from fte_sniff.protocol import Direction, Fault, Gap, PortEventKind, Status, iso_time, status_of
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.counters import Durations
-    from fte_sniff.analysis.motor_stats import AnswerNumbers, FlagCount, FlagNumbers
-    from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
+    from fte_sniff.analysis.counters import Durations, RowCount
+    from fte_sniff.analysis.motor_stats import AnswerStats, FlagCount, FlagStats
+    from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
     from fte_sniff.analysis.summary import StatisticsSummary
     from fte_sniff.recording.metadata import Selection
 
@@ -63,7 +63,7 @@ def statistics_json(summary: StatisticsSummary, options: ReportOptions) -> Json:
             {"filter": one.filter_text, "rows_read": one.rows} for one in options.selections
         ],
         **_extent(total),
-        "duration_s": _seconds(total.span_ns),
+        "duration_s": _seconds(total.duration_ns),
         "status": _statuses(summary.faults.by_status()),
         "files": [{"name": source.name, **_extent(source.count)} for source in summary.sources],
         "ports": [_port(port, summary) for port in summary.ports()],
@@ -74,21 +74,21 @@ def statistics_json(summary: StatisticsSummary, options: ReportOptions) -> Json:
     }
 
 
-def _extent(count: Count) -> Json:
+def _extent(count: RowCount) -> Json:
     return {"rows": count.rows, "bytes": count.bytes, **_times(count)}
 
 
-def _times(when: Count | FlagCount | EventNumbers | PortNumbers) -> Json:
+def _times(when: RowCount | FlagCount | EventStats | PortStats) -> Json:
     return {"first_time": _time(when.first_ns), "last_time": _time(when.last_ns)}
 
 
-def _statuses(counts: Mapping[Status, Count]) -> Json:
+def _statuses(counts: Mapping[Status, RowCount]) -> Json:
     return {
         str(status): {"rows": count.rows, "bytes": count.bytes} for status, count in counts.items()
     }
 
 
-def _port(port: PortNumbers, summary: StatisticsSummary) -> Json:
+def _port(port: PortStats, summary: StatisticsSummary) -> Json:
     faults = summary.faults.by_fault(port.port)
     return {
         "port": port.port,
@@ -107,12 +107,12 @@ def _port(port: PortNumbers, summary: StatisticsSummary) -> Json:
     }
 
 
-def line_use(port: PortNumbers) -> float | None:
+def line_use(port: PortStats) -> float | None:
     """How full the line was; None without a time between two rows, in which it could be empty."""
     return None if port.per_s is None else port.share
 
 
-def _fault(fault: Fault, count: Count, port: PortNumbers) -> Json:
+def _fault(fault: Fault, count: RowCount, port: PortStats) -> Json:
     return {
         "fault": str(fault),
         "status": str(status_of((fault,))),
@@ -124,12 +124,12 @@ def _fault(fault: Fault, count: Count, port: PortNumbers) -> Json:
     }
 
 
-def _event(event: EventNumbers) -> Json:
+def _event(event: EventStats) -> Json:
     total = event.total if event.kind in COUNTED else None
     return {"event": str(event.kind), "count": event.count, "total": total, **_times(event)}
 
 
-def _stream(stream: StreamNumbers) -> Json:
+def _stream(stream: StreamStats) -> Json:
     return {
         "kind": stream.kind.name,
         "motor": stream.motor,
@@ -144,7 +144,7 @@ def _stream(stream: StreamNumbers) -> Json:
     }
 
 
-def _motor(answers: AnswerNumbers, flags: FlagNumbers, *, in_order: bool) -> Json:
+def _motor(answers: AnswerStats, flags: FlagStats, *, in_order: bool) -> Json:
     def known(number: int) -> int | None:
         return number if in_order else None
 

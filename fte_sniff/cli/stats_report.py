@@ -28,8 +28,9 @@ from fte_sniff.tui.text import (
 )
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.motor_stats import AnswerNumbers
-    from fte_sniff.analysis.statistics import Count, EventNumbers, PortNumbers, StreamNumbers
+    from fte_sniff.analysis.counters import RowCount
+    from fte_sniff.analysis.motor_stats import AnswerStats
+    from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
     from fte_sniff.analysis.summary import StatisticsSummary
 
 
@@ -113,7 +114,7 @@ def report_lines(
         yield from _motor_notes(summary, when)
 
 
-def _clock(total: Count) -> When:
+def _clock(total: RowCount) -> When:
     """Times of day, with the day before them where there is more than one."""
     days = total.first_ns is not None and total.last_ns is not None
     several = days and (total.first_ns or 0) // _DAY_NS != (total.last_ns or 0) // _DAY_NS
@@ -142,7 +143,7 @@ def _whole(summary: StatisticsSummary, options: ReportOptions) -> Iterator[Text]
         yield _line("left out", f"{gap_text(own)}: {printable(reason)}")
     if total.first_ns is not None and total.last_ns is not None:
         yield _line("first", iso_time(total.first_ns))
-        span = f"{(total.span_ns or 0) / 1e9:,.3f} s after the first"
+        span = f"{(total.duration_ns or 0) / 1e9:,.3f} s after the first"
         yield _line("last", f"{iso_time(total.last_ns)}, {span}")
     elif total.rows:
         yield _line("time", "these rows have no times: no rates, no silences")
@@ -159,7 +160,7 @@ def _files(summary: StatisticsSummary) -> TextTable:
     return table
 
 
-def _statuses(counts: Mapping[Status, Count], rows: int) -> Text:
+def _statuses(counts: Mapping[Status, RowCount], rows: int) -> Text:
     """`ok 1,180 (98.3 %), ? suspect 3 (0.3 %), ! malformed 17 (1.4 %)`."""
     parts = []
     for status, count in counts.items():
@@ -173,7 +174,7 @@ def _share(count: int, whole: int) -> str:
     return f"{count:,} ({share_text(count / whole)})" if count else "0"
 
 
-def _port(port: PortNumbers, when: When) -> Iterator[Text]:
+def _port(port: PortStats, when: When) -> Iterator[Text]:
     yield _line("port", Text(printable(port.port), "bold"))
     rate = "" if port.per_s is None else f", {rate_text(port.per_s)}"
     yield _line("  rows", f"{port.rows:,}{rate}, {port.bytes:,} bytes")
@@ -187,7 +188,7 @@ def _port(port: PortNumbers, when: When) -> Iterator[Text]:
         yield _line("" if number else "  events", _event(event, when))
 
 
-def _faults(faults: Mapping[Fault, Count], port: PortNumbers, when: When) -> TextTable:
+def _faults(faults: Mapping[Fault, RowCount], port: PortStats, when: When) -> TextTable:
     table = TextTable(["fault", "rows", "of all", "bytes", "of all", "first", "last"])
     for fault, count in faults.items():
         status = status_of((fault,))
@@ -200,7 +201,7 @@ def _faults(faults: Mapping[Fault, Count], port: PortNumbers, when: When) -> Tex
     return table
 
 
-def _silence(port: PortNumbers, when: When) -> str:
+def _silence(port: PortStats, when: When) -> str:
     silences = port.silences
     if silences.longest_ns is None:
         return "never"
@@ -209,7 +210,7 @@ def _silence(port: PortNumbers, when: When) -> str:
     return f"longest {span_text(silences.longest_ns)} until {until}; 50 % {half}, 99 % {most}"
 
 
-def _event(event: EventNumbers, when: When) -> str:
+def _event(event: EventStats, when: When) -> str:
     """`line error 3 (12 in all), 12:00:01.000 to 12:00:09.000`."""
     words = f"{str(event.kind).replace('_', ' ')} {event.count:,}"
     if event.kind in COUNTED:
@@ -218,7 +219,7 @@ def _event(event: EventNumbers, when: When) -> str:
 
 
 def _streams(
-    streams: Sequence[StreamNumbers], port: PortNumbers, when: When, width: int | None
+    streams: Sequence[StreamStats], port: PortStats, when: When, width: int | None
 ) -> Iterator[Text]:
     """What has a period, and the values; those of motors apart from those of the chassis."""
     if port.first_ns is not None:
@@ -232,7 +233,7 @@ def _streams(
         yield from _values(some).lines(width)
 
 
-def _periods(streams: Sequence[StreamNumbers], when: When) -> TextTable:
+def _periods(streams: Sequence[StreamStats], when: When) -> TextTable:
     heads = ["frames", "rate", "period", "jitter", "longest", "until", "99 %"]
     table = TextTable([STREAM, *heads])
     for stream in streams:
@@ -247,7 +248,7 @@ def _periods(streams: Sequence[StreamNumbers], when: When) -> TextTable:
     return table
 
 
-def _values(streams: Sequence[StreamNumbers]) -> TextTable:
+def _values(streams: Sequence[StreamStats]) -> TextTable:
     """The range of each quantity; a name ends in its unit, or is it."""
     names = [name for name in _QUANTITIES if any(name in stream.ranges for stream in streams)]
     table = TextTable([STREAM, "frames", *names])
@@ -258,7 +259,7 @@ def _values(streams: Sequence[StreamNumbers]) -> TextTable:
     return table
 
 
-def _stream_name(stream: StreamNumbers) -> str:
+def _stream_name(stream: StreamStats) -> str:
     return stream.kind.name if stream.motor is None else f"{stream.kind.name} {stream.motor}"
 
 
@@ -279,7 +280,7 @@ def _motors(summary: StatisticsSummary) -> TextTable:
     return table
 
 
-def _answers(one: AnswerNumbers, summary: StatisticsSummary) -> list[str]:
+def _answers(one: AnswerStats, summary: StatisticsSummary) -> list[str]:
     counts = [f"{one.commands:,}", f"{one.feedback:,}"]
     if not summary.in_order:
         return [*counts, *[UNKNOWN] * 6]

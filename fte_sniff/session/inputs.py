@@ -112,7 +112,7 @@ class ListBatch:
 
     def count(self, tally: Tally) -> None:
         """Add them to a tally."""
-        tally.add(self.held)
+        tally.update(self.held)
 
     def wanted(self, row_filter: RowFilter) -> ListBatch:
         """Only those that the filter wants."""
@@ -233,7 +233,7 @@ class PackedBatch:
 
     def count(self, tally: Tally) -> None:
         """Add them to a tally."""
-        _count(self.held, tally)
+        tally.update_columns(self.held)
 
     def wanted(self, row_filter: RowFilter) -> PackedBatch:
         """Only those that the filter wants."""
@@ -306,7 +306,7 @@ class ColumnBatch:
 
     def count(self, tally: Tally) -> None:
         """Add them to a tally."""
-        _count(self.held, tally)
+        tally.update_columns(self.held)
 
     def wanted(self, row_filter: RowFilter) -> ColumnBatch:
         """Only those that the filter wants."""
@@ -352,12 +352,6 @@ class ColumnBatch:
     def columns(self, codebook: Codebook) -> RowBatch:
         """As they are: their words are their own."""
         return self.held
-
-
-def _count(rows: SideBySide, tally: Tally) -> None:
-    from fte_sniff.analysis.counters import count_columns
-
-    count_columns(tally, rows)
 
 
 def _write(batch: PackedBatch | ColumnBatch, writer: RowWriter) -> None:

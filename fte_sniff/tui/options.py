@@ -10,7 +10,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, ENDLESS, BlockSource, RowStore
-from fte_sniff.analysis.statistics import NO_BENCH, LineSetup
+from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.session.save import UNKNOWN, ExportSource
 from fte_sniff.tui.table.columns import ColumnChoice
 
@@ -60,7 +60,7 @@ class StartOptions:
     """Rows that can be looked at, or lie in memory, at least 1; the oldest leave first."""
     signals: tuple[signal.Signals, ...] = ENDING_SIGNALS
     """Upon which the screen closes; others do what they did before."""
-    bench: LineSetup = NO_BENCH
+    bench: LineSetup = DEFAULT_SETUP
     """What the user said about the set-up."""
     language: str = "en"
     """A word of `language.LANGUAGES`."""

@@ -11,7 +11,7 @@ from functools import partial
 from time import monotonic, monotonic_ns
 from typing import TYPE_CHECKING, Final
 
-from fte_sniff.analysis.counters import Rate, Tally, count_rows
+from fte_sniff.analysis.counters import Rate, Tally
 from fte_sniff.analysis.feed import (
     Feed,
     FeedState,
@@ -87,7 +87,7 @@ class ViewModel:
         changes = shifted(update.changes, self.store.next)
         if update.rows:
             self.store.append(update.rows)
-            count_rows(self.tally, update.rows)
+            self.tally.update(update.rows)
         for event in update.events:
             self._events[event.kind] += 1
         self._line_errors += sum(
@@ -101,7 +101,7 @@ class ViewModel:
     def _take_rate(self, now_ns: int) -> None:
         """Frames per second: now, on a wire; over the time covered, in what lies behind."""
         frames = self.state.rows - (self.tally.rows - self.tally.frames)
-        self._rate.add(frames - self._frames, now_ns)
+        self._rate.update(frames - self._frames, now_ns)
         self._frames = frames
         if self.state.running and self.state.live:
             self._per_second = self._rate.per_second(now_ns)

@@ -15,7 +15,7 @@ from fte_sniff.analysis.counters import (
     CountsOverTime,
     Durations,
     Rate,
-    Recent,
+    RecentValues,
     Tally,
 )
 from fte_sniff.protocol import Damage, Fault, Frame, Row, Status
@@ -29,7 +29,7 @@ SLOT_TIMES = st.lists(
 def test_percentiles_are_right_in_three_digits(durations: list[int], cut: int) -> None:
     found = Durations()
     for part in (durations[:cut], durations[cut:]):
-        found.add(np.array(part, np.int64), np.arange(len(part)))
+        found.update(np.array(part, np.int64), np.arange(len(part)))
     assert found.count == len(durations)
     assert found.longest_ns == max(durations)
     for percent in (5, 50, 95, 100):
@@ -43,7 +43,7 @@ def test_percentiles_are_right_in_three_digits(durations: list[int], cut: int) -
 @given(st.lists(st.integers(1, 1023), min_size=1, max_size=50))
 def test_few_nanoseconds_are_told_exactly(durations: list[int]) -> None:
     found = Durations()
-    found.add(np.array(durations), np.arange(len(durations)))
+    found.update(np.array(durations), np.arange(len(durations)))
     for percent in (1, 50, 99):
         exact = np.percentile(durations, percent, method="inverted_cdf")
         assert found.percentile_ns(percent) == exact
@@ -52,14 +52,14 @@ def test_few_nanoseconds_are_told_exactly(durations: list[int]) -> None:
 @given(st.integers(0, 2**53))
 def test_a_single_duration_is_told_exactly(duration: int) -> None:
     found = Durations()
-    found.add(np.array([duration]), np.array([0]))
+    found.update(np.array([duration]), np.array([0]))
     assert found.percentile_ns(50) == duration
 
 
 def test_memory_is_bounded_by_the_octaves_there_are() -> None:
     found = Durations()
     for octave in (40, 0, 62, 20):
-        found.add(np.array([2**octave]), np.array([0]))
+        found.update(np.array([2**octave]), np.array([0]))
     assert found._bins.nbytes == 63 * PER_OCTAVE * 8
     assert [found.percentile_ns(percent) for percent in (25, 50, 100)] == [
         1,
@@ -72,8 +72,8 @@ def test_the_longest_is_told_with_its_end_and_nothing_without_any() -> None:
     found = Durations()
     assert found.percentile_ns(50) is None
     assert found.longest_ns is None
-    found.add(np.array([5, 90, 7]), np.array([100, 200, 300]))
-    found.add(np.array([90, 8]), np.array([400, 500]))
+    found.update(np.array([5, 90, 7]), np.array([100, 200, 300]))
+    found.update(np.array([90, 8]), np.array([400, 500]))
     assert (found.longest_ns, found.longest_at_ns) == (90, 200)
     assert found.between(0, 10) == 3
 
@@ -85,7 +85,7 @@ def test_counts_over_time_lose_nothing_and_stay_in_bounds(
     sorts = data.draw(st.lists(st.integers(0, 4), min_size=len(times), max_size=len(times)))
     counts = CountsOverTime(shortest_ns=1000)
     for part in (slice(cut), slice(cut, None)):
-        counts.add(np.array(sorts[part], np.int64), np.array(times[part], np.int64))
+        counts.update(np.array(sorts[part], np.int64), np.array(times[part], np.int64))
     slots = len(counts.of(0))
     assert 0 < slots <= SLOTS
     for sort in range(6):
@@ -103,9 +103,9 @@ SECOND = 1_000_000_000
 
 @given(st.lists(st.lists(st.integers(-(2**60), 2**60), max_size=9), max_size=6))
 def test_the_latest_are_kept_in_order(batches: list[list[int]]) -> None:
-    recent = Recent(10)
+    recent = RecentValues(10)
     for batch in batches:
-        recent.add(np.array(batch, np.int64))
+        recent.update(np.array(batch, np.int64))
     every = [value for batch in batches for value in batch]
     assert recent.values.tolist() == every[-10:]
     for percent in (50, 99):
@@ -128,8 +128,8 @@ def test_the_latest_are_kept_in_order(batches: list[list[int]]) -> None:
 def test_a_rate_is_none_before_two_came_and_0_after_the_last(
     times: list[float], now: float, rate: float | None
 ) -> None:
-    recent = Recent()
-    recent.add(np.array([int(time * SECOND) for time in times], np.int64))
+    recent = RecentValues()
+    recent.update(np.array([int(time * SECOND) for time in times], np.int64))
     assert recent.per_second(int(now * SECOND)) == (rate and pytest.approx(rate))
 
 
@@ -139,7 +139,7 @@ ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
 @given(ROWS)
 def test_counts_are_what_one_counts_by_hand(rows: list[Row]) -> None:
     tally = Tally()
-    tally.add(rows)
+    tally.update(rows)
     times = [row.t_ns for row in rows if row.t_ns is not None]
     frames = [row for row in rows if isinstance(row, Frame)]
     assert tally.rows == len(rows)
@@ -162,9 +162,9 @@ def test_counts_are_what_one_counts_by_hand(rows: list[Row]) -> None:
 def test_adding_in_parts_is_adding_at_once(rows: list[Row], data: st.DataObject) -> None:
     cut = data.draw(st.integers(0, len(rows)))
     once, parts = Tally(), Tally()
-    once.add(rows)
-    parts.add(rows[:cut])
-    parts.add(rows[cut:])
+    once.update(rows)
+    parts.update(rows[:cut])
+    parts.update(rows[cut:])
     assert parts == once
 
 
@@ -173,7 +173,7 @@ def test_the_malformed_share_is_of_all_rows() -> None:
     assert tally.malformed_share == 0
     noise = Damage("port", 0, b"\0", None, (Fault.NOISE,))
     suspect = Frame("port", 1, bytes.fromhex("AA000000000000000001EE")[:10], None)
-    tally.add([noise, suspect, suspect, suspect])
+    tally.update([noise, suspect, suspect, suspect])
     assert tally.malformed_share == 0.25
 
 
@@ -195,5 +195,5 @@ def test_a_rate_looks_back_two_seconds(
 ) -> None:
     meter = Rate(2 * SECOND)
     for count, at in fed:
-        meter.add(count, int(at * SECOND))
+        meter.update(count, int(at * SECOND))
     assert meter.per_second(int(now * SECOND)) == pytest.approx(rate)

@@ -32,7 +32,7 @@ def _rows(count: int) -> list[Row]:
 
 def _motors(rows: Sequence[Row]) -> Motors:
     motors = Motors()
-    motors.add(Decoded(pack(rows, Codebook())[0]))
+    motors.observe(Decoded(pack(rows, Codebook())[0]))
     return motors
 
 
@@ -68,10 +68,10 @@ def test_rows_that_leave_before_they_are_looked_at_are_told() -> None:
     store = RowStore(100, 32)
     following = LiveModels(store, LineSetup(), 32)
     store.append(_rows(250))
-    assert following.behind == 100
+    assert following.pending == 100
     assert following.step(1000)
     assert following.missed == 150
-    assert following.motors.states(None)[0].commands + following.behind == 8
+    assert following.motors.states(None)[0].commands + following.pending == 8
     assert following.motors_at(200) is not None
 
 
@@ -95,7 +95,7 @@ def test_traces_of_the_past_reach_back_as_far_as_is_asked(window_ms: int) -> Non
     end = index * MILLISECOND
     window = (end - window_ms * MILLISECOND, end + 1)
     traces = following.traces_at(index, window[0])
-    spans = traces.spans(2, Direction.FEEDBACK, "rpm", window, 40)
+    spans = traces.resample(2, Direction.FEEDBACK, "rpm", window, 40)
     inside = [
         row.values["rpm"]
         for row in rows[: index + 1]
@@ -107,7 +107,7 @@ def test_traces_of_the_past_reach_back_as_far_as_is_asked(window_ms: int) -> Non
     ]
     assert np.nanmax(spans.high) == max(inside)
     assert np.nanmin(spans.low) <= min(inside)
-    assert np.isnan(traces.spans(2, Direction.FEEDBACK, "pulses", window, 40).low).all()
+    assert np.isnan(traces.resample(2, Direction.FEEDBACK, "pulses", window, 40).low).all()
 
 
 @given(
@@ -138,7 +138,7 @@ def test_nothing_is_measured_across_a_gap(
         for row in range(look + 1):
             if row in places:
                 expected.interrupt()
-            expected.add(Decoded(pack(rows[row : row + 1], codebook)[0]))
+            expected.observe(Decoded(pack(rows[row : row + 1], codebook)[0]))
         motors = following.motors_at(look)
         assert motors is not None
         assert motors.states(rows[look].t_ns) == expected.states(rows[look].t_ns)

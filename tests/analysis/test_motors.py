@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.fields import NO_TIME, Decoded
-from fte_sniff.analysis.motors import Motors, MotorState, Pairing, PendingCommands
+from fte_sniff.analysis.motors import MotorFrames, Motors, MotorState, Pairing
 from fte_sniff.protocol import KIND_BY_NAME, KINDS, Damage, Direction, Fault, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, pack
 
@@ -49,7 +49,7 @@ def states_of(rows: list[Row], cuts: list[int], now_ns: int = 40 * SECOND) -> li
     motors, codebook = Motors(), Codebook()
     edges = [0, *sorted(min(cut, len(rows)) for cut in cuts), len(rows)]
     for start, end in pairwise(edges):
-        motors.add(Decoded(pack(rows[start:end], codebook)[0]))
+        motors.observe(Decoded(pack(rows[start:end], codebook)[0]))
     return motors.states(now_ns)
 
 
@@ -168,13 +168,13 @@ EXCHANGES = st.lists(
 def pair_in_batches(pairing: Pairing, events: list[tuple[bool, int]], begin: int = 0) -> None:
     """Events one time unit apart."""
 
-    def moments(side: bool) -> PendingCommands:
+    def moments(side: bool) -> MotorFrames:
         places = [place for place, (kind, _) in enumerate(events) if kind is side]
         cmds = [events[place][1] for place in places]
         times = [begin + place for place in places]
-        return PendingCommands(*(np.array(part, np.int64) for part in (places, cmds, times)))
+        return MotorFrames(*(np.array(part, np.int64) for part in (places, cmds, times)))
 
-    pairing.add(moments(COMMAND), moments(FEEDBACK))
+    pairing.update(moments(COMMAND), moments(FEEDBACK))
 
 
 def paired_by_hand(events: list[tuple[bool, int]]) -> tuple[list[int], int, bool]:
@@ -212,9 +212,9 @@ def test_pairs_without_times_are_counted_and_not_measured() -> None:
     pairing = Pairing()
     one = np.array([0]), np.array([1]), np.array([NO_TIME])
     other = np.array([1]), np.array([1]), np.array([NO_TIME])
-    pairing.add(PendingCommands(*one), PendingCommands(*other))
+    pairing.update(MotorFrames(*one), MotorFrames(*other))
     assert pairing.answered == 1
     assert pairing.delays.percentile(50) is None
-    pairing.add(PendingCommands(*one), PendingCommands(*(part[:0] for part in other)))
+    pairing.update(MotorFrames(*one), MotorFrames(*(part[:0] for part in other)))
     assert pairing.waiting
     assert pairing.waiting_since_ns is None

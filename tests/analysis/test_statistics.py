@@ -23,6 +23,8 @@ from fte_sniff.protocol import (
     Direction,
     Fault,
     Frame,
+    Gap,
+    GapKind,
     PortEvent,
     PortEventKind,
     Row,
@@ -40,7 +42,7 @@ BENCH = LineSetup()
 def statistics_of(rows: list[Row], cut: int = 0) -> Statistics:
     found, codebook = Statistics(BENCH), Codebook()
     for part in (rows[:cut], rows[cut:]):
-        found.add(Decoded(pack(part, codebook)[0]), codebook)
+        found.observe(Decoded(pack(part, codebook)[0]), codebook)
     return found
 
 
@@ -143,8 +145,8 @@ def test_without_times_there_is_no_rate_and_no_share() -> None:
 
 def test_port_events_are_counted_also_before_the_first_row() -> None:
     found = Statistics(BENCH)
-    found.add_events([PortEvent(1, "p", PortEventKind.OPENED, "")])
-    found.add_events([PortEvent(2, "p", PortEventKind.LINE_ERROR, "parity")] * 2)
+    found.observe_events([PortEvent(1, "p", PortEventKind.OPENED, "")])
+    found.observe_events([PortEvent(2, "p", PortEventKind.LINE_ERROR, "parity")] * 2)
     (port,) = found.ports()
     assert [(event.kind, event.count, event.last_ns) for event in port.events] == [
         (PortEventKind.OPENED, 1, 1),
@@ -165,7 +167,7 @@ def survey_of(*sources: Sequence[Row], baud: int = 115_200) -> StatisticsSummary
     survey = StatisticsSummary(LineSetup(baud))
     for number, rows in enumerate(sources):
         survey.begin(f"{number}.mcap", {})
-        survey.add(rows)
+        survey.observe(rows)
     return survey
 
 
@@ -198,16 +200,17 @@ def test_extents_status_and_faults_are_what_one_counts(one: list[Row], other: li
 
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=5), st.integers(0, 300))
 def test_pieces_with_gaps_between_tell_what_each_tells_alone(sizes: list[int], cut: int) -> None:
-    pieces, gaps, t_ns = [], list[tuple[int, int]](), SECOND
+    pieces, gaps, t_ns = [], list[Gap](), SECOND
     for size in sizes:
         pieces.append([frame("speed", t_ns + at * MS, motor=1, rpm=5) for at in range(size)])
-        gaps.append((t_ns + size * MS, t_ns + size * MS + SECOND))
+        end = t_ns + size * MS
+        gaps.append(Gap(GapKind.DAMAGE, None, end, end + SECOND))
         t_ns += size * MS + 2 * SECOND
     rows = [row for piece in pieces for row in piece]
     survey = StatisticsSummary(LineSetup(115_200))
     survey.begin("a.mcap", {}, gaps)
-    survey.add(rows[:cut])
-    survey.add(rows[cut:])
+    survey.observe(rows[:cut])
+    survey.observe(rows[cut:])
     (port,), (stream,) = survey.ports(), survey.streams()
     measured = len(rows) - len(pieces)
     assert (stream.periods.count, port.silences.count) == (measured, measured)
@@ -245,7 +248,7 @@ def test_directions_and_ranges_are_what_one_counts(rows: list[Row]) -> None:
 def test_answers_are_those_of_the_motors_pane(rows: list[Row], cut: int) -> None:
     survey = survey_of(rows[:cut], rows[cut:])
     motors = Motors()
-    motors.add(Decoded(pack(rows, Codebook())[0]))
+    motors.observe(Decoded(pack(rows, Codebook())[0]))
     for found, state in zip(survey.answers(), motors.states(None), strict=True):
         assert (found.motor, found.commands, found.feedback, found.answered, found.unanswered) == (
             state.motor,
@@ -315,10 +318,10 @@ def test_the_use_of_a_line_follows_its_baud() -> None:
     for cut in range(5):
         survey = StatisticsSummary(LineSetup(1200))
         survey.begin("a", {"p": 115_200})
-        survey.add(rows[:cut], [change] if cut > 1 else [])
+        survey.observe(rows[:cut], [change] if cut > 1 else [])
         # The next file of a capture tells how it began.
         survey.begin("b", {"p": 115_200})
-        survey.add(rows[cut:], [] if cut > 1 else [change])
+        survey.observe(rows[cut:], [] if cut > 1 else [change])
         (port,) = survey.ports()
         assert port.share == pytest.approx(expected), cut
         assert port.baud == 9600
@@ -329,7 +332,7 @@ def test_a_baud_that_the_user_said_is_not_overruled() -> None:
     survey = StatisticsSummary(LineSetup(1200))
     survey.begin("a", {})
     rows = [frame("reset", at * SECOND) for at in range(2)]
-    survey.add(rows, [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)])
+    survey.observe(rows, [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)])
     assert survey.ports()[0].baud == 1200
 
 
@@ -358,7 +361,7 @@ def test_whether_inputs_follow_each_other(sources: list[list[Row]], in_order: bo
 def test_a_survey_of_nothing() -> None:
     survey = survey_of([])
     assert survey.total.rows == 0
-    assert survey.total.span_ns is None
+    assert survey.total.duration_ns is None
     assert survey.ports() == []
     assert survey.streams() == []
     assert {status: count.rows for status, count in survey.faults.by_status().items()} == (

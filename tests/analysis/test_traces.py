@@ -18,7 +18,7 @@ def filled(times: list[int], values: list[int], cuts: list[int], **sizes: int) -
     envelope = Envelope(**sizes)
     edges = [0, *sorted(min(cut, len(times)) for cut in cuts), len(times)]
     for start, end in pairwise(edges):
-        envelope.add(np.array(times[start:end], np.int64), np.array(values[start:end], np.int64))
+        envelope.update(np.array(times[start:end], np.int64), np.array(values[start:end], np.int64))
     return envelope
 
 
@@ -30,7 +30,7 @@ def test_no_spike_is_lost_however_it_came_and_however_it_is_drawn(
     envelope = filled(times, values, cuts, finest_ns=4, levels=8, buckets=16)
     start = data.draw(st.integers(times[0] - 5, times[-1]))
     end = data.draw(st.integers(start + 1, times[-1] + 5))
-    spans = envelope.spans(start, end, columns)
+    spans = envelope.resample(start, end, columns)
     inside = [value for time, value in zip(times, values, strict=True) if start <= time < end]
     told = ~np.isnan(spans.low)
     assert (told == ~np.isnan(spans.high)).all()
@@ -50,8 +50,8 @@ def test_it_makes_no_difference_where_batches_are_cut(
     values = data.draw(st.lists(VALUES, min_size=len(times), max_size=len(times)))
     sizes = {"finest_ns": 4, "levels": 3, "buckets": 16}
     window = times[-1] - data.draw(st.sampled_from([10, 1000, 10**6])), times[-1] + 1
-    once = filled(times, values, [], **sizes).spans(*window, 20)
-    parts = filled(times, values, cuts, **sizes).spans(*window, 20)
+    once = filled(times, values, [], **sizes).resample(*window, 20)
+    parts = filled(times, values, cuts, **sizes).resample(*window, 20)
     for name in ("low", "high", "last"):
         np.testing.assert_array_equal(getattr(once, name), getattr(parts, name))
 
@@ -60,7 +60,7 @@ def test_it_makes_no_difference_where_batches_are_cut(
 def test_times_that_fall_within_reach_are_sorted_in(columns: int, order: list[int]) -> None:
     times, values = [10 * place for place in order], list(order)
     envelope = filled(times, values, [7, 19], finest_ns=4, levels=2, buckets=1000)
-    spans = envelope.spans(0, 300, columns)
+    spans = envelope.resample(0, 300, columns)
     assert np.nanmin(spans.low) == 0
     assert np.nanmax(spans.high) == 29
 
@@ -68,16 +68,16 @@ def test_times_that_fall_within_reach_are_sorted_in(columns: int, order: list[in
 def test_what_the_finest_level_has_forgotten_comes_from_the_next() -> None:
     times = list(range(0, 10_000, 10))
     envelope = filled(times, times, [], finest_ns=10, levels=3, buckets=100)
-    late = envelope.spans(9_500, 10_000, 50)
+    late = envelope.resample(9_500, 10_000, 50)
     np.testing.assert_array_equal(late.low, np.arange(9_500, 10_000, 10))
-    early = envelope.spans(4_000, 4_800, 10)
+    early = envelope.resample(4_000, 4_800, 10)
     np.testing.assert_array_equal(early.low, np.arange(4_000, 4_800, 80))
     np.testing.assert_array_equal(early.high, early.low + 70)
 
 
 def test_where_nothing_was_told_there_is_nothing() -> None:
     envelope = filled([0, 900], [5, 7], [], finest_ns=10, levels=1, buckets=100)
-    spans = envelope.spans(0, 1000, 10)
+    spans = envelope.resample(0, 1000, 10)
     assert np.isnan(spans.low[1:9]).all()
     assert (spans.low[0], spans.low[9]) == (5, 7)
-    assert np.isnan(Envelope().spans(0, 1000, 10).high).all()
+    assert np.isnan(Envelope().resample(0, 1000, 10).high).all()

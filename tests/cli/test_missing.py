@@ -160,7 +160,7 @@ def viewed(paths: list[Path]) -> LiveModels:
     for read in Viewing(inputs, None, None, None, print):
         models.add_changes(shifted(read.changes, store.next))
         store.append(read.rows)
-        models.statistics.add_events(read.events)
+        models.statistics.observe_events(read.events)
     while not models.step(1000):
         pass
     return models

@@ -11,7 +11,7 @@ from rich.style import Style
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.analysis.traces import Spans, Traces
+from fte_sniff.analysis.traces import EnvelopeColumns, Traces
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
 from fte_sniff.row_batch import Codebook, pack
 from fte_sniff.tui.panes.motors import SECOND_NS, MotorsView, grid
@@ -30,8 +30,8 @@ def _row(name: str, at_s: float | None, **values: int) -> Row:
 def _look(rows: Sequence[Row], at_s: float | None, bench: LineSetup | None = None) -> MotorsView:
     decoded = Decoded(pack(rows, Codebook())[0])
     motors, traces = Motors(), Traces()
-    motors.add(decoded)
-    traces.add(decoded)
+    motors.observe(decoded)
+    traces.observe(decoded)
     now = None if at_s is None else NOON_NS + round(at_s * SECOND_NS)
     return MotorsView(tuple(motors.states(now)), traces, now, 10 * SECOND_NS, bench or LineSetup())
 
@@ -93,7 +93,7 @@ def test_a_target_is_told_since_its_first_command_wherever_batches_are_cut(cut: 
     ]
     motors = Motors()
     for start in range(0, len(rows), cut):
-        motors.add(Decoded(pack(rows[start : start + cut], Codebook())[0]))
+        motors.observe(Decoded(pack(rows[start : start + cut], Codebook())[0]))
     first, second, *_ = motors.states(NOON_NS + 5 * SECOND_NS)
     assert first.target is not None
     assert second.target is not None
@@ -135,11 +135,11 @@ def test_pulses_are_turns_too_where_the_bench_tells_how_many() -> None:
     assert "turns" not in grid(_look(rows, 1), 199, 37, DARK).plain
 
 
-def _spans(columns: int, at: dict[int, tuple[float, float]]) -> Spans:
+def _spans(columns: int, at: dict[int, tuple[float, float]]) -> EnvelopeColumns:
     low, high = np.full(columns, np.nan), np.full(columns, np.nan)
     for column, (least, most) in at.items():
         low[column], high[column] = least, most
-    return Spans(low, high, high.copy())
+    return EnvelopeColumns(low, high, high.copy())
 
 
 def _curves(

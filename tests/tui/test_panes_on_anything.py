@@ -47,8 +47,8 @@ def test_every_line_of_every_pane_fits(
     now = rows[index].t_ns if rows else None
     traces = models.traces_at(index, (now or 0) - window_ns)
     look = MotorsView(tuple(motors.states(now)), traces, now, window_ns, bench)
-    flags = models.flags.numbers()
-    told = StatisticsText(models.statistics, flags, now, models.behind, models.missed)
+    flags = models.flags.stats()
+    told = StatisticsText(models.statistics, flags, now, models.pending, models.missed)
     for text in (grid(look, width, height, palette), page(told, width, palette)):
         assert all(line.cell_len <= width for line in text.split("\n"))
     if rows:

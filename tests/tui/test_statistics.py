@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from fte_sniff.analysis.fields import Decoded
-from fte_sniff.analysis.motor_stats import FlagsSeen
-from fte_sniff.analysis.motors import addressed
+from fte_sniff.analysis.motor_stats import FlagCounts
+from fte_sniff.analysis.motors import motor_rows
 from fte_sniff.analysis.statistics import LineSetup, Statistics
 from fte_sniff.protocol import (
     KIND_BY_NAME,
@@ -32,10 +32,10 @@ Rows = Callable[..., list[Row]]
 def _told(rows: Sequence[Row], now_ns: int | None = NOON_NS, behind: int = 0) -> StatisticsText:
     statistics, codebook = Statistics(LineSetup()), Codebook()
     packed, _ = pack(rows, codebook)
-    statistics.add(Decoded(packed), codebook)
-    flags = FlagsSeen()
-    flags.add(Decoded(packed), addressed(Decoded(packed)))
-    return StatisticsText(statistics, flags.numbers(), now_ns, behind, 0)
+    statistics.observe(Decoded(packed), codebook)
+    flags = FlagCounts()
+    flags.observe(Decoded(packed), motor_rows(Decoded(packed)))
+    return StatisticsText(statistics, flags.stats(), now_ns, behind, 0)
 
 
 @pytest.mark.parametrize("width", [10, 40, 80, 200])
@@ -94,7 +94,7 @@ def test_without_times_it_says_so_and_tells_no_rates() -> None:
 def test_port_events_and_what_is_still_to_be_read_are_told(speed_rows: Rows) -> None:
     told = _told(speed_rows(10), behind=1234)
     event = PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "parity")
-    told.statistics.add_events([event] * 3)
+    told.statistics.observe_events([event] * 3)
     text = page(told, 100, DARK).plain
     assert "port events: line error 3 (last 12:00:00.000)" in text
     assert "1,234 rows to go" in text

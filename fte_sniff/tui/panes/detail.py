@@ -11,7 +11,7 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.statistics import NO_BENCH, LineSetup
+from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.errors import printable
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
@@ -64,7 +64,7 @@ class Width:
 
 
 def detail_text(
-    row: Row, palette: Palette, room: Width, bench: LineSetup = NO_BENCH, zone: tzinfo = UTC
+    row: Row, palette: Palette, room: Width, bench: LineSetup = DEFAULT_SETUP, zone: tzinfo = UTC
 ) -> Text:
     """The row explained; positions in turns too, where the bench tells how long a turn is."""
     lines = _heading(row, palette, room, zone)

@@ -57,10 +57,10 @@ class MotorsView:
         """One quantity of a motor over the window, in so many columns."""
         motor, window = state.motor, self.window
         asked, told = (
-            self.traces.spans(motor, direction, name, window, columns)
+            self.traces.resample(motor, direction, name, window, columns)
             for direction in (Direction.CONTROL, Direction.FEEDBACK)
         )
-        otherwise = self.traces.otherwise(motor, name, window, columns)
+        otherwise = self.traces.other_commands(motor, name, window, columns)
         standing = self._standing(state, name)
         return Curves(asked, told, otherwise, standing, self.window_ns / columns)
 
@@ -69,7 +69,7 @@ class MotorsView:
         target, start = state.target, self.window[0]
         if target is not None and target.t_ns is not None and target.t_ns < start:
             return target.values[name] if subject(target.kind) == name else None
-        return self.traces.standing(state.motor, name, start)
+        return self.traces.target_before(state.motor, name, start)
 
     def ago_ns(self, t_ns: int | None) -> int | None:
         """How long before the moment something was; None where that is not known."""
@@ -482,7 +482,7 @@ class MotorsPane(Pane):
         self.entitle(*((f"{title}   {as_of}", as_of) if as_of else (title,)))
         look = self._look(sight)
         if look is None:
-            self.draw(Text(_(BEHIND).format(rows=sight.models.behind)))
+            self.draw(Text(_(BEHIND).format(rows=sight.models.pending)))
             return
         room = self.room
         self.draw(grid(look, room.width, room.height, sight.palette))

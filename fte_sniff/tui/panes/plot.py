@@ -15,7 +15,7 @@ from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.fields import Bools, Ints
-from fte_sniff.analysis.traces import Floats, Spans
+from fte_sniff.analysis.traces import EnvelopeColumns, Floats
 from fte_sniff.tui.text import fit_right, short_number
 
 ACROSS: Final = 2
@@ -111,8 +111,8 @@ class Strokes:
 class Curves:
     """What is plotted, in as many columns as the plot has dots across."""
 
-    asked: Spans
-    told: Spans
+    asked: EnvelopeColumns
+    told: EnvelopeColumns
     otherwise: Bools
     """Columns in which something else was asked, which ends what was asked before."""
     standing: float | None
@@ -143,7 +143,7 @@ def dots_across(width: int) -> int:
     return max(0, width - SCALE_CELLS) * ACROSS
 
 
-def _told(curves: Curves) -> Spans:
+def _told(curves: Curves) -> EnvelopeColumns:
     """What was told, each value held until the next, if that comes soon enough."""
     told = ~np.isnan(curves.told.last)
     latest = _latest(told)
@@ -152,7 +152,7 @@ def _told(curves: Curves) -> Spans:
     return _filled(curves.told, held)
 
 
-def _asked(curves: Curves) -> Spans:
+def _asked(curves: Curves) -> EnvelopeColumns:
     """What was asked, which stands until something else is asked, however long that takes."""
     latest, other = _latest(~np.isnan(curves.asked.last)), _latest(curves.otherwise)
     before = np.nan if curves.standing is None else curves.standing
@@ -166,24 +166,24 @@ def _latest(told: Bools) -> Ints:
     return np.maximum.accumulate(np.where(told, np.arange(len(told)), -1))
 
 
-def _filled(spans: Spans, held: Floats) -> Spans:
+def _filled(spans: EnvelopeColumns, held: Floats) -> EnvelopeColumns:
     """With what is held where nothing was told."""
     empty = np.isnan(spans.last)
-    return Spans(
+    return EnvelopeColumns(
         np.where(empty, held, spans.low),
         np.where(empty, held, spans.high),
         np.where(empty, held, spans.last),
     )
 
 
-def _joined(spans: Spans) -> Spans:
+def _joined(spans: EnvelopeColumns) -> EnvelopeColumns:
     """With each column reaching to where the one before ended, so that a line has no holes."""
     before = np.concatenate(([np.nan], spans.last[:-1]))
     before[np.isnan(spans.low)] = np.nan
-    return Spans(np.fmin(spans.low, before), np.fmax(spans.high, before), spans.last)
+    return EnvelopeColumns(np.fmin(spans.low, before), np.fmax(spans.high, before), spans.last)
 
 
-def _scale(*curves: Spans) -> _Scale | None:
+def _scale(*curves: EnvelopeColumns) -> _Scale | None:
     """The scale that shows all values; None where there are none.
 
     Where a few values would press all others flat, as a flipped bit does, they go over its ends.
@@ -210,7 +210,7 @@ def _calm(values: Floats) -> Floats:
     return calm
 
 
-def _draw(canvas: Canvas, spans: Spans, scale: _Scale) -> None:
+def _draw(canvas: Canvas, spans: EnvelopeColumns, scale: _Scale) -> None:
     if not len(canvas.dots):
         return
     top, length = len(canvas.dots) - 1, scale.high - scale.low

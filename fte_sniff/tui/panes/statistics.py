@@ -11,9 +11,9 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.counters import Durations, OverTime
-from fte_sniff.analysis.motor_stats import FlagNumbers
-from fte_sniff.analysis.statistics import PortNumbers, Statistics, StreamNumbers
+from fte_sniff.analysis.counters import Durations, TimeSeries
+from fte_sniff.analysis.motor_stats import FlagStats
+from fte_sniff.analysis.statistics import PortStats, Statistics, StreamStats
 from fte_sniff.errors import printable
 from fte_sniff.protocol import Direction, status_of
 from fte_sniff.tui.i18n import _, later
@@ -51,7 +51,7 @@ When = Callable[[int | None], str]
 """The text of a time; a dash for none."""
 
 
-def flag_words(flags: Sequence[FlagNumbers], when: When, *, in_order: bool) -> Iterator[str]:
+def flag_words(flags: Sequence[FlagStats], when: When, *, in_order: bool) -> Iterator[str]:
     """A line for each thing that is not in order; `in_order` tells whether rows follow in time."""
     for one in flags:
         for bit, seen in one.error_bits.items():
@@ -115,14 +115,14 @@ class _Column:
 
     head: str
     width: int
-    cell: Callable[[StreamNumbers, When], str]
+    cell: Callable[[StreamStats, When], str]
 
 
-def _at(percent: float) -> Callable[[StreamNumbers, When], str]:
+def _at(percent: float) -> Callable[[StreamStats, When], str]:
     return lambda numbers, _when: span_text(numbers.periods.percentile_ns(percent))
 
 
-def _longest_at(numbers: StreamNumbers, when: When) -> str:
+def _longest_at(numbers: StreamStats, when: When) -> str:
     return when(numbers.periods.longest_at_ns)
 
 
@@ -149,7 +149,7 @@ class StatisticsText:
     """What the page is about."""
 
     statistics: Statistics
-    flags: Sequence[FlagNumbers]
+    flags: Sequence[FlagStats]
     """Of every motor."""
     now_ns: int | None
     behind: int
@@ -196,7 +196,7 @@ def _lines(told: StatisticsText, width: int, palette: Palette) -> Iterator[Text]
         yield Text(_(ALL_IN_ORDER))
 
 
-def _port(port: PortNumbers, when: When, width: int, palette: Palette) -> Iterator[Text]:
+def _port(port: PortStats, when: When, width: int, palette: Palette) -> Iterator[Text]:
     rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
     name = fit_path(printable(port.port), max(8, width - cell_len(rows) - 2))
     yield Text.assemble((name, _BOLD), "  ", rows)
@@ -220,7 +220,7 @@ def _port(port: PortNumbers, when: When, width: int, palette: Palette) -> Iterat
         yield Text(_(NO_EVENTS), style=palette.muted)
 
 
-def _use_over_time(use: OverTime, width: int, palette: Palette) -> Text:
+def _use_over_time(use: TimeSeries, width: int, palette: Palette) -> Text:
     most = max(use.values, default=0.0)
     words = _(PORT_USE_OVER_TIME).format(most=share_text(most)) + " "
     line = sparkline(use.values, width - cell_len(words))
@@ -249,7 +249,7 @@ def _silences(silences: Durations, when: When, width: int) -> Iterator[Text]:
 
 
 def _streams(
-    streams: Sequence[StreamNumbers], when: When, width: int, palette: Palette
+    streams: Sequence[StreamStats], when: When, width: int, palette: Palette
 ) -> Iterator[Text]:
     columns, room = [], width - _NAME_WIDTH - 2
     for column in COLUMNS:
@@ -321,9 +321,9 @@ class StatisticsPane(Pane):
         models = sight.models
         told = StatisticsText(
             models.statistics,
-            models.flags.numbers(),
+            models.flags.stats(),
             sight.newest_ns,
-            models.behind,
+            models.pending,
             models.missed,
             sight.zone,
         )

@@ -104,7 +104,7 @@ class Panes:
 
     def tell_events(self, events: Sequence[PortEvent]) -> None:
         """Something happened to ports."""
-        self._models.statistics.add_events(events)
+        self._models.statistics.observe_events(events)
 
     def add_changes(self, changes: Sequence[StreamChange]) -> None:
         """Pass on gaps and baud changes between rows of the store."""
@@ -121,7 +121,7 @@ class Panes:
         self._rests = False
         if self._store.next != self._newest or not running:
             self._newest, self._newest_at_ns = self._store.next, now_ns
-        if self.open or self._models.behind >= UNSEEN_ROWS or self.overtaken:
+        if self.open or self._models.pending >= UNSEEN_ROWS or self.overtaken:
             self._catch_up()
         if self._shown is not None and now_ns / 1e9 - self._seen_at_s >= self._shown.EVERY_S:
             self.look()
@@ -150,7 +150,7 @@ class Panes:
 
         Half of what is in memory is what they saw last, and half of the rest is for one more look.
         """
-        return 4 * self._models.behind > self._store.most_in_memory
+        return 4 * self._models.pending > self._store.most_in_memory
 
     def look(self) -> None:
         """Draw the pane that is shown, once there is a place for it."""
