@@ -69,12 +69,7 @@ class Bridge:
         return (self.port, HOST)
 
     def open(self, clock: Clock) -> BridgeSource:
-        """Open the port; forwarding starts when the source is entered.
-
-        Raises:
-            PortError: the port cannot be opened.
-            FileError: `link` exists already, or cannot be created.
-        """
+        """Open the port; as `open_bridge`."""
         return open_bridge(self.port, self.settings, clock, self.link, reconnect=self.reconnect)
 
 
@@ -88,13 +83,7 @@ def open_bridge(
 ) -> BridgeSource:
     """Open a port exclusively, and create a pseudo-terminal for the host program.
 
-    Args:
-        name: as for `open_port`.
-        settings: how to open it.
-        clock: stamps chunks and events.
-        link: a link to create to the pseudo-terminal.
-        reconnect: True to wait for a lost port, if it can come back and there is a `link`: the
-            pseudo-terminal gets a new name each time.
+    To `reconnect` needs a `link`: the pseudo-terminal gets a new name each time.
 
     Raises:
         PortError: the port cannot be opened.
@@ -124,11 +113,9 @@ class BridgeSource(ThreadedSource):
     """The chunks and events of both directions, ordered by time; iterate once.
 
     Forwarding starts when the source is entered as a context, or iterated, so that a recorder can
-    be ready first. Close it afterwards.
-
-    The port's event `opened` comes at once, that of the host's wire whenever a host program opens
-    the pseudo-terminal. The last item is the port's `lost` or `closed`. Then the port is closed and
-    the pseudo-terminal is hung up, like the device of an adapter that was unplugged.
+    be ready first. The host's wire has an event `opened` whenever a host program opens the
+    pseudo-terminal. When the port is closed or lost, the pseudo-terminal is hung up, like the
+    device of an adapter that was unplugged.
     """
 
     def __init__(
@@ -142,12 +129,8 @@ class BridgeSource(ThreadedSource):
     ) -> None:
         """Take over an open port and a host's end; both are closed when the source ends.
 
-        Args:
-            port: from `open_port`; from now on no other program can open it.
-            host: the pseudo-terminal for host programs.
-            wires: receives the items of both wires.
-            detail: text of the port's event `opened`.
-            reopen: opens the port again when it is lost; None to end then.
+        From now on no other program can open the port. `detail` is the text of its event `opened`;
+        without `reopen` the source ends when the port is lost.
         """
         super().__init__(port, wires.port, wires, wires.clock, reopen)
         self.device = host.name
@@ -259,14 +242,7 @@ class WireEvents:
     """
 
     def __init__(self, port: str, baud: int, clock: Clock, capacity: int = CAPACITY) -> None:
-        """Create empty queues.
-
-        Args:
-            port: name of the port's wire.
-            baud: of both wires, bits per second.
-            clock: stamps chunks and events.
-            capacity: limit of the bytes of each wire that wait for the consumer.
-        """
+        """Create empty queues; `capacity` limits the bytes of each wire that wait."""
         self.port = port
         self.clock = clock
         self.stop_at_ns = inf

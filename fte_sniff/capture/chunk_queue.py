@@ -24,12 +24,7 @@ class ChunkQueue:
     """Queue of chunks and events: put from any thread, iterated by one."""
 
     def __init__(self, port: str, capacity: int = CAPACITY) -> None:
-        """Create an empty queue.
-
-        Args:
-            port: the port's name, for overrun events.
-            capacity: limit of the bytes that wait.
-        """
+        """Create an empty queue for a port; `capacity` limits the bytes that wait."""
         self._port = port
         self._capacity = capacity
         self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()

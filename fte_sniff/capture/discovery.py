@@ -49,15 +49,12 @@ class PortListing:
     by_id: str | None
     """A name that does not depend on the USB socket; None if there is none."""
     vid: int | None
-    """USB vendor id."""
     pid: int | None
-    """USB product id."""
+    """USB vendor and product id."""
     serial_number: str | None
-    """USB serial number."""
     location: str | None
     """USB socket, as `1-1.2`."""
     description: str | None
-    """The device's own description."""
     driver: str | None
     """The kernel's driver, as `ftdi_sio`."""
     permitted: bool

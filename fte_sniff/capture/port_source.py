@@ -84,13 +84,7 @@ def _target_of(name: str) -> str:
 def open_source(
     name: str, settings: PortSettings, clock: Clock, *, reconnect: bool = False
 ) -> PortSource:
-    """Open a port and start to read it.
-
-    Args:
-        name: as for `open_port`.
-        settings: how to open it.
-        clock: stamps the chunks.
-        reconnect: True to wait for the port when it is lost, if it can come back.
+    """Open a port and start to read it; with `reconnect`, wait for it when it is lost.
 
     Raises:
         PortError: the port cannot be opened.
@@ -142,7 +136,7 @@ class PortSource(ThreadedSource):
             name: the port's name in chunks and events.
             clock: stamps chunks and events.
             detail: text of the event `opened`.
-            capabilities: what the driver supports; None to request it here.
+            capabilities: None to request them here.
             capacity: limit of the bytes that wait for the consumer.
             uncertainty_ns: how much earlier than their time stamp bytes may have arrived.
             reopen: opens the port again when it is lost; None to end then.

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import serial
 from serial.tools.list_ports import comports
@@ -150,14 +150,6 @@ def _open_device(found: str, settings: PortSettings) -> OpenedPort:
         raise RefusedError(error.message) from error
 
 
-class Identity(Protocol):
-    """Recognizes a port that has come back."""
-
-    def find(self, plugged_in: Iterable[ListPortInfo]) -> str | None:
-        """What to open now, given the ports that are plugged in; None while it is away."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class SameName:
     """A name that always leads to the same port: a server, a link of udev, a fixed UART."""
@@ -195,6 +187,10 @@ class UsbIdentity:
         if self.serial_number is not None:
             return bool(port.serial_number == self.serial_number)
         return location == self.location
+
+
+Identity: TypeAlias = SameName | UsbIdentity
+"""Recognizes a port that has come back; its `find` returns what to open then."""
 
 
 def identity_of(

@@ -70,12 +70,9 @@ DEFAULT_SETTINGS = PortSettings()
 
 
 def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Serial:
-    """Open a device or a URL that pyserial knows, ready to be read.
+    """Open a device (`/dev/ttyUSB0`) or a URL, ready to be read.
 
-    Args:
-        name: a device (`/dev/ttyUSB0`), or `sim://`, `socket://host:port`, `rfc2217://host:port`,
-            `loop://`, `hwgrep://regexp`.
-        settings: baud, DTR and RTS.
+    URLs are `sim://`, `socket://host:port`, `rfc2217://host:port`, and those of pyserial.
 
     Raises:
         PortError: the port is absent, busy, forbidden or no serial port; the fix is in its text.
@@ -359,12 +356,7 @@ _SYS_TTY = Path("/sys/class/tty")
 
 
 def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
-    """Largest delay from a byte on the wire to its read, nanoseconds; a stalled machine adds to it.
-
-    Args:
-        port: from `open_port`.
-        sys_tty: where the system describes terminals.
-    """
+    """Largest delay from the wire to the read, nanoseconds, on a machine that is not overloaded."""
     device = device_of(port)
     if device is None:
         network = (port.port or "").partition("://")[0].lower() in NETWORK_SCHEMES

@@ -25,7 +25,7 @@ from fte_sniff.errors import PortError
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, MOTORS, Direction, byte_time_ns, encode
 
 MOST_DROPPED = 4
-"""Largest number of adjacent bytes lost in one fault."""
+"""Limit of adjacent bytes lost in one fault."""
 
 MOST_NOISE = 8
 """Largest number of random bytes between two frames."""
@@ -197,18 +197,6 @@ def _unknown(name: str, known: list[str]) -> str:
     return f"sim:// knows no parameter {name!r:.40}: {hint}it knows {', '.join(known)}"
 
 
-def parameters_help(baud: int = DEFAULT_BAUD) -> str:
-    """Help text with one line for each parameter: name, meaning, range and default."""
-    lines = [
-        f"{parameter.name:<7} {parameter.meaning} ({parameter.range_text}; "
-        f"default {parameter.default})"
-        for parameter in PARAMETERS
-    ]
-    return "\n".join(
-        [*lines, f"A line of {baud} baud carries at most {max_frames_per_s(baud)} frames/s."]
-    )
-
-
 _MOST_JITTER_NS = 400_000
 
 
@@ -229,8 +217,7 @@ class TimedBytes:
 class Simulation:
     """Iterator of TimedBytes; times are monotonic and bytes do not overlap.
 
-    It is empty if `parameters.is_silent`. Between two items you can give commands to the
-    controller: `controller.obey`.
+    Between two items you can give commands to the controller: `controller.obey`.
     """
 
     def __init__(self, parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> None:

@@ -36,8 +36,7 @@ class Source(Protocol):
     """Open ports as one iterable of chunks and events, ordered by time; iterate once.
 
     The first item of each port is the event `opened`. A silent port yields empty chunks several
-    times a second, as a sign that time passes. After an event `lost` or `overrun`, bytes are
-    missing: do not join the bytes before it and after it.
+    times a second. Where an event `lost` or `overrun` is, bytes are missing.
     """
 
     @property
@@ -135,10 +134,7 @@ _SILENCE_INTERVAL_S = 0.05
 
 
 class ThreadedSource(ABC):
-    """Base class of sources with a reader thread; subclasses implement the reading.
-
-    Subclasses call `_start` when they are ready to read.
-    """
+    """Base class of sources with a reader thread; subclasses implement the reading."""
 
     end: SourceEnd | None = None
     """How reading ended, although items may still wait; None while it goes on."""
@@ -151,15 +147,7 @@ class ThreadedSource(ABC):
         clock: Clock,
         reopen: Reopen | None,
     ) -> None:
-        """Take over an open port; the reader thread does not run yet.
-
-        Args:
-            port: from `open_port`; closed when the source ends.
-            name: the port's name in chunks and events.
-            items: the queue to the consumer.
-            clock: stamps chunks and events.
-            reopen: opens the port again when it is lost; None to end then.
-        """
+        """Take over an open port; without `reopen` the source ends when the port is lost."""
         self.name = name
         self._port = port
         self._items = items

@@ -22,7 +22,7 @@ import re
 import struct
 import termios
 from collections.abc import Callable
-from typing import Final, Protocol, TypeAlias
+from typing import Final, TypeAlias
 
 import serial
 
@@ -42,45 +42,27 @@ AVAILABLE: Final[str] = TranslatableText("line errors counted and marked")
 UNAVAILABLE: Final[str] = TranslatableText("line errors unavailable")
 
 
-class LineWatch(Protocol):
-    """Line errors of one open port."""
+class LineWatch:
+    """Line errors of one open port; this base class is for ports without them."""
 
-    description: str
+    description: str = UNAVAILABLE
     """Whether errors are available, as text for users."""
 
     def feed(self, data: bytes) -> tuple[bytes, Spans]:
         """Return the wire's bytes in what was just read, and the spans with errors."""
-        ...
-
-    def report(self, now_ns: int) -> LineErrorCounts | None:
-        """The errors since the last report; None if there are none, or it is too early."""
-        ...
-
-    def flush(self) -> LineErrorCounts | None:
-        """The errors since the last report; None if there are none."""
-        ...
-
-
-class BlindWatch:
-    """LineWatch for ports without error reports."""
-
-    description = UNAVAILABLE
-
-    def feed(self, data: bytes) -> tuple[bytes, Spans]:
-        """Return the bytes unchanged."""
         return data, ()
 
     def report(self, now_ns: int) -> LineErrorCounts | None:
-        """Return None."""
+        """The errors since the last report; None if there are none, or it is too early."""
         return None
 
     def flush(self) -> LineErrorCounts | None:
-        """Return None."""
+        """The errors since the last report; None if there are none."""
         return None
 
 
-class UartWatch:
-    """LineWatch for ports with counters and marks."""
+class UartWatch(LineWatch):
+    """Line errors of a port with counters and marks."""
 
     description = AVAILABLE
 
@@ -94,8 +76,8 @@ class UartWatch:
         self._counts_errors = False
 
     def feed(self, data: bytes) -> tuple[bytes, Spans]:
-        """As `LineWatch`. An error that is counted but not marked has the span of all these bytes
-        and one more: a driver can count a byte before it delivers it.
+        """As `LineWatch`. An error that is counted but not marked may be in any of these bytes, or
+        in the next one: a driver can count a byte before it delivers it.
         """
         clean, offsets = self._unmarker.feed(data)
         new = self._new_counts()
@@ -134,13 +116,13 @@ def line_watch_of(port: serial.Serial) -> LineWatch:
     """Enable line errors on an open port that has a UART; call it before the first read."""
     counters = counters_of(port)
     if counters is None:
-        return BlindWatch()
+        return LineWatch()
     try:
         enable_error_marks(port.fileno())
         return UartWatch(counters)
     except (OSError, termios.error):
         # It was just unplugged; the first read reports it.
-        return BlindWatch()
+        return LineWatch()
 
 
 _ESCAPE = re.compile(rb"\xff(?:\xff|\x00([\x00-\xff]))")

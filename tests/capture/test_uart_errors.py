@@ -25,7 +25,7 @@ from fte_sniff.capture.serial_port import (
 )
 from fte_sniff.capture.uart_errors import (
     REPORT_INTERVAL_NS,
-    BlindWatch,
+    LineWatch,
     UartWatch,
     Unmarker,
     counted_since,
@@ -188,7 +188,7 @@ def test_a_source_tells_of_errors_and_marks_the_bytes(pty):
 def test_ports_without_a_uart_say_that_line_errors_are_unavailable(pty, name):
     with open_port(pty.device if name == "pty" else name) as port:
         assert counters_of(port) is None
-        assert isinstance(line_watch_of(port), BlindWatch)
+        assert type(line_watch_of(port)) is LineWatch
         assert request_low_latency(port) is LowLatency.ABSENT
     with open_source(pty.device if name == "pty" else name, PortSettings(), Clock.tied()) as source:
         opened = next(iter(source)).detail
@@ -238,7 +238,7 @@ def test_the_latency_timer_is_read_through_links(tmp_path):
     ("capabilities", "words"),
     [
         (
-            PortCapabilities(BlindWatch(), LowLatency.ABSENT, None, False),
+            PortCapabilities(LineWatch(), LowLatency.ABSENT, None, False),
             "no low latency setting; line errors unavailable",
         ),
         (

@@ -11,7 +11,7 @@ import pytest
 from fte_sniff.analysis.baud_guess import Condition, Setting, Verdict
 from fte_sniff.capture.discovery import Holder, PortListing, stray_adapters
 from fte_sniff.capture.serial_port import LowLatency, PortCapabilities, PortSettings
-from fte_sniff.capture.uart_errors import BlindWatch, UartWatch
+from fte_sniff.capture.uart_errors import LineWatch, UartWatch
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Direction, LineErrorCounts
 from fte_sniff.session.doctor import (
@@ -299,11 +299,11 @@ def test_who_holds_a_port_is_named_with_what_makes_it_let_go(name, fix):
             "sudo setserial /dev/ttyUSB3 low_latency",
         ),
         (
-            PortCapabilities(BlindWatch(), LowLatency.ABSENT, None, True),
+            PortCapabilities(LineWatch(), LowLatency.ABSENT, None, True),
             ["ok", "warn"],
             "use an adapter whose driver tells them (FTDI, CP210x)",
         ),
-        (PortCapabilities(BlindWatch(), LowLatency.ABSENT, None, False), ["ok", "ok"], None),
+        (PortCapabilities(LineWatch(), LowLatency.ABSENT, None, False), ["ok", "ok"], None),
     ],
 )
 def test_a_missing_capability_comes_with_its_fix(capabilities, levels, fix):

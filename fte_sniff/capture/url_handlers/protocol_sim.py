@@ -130,17 +130,17 @@ class SimSerial(SerialBase):
             self._cancelled = True
             self._changed.notify_all()
 
-    def cancel_write(self) -> None:
-        """Do nothing: a write never blocks."""
-
-    def flush(self) -> None:
-        """Do nothing: a write is done when it returns."""
-
     def reset_input_buffer(self) -> None:
         """Discard what has arrived and was not read."""
         with self._opened():
             self._advance()
             self._arrived.clear()
+
+    def cancel_write(self) -> None:
+        """Do nothing: a write never blocks."""
+
+    def flush(self) -> None:
+        """Do nothing: a write is done when it returns."""
 
     def reset_output_buffer(self) -> None:
         """Check that the port is open: nothing waits to be sent."""
@@ -156,37 +156,27 @@ class SimSerial(SerialBase):
         """Clear to send: always."""
         return True
 
-    @property
-    def dsr(self) -> bool:
-        """Data set ready: always."""
-        return True
+    dsr = cd = cts
 
     @property
     def ri(self) -> bool:
         """Ring indicator: never."""
         return False
 
-    @property
-    def cd(self) -> bool:
-        """Carrier detect: always."""
-        return True
+    # pyserial calls these when a setting changes.
 
     def _reconfigure_port(self) -> None:
-        """Called by pyserial when a setting changes while the port is open."""
         if self._simulation is not None:
             try:
                 self._simulation.parameters.check_against(self.baudrate)
             except PortError as error:
                 raise ValueError(str(error)) from error
 
-    def _update_break_state(self) -> None:
-        """Called by pyserial; the simulated line has no break."""
+    def _update_break_state(self) -> None: ...
 
-    def _update_rts_state(self) -> None:
-        """Called by pyserial; the simulated line has no RTS."""
+    def _update_rts_state(self) -> None: ...
 
-    def _update_dtr_state(self) -> None:
-        """Called by pyserial; the simulated line has no DTR."""
+    def _update_dtr_state(self) -> None: ...
 
     def _opened(self) -> threading.Condition:
         if not self.is_open:
