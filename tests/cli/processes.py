@@ -12,6 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic
 
+from fte_sniff.recording.reader import RecordingReader
+
 PROGRAM = (sys.executable, "-m", "fte_sniff")
 FRAME = bytes.fromhex("AA0000000000000000EE")
 BOUND_S = 30.0
@@ -115,3 +117,21 @@ def until_told(process: Process, wanted: bytes) -> bytes:
             more = os.read(stream.fileno(), 1 << 16)
             found += more if stream is process.stderr else b""
     return found
+
+
+def stderr_until(process: Process, wanted: str) -> str:
+    """Standard error up to the line that contains `wanted`; standard output is drained."""
+    assert process.stdout is not None
+    assert process.stderr is not None
+    found, deadline = b"", monotonic() + BOUND_S
+    while not (wanted.encode() in found and found.endswith(b"\n")):
+        assert monotonic() < deadline, found
+        for stream in select.select([process.stdout, process.stderr], [], [], 1.0)[0]:
+            more = os.read(stream.fileno(), 1 << 16)
+            found += more if stream is process.stderr else b""
+    return found.decode()
+
+
+def rows_in(file: Path) -> int:
+    """Rows of a recording."""
+    return sum(1 for _ in RecordingReader(file))

@@ -1,18 +1,42 @@
-"""`live` on real terminals and sim://: however it ends, the file is closed and nothing lost."""
+"""`live`: output and recording, ports that come and go, two wires; ports are never written to."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
+import pty as terminals
 import select
 import signal
+import socket
 import subprocess
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic
 
 import pytest
 
-from tests.cli.processes import BOUND_S, FRAME, PROGRAM, ended, hears, holding, started, until, wire
+from fte_sniff.protocol import PortEventKind
+from fte_sniff.recording.reader import RecordingReader
+from tests.cli.processes import (
+    BOUND_S,
+    FRAME,
+    PROGRAM,
+    Process,
+    ended,
+    hears,
+    holding,
+    rows_in,
+    started,
+    stderr_until,
+    until,
+    wait_until,
+    wire,
+)
+from tests.rfc2217_server import DTR_OFF, DTR_ON, RTS_OFF, RTS_ON, serving
 
 SPEED = bytes.fromhex("AA010103E800000000EE")
 SILENT = "sim://?host=off&wire=control"
@@ -224,3 +248,454 @@ def decoded(run, name: str) -> list[dict]:
     done = run("decode", name, "--format", "jsonl")
     assert done.returncode == 0
     return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+FEEDBACK = bytes.fromhex("550101000000000000EE")
+
+
+class Adapter:
+    """A link such as udev keeps, and the far end of the terminal that it leads to."""
+
+    def __init__(self, folder: Path) -> None:
+        self.name = str(folder / "adapter")
+        self.far = -1
+
+    def plug(self) -> str:
+        """Put a new terminal behind the link; its name."""
+        self.far, near = os.openpty()
+        tty.setraw(near)
+        device = os.ttyname(near)
+        os.close(near)
+        Path(self.name).symlink_to(device)
+        return device
+
+    def pull(self) -> None:
+        Path(self.name).unlink(missing_ok=True)
+        with suppress(OSError):
+            os.close(self.far)
+
+
+@pytest.fixture
+def adapter(tmp_path: Path) -> Iterator[Adapter]:
+    adapter = Adapter(tmp_path)
+    yield adapter
+    adapter.pull()
+
+
+def rows_of(run, file: str) -> list[dict]:
+    done = run("decode", file, "--format", "jsonl")
+    assert done.returncode == 0
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_a_lost_port_is_waited_for_and_found_again(
+    run, environment, tmp_path: Path, adapter: Adapter
+) -> None:
+    adapter.plug()
+    with started(environment, tmp_path, "live", adapter.name, "-o", "x.mcap") as process:
+        hears(process, adapter.far)
+        os.write(adapter.far, SPEED + FRAME[:6])
+        # What the system has not handed over yet goes with the line; so wait until all is read.
+        until(process, b"rpm=1000")
+        adapter.pull()
+        assert "waiting for it to come back" in stderr_until(process, "adapter lost: ")
+        device = adapter.plug()
+        assert f"s as {device}" in stderr_until(process, "adapter found again: after ")
+        os.write(adapter.far, FRAME[6:] + SPEED * 3)
+        until(process, b"rpm=1000")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "port events: lost 1, found_again 1" in errors
+    rows = rows_of(run, "x.mcap")
+    # The frame that was cut in two is two pieces, and no byte is missing.
+    pieces = [row["raw"] for row in rows if row["faults"]]
+    assert pieces == [FRAME[:6].hex().upper(), FRAME[6:].hex().upper()]
+    assert [row["offset"] for row in rows] == [
+        sum(row["length"] for row in rows[:number]) for number in range(len(rows))
+    ]
+    assert rows[-1]["raw"] == SPEED.hex().upper()
+    events = [event.kind for event in RecordingReader(tmp_path / "x.mcap").events()]
+    assert events == [
+        PortEventKind.OPENED,
+        PortEventKind.LOST,
+        PortEventKind.FOUND_AGAIN,
+        PortEventKind.CLOSED,
+    ]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_end_while_it_waits_comes_at_once(
+    run, environment, tmp_path: Path, adapter: Adapter, number: int
+) -> None:
+    adapter.plug()
+    with started(environment, tmp_path, "live", adapter.name, "-o", "x.mcap") as process:
+        hears(process, adapter.far)
+        adapter.pull()
+        stderr_until(process, "lost: ")
+        process.send_signal(number)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "recorded to x.mcap" in errors
+    assert rows_of(run, "x.mcap")
+
+
+def test_a_duration_ends_it_while_it_waits(environment, tmp_path: Path, adapter: Adapter) -> None:
+    adapter.plug()
+    with started(
+        environment, tmp_path, "live", adapter.name, "--no-record", "--duration", "3"
+    ) as process:
+        hears(process, adapter.far)
+        adapter.pull()
+        assert ended(process)[0] == 0
+
+
+def test_no_reconnect_ends_instead(run, environment, tmp_path: Path, adapter: Adapter) -> None:
+    adapter.plug()
+    with started(
+        environment, tmp_path, "live", adapter.name, "--no-reconnect", "-o", "x.mcap"
+    ) as process:
+        hears(process, adapter.far)
+        adapter.pull()
+        code, _, errors = ended(process)
+    assert code == 3
+    assert "adapter was lost" in errors
+    assert rows_of(run, "x.mcap")
+
+
+def test_a_server_that_goes_and_comes_is_found_again(environment, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        name = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        with started(environment, tmp_path, "live", name, "--no-record") as process:
+            server.settimeout(BOUND_S)
+            connection, _ = server.accept()
+            connection.sendall(SPEED * 3)
+            until(process, b"rpm=1000")
+            connection.close()
+            stderr_until(process, "lost: the other end has hung up; waiting")
+            connection, _ = server.accept()
+            stderr_until(process, "found again: after ")
+            connection.sendall(SPEED * 3)
+            until(process, b"rpm=1000")
+            process.send_signal(signal.SIGINT)
+            assert ended(process)[0] == 0
+            connection.close()
+
+
+def test_a_port_that_is_not_there_at_the_start_is_an_error(run) -> None:
+    done = run("live", "sim://", "/dev/ttyNOPE", "--no-record")
+    assert done.returncode == 3
+    assert "/dev/ttyNOPE: no such port" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@contextmanager
+def two_wires() -> Iterator[list[tuple[int, str]]]:
+    with wire() as one, wire() as two:
+        yield [one, two]
+
+
+def test_two_wires_are_one_time_line(run, environment, tmp_path: Path) -> None:
+    with (
+        two_wires() as wires,
+        started(
+            environment, tmp_path, "live", *(name for _, name in wires), "-o", "x.mcap"
+        ) as process,
+    ):
+        hears(process, wires[0][0])
+        for _ in range(30):
+            os.write(wires[0][0], FRAME)
+            os.write(wires[1][0], FEEDBACK)
+            select.select([], [], [], 0.005)
+        os.write(wires[0][0], SPEED)
+        until(process, b"rpm=1000")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "port events" not in errors
+    rows = rows_of(run, "x.mcap")
+    assert [row["time"] for row in rows] == sorted(row["time"] for row in rows)
+    for _, name in wires:
+        own = [row for row in rows if row["port"] == name]
+        assert len(own) >= 30
+        assert [row["offset"] for row in own] == list(range(0, 10 * len(own), 10))
+    recorded = list(RecordingReader(tmp_path / "x.mcap"))
+    # A frame and its answer were sent within a millisecond: which was first is not certain.
+    assert any(row.order_uncertain for row in recorded)
+    metadata = RecordingReader(tmp_path / "x.mcap").metadata["fte-sniff"]
+    assert metadata["port.1.time_uncertainty_ns"] == "1000000"
+
+
+def test_mixed_wiring_is_pointed_out_once(run, tmp_path: Path) -> None:
+    ports = ["sim://?wire=both&rate=1000", "sim://?wire=feedback&rate=1000"]
+    done = run("live", *ports, "--no-record", "--duration", "1.5")
+    assert done.returncode == 0
+    about = [line for line in done.stderr.splitlines() if " wiring: " in line]
+    assert 1 <= len(about) <= 2
+    assert any("swapped or mixed wiring" in line for line in about)
+
+
+def test_one_port_twice_is_refused(run) -> None:
+    done = run("live", "/dev/ttyUSB0", "/dev/ttyUSB0")
+    assert done.returncode == 2
+    assert "named twice" in done.stderr
+
+
+def test_three_ports_are_refused(run) -> None:
+    done = run("live", "a", "b", "c")
+    assert done.returncode == 2
+    assert "one for each of two wires" in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
+def test_a_kept_recording_outlives_its_view(run, environment, tmp_path: Path, number: int) -> None:
+    file = tmp_path / "x.mcap"
+    with started(
+        environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap", "--keep-recording"
+    ) as process:
+        said = stderr_until(process, "ends it then")
+        (capture,) = holding(file)
+        assert f"`kill {capture}`" in said
+        try:
+            until(process, b"speed_feedback")
+            process.send_signal(number)
+            process.wait(BOUND_S)
+            size = file.stat().st_size
+            wait_until(lambda: file.stat().st_size > size + 20_000)
+        finally:
+            os.kill(capture, signal.SIGTERM)
+    wait_until(lambda: not holding(file))
+    assert "cut" not in run("decode", "x.mcap").stderr
+
+
+def test_a_kept_recording_ends_when_its_view_asks(run, environment, tmp_path: Path) -> None:
+    with started(
+        environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap", "--keep-recording"
+    ) as process:
+        until(process, b"speed_feedback")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "recorded to x.mcap" in errors
+    assert holding(tmp_path / "x.mcap") == []
+
+
+def test_there_is_nothing_to_keep_without_a_recording(run) -> None:
+    done = run("live", "sim://", "--no-record", "--keep-recording")
+    assert done.returncode == 2
+    assert "nothing to keep" in done.stderr
+
+
+def test_a_flood_at_three_million_baud_loses_nothing(run, environment, tmp_path: Path) -> None:
+    frames = 60_000
+    with (
+        wire() as (far, name),
+        started(
+            environment, tmp_path, "live", name, "--baud", "3000000", "-o", "x.mcap"
+        ) as process,
+    ):
+        os.set_blocking(process.stdout.fileno(), False)  # type: ignore[union-attr]
+        hears(process, far)
+        flood(process, far, SPEED * frames)
+        wait_until(lambda: drained(process) or rows_in(tmp_path / "x.mcap") >= frames)
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "overrun" not in errors
+    rows = list(RecordingReader(tmp_path / "x.mcap"))
+    assert sum(row.raw == SPEED for row in rows) == frames
+    assert not any(row.faults for row in rows)
+
+
+def flood(process: Process, far: int, data: bytes) -> None:
+    """Send all of it, no faster than 3,000,000 baud would, reading what is printed meanwhile."""
+    start, sent = monotonic(), 0
+    while sent < len(data):
+        due = min(len(data), int((monotonic() - start) * 300_000) + 1)
+        if due > sent:
+            sent += os.write(far, data[sent:due])
+        drained(process)
+
+
+def drained(process: Process) -> bool:
+    """Read what is printed; never true, so that it can stand in a condition."""
+    with suppress(BlockingIOError):
+        assert process.stdout is not None
+        while os.read(process.stdout.fileno(), 1 << 20):
+            pass
+    return False
+
+
+_MODEM = frozenset({DTR_ON, DTR_OFF, RTS_ON, RTS_OFF})
+_NOISY = FRAME + bytes(range(256)) + b"\x03\x04\x11\x13\x1a\x1c\r\n\x7f\xff" + FRAME
+"""Frames, and all that a terminal could answer, echo or obey."""
+
+
+class Watched:
+    """The far end of a line: it sends all the while, and keeps all that it gets."""
+
+    def __init__(self, far: int) -> None:
+        self.got = b""
+        self._far = far
+        self._ends, self._ending = os.pipe()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def end(self) -> None:
+        os.write(self._ending, b"!")
+        self._thread.join()
+        os.close(self._ends)
+        os.close(self._ending)
+        # What was written before the last program let go of the line is there yet.
+        while select.select([self._far], [], [], 0)[0]:
+            self.got += os.read(self._far, 65536)
+
+    def _run(self) -> None:
+        # What nobody reads must not fill the line.
+        os.set_blocking(self._far, False)
+        while True:
+            ready, _, _ = select.select([self._ends, self._far], [], [], 0.005)
+            if self._ends in ready:
+                return
+            if self._far in ready:
+                self.got += os.read(self._far, 65536)
+            try:
+                os.write(self._far, _NOISY)
+            except BlockingIOError:
+                continue
+
+
+@contextmanager
+def watched_wire() -> Iterator[tuple[Watched, str]]:
+    """A terminal whose far end is watched from before it is opened until after it is closed."""
+    with wire() as (far, name):
+        watched = Watched(far)
+        try:
+            yield watched, name
+        finally:
+            watched.end()
+
+
+def listens(process: Process) -> None:
+    until(process, b"reset")
+
+
+_END_BY = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
+_OPTIONS = (
+    ("--no-record",),
+    ("-o", "x.mcap", "--filter", "motor = 1 OR motor IS NULL"),
+    ("--baud", "9600", "--no-record"),
+    ("--baud", "250000", "--no-record"),
+    *(
+        ("--dtr", dtr, "--rts", rts, "--no-record")
+        for dtr, rts in itertools.product(("on", "off", "leave"), repeat=2)
+    ),
+)
+
+
+@pytest.mark.parametrize("options", _OPTIONS, ids=" ".join)
+def test_no_byte_whatever_the_options(environment, tmp_path: Path, options: tuple[str, ...]):
+    with (
+        watched_wire() as (watched, name),
+        started(environment, tmp_path, "live", name, "--plain", *options) as process,
+    ):
+        listens(process)
+        process.terminate()
+        assert ended(process)[0] == 0
+    assert watched.got == b""
+
+
+@pytest.mark.parametrize("number", _END_BY)
+def test_no_byte_however_it_ends(environment, tmp_path: Path, number: int):
+    with (
+        watched_wire() as (watched, name),
+        started(environment, tmp_path, "live", name, "--plain", "--no-record") as process,
+    ):
+        listens(process)
+        process.send_signal(number)
+        ended(process)
+    assert watched.got == b""
+
+
+def test_no_byte_when_it_ends_by_itself(run):
+    with watched_wire() as (watched, name):
+        for limits in (("--duration", "0.3"), ("--count", "5")):
+            assert run("live", name, "--no-record", *limits).returncode == 0
+    assert watched.got == b""
+
+
+def test_no_byte_on_either_of_two_wires(run):
+    with watched_wire() as (one, name), watched_wire() as (other, second):
+        assert run("live", name, second, "--no-record", "--duration", "0.5").returncode == 0
+    assert one.got == other.got == b""
+
+
+def test_no_byte_when_the_recording_cannot_be_made(run):
+    with watched_wire() as (watched, name):
+        assert run("live", name, "-o", "no/such/folder/x.mcap").returncode == 4
+    assert watched.got == b""
+
+
+def test_no_byte_from_a_screen_with_busy_keys(environment, tmp_path: Path):
+    with watched_wire() as (watched, name):
+        pid, screen = terminals.fork()
+        if pid == 0:
+            os.chdir(tmp_path)
+            arguments = [*PROGRAM, "live", name, "--no-record"]
+            os.execve(arguments[0], arguments, {**environment, "TERM": "xterm-256color"})
+        try:
+            shown = b""
+            while b"LIVE" not in shown:
+                assert select.select([screen], [], [], BOUND_S)[0], shown
+                shown += os.read(screen, 65536)
+            # Typed ahead: into the table, into a prompt, and the keys that leave both.
+            os.write(screen, b"jjkk G g /motor = 1\r \x1b[A\x1b[B\x1b[5~\x1b[6~")
+            os.write(screen, b"q")
+            _drain(screen)
+        finally:
+            os.close(screen)
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+    assert watched.got == b""
+
+
+def _drain(screen: int) -> None:
+    """Read what is drawn, until the program has let go of the screen."""
+    while select.select([screen], [], [], BOUND_S)[0]:
+        try:
+            if not os.read(screen, 65536):
+                return
+        except OSError:
+            return
+    raise AssertionError("it does not end")
+
+
+@pytest.mark.parametrize(("dtr", "rts"), [*itertools.product(("on", "off"), repeat=2)])
+def test_an_rfc2217_server_is_asked_for_the_lines_and_given_no_byte(
+    environment, tmp_path: Path, dtr: str, rts: str
+):
+    with watched_wire() as (watched, name), serving(name) as server:
+        options = ("--dtr", dtr, "--rts", rts, "--no-record", "--plain")
+        with started(environment, tmp_path, "live", server.url, *options) as process:
+            listens(process)
+            process.terminate()
+            assert ended(process)[0] == 0
+        assert server.data == b""
+        asked = {DTR_ON if dtr == "on" else DTR_OFF, RTS_ON if rts == "on" else RTS_OFF}
+        assert _MODEM.intersection(server.controls) == asked
+        assert set(server.bauds) == {115200}
+    assert watched.got == b""
+
+
+def test_a_socket_is_given_no_byte(environment, tmp_path: Path):
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
+        with started(environment, tmp_path, "live", url, "--plain", "--no-record") as process:
+            client, _ = listening.accept()
+            with client:
+                client.sendall(_NOISY * 3)
+                listens(process)
+                process.terminate()
+                assert ended(process)[0] == 0
+                client.settimeout(BOUND_S)
+                assert client.recv(100) == b""

@@ -1,13 +1,19 @@
-"""Standard streams that are closed, full, narrow, or left by their reader: one line or silence."""
+"""Standard streams that are closed, full or without a reader; signals and Ctrl-C at any moment."""
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.cli.processes import PROGRAM, started
+from tests.cli.conftest import ROOT, SAMPLES
+from tests.cli.processes import BOUND_S, PROGRAM, started
+from tests.cli.terminals import terminal
 
 FRAME = "AA 02 02 03 E8 00 00 27 10 EE"
 ENCODE = "encode speed --motor 1 --rpm 1"
@@ -162,3 +168,144 @@ def test_names_that_the_output_cannot_spell(bash, tmp_path: Path, form: str, enc
     codes, output, errors = bash(command)
     assert codes == "0", errors
     assert r"\u4e2d\u6587.raw" in output
+
+
+HOOK = """
+import os, signal, sys
+
+MOMENTS = {moments!r}
+
+def once():
+    os.kill(os.getpid(), signal.SIGINT)
+
+def twice():
+    try:
+        once()
+    finally:
+        # The first was heard already, and is on its way out.
+        once()
+
+class Going:
+    def __del__(self):
+        once()
+
+def unseen():
+    # What is raised while an object goes can be caught by nobody.
+    Going()
+
+def look(event, arguments):
+    if MOMENTS and [event, arguments[0] if arguments else None] == MOMENTS[0][:2]:
+        globals()[MOMENTS.pop(0)[2]]()
+
+sys.addaudithook(look)
+"""
+LEAVING = ("open", os.devnull)
+"""What is done last upon a Ctrl-C: what is still to be printed goes nowhere."""
+
+Moments = list[tuple[str, str, str]]
+"""Events of the interpreter, what they are about, and how Ctrl-C is pressed then."""
+HOW = pytest.mark.parametrize("how", ["once", "twice", "unseen"])
+Hooked = Callable[[Moments], dict[str, str]]
+
+
+@pytest.fixture
+def hooked(environment, tmp_path_factory: pytest.TempPathFactory) -> Hooked:
+    """The environment in which Ctrl-C is pressed at these moments, one after the other."""
+
+    def hooked(moments: Moments) -> dict[str, str]:
+        folder = tmp_path_factory.mktemp("hook")
+        text = HOOK.format(moments=[list(moment) for moment in moments])
+        (folder / "sitecustomize.py").write_text(text)
+        return environment | {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"}
+
+    return hooked
+
+
+def assert_quiet_end(environment: dict[str, str], folder: Path, *arguments: str) -> None:
+    done = subprocess.run(
+        [*PROGRAM, *arguments],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        env=environment,
+        cwd=folder,
+        timeout=BOUND_S,
+        check=False,
+    )
+    # A shell makes 130 of the one as of the other.
+    assert (done.returncode in (130, -signal.SIGINT), done.stderr) == (True, b"")
+    assert list(folder.iterdir()) == []
+
+
+DECODE = ("decode", str(SAMPLES / "damaged.mcap"))
+
+
+@HOW
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("fte_sniff.cli", ("encode", "reset")),
+        ("click", ("live", "sim://")),
+        ("fte_sniff.protocol.codec", ("encode", "reset")),
+        ("fte_sniff.cli.capture_command", ("live", "sim://")),
+        ("fte_sniff.session.live_session", ("live", "sim://")),
+        ("multiprocessing", ("live", "sim://")),
+        ("polars", (*DECODE, "--filter", "motor = 1")),
+        ("numpy", (*DECODE, "-o", "rows.csv")),
+        ("numpy.linalg", (*DECODE, "-o", "rows.mcap")),
+        ("fte_sniff.formats.parquet", (*DECODE, "-o", "rows.parquet")),
+    ],
+)
+def test_it_ends_in_silence(
+    hooked: Hooked, tmp_path: Path, module: str, arguments: tuple[str, ...], how: str
+) -> None:
+    assert_quiet_end(hooked([("import", module, how)]), tmp_path, *arguments)
+
+
+@pytest.mark.parametrize("module", ["polars", "numpy"])
+def test_another_one_on_the_way_out_changes_nothing(
+    hooked: Hooked, tmp_path: Path, module: str
+) -> None:
+    environment = hooked([("import", module, "once"), (*LEAVING, "once")])
+    assert_quiet_end(environment, tmp_path, *DECODE, "--filter", "motor = 1", "-o", "rows.csv")
+
+
+@HOW
+@pytest.mark.parametrize("module", ["fte_sniff.tui.app", "textual.app", "textual.pilot"])
+def test_the_terminal_is_as_it_was(hooked: Hooked, tmp_path: Path, module: str, how: str) -> None:
+    with terminal(hooked([("import", module, how)]), tmp_path, "view", DECODE[1]) as screen:
+        before = screen.attributes
+        assert screen.ended() in (130, -signal.SIGINT)
+        assert screen.attributes == before
+    assert b"Traceback" not in screen.drawn
+    assert b"KeyboardInterrupt" not in screen.drawn
+
+
+SLOW_EXIT = """
+import os, signal, sys, time
+from fte_sniff.cli import streams as signals
+signals.OUTPUT_PATIENCE_S = signals._REPEAT_S = 0.05
+
+class Slow:
+    def __del__(self, now=time.monotonic):
+        # Python has let go of its signal handlers by now, and takes its time.
+        deadline = now() + 0.5
+        while now() < deadline:
+            pass
+
+slow = Slow()
+with signals.ending_signals(lambda: None):
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.2)
+"""
+
+
+def test_an_end_that_takes_long_is_no_death_by_alarm(environment) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", SLOW_EXIT],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        env=environment,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")

@@ -1,4 +1,6 @@
-"""Everything a user can do wrong: one clear line, the exit code of the contract, nothing lost."""
+"""Every mistake of a user: one clear line, the documented exit code, nothing lost."""
+
+from __future__ import annotations
 
 import os
 import signal

@@ -1,4 +1,6 @@
-"""`--from` and `--to`: every way to write a time, and what becomes of it in `decode`."""
+"""Shared options: `--from` and `--to`, `--resolution` and `--gear-ratio`."""
+
+from __future__ import annotations
 
 import json
 from datetime import timedelta, timezone
@@ -12,6 +14,8 @@ from fte_sniff.protocol import Frame, PortEvent, PortEventKind, Row, iso_time
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader, row_times
 from fte_sniff.recording.writer import RecordingWriter
+from tests.cli.conftest import SAMPLES
+from tests.cli.terminals import terminal
 
 SECOND = 10**9
 FIRST = 1_769_860_800 * SECOND + 500_000_000
@@ -253,3 +257,35 @@ def test_an_empty_folder_is_told(run, tmp_path: Path) -> None:
     done = run("decode", tmp_path)
     assert done.returncode == 4
     assert "there is no recording (*.mcap) in it" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--gear-ratio", "20"),
+        ("--resolution", "0"),
+        ("--resolution", "-500"),
+        ("--resolution", "nan"),
+        ("--resolution", "inf"),
+        ("--resolution", "many"),
+    ],
+)
+def test_a_ratio_alone_and_what_is_no_number_above_0_are_refused(
+    run, options: tuple[str, str]
+) -> None:
+    done = run("live", "sim://", "--no-record", "--count", "1", *options)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert options[0] in done.stderr
+    assert done.stdout == ""
+
+
+def test_positions_are_shown_in_turns_too(environment, tmp_path: Path) -> None:
+    file, units = str(SAMPLES / "clean.mcap"), ("--resolution", "500", "--gear-ratio", "20")
+    with terminal(environment, tmp_path, "view", file, *units, size=(200, 60)) as screen:
+        screen.until("speed_feed")
+        screen.type("GM")
+        screen.until(" turns")
+        screen.type("q")
+        assert screen.ended() == 0
+    assert b"Traceback" not in screen.drawn

@@ -1,4 +1,4 @@
-"""What a view knows of a capture after any messages, and how that is shown."""
+"""The state of a capture, folded from its messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The capture process and the view's end of it: real processes, real terminals, real files."""
+"""A live session: real processes, ports and files."""
 
 from __future__ import annotations
 

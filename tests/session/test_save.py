@@ -1,4 +1,4 @@
-"""Saving rows to a file: every form, what is in the way, and that nothing half is left."""
+"""Saving rows in every format."""
 
 from __future__ import annotations
 

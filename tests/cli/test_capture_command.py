@@ -1,4 +1,4 @@
-"""How `live` ends when something works against it: signals, stuck processes, outputs, files."""
+"""How a capture ends: signals, full disks, vanished ports, stuck processes, stalled outputs."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import fcntl
 import os
 import resource
 import select
+import shutil
 import signal
 import subprocess
 import sys
 import termios
+import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,16 +20,26 @@ from typing import IO
 
 import pytest
 
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
+from fte_sniff.cli.capture_command import PlainLines
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import Frame, PortEvent, PortEventKind
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.session.capture_process import MOST_WAITING
 from tests.cli.processes import (
     BOUND_S,
     PROGRAM,
     Process,
     ended,
+    hears,
     holding,
+    rows_in,
     started,
+    stderr_until,
     until,
     until_told,
     wait_until,
+    wire,
 )
 
 SIM = "sim://?seed=1&rate=1000"
@@ -290,3 +302,223 @@ def files_bounded(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+SPEED = bytes.fromhex("AA010103E800000000EE")
+
+
+@contextmanager
+def mounted(folder: Path, options: str) -> Iterator[Path]:
+    """A file system of its own in a new folder."""
+    folder.mkdir()
+    mount = shutil.which("mount")
+    if mount is None or os.geteuid() != 0:
+        pytest.skip("only root can mount a file system")
+    made = subprocess.run([mount, "-t", "tmpfs", "-o", options, "none", folder], check=False)
+    if made.returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "-l", folder], check=True)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    with mounted(tmp_path / "small", "size=64k") as folder:
+        yield folder
+
+
+@pytest.fixture
+def closed_folder(tmp_path: Path) -> Iterator[Path]:
+    """A folder in which nothing can be made; root too is bound by a read-only file system."""
+    folder = tmp_path / "closed"
+    if os.geteuid() == 0:
+        with mounted(folder, "ro"):
+            yield folder
+    else:
+        folder.mkdir(mode=0o555)
+        yield folder
+
+
+def test_a_disk_that_fills_up_is_told_at_once_and_the_rows_go_on(
+    run, environment, small_disk: Path
+) -> None:
+    with started(environment, small_disk, "live", SIM, "-o", "x.mcap") as process:
+        said = stderr_until(process, "recording stopped")
+        assert "the disk is full" in said
+        assert said.count("recording stopped") == 1
+        process.send_signal(signal.SIGINT)
+        code, output, errors = ended(process)
+    assert code == 4
+    assert output
+    assert "the disk is full" in errors
+    assert "Traceback" not in errors
+    assert rows_in(small_disk / "x.mcap") > 100
+
+
+def test_a_folder_that_must_not_be_written_to_is_one_line(environment, closed_folder: Path) -> None:
+    with started(environment, closed_folder, "live", SIM, "--count", "3") as process:
+        code, output, errors = ended(process)
+    assert code == 4
+    assert output == ""
+    assert errors.count("\n") == 1
+    assert "no permission" in errors or "Read-only file system" in errors
+    assert "name another place with -o" in errors
+
+
+def test_a_port_that_vanishes_while_it_is_opened_is_one_line(run, tmp_path: Path) -> None:
+    far, near = os.openpty()
+    tty.setraw(near)
+    device = os.ttyname(near)
+    # The near end keeps the name alive; what is behind it is gone.
+    os.close(far)
+    try:
+        done = run("live", device, "-o", "x.mcap")
+    finally:
+        os.close(near)
+    assert done.returncode == 3
+    assert done.stderr.count("\n") == 1
+    assert "no such port" in done.stderr or "unplugged" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+SET_BACK = r"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <time.h>
+#include <unistd.h>
+
+/* The system's clock as it is; an hour behind once the file in CLOCK_SET_BACK is there. */
+int clock_gettime(clockid_t clock, struct timespec *time)
+{
+    static int (*real)(clockid_t, struct timespec *);
+    if (!real)
+        real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+    int failed = real(clock, time);
+    if (clock == CLOCK_REALTIME && access(getenv("CLOCK_SET_BACK"), F_OK) == 0)
+        time->tv_sec -= 3600;
+    return failed;
+}
+"""
+
+
+def test_a_clock_that_is_set_back_is_noted_and_times_go_on_evenly(
+    environment, tmp_path: Path
+) -> None:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no compiler, to make a clock that can be set")
+    library, mark = tmp_path / "clock.so", tmp_path / "mark"
+    built = [compiler, "-shared", "-fPIC", "-o", str(library), "-x", "c", "-", "-ldl"]
+    subprocess.run(built, input=SET_BACK.encode(), check=True)
+    world = {**environment, "LD_PRELOAD": str(library), "CLOCK_SET_BACK": str(mark)}
+    with started(world, tmp_path, "live", SIM, "-o", "x.mcap") as process:
+        stderr_until(process, "recording to")
+        until(process, b"speed_feedback")
+        mark.touch()
+        said = stderr_until(process, " clock set: ")
+        assert "this machine's clock was set back by 3600." in said
+        until(process, b"speed_feedback")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "port events: clock_set 1" in errors
+    reader = RecordingReader(tmp_path / "x.mcap")
+    times = [row.t_ns or 0 for row in reader]
+    assert times == sorted(times)
+    assert times[-1] - times[0] < 600 * 10**9
+    (event,) = [e for e in reader.events() if e.kind is PortEventKind.CLOCK_SET]
+    assert times[0] < event.t_ns < times[-1]
+
+
+def test_a_stopped_view_costs_no_byte_and_bounded_memory(run, environment, tmp_path: Path) -> None:
+    frames = 3 * MOST_WAITING
+    file = tmp_path / "x.mcap"
+    with (
+        wire() as (far, name),
+        started(
+            environment, tmp_path, "live", name, "--baud", "3000000", "-o", "x.mcap"
+        ) as process,
+    ):
+        hears(process, far)
+        wait_until(lambda: bool(holding(file)))
+        (capture,) = holding(file)
+        process.send_signal(signal.SIGSTOP)
+        before = memory_of(capture)
+        for _ in range(frames // 64):
+            os.write(far, SPEED * 64)
+        wait_until(lambda: rows_in(file) >= frames)
+        grown = memory_of(capture) - before
+        process.send_signal(signal.SIGCONT)
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "rows more came too fast to be printed" in errors
+    assert sum(row.raw == SPEED for row in RecordingReader(file)) == frames
+    # What waits for the view is bounded by rows, each of some hundred bytes.
+    assert grown < MOST_WAITING * 1500
+
+
+def memory_of(pid: int) -> int:
+    """Bytes of real memory that a process has."""
+    fields = Path(f"/proc/{pid}/statm").read_text().split()
+    return int(fields[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+FRAME = bytes.fromhex("AA0000000000000000EE")
+PORT = "tty\x1b[31m"
+
+
+def event(kind: PortEventKind, detail: str) -> PortEvent:
+    return PortEvent(1, PORT, kind, detail)
+
+
+def test_port_events_that_matter_are_told_as_they_come_and_counted_at_the_end(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lines = PlainLines(list)
+    events = [
+        event(PortEventKind.OPENED, "115200 baud"),
+        event(PortEventKind.OVERRUN, "512 bytes were not kept"),
+        event(PortEventKind.OVERRUN, "7 bytes were not kept\x1b[2J"),
+        event(PortEventKind.LINE_ERROR, ""),
+        event(PortEventKind.LOST, "hung up"),
+        event(PortEventKind.CLOSED, "as asked"),
+    ]
+    lines.write(FeedUpdate(FeedState(PORT), events=events), None)
+    assert capsys.readouterr().err.splitlines() == [
+        r"tty\x1b[31m overrun: 512 bytes were not kept",
+        r"tty\x1b[31m overrun: 7 bytes were not kept\x1b[2J",
+        r"tty\x1b[31m line error",
+        r"tty\x1b[31m lost: hung up",
+    ]
+    lines.close()
+    assert "port events: overrun 2, line_error 1, lost 1" in capsys.readouterr().err.splitlines()
+
+
+def test_a_failure_is_told_once_while_the_capture_goes_on(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lines = PlainLines(list)
+    for number in range(3):
+        row = Frame("p", 10 * number, FRAME, number)
+        lines.write(FeedUpdate(FeedState("p"), [row]), FileError("recording stopped: full"))
+    told = capsys.readouterr()
+    assert told.err == "recording stopped: full\n"
+    assert told.out.count("\n") == 4
+
+
+def test_a_failure_with_which_it_ends_is_left_to_whoever_ends_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    PlainLines(list).write(FeedUpdate(FeedState("p", running=False)), FileError("full"))
+    assert capsys.readouterr().err == ""
+
+
+def test_rows_that_were_too_fast_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = PlainLines(list)
+    lines.write(FeedUpdate(FeedState("p", rows=5000, not_shown=4999)), None)
+    lines.close()
+    assert "4,999 rows more came too fast to be printed" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The rows of several ports on one time line, and where their order is not certain."""
+"""Merging ports by time, and wires that carry the wrong direction."""
 
 from __future__ import annotations
 
@@ -11,8 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.simulation import SimulationParameters, simulate
-from fte_sniff.protocol import Chunk, Frame, Framer, PortEvent, PortEventKind, Row
-from fte_sniff.session.port_merge import MOST_HELD_NS, REACH_NS, Entry, PortMerge
+from fte_sniff.protocol import Chunk, Damage, Fault, Frame, Framer, PortEvent, PortEventKind, Row
+from fte_sniff.session.port_merge import (
+    MOST_HELD_NS,
+    REACH_NS,
+    SETTLED,
+    UNEXPECTED,
+    Entry,
+    PortMerge,
+    WiringWatch,
+)
 
 MS = 1_000_000
 FRAME = bytes.fromhex("AA0000000000000000EE")
@@ -175,3 +183,55 @@ def test_rows_come_out_in_order_of_time_and_all_of_them(
         assert (a.t_ns or 0) <= (b.t_ns or 0), (a, b)
     for port, rows in made.items():
         assert [entry for entry in found if entry.port == port] == rows
+
+
+CONTROL = bytes.fromhex("AA0000000000000000EE")
+FEEDBACK = bytes.fromhex("5501010000000000000FEE")[:9] + b"\xee"
+
+
+def look(watch: WiringWatch, port: str, raw: bytes, count: int, **more: object) -> list[PortEvent]:
+    return [
+        told
+        for number in range(count)
+        for told in watch.observe(port, [Frame(port, 10 * number, raw, number, **more)])  # type: ignore[arg-type]
+    ]
+
+
+def test_a_wire_each_is_as_it_should_be() -> None:
+    watch = WiringWatch(["a", "b"])
+    assert look(watch, "a", CONTROL, 1000) == []
+    assert look(watch, "b", FEEDBACK, 1000) == []
+
+
+def test_one_port_may_carry_both() -> None:
+    watch = WiringWatch(["a"])
+    assert look(watch, "a", CONTROL, 100) + look(watch, "a", FEEDBACK, 100) == []
+
+
+def test_the_others_header_is_pointed_out_once() -> None:
+    watch = WiringWatch(["a", "b"])
+    look(watch, "a", CONTROL, SETTLED)
+    look(watch, "b", FEEDBACK, SETTLED)
+    assert look(watch, "a", FEEDBACK, UNEXPECTED - 1) == []
+    (told,) = look(watch, "a", FEEDBACK, 50)
+    assert (told.port, told.kind) == ("a", PortEventKind.WIRING)
+    assert told.detail.startswith("feedback frames on the wire that carries control frames")
+    (told,) = look(watch, "b", CONTROL, 50)
+    assert told.port == "b"
+    assert look(watch, "a", FEEDBACK, 50) + look(watch, "b", CONTROL, 50) == []
+
+
+def test_two_adapters_on_one_wire_are_pointed_out_once() -> None:
+    watch = WiringWatch(["a", "b"])
+    assert look(watch, "a", FEEDBACK, SETTLED) == []
+    (told,) = look(watch, "b", FEEDBACK, 100)
+    assert "on a too" in told.detail
+    assert look(watch, "a", FEEDBACK, 100) == []
+
+
+@pytest.mark.parametrize("faults", [(Fault.AMBIGUOUS,), (Fault.UNKNOWN_CMD,)])
+def test_what_is_doubtful_is_no_cause(faults: tuple[Fault, ...]) -> None:
+    watch = WiringWatch(["a", "b"])
+    look(watch, "a", CONTROL, SETTLED)
+    assert look(watch, "a", FEEDBACK, 100, faults=faults) == []
+    assert watch.observe("a", [Damage("a", 0, FEEDBACK, 1, (Fault.TRUNCATED,))]) == []

@@ -1,0 +1,395 @@
+"""The screen as users meet it: `live` and `view` in a terminal."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fte_sniff.protocol import KIND_BY_NAME, encode
+from fte_sniff.recording.bulk_writer import write_recording
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.row_batch import Codebook, RowBatch
+from tests.cli.conftest import SAMPLES
+from tests.cli.processes import PROGRAM, holding, wait_until
+from tests.cli.terminals import Terminal, in_session, ruling, silent, terminal
+
+
+@pytest.mark.parametrize("size", [(40, 10), (80, 24), (200, 60)])
+def test_live_shows_rows_and_leaving_says_where_the_recording_lies(
+    run, environment, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    with terminal(environment, tmp_path, "live", "sim://?rate=500", size=size) as screen:
+        screen.until("speed_feedback" if size[0] > 128 else "speed fb")
+        screen.type("q")
+        assert screen.ended() == 0
+    assert b"Traceback" not in screen.drawn
+    (recording,) = tmp_path.glob("*.mcap")
+    assert f"recorded to {recording.name}".encode() in screen.drawn
+    assert run("decode", recording).stdout.count("\n") > 1
+
+
+def test_ctrl_c_and_a_bounded_capture_end_it_too(environment, tmp_path: Path) -> None:
+    with terminal(environment, tmp_path, "live", "sim://?rate=500", "--no-record") as screen:
+        screen.until("speed fb")
+        screen.type("\x03")
+        assert screen.ended() == 0
+    with terminal(
+        environment, tmp_path, "live", "sim://", "--count", "9", "-o", "x.mcap"
+    ) as screen:
+        assert screen.ended() == 0
+    assert b"recorded to x.mcap" in screen.drawn
+
+
+def test_standard_error_in_a_file_is_no_part_of_the_screen(environment, tmp_path: Path) -> None:
+    told = tmp_path / "err.log"
+    arguments = ("live", "sim://?rate=500", "-o", "x.mcap")
+    with terminal(environment, tmp_path, *arguments, errors=told) as screen:
+        screen.until("speed fb")
+        assert told.read_bytes() == b""
+        screen.type("q")
+        assert screen.ended() == 0
+    count, where = told.read_text().splitlines()
+    assert re.fullmatch(r"[0-9,]+ rows, nothing malformed, \d+\.\d{3} s from \S+Z", count)
+    assert where == "recorded to x.mcap"
+    assert b"recorded to" not in screen.drawn
+
+
+def test_no_color(environment, tmp_path: Path) -> None:
+    environment = environment | {"NO_COLOR": "1"}
+    with terminal(environment, tmp_path, "live", "sim://?drop=0.3", "--no-record") as screen:
+        screen.until("truncated")
+        screen.type("q")
+        assert screen.ended() == 0
+    assert b"\x1b[38;2" not in screen.drawn
+
+
+def test_a_port_that_is_lost_stays_on_the_screen_until_the_user_leaves(
+    environment, tmp_path: Path
+) -> None:
+    port = "sim://?rate=500&frames=40"
+    with terminal(environment, tmp_path, "live", port, "--no-record", size=(200, 60)) as screen:
+        screen.until("was lost")
+        screen.type("q")
+        assert screen.ended() == 3
+
+
+def test_a_killed_screen_leaves_a_file_that_opens(run, environment, tmp_path: Path) -> None:
+    with terminal(environment, tmp_path, "live", "sim://?rate=500", "-o", "x.mcap") as screen:
+        screen.until("speed fb")
+        screen.process.kill()
+    assert run("decode", "x.mcap").returncode == 0
+
+
+@pytest.mark.parametrize("name", ["clean.mcap", "damaged.raw", "midstream.hex"])
+def test_view_shows_files(environment, tmp_path: Path, name: str) -> None:
+    with terminal(environment, tmp_path, "view", str(SAMPLES / name), size=(200, 60)) as screen:
+        screen.until("speed_feed")
+        screen.type("q")
+        assert screen.ended() == 0
+    assert b"Traceback" not in screen.drawn
+
+
+@pytest.mark.parametrize(
+    ("language", "words"), [("en", "! the file is damaged: it is cut"), ("zh", "文件已损坏")]
+)
+def test_view_shows_that_a_file_is_damaged(
+    environment, tmp_path: Path, language: str, words: str
+) -> None:
+    whole = (SAMPLES / "clean.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
+    options = ("view", "cut.mcap", "--lang", language)
+    with terminal(environment, tmp_path, *options, size=(200, 60)) as screen:
+        screen.until(words)
+        screen.type("q")
+        assert screen.ended() == 0
+
+
+def test_view_tells_what_cannot_be_read_before_the_screen_opens(
+    environment, tmp_path: Path
+) -> None:
+    with terminal(environment, tmp_path, "view", "none.mcap") as screen:
+        assert screen.ended() == 4
+    assert screen.drawn.count(b"\n") == 1
+    assert b"none.mcap: there is no such file" in screen.drawn
+
+
+def test_hex_takes_a_frame_apart_in_the_width_of_the_terminal(environment, tmp_path: Path) -> None:
+    frame = "AA 02 02 03 E8 00 00 27 10 EE"
+    with terminal(environment, tmp_path, "hex", frame, size=(60, 24)) as screen:
+        assert screen.ended() == 0
+    text = screen.drawn.decode()
+    assert "\x1b[1m" in text
+    assert "10000 pulses" in text
+
+
+ROWS = 400_000
+FIRST_NS = 1_769_860_800_000_000_000
+RPMS = 1000
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Speed commands, a millisecond apart; the speed is that of the row's number."""
+    codebook = Codebook()
+    raws = b"".join(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}) for rpm in range(RPMS))
+    columns = RowBatch.allocate(codebook, ROWS)
+    numbers = np.arange(ROWS)
+    columns.t_ns[:] = FIRST_NS + numbers * 1_000_000
+    columns.offset[:] = numbers * 10
+    columns.port[:] = codebook.port_code("p")
+    columns.raw[:] = np.frombuffer(raws, np.uint8).reshape(-1, 10)[numbers % RPMS]
+    path = tmp_path_factory.mktemp("large") / "large.mcap"
+    write_recording(path, [PortFacts("p")], [columns])
+    return path
+
+
+def test_every_row_is_reached_and_found(environment, tmp_path: Path, recording: Path) -> None:
+    few = ("view", "--keep-rows", "70000", str(recording))
+    with terminal(environment, tmp_path, *few, size=(120, 40)) as screen:
+        screen.until("FILE")
+        screen.type("G")
+        screen.until("12:06:39.999")
+        screen.type("g")
+        screen.until("12:00:00.000")
+        screen.type(":50%\r")
+        screen.until("12:03:20.000")
+        screen.type("frpm = 777\r")
+        screen.until("400 of 400,000 rows")
+        screen.type("G")
+        screen.until("12:06:39.777")
+        screen.type("q")
+        assert screen.ended() == 0
+    assert b"Traceback" not in screen.drawn
+
+
+def test_a_recording_that_vanishes_ends_the_screen_with_one_line(
+    environment, tmp_path: Path, recording: Path
+) -> None:
+    path = tmp_path / "gone.mcap"
+    path.write_bytes(recording.read_bytes())
+    # So often that not all of these places can be in memory, whatever was read last.
+    several = [str(path)] * 5
+    with terminal(environment, tmp_path, "view", "--keep-rows", "70000", *several) as screen:
+        screen.until("FILE")
+        path.unlink()
+        assert screen.ended_by(":20%\r", ":40%\r", ":60%\r", ":80%\r") == 4
+    assert b"gone.mcap: there is no such file" in screen.drawn
+    assert b"Traceback" not in screen.drawn
+
+
+@pytest.mark.parametrize("key", ["q", "\x03"])
+def test_it_can_be_left_while_it_loads(
+    environment, tmp_path: Path, recording: Path, key: str
+) -> None:
+    several = [str(recording)] * 20
+    with terminal(environment, tmp_path, "view", *several) as screen:
+        screen.until("LOADING")
+        screen.type(key)
+        assert screen.ended() == 0
+    assert b" FILE " not in screen.drawn
+
+
+LIVE = ("live", "sim://?rate=2500", "--baud", "460800", "-o", "x.mcap")
+END_S = 60.0
+"""How long the end may take; on a quiet machine two seconds."""
+ROWS_TERMINAL = "55 02 0"
+"""Feedback, as the table shows its bytes."""
+NORMAL_SCREEN = "\x1b[?1049l"
+TELLING = pytest.mark.parametrize("manner", [ruling, silent])
+TIMES = pytest.mark.parametrize("time", range(int(os.environ.get("REPEATS", "1"))))
+"""What depends on the moment shows at times only: REPEATS=20 looks longer for it."""
+
+
+def draws_much(screen: Terminal) -> None:
+    """Wait until the screen is up, and have it draw at every key."""
+    screen.until(ROWS_TERMINAL)
+    screen.type("M" + "kkkjjj" * 40)
+
+
+def stands_still(recording: Path) -> None:
+    """Wait, without reading the terminal, until far more was to be drawn than it can take."""
+    enough = recording.stat().st_size + 25_000
+    wait_until(lambda: recording.stat().st_size > enough)
+
+
+def assert_all_is_well(run, screen: Terminal, recording: Path) -> None:
+    """The program has ended, with all that it had started, and the recording is whole."""
+    assert screen.process.wait(END_S) in (0, -signal.SIGHUP)
+    wait_until(lambda: in_session(screen.process.pid) == [])
+    assert_whole(run, recording)
+
+
+def assert_whole(run, recording: Path) -> None:
+    done = run("decode", recording)
+    assert done.returncode == 0
+    # This line alone: nothing of a cut end.
+    assert " rows, nothing malformed" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@TIMES
+@TELLING
+def test_a_terminal_that_is_closed_ends_it(
+    run, environment, tmp_path: Path, manner: Callable[[], None], time: int
+) -> None:
+    with terminal(environment, tmp_path, *LIVE, size=(200, 60), manner=manner) as screen:
+        draws_much(screen)
+        screen.close()
+        assert_all_is_well(run, screen, tmp_path / "x.mcap")
+
+
+@TIMES
+def test_signals_that_come_with_the_end_of_a_terminal_change_nothing(
+    run, environment, tmp_path: Path, time: int
+) -> None:
+    with terminal(environment, tmp_path, *LIVE, size=(200, 60), manner=ruling) as screen:
+        draws_much(screen)
+        screen.close()
+        for number in (signal.SIGCONT, signal.SIGWINCH, signal.SIGHUP, signal.SIGCONT) * 5:
+            screen.process.send_signal(number)
+        assert_all_is_well(run, screen, tmp_path / "x.mcap")
+
+
+@TELLING
+def test_a_terminal_that_stands_still_and_is_closed_ends_it(
+    run, environment, tmp_path: Path, manner: Callable[[], None]
+) -> None:
+    recording = tmp_path / "x.mcap"
+    with terminal(environment, tmp_path, *LIVE, size=(200, 60), manner=manner) as screen:
+        draws_much(screen)
+        stands_still(recording)
+        screen.resize(100, 30)
+        screen.close()
+        assert_all_is_well(run, screen, recording)
+
+
+@pytest.mark.parametrize("way", ["q", signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_terminal_that_stands_still_does_not_hold_up_the_end(
+    run, environment, tmp_path: Path, way: str | signal.Signals
+) -> None:
+    recording = tmp_path / "x.mcap"
+    with terminal(environment, tmp_path, *LIVE, size=(200, 60)) as screen:
+        draws_much(screen)
+        stands_still(recording)
+        if isinstance(way, str):
+            screen.type(way)
+        else:
+            screen.process.send_signal(way)
+        assert_all_is_well(run, screen, recording)
+
+
+def test_a_terminal_that_goes_on_shows_what_is_true_now(run, environment, tmp_path: Path) -> None:
+    recording = tmp_path / "x.mcap"
+    with terminal(environment, tmp_path, *LIVE, size=(200, 60), manner=ruling) as screen:
+        draws_much(screen)
+        stands_still(recording)
+        screen.resize(120, 40)
+        stands_still(recording)
+        screen.type("?")
+        screen.until("Keys and signs")
+        screen.type("q")
+        screen.until(ROWS_TERMINAL)
+        screen.type("q")
+        assert screen.ended() == 0
+        assert b"recorded to x.mcap" in screen.drawn
+        assert_all_is_well(run, screen, recording)
+
+
+@TELLING
+def test_a_recording_that_is_kept_goes_on_without_its_terminal(
+    run, environment, tmp_path: Path, manner: Callable[[], None]
+) -> None:
+    recording = tmp_path / "x.mcap"
+    arguments = (*LIVE, "--keep-recording")
+    with terminal(environment, tmp_path, *arguments, size=(200, 60), manner=manner) as screen:
+        draws_much(screen)
+        screen.close()
+        assert screen.process.wait(END_S) == -signal.SIGHUP
+        captures_on(recording)
+        (capture,) = holding(recording)
+        os.kill(capture, signal.SIGTERM)
+        assert_all_is_well(run, screen, recording)
+
+
+def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
+    run, environment, tmp_path: Path
+) -> None:
+    recording = tmp_path / "x.mcap"
+    with terminal(environment, tmp_path, *LIVE, manner=ruling) as screen:
+        before = screen.attributes
+        screen.until(ROWS_TERMINAL)
+        for _ in range(3):
+            screen.process.send_signal(signal.SIGSTOP)
+            captures_on(recording)
+            screen.process.send_signal(signal.SIGCONT)
+            screen.until(NORMAL_SCREEN)
+            screen.until(ROWS_TERMINAL)
+        screen.type("q")
+        assert screen.ended() == 0
+        assert screen.attributes == before
+        assert_all_is_well(run, screen, recording)
+
+
+def captures_on(recording: Path) -> None:
+    """Wait until more is recorded, and more than once."""
+    for _ in range(2):
+        enough = recording.stat().st_size
+        wait_until(lambda enough=enough: recording.stat().st_size > enough)
+
+
+def asked(screen: Terminal, keys: str) -> bytes:
+    """What is drawn upon these keys, until the shell asks for more."""
+    start = len(screen.drawn)
+    screen.type(keys)
+    screen.until("<ready>")
+    return screen.drawn[start:]
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs a shell with jobs")
+@pytest.mark.parametrize("ends", ["q", "kill", "close"])
+def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
+    run, environment, tmp_path: Path, ends: str
+) -> None:
+    recording = tmp_path / "x.mcap"
+    environment = environment | {"PS1": "<ready>", "PS2": "", "HISTFILE": ""}
+    bash = ("bash", "--norc", "--noprofile", "--noediting", "-i")
+    with terminal(environment, tmp_path, manner=ruling, program=bash) as screen:
+        screen.until("<ready>")
+        screen.type(" ".join([*PROGRAM, *(f"'{word}'" for word in LIVE)]) + "\r")
+        screen.until(ROWS_TERMINAL)
+        for _ in range(2):
+            assert NORMAL_SCREEN.encode() in asked(screen, "\x1a")
+            captures_on(recording)
+            asked(screen, "bg\r")
+            assert b"\nicanon" in asked(screen, "stty -a | tr ' ' '\\n' | grep icanon\r")
+            screen.type("fg\r")
+            screen.until(ROWS_TERMINAL)
+        if ends == "q":
+            assert b"recorded to x.mcap" in asked(screen, "q")
+        else:
+            asked(screen, "\x1a")
+        if ends == "kill":
+            screen.type("kill %1\r")
+            screen.until("recorded to x.mcap")
+        screen.close()
+        wait_until(lambda: in_session(screen.process.pid) == [])
+        assert_whole(run, recording)
+
+
+def test_where_nobody_could_continue_it_ctrl_z_does_not_stop_it(
+    run, environment, tmp_path: Path
+) -> None:
+    with terminal(environment, tmp_path, *LIVE, manner=ruling) as screen:
+        screen.until(ROWS_TERMINAL)
+        screen.type("\x1a")
+        screen.until(NORMAL_SCREEN)
+        screen.until(ROWS_TERMINAL)
+        screen.type("q")
+        assert screen.ended() == 0

@@ -1,0 +1,252 @@
+"""The capture process: its loop over known items, and the queue of rows to the view."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from multiprocessing import Pipe
+from pathlib import Path
+from typing import Self
+
+import pytest
+
+from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.port_source import PortGroup
+from fte_sniff.capture.serial_port import DEFAULT_SETTINGS
+from fte_sniff.capture.source import Item, SourceEnd
+from fte_sniff.errors import FileError, PortError
+from fte_sniff.protocol import Chunk, Fault, Frame, PortEvent, PortEventKind, Row
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.recorder import Change, Recorder
+from fte_sniff.session.capture_process import MOST_WAITING, CaptureLoop, Outbox
+from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage
+
+MS = 1_000_000
+START_NS = 10**18
+FRAME = bytes.fromhex("AA010103E800000000EE")
+
+
+class Known:
+    """A source whose items are known beforehand."""
+
+    waiting = 0
+
+    def __init__(self, items: Sequence[Item], end: SourceEnd = SourceEnd.STOPPED) -> None:
+        self._items = items
+        self.end = end
+        self.uncertainty_ns = {item.port: 0 for item in items}
+
+    def __iter__(self) -> Iterator[Item]:
+        return iter(self._items)
+
+    def __enter__(self) -> Known:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        pass
+
+    def stop(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def chunk(port: str, ms: float, data: bytes) -> Chunk:
+    return Chunk(port, START_NS + round(ms * MS), data)
+
+
+def event(port: str, ms: float, kind: PortEventKind) -> PortEvent:
+    return PortEvent(START_NS + round(ms * MS), port, kind, "told", 7)
+
+
+def run(source: Known, **limits: int) -> tuple[list[Row], list[PortEvent], Ended]:
+    ours, theirs = Pipe()
+    outbox = Outbox(ours, lambda: None)
+    plan = CapturePlan(PortGroup(tuple(source.uncertainty_ns)), None, **limits)  # type: ignore[arg-type]
+    ended = CaptureLoop(plan, Clock.tied(), source, None, outbox).run()
+    closing = threading.Thread(target=outbox.close, args=(ended,))
+    closing.start()
+    rows: list[Row] = []
+    events: list[PortEvent] = []
+    while isinstance(message := theirs.recv(), RowsMessage):
+        rows += message.rows
+        events += message.events
+    closing.join(60)
+    return rows, events, ended
+
+
+@pytest.mark.parametrize("kind", [PortEventKind.LOST, PortEventKind.OVERRUN])
+def test_bytes_do_not_join_across_a_gap_and_offsets_go_on(kind: PortEventKind) -> None:
+    gap = event("p", 11, kind)
+    items = [chunk("p", 10, FRAME * 3 + FRAME[:6]), gap, chunk("p", 12, FRAME[6:] + FRAME * 3)]
+    rows, events, ended = run(Known(items))
+    assert [row.raw for row in rows] == [FRAME] * 3 + [FRAME[:6], FRAME[6:]] + [FRAME] * 3
+    assert [row.offset for row in rows] == [0, 10, 20, 30, 36, 40, 50, 60]
+    assert events == [gap]
+    assert ended == Ended()
+
+
+def test_other_events_cut_nothing() -> None:
+    gap = event("p", 11, PortEventKind.LINE_ERROR)
+    rows, _, _ = run(Known([chunk("p", 10, FRAME * 3 + FRAME[:6]), gap, chunk("p", 12, FRAME[6:])]))
+    assert [row.raw for row in rows] == [FRAME] * 4
+
+
+def test_each_port_has_its_own_frames_offsets_and_place_in_time() -> None:
+    items = [
+        chunk("a", 10, FRAME[:5]),
+        chunk("b", 10.1, FRAME[:5]),
+        chunk("a", 10.5, FRAME[5:]),
+        chunk("b", 20, FRAME[5:] + FRAME),
+    ]
+    rows, _, _ = run(Known(items))
+    assert sorted((row.port, row.offset) for row in rows) == [("a", 0), ("b", 0), ("b", 10)]
+    assert [row.t_ns for row in rows] == sorted(row.t_ns or 0 for row in rows)
+
+
+def test_a_count_is_of_rows_of_all_ports() -> None:
+    items = [chunk("a", 10, FRAME * 3), chunk("b", 20, FRAME * 3)]
+    rows, _, _ = run(Known(items), count=4)
+    assert [row.port for row in rows] == ["a", "a", "a", "b"]
+
+
+def test_the_end_names_the_port_that_was_lost() -> None:
+    items = [chunk("a", 1, b""), chunk("b", 2, b""), event("b", 3, PortEventKind.LOST)]
+    _, _, ended = run(Known(items, SourceEnd.LOST))
+    assert ended.reason == "b was lost: told"
+    assert isinstance(ended.error, PortError)
+
+
+FRAME_RUN_LINE_ERRORS = bytes.fromhex("AA010103E800000000EE")
+NOW_NS = 1_795_000_000_000_000_000
+MILLISECOND = 1_000_000
+
+
+class Told:
+    """A source that has these items to yield."""
+
+    end = SourceEnd.STOPPED
+    waiting = 0
+
+    def __init__(self, items: list[Item]) -> None:
+        self._items = items
+        self.uncertainty_ns = {"tap": 0}
+        self.capabilities = {"tap": "line errors counted and marked"}
+
+    def __iter__(self) -> Iterator[Item]:
+        return iter(self._items)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def test_errors_are_in_the_rows_and_beside_them_in_the_recording_and_the_view(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "x.mcap"
+    event = PortEvent(NOW_NS + MILLISECOND, "tap", PortEventKind.LINE_ERROR, "1 framing", 1)
+    source = Told(
+        [
+            Chunk("tap", NOW_NS, FRAME_RUN_LINE_ERRORS * 3),
+            event,
+            Chunk("tap", NOW_NS + MILLISECOND, FRAME_RUN_LINE_ERRORS * 3, ((12, 13),)),
+            Chunk("tap", NOW_NS + 2 * MILLISECOND, FRAME_RUN_LINE_ERRORS * 3),
+        ]
+    )
+    ours, theirs = Pipe()
+    plan = CapturePlan(PortGroup(("tap",), DEFAULT_SETTINGS), path)
+    outbox = Outbox(theirs, source.stop)
+    clock = Clock.tied()
+    recorder = Recorder(path, (PortFacts("tap", 115_200),))
+    outbox.close(CaptureLoop(plan, clock, source, recorder, outbox).run())
+
+    recorded = list(RecordingReader(path).entries())
+    events = [entry for entry in recorded if isinstance(entry, PortEvent)]
+    assert [(e.kind, e.detail, e.count) for e in events if e.kind is event.kind] == [
+        (PortEventKind.LINE_ERROR, "1 framing", 1)
+    ]
+    marked = [
+        row.offset
+        for row in recorded
+        if not isinstance(row, PortEvent) and Fault.LINE_ERROR in row.faults
+    ]
+    assert marked == [40]
+    shown = []
+    while not isinstance(message := ours.recv(), Ended):
+        assert isinstance(message, RowsMessage)
+        shown += [row.offset for row in message.rows if Fault.LINE_ERROR in row.faults]
+    assert shown == [40]
+
+
+FRAME_OUTBOX = bytes.fromhex("AA0000000000000000EE")
+
+
+def rows(start: int, count: int) -> list[Frame]:
+    return [Frame("p", offset, FRAME_OUTBOX, offset) for offset in range(start, start + count)]
+
+
+def received(theirs) -> list:
+    found = []
+    while not found or not isinstance(found[-1], Ended):
+        assert theirs.poll(20)
+        found.append(theirs.recv())
+    return found
+
+
+def test_rows_events_and_the_end_arrive_in_order() -> None:
+    ours, theirs = Pipe()
+    outbox = Outbox(ours, lambda: None)
+    event = PortEvent(1, "p", PortEventKind.OPENED, "")
+    outbox.put_event(event)
+    for start in range(0, 1000, 100):
+        outbox.put_rows(rows(start, 100))
+    outbox.put_recording([Change(None, FileError("full"))])
+    outbox.put_recording([Change(Path("x_00002.mcap"))])
+    outbox.close(Ended("over"))
+    *batches, end = received(theirs)
+    assert [row for batch in batches for row in batch.rows] == rows(0, 1000)
+    assert [found for batch in batches for found in batch.events] == [event]
+    changes = [change for batch in batches for change in batch.recording]
+    assert [(change.path, str(change.failure)) for change in changes] == [
+        (None, "full"),
+        (Path("x_00002.mcap"), "None"),
+    ]
+    assert batches[-1].total_rows == 1000
+    assert batches[-1].not_shown == 0
+    assert end == Ended("over")
+
+
+def test_a_view_that_does_not_look_loses_the_oldest_rows_and_is_told_how_many() -> None:
+    ours, theirs = Pipe()
+    outbox = Outbox(ours, lambda: None)
+    # The first batch takes what waits then, at most all; it stays in the pipe.
+    total = MOST_WAITING * 3
+    for start in range(0, total, 1024):
+        outbox.put_rows(rows(start, 1024))
+    closing = threading.Thread(target=outbox.close, args=(Ended(),))
+    closing.start()
+    batches = [message for message in received(theirs) if isinstance(message, RowsMessage)]
+    closing.join(60)
+    seen = [row for batch in batches for row in batch.rows]
+    assert batches[-1].total_rows == total
+    assert len(seen) + batches[-1].not_shown == total
+    assert batches[-1].not_shown > 0
+    assert seen[-1] == rows(total - 1, 1)[0]
+
+
+def test_a_view_that_is_gone_is_noticed() -> None:
+    ours, theirs = Pipe()
+    gone = threading.Event()
+    outbox = Outbox(ours, gone.set)
+    theirs.close()
+    outbox.put_rows(rows(0, 1))
+    assert gone.wait(60)
+    outbox.close(Ended())
