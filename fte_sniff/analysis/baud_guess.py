@@ -1,4 +1,9 @@
-"""Is a line at the wrong baud rate."""
+"""Diagnosis of a line: sound, silent, inverted, or at another baud rate.
+
+Without readable frames, the received bytes are compared with models: the byte frequencies that a
+UART at our baud rate receives from a simulated sender at another baud rate or polarity. The most
+likely models give the guesses (a naive Bayes classifier).
+"""
 
 from __future__ import annotations
 
@@ -25,180 +30,180 @@ from fte_sniff.protocol import (
     encode,
 )
 
-_DATA_BITS = 8
-_STOP = _DATA_BITS + 1
+_DATA_BITS: Final = 8
+_STOP: Final = _DATA_BITS + 1
 
 
 class Resync(StrEnum):
-    """What a receiver does behind a stop bit that is low."""
+    """What a receiver does after a low stop bit (a framing error)."""
 
     BY_EDGE = "by edge"
     """It waits for the next falling edge."""
     AT_ONCE = "at once"
-    """It takes the low bit for the next start bit; but after a break, that is nothing but low bits,
-    it waits for an edge too."""
+    """It takes the low bit as the next start bit; after a break it waits for an edge too."""
 
 
-def line_levels(pieces: Iterable[bytes], idle_bits: Sequence[int]) -> bytes:
-    """The levels of an 8N1 line, one a bit, that carries the pieces with idle time behind each.
+def line_levels(messages: Iterable[bytes], idle_bits: Sequence[int]) -> bytes:
+    """The levels of an 8N1 line, one byte (0 or 1) a bit, that carries messages.
 
     Args:
-        pieces: bytes that follow each other without gaps.
-        idle_bits: bit times of idle behind the first piece, the second, and so on, round and round.
+        messages: bytes without gaps between them.
+        idle_bits: bit times of idle after the first message, the second, and so on, repeating.
     """
     levels = bytearray(b"\1\1")
-    for number, piece in enumerate(pieces):
-        for byte in piece:
+    for number, message in enumerate(messages):
+        for byte in message:
             levels.append(0)
-            levels += bytes(byte >> place & 1 for place in range(_DATA_BITS))
+            levels += bytes(byte >> bit & 1 for bit in range(_DATA_BITS))
             levels.append(1)
         levels += b"\1" * idle_bits[number % len(idle_bits)]
     return bytes(levels)
 
 
-def falls_of(levels: bytes, low: int) -> list[int]:
-    """The places where a line comes to the level `low`."""
-    edge, falls = bytes((1 - low, low)), []
+def falling_edges(levels: bytes, low: int) -> list[int]:
+    """The indices at which a line changes to the level `low`."""
+    edge, found = bytes((1 - low, low)), []
     at = levels.find(edge)
     while at >= 0:
-        falls.append(at + 1)
+        found.append(at + 1)
         at = levels.find(edge, at + 2)
-    return falls
+    return found
 
 
-def heard(
-    levels: bytes, falls: Sequence[int], low: int, pace: float, resync: Resync, most: int
+def received(
+    levels: bytes, edges: Sequence[int], low: int, pace: float, resync: Resync, most: int
 ) -> bytes:
-    """The first bytes that a receiver makes of a line.
+    """The first bytes that a UART receives from a line.
 
     Args:
-        levels: as sent.
-        falls: `falls_of` these levels.
-        low: the level that arrives as low: 0, or 1 where the polarity is swapped.
-        pace: bits of the sender in one of the receiver's.
-        resync: what happens behind a stop bit that is low.
-        most: how many bytes at most.
+        levels: the line.
+        edges: its `falling_edges`.
+        low: the level that is received as low: 0, or 1 with inverted polarity.
+        pace: bits of the sender in one bit of the receiver.
+        resync: behaviour after a framing error.
+        most: number of bytes at most.
     """
     out = bytearray()
-    middles = [(place + 0.5) * pace for place in range(_STOP + 1)]
+    middles = [(bit + 0.5) * pace for bit in range(_STOP + 1)]
     end = len(levels) - middles[_STOP] - 1
-    start: float | None = _fall_behind(falls, 0)
+    start: float | None = _edge_from(edges, 0)
     while start is not None and start < end and len(out) < most:
         if levels[int(start + middles[0])] != low:
-            start = _fall_behind(falls, start + middles[0])
+            start = _edge_from(edges, start + middles[0])
             continue
         byte = 0
-        for place in range(_DATA_BITS):
-            byte |= (levels[int(start + middles[place + 1])] != low) << place
+        for bit in range(_DATA_BITS):
+            byte |= (levels[int(start + middles[bit + 1])] != low) << bit
         out.append(byte)
         stop = start + middles[_STOP]
         if resync is Resync.AT_ONCE and byte and levels[int(stop)] == low:
             start += _STOP * pace
         else:
-            start = _fall_behind(falls, stop)
+            start = _edge_from(edges, stop)
     return bytes(out)
 
 
-def _fall_behind(falls: Sequence[int], place: float) -> int | None:
-    found = bisect_left(falls, place)
-    return falls[found] if found < len(falls) else None
+def _edge_from(edges: Sequence[int], at: float) -> int | None:
+    found = bisect_left(edges, at)
+    return edges[found] if found < len(edges) else None
 
 
 COMMON_BAUDS: Final = (
     9_600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800,
     500_000, 921_600, 1_000_000, 1_500_000, 2_000_000, 3_000_000,
 )  # fmt: skip
-"""Bauds that adapters and controllers are set to."""
+"""Baud rates of common adapters and controllers."""
 
 SOUND_SHARE: Final = 0.9
-"""Share of bytes in readable frames from which on a line is sound."""
+"""Share of bytes in readable frames from which a line is sound."""
 
 DAMAGED_SHARE: Final = 0.2
-"""Share of bytes in readable frames from which on it is the right line, but a bad one."""
+"""Share of bytes in readable frames from which the baud rate is right, but the line is bad."""
 
 FEW_BYTES: Final = 30
-"""Fewer bytes than this, without a frame, tell nothing."""
+"""Fewer bytes than this without a frame give no diagnosis."""
 
 SURE: Final = 0.9
-"""Probability from which on a guess is named alone."""
+"""Probability from which a guess is reported alone."""
 
-_LOW_SHARE = 0.97
-_TEXT = frozenset(range(0x20, 0x7F)) | frozenset(b"\t\r\n")
-_TEXT_SHARE = 0.95
-_MOST_BYTES = 600
-_FRAMES_EACH = 400
-_MOST_HEARD = 1000
-_IDLE_BITS = (0, 0, 3, 0, 57, 0, 211, 17)
-_SMOOTHING = 0.5
-_POLARITY_SHOWS = 2.0
-"""A line that is so many times faster than the receiver looks the same with swapped polarity."""
-_CAUTION = 3.0
-"""Neighbouring bytes are not independent: so many tell as much as one would."""
+_LOW_SHARE: Final = 0.97
+_TEXT: Final = frozenset(range(0x20, 0x7F)) | frozenset(b"\t\r\n")
+_TEXT_SHARE: Final = 0.95
+_MOST_BYTES: Final = 600
+_MODEL_FRAMES: Final = 400
+_MODEL_BYTES: Final = 1000
+_MODEL_IDLE_BITS: Final = (0, 0, 3, 0, 57, 0, 211, 17)
+_SMOOTHING: Final = 0.5
+_POLARITY_RATIO: Final = 2.0
+"""A line this much faster than the receiver gives the same bytes in both polarities."""
+_CORRELATION: Final = 3.0
+"""Adjacent bytes are correlated; this many count as one independent observation."""
+_LEAST_PROBABILITY: Final = 0.01
 
 
-class Condition(StrEnum):
-    """What a line is like."""
+class LineCondition(StrEnum):
+    """State of a line."""
 
     SOUND = "sound"
     DAMAGED = "damaged"
     SILENT = "silent"
     LOW = "low"
-    """Held low: nothing but 00 comes."""
+    """Held low: only 00 is received."""
     TOO_LITTLE = "too little"
     WRONG_BAUD = "wrong baud"
     INVERTED = "inverted"
     TEXT = "text"
     FOREIGN = "foreign"
-    """None of all these."""
+    """None of these."""
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
-    """How a line may truly be set."""
+class LineSetting:
+    """Baud rate and polarity of a sender."""
 
     baud: int
     inverted: bool
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """What is thought of a line."""
+class LineDiagnosis:
+    """State of a line, and its likely settings."""
 
-    condition: Condition
+    condition: LineCondition
     size: int
-    """Bytes that came."""
+    """Number of received bytes."""
     share: float
-    """Share of them in readable frames, 0-1."""
+    """Share of them in readable frames, 0 to 1."""
     directions: frozenset[Direction] = frozenset()
-    """Which way the readable frames go."""
-    guesses: tuple[tuple[Setting, float], ...] = ()
-    """Settings that would explain the bytes, with probabilities (0-1), the likeliest first."""
+    """Directions of the readable frames."""
+    guesses: tuple[tuple[LineSetting, float], ...] = ()
+    """Settings that explain the bytes, with probabilities (0 to 1), the most likely first."""
 
 
-def judge(data: bytes, baud: int) -> Verdict:
-    """What the bytes that came at `baud` say of the line."""
-    plain = judge_frames(data)
-    if plain is not None:
-        return plain
+def diagnose(data: bytes, baud: int) -> LineDiagnosis:
+    """Diagnose a line from bytes that were received at `baud`."""
+    by_frames = diagnose_frames(data)
+    if by_frames is not None:
+        return by_frames
     guesses = tuple(_guesses(data[:_MOST_BYTES], baud)) if len(data) >= FEW_BYTES else ()
-    condition = _condition_without_frames(data, baud, guesses)
-    return Verdict(condition, len(data), _share(data, readable_frames(data)), guesses=guesses)
+    condition = _condition(data, baud, guesses)
+    return LineDiagnosis(condition, len(data), _share(data, readable_frames(data)), guesses=guesses)
 
 
-def judge_frames(data: bytes) -> Verdict | None:
-    """The verdict where there are frames enough for one, or nothing at all; quick. None elsewhere.
+def diagnose_frames(data: bytes) -> LineDiagnosis | None:
+    """Diagnose a line by its frames alone, which is fast; None if there are too few.
 
-    Whatever the baud is at which the bytes came, frames in them prove it right.
+    Frames prove that the baud rate is right.
     """
     if not data:
-        return Verdict(Condition.SILENT, 0, 0.0)
+        return LineDiagnosis(LineCondition.SILENT, 0, 0.0)
     frames = readable_frames(data)
     share = _share(data, frames)
     if share < DAMAGED_SHARE or (share < SOUND_SHARE and len(frames) < 2):
         return None
     directions = frozenset(frame.direction for frame in frames)
-    condition = Condition.SOUND if share >= SOUND_SHARE else Condition.DAMAGED
-    return Verdict(condition, len(data), share, directions)
+    condition = LineCondition.SOUND if share >= SOUND_SHARE else LineCondition.DAMAGED
+    return LineDiagnosis(condition, len(data), share, directions)
 
 
 def _share(data: bytes, frames: list[Frame]) -> float:
@@ -206,7 +211,7 @@ def _share(data: bytes, frames: list[Frame]) -> float:
 
 
 def readable_frames(data: bytes) -> list[Frame]:
-    """The frames in `data` that can be believed."""
+    """The frames in `data` that are neither malformed nor ambiguous."""
     framer = Framer("line")
     rows = framer.feed(Chunk("line", None, data)) + framer.flush()
     return [
@@ -218,81 +223,80 @@ def readable_frames(data: bytes) -> list[Frame]:
     ]
 
 
-def _condition_without_frames(
-    data: bytes, baud: int, guesses: tuple[tuple[Setting, float], ...]
-) -> Condition:
+def _condition(
+    data: bytes, baud: int, guesses: tuple[tuple[LineSetting, float], ...]
+) -> LineCondition:
+    """The state of a line without frames."""
     if data.count(0) >= _LOW_SHARE * len(data):
-        return Condition.LOW
+        return LineCondition.LOW
     if len(data) < FEW_BYTES:
-        return Condition.TOO_LITTLE
+        return LineCondition.TOO_LITTLE
     if sum(byte in _TEXT for byte in data) >= _TEXT_SHARE * len(data):
-        return Condition.TEXT
+        return LineCondition.TEXT
     if not guesses:
-        return Condition.FOREIGN
+        return LineCondition.FOREIGN
     inverted = sum(
         probability
         for setting, probability in guesses
-        if setting.inverted and setting.baud <= _POLARITY_SHOWS * baud
+        if setting.inverted and setting.baud <= _POLARITY_RATIO * baud
     )
-    return Condition.INVERTED if inverted > 0.5 else Condition.WRONG_BAUD
+    return LineCondition.INVERTED if inverted > 0.5 else LineCondition.WRONG_BAUD
 
 
-def _guesses(data: bytes, baud: int) -> Iterator[tuple[Setting, float]]:
-    """The settings that explain the bytes better than chance does, each with its probability."""
+def _guesses(data: bytes, baud: int) -> Iterator[tuple[LineSetting, float]]:
+    """The settings that explain the bytes better than chance, with their probabilities."""
     counts = Counter(data)
-    best_of: dict[Setting, float] = {}
+    scores: dict[LineSetting, float] = {}
     for setting, logs in _models(baud):
-        score = sum(count * logs[byte] for byte, count in counts.items()) / _CAUTION
-        best_of[setting] = max(score, best_of.get(setting, score))
-    chance = -len(data) * log(256) / _CAUTION
-    top = max(best_of.values())
-    if top <= chance:
+        score = sum(count * logs[byte] for byte, count in counts.items()) / _CORRELATION
+        scores[setting] = max(score, scores.get(setting, score))
+    chance = -len(data) * log(256) / _CORRELATION
+    best = max(scores.values())
+    if best <= chance:
         return
-    weights = {setting: exp(score - top) for setting, score in best_of.items()}
-    whole = sum(weights.values())
-    for setting, weight in sorted(weights.items(), key=lambda pair: -pair[1]):
-        if weight / whole >= 0.01:
-            yield setting, weight / whole
+    likelihoods = {setting: exp(score - best) for setting, score in scores.items()}
+    total = sum(likelihoods.values())
+    for setting, likelihood in sorted(likelihoods.items(), key=lambda pair: -pair[1]):
+        if likelihood / total >= _LEAST_PROBABILITY:
+            yield setting, likelihood / total
 
 
 @cache
-def _models(baud: int) -> tuple[tuple[Setting, list[float]], ...]:
-    """How likely each byte is that is heard at `baud`, for each setting and kind of traffic."""
+def _models(baud: int) -> tuple[tuple[LineSetting, list[float]], ...]:
+    """Log-probabilities of bytes received at `baud`, by setting, traffic and resync."""
     found = []
-    for pieces in _traffics():
-        levels = line_levels(pieces, _IDLE_BITS)
-        falls = falls_of(levels, 0), falls_of(levels, 1)
-        for setting in _settings_but(baud):
+    for messages in _traffic():
+        levels = line_levels(messages, _MODEL_IDLE_BITS)
+        edges = falling_edges(levels, 0), falling_edges(levels, 1)
+        for setting in _settings_except(baud):
             low, pace = int(setting.inverted), setting.baud / baud
             for resync in Resync:
-                data = heard(levels, falls[low], low, pace, resync, _MOST_HEARD)
-                found.append((setting, _logs(data)))
+                data = received(levels, edges[low], low, pace, resync, _MODEL_BYTES)
+                found.append((setting, _log_probabilities(data)))
     return tuple(found)
 
 
-def _settings_but(baud: int) -> Iterator[Setting]:
+def _settings_except(baud: int) -> Iterator[LineSetting]:
     for inverted in (False, True):
         for other in sorted({*COMMON_BAUDS, baud}):
             if inverted or other != baud:
-                yield Setting(other, inverted)
+                yield LineSetting(other, inverted)
 
 
-def _logs(data: bytes) -> list[float]:
+def _log_probabilities(data: bytes) -> list[float]:
     counts = Counter(data)
-    whole = len(data) + 256 * _SMOOTHING
-    return [log((counts[byte] + _SMOOTHING) / whole) for byte in range(256)]
+    total = len(data) + 256 * _SMOOTHING
+    return [log((counts[byte] + _SMOOTHING) / total) for byte in range(256)]
 
 
-def _traffics() -> Iterator[list[bytes]]:
-    """Frames as they are on a wire, of each kind alone, of each direction and of all; always the
-    same ones.
-    """
+def _traffic() -> Iterator[list[bytes]]:
+    """Typical frames of each kind, of each direction, and of all; always the same."""
     random = Random("traffic")
-    told = [kind for kind in KINDS if kind.fields]
-    groups = [[kind] for kind in told]
-    groups += [[kind for kind in told if kind.direction is way] for way in Direction]
-    for kinds in (*groups, told):
-        yield [_frame(random, random.choice(kinds)) for _ in range(_FRAMES_EACH)]
+    kinds = [kind for kind in KINDS if kind.fields]
+    groups = [[kind] for kind in kinds]
+    groups += [[kind for kind in kinds if kind.direction is way] for way in Direction]
+    for group in (*groups, kinds):
+        yield [_frame(random, random.choice(group)) for _ in range(_MODEL_FRAMES)]
 
 
 def _frame(random: Random, kind: FrameKind) -> bytes:

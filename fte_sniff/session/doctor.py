@@ -29,11 +29,11 @@ from typing import Self
 from fte_sniff.analysis.baud_guess import (
     COMMON_BAUDS,
     SURE,
-    Condition,
-    Setting,
-    Verdict,
-    judge,
-    judge_frames,
+    LineCondition,
+    LineDiagnosis,
+    LineSetting,
+    diagnose,
+    diagnose_frames,
 )
 from fte_sniff.capture.discovery import (
     Holder,
@@ -140,7 +140,7 @@ def check_all_ports() -> Iterator[Finding]:
 
 
 def check_port(check: PortCheck) -> Iterator[Finding]:
-    """Open one port, listen to it, and judge its line.
+    """Open one port, listen to it, and diagnose its line.
 
     Raises:
         PortError: the port cannot be opened, or was lost.
@@ -156,7 +156,7 @@ def check_port(check: PortCheck) -> Iterator[Finding]:
         if sample.line_errors:
             what = f"line errors while listening: {sample.line_errors}"
             yield warn(name, what, "another baud or polarity, or a loose or unshielded wire")
-        verdict = judge(sample.data, baud)
+        verdict = diagnose(sample.data, baud)
         yield verdict_finding(name, baud, verdict)
         if check.probe:
             yield _probe(name, baud, listener, verdict)
@@ -508,50 +508,50 @@ _POLARITY = (
 )
 
 
-def verdict_finding(port: str, baud: int, verdict: Verdict) -> Finding:
+def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Finding:
     """The finding for a verdict on bytes received at `baud`."""
     size = f"{verdict.size:,} bytes"
     typed = quote(port)
     probe = f"fte-sniff doctor {typed} --probe"
     match verdict.condition:
-        case Condition.SOUND:
+        case LineCondition.SOUND:
             wire = _WIRE.get(verdict.directions, "frames")
             return ok(port, f"{verdict.share:.1%} of {size} at {baud} baud stand in frames: {wire}")
-        case Condition.DAMAGED:
+        case LineCondition.DAMAGED:
             return warn(
                 port,
                 f"only {verdict.share:.1%} of {size} at {baud} baud stand in frames: a loose plug, "
                 "no common ground, two talkers on the wire, or bytes lost",
                 f"check plug and ground; fte-sniff live {typed} --filter malformed",
             )
-        case Condition.SILENT:
+        case LineCondition.SILENT:
             return bad(
                 port,
                 "nothing came: a dead wire, or nobody talks",
                 "power the controller, join the grounds, put the adapter's RX on a TX wire",
             )
-        case Condition.LOW:
+        case LineCondition.LOW:
             return bad(
                 port,
                 f"nothing but 00 came ({size}): the wire is held low (no power, no ground, swapped "
                 f"polarity), or is far slower than {baud} baud",
                 f"check power and ground; {probe}",
             )
-        case Condition.TOO_LITTLE:
+        case LineCondition.TOO_LITTLE:
             what = f"{size} came and no frame: too little to tell by"
             return warn(port, what, f"fte-sniff doctor {typed} --seconds 30")
-        case Condition.TEXT:
+        case LineCondition.TEXT:
             what = f"{size} of text and no frame: some other device sends here"
             return bad(port, what, "fte-sniff ports")
     return _no_frames(port, baud, verdict, f"no frame in {size} at {baud} baud", probe)
 
 
-def _no_frames(port: str, baud: int, verdict: Verdict, what: str, probe: str) -> Finding:
-    if verdict.condition is Condition.FOREIGN:
+def _no_frames(port: str, baud: int, verdict: LineDiagnosis, what: str, probe: str) -> Finding:
+    if verdict.condition is LineCondition.FOREIGN:
         what += ", and no common baud makes such bytes: another protocol, or noise on an open wire"
         return bad(port, what, f"check that RX is on a wire; {probe}")
     setting, probability = verdict.guesses[0]
-    if verdict.condition is Condition.INVERTED:
+    if verdict.condition is LineCondition.INVERTED:
         at = "" if setting.baud == baud else f", and {setting.baud} baud"
         return bad(port, f"{what}: it looks like swapped polarity{at}", _POLARITY)
     if probability >= SURE and setting.baud <= baud:
@@ -575,43 +575,43 @@ _PROBE_BYTES = 400
 """Bytes after which a probe tries the next baud."""
 
 
-def _probe(port: str, baud: int, listener: LineListener, verdict: Verdict) -> Finding:
-    if verdict.condition is Condition.SOUND:
+def _probe(port: str, baud: int, listener: LineListener, verdict: LineDiagnosis) -> Finding:
+    if verdict.condition is LineCondition.SOUND:
         return ok(port, "probe: not needed, the baud is right")
-    if verdict.condition is Condition.SILENT:
+    if verdict.condition is LineCondition.SILENT:
         return warn(port, "probe: nothing comes that could be probed", "let the line talk")
     samples: dict[int, bytes] = {}
-    best: tuple[Setting, Verdict] | None = None
+    best: tuple[LineSetting, LineDiagnosis] | None = None
     for candidate in _candidates(verdict, baud):
         data = listener.sample(candidate, _PROBE_S, _PROBE_BYTES)
         if data is None:
             continue
         samples[candidate] = data
-        judged = judge_frames(data)
+        judged = diagnose_frames(data)
         if judged is not None and judged.share > (best[1].share if best else 0):
-            best = Setting(candidate, inverted=False), judged
-            if judged.condition is Condition.SOUND:
+            best = LineSetting(candidate, inverted=False), judged
+            if judged.condition is LineCondition.SOUND:
                 break
     return probe_finding(port, *(best or (_swapped_polarity(samples), None)))
 
 
-def _candidates(verdict: Verdict, baud: int) -> list[int]:
+def _candidates(verdict: LineDiagnosis, baud: int) -> list[int]:
     """The bauds to try: first those that the received bytes suggest."""
     guessed = [setting.baud for setting, _ in verdict.guesses]
     near = sorted(COMMON_BAUDS, key=lambda other: max(other / baud, baud / other))
     return list(dict.fromkeys([*guessed, *near]))
 
 
-def _swapped_polarity(samples: Mapping[int, bytes]) -> Setting | None:
+def _swapped_polarity(samples: Mapping[int, bytes]) -> LineSetting | None:
     """The baud at which the bytes look like the same baud with swapped polarity."""
     for baud, data in samples.items():
-        setting = Setting(baud, inverted=True)
-        if dict(judge(data, baud).guesses).get(setting, 0) >= SURE:
+        setting = LineSetting(baud, inverted=True)
+        if dict(diagnose(data, baud).guesses).get(setting, 0) >= SURE:
             return setting
     return None
 
 
-def probe_finding(port: str, found: Setting | None, verdict: Verdict | None) -> Finding:
+def probe_finding(port: str, found: LineSetting | None, verdict: LineDiagnosis | None) -> Finding:
     """The finding of a probe: the best setting, and its verdict if frames came."""
     if found is None:
         what = "probe: no common baud gives frames"

@@ -9,13 +9,13 @@ from benchmarks.uart import AfterError
 from benchmarks.uart import heard as heard_by_hardware
 from fte_sniff.analysis.baud_guess import (
     COMMON_BAUDS,
-    Condition,
+    LineCondition,
+    LineSetting,
     Resync,
-    Setting,
-    falls_of,
-    heard,
-    judge,
+    diagnose,
+    falling_edges,
     line_levels,
+    received,
 )
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
 
@@ -38,10 +38,10 @@ def test_a_slower_line_is_recognised_with_its_baud_and_polarity(baud, traffic, a
             1, frames(1, TRAFFIC[traffic]), baud, DEFAULT_BAUD, inverted=inverted,
             after_error=after_error,
         )  # fmt: skip
-        verdict = judge(data, DEFAULT_BAUD)
-        expected = Condition.INVERTED if inverted else Condition.WRONG_BAUD
+        verdict = diagnose(data, DEFAULT_BAUD)
+        expected = LineCondition.INVERTED if inverted else LineCondition.WRONG_BAUD
         assert (verdict.condition, verdict.share) == (expected, 0.0)
-        assert verdict.guesses[0][0] == Setting(baud, inverted)
+        assert verdict.guesses[0][0] == LineSetting(baud, inverted)
 
 
 @pytest.mark.parametrize("after_error", AfterError)
@@ -51,9 +51,9 @@ def test_swapped_polarity_is_recognised_at_its_own_baud(baud, traffic, after_err
     data = heard_by_hardware(
         2, frames(2, TRAFFIC[traffic]), baud, baud, inverted=True, after_error=after_error
     )
-    verdict = judge(data, baud)
-    assert verdict.condition is Condition.INVERTED
-    assert verdict.guesses[0][0] == Setting(baud, True)
+    verdict = diagnose(data, baud)
+    assert verdict.condition is LineCondition.INVERTED
+    assert verdict.guesses[0][0] == LineSetting(baud, True)
     assert verdict.guesses[0][1] > 0.9
 
 
@@ -61,23 +61,27 @@ def test_swapped_polarity_is_recognised_at_its_own_baud(baud, traffic, after_err
 @pytest.mark.parametrize("traffic", TRAFFIC)
 def test_a_faster_line_is_never_taken_for_a_sound_one(baud, traffic):
     data = heard_by_hardware(3, frames(3, TRAFFIC[traffic], 200), baud, DEFAULT_BAUD)
-    verdict = judge(data, DEFAULT_BAUD)
+    verdict = diagnose(data, DEFAULT_BAUD)
     assert verdict.share < 0.1
-    assert verdict.condition in (Condition.WRONG_BAUD, Condition.FOREIGN, Condition.INVERTED)
+    assert verdict.condition in (
+        LineCondition.WRONG_BAUD,
+        LineCondition.FOREIGN,
+        LineCondition.INVERTED,
+    )
 
 
 @pytest.mark.parametrize("baud", [b for b in COMMON_BAUDS if b < DEFAULT_BAUD / 8])
 def test_a_far_slower_line_looks_held_low(baud):
     data = heard_by_hardware(4, frames(4, count=20), baud, DEFAULT_BAUD)
-    assert judge(data, DEFAULT_BAUD).condition is Condition.LOW
+    assert diagnose(data, DEFAULT_BAUD).condition is LineCondition.LOW
 
 
 @pytest.mark.parametrize("traffic", TRAFFIC)
 @pytest.mark.parametrize("baud", COMMON_BAUDS)
 def test_at_the_right_baud_a_line_is_sound(baud, traffic):
     data = heard_by_hardware(5, frames(5, TRAFFIC[traffic], 20), baud, baud)
-    verdict = judge(data, baud)
-    assert (verdict.condition, verdict.share) == (Condition.SOUND, 1.0)
+    verdict = diagnose(data, baud)
+    assert (verdict.condition, verdict.share) == (LineCondition.SOUND, 1.0)
     kinds = {"control": {Direction.CONTROL}, "all": set(Direction)}.get(
         traffic, {Direction.FEEDBACK}
     )
@@ -87,32 +91,32 @@ def test_at_the_right_baud_a_line_is_sound(baud, traffic):
 @pytest.mark.parametrize(("share", "condition"), [(0.02, "sound"), (0.4, "damaged")])
 def test_a_bad_wire_is_the_right_line_all_the_same(share, condition):
     data, _ = damaged_stream(7, 300, share, "ordinary")
-    assert judge(data, DEFAULT_BAUD).condition == condition
+    assert diagnose(data, DEFAULT_BAUD).condition == condition
 
 
 @pytest.mark.parametrize(
     ("data", "condition"),
     [
-        (b"", Condition.SILENT),
-        (b"\0" * 5, Condition.LOW),
-        (b"\0" * 500, Condition.LOW),
-        (b"\x37\x99\xc2", Condition.TOO_LITTLE),
+        (b"", LineCondition.SILENT),
+        (b"\0" * 5, LineCondition.LOW),
+        (b"\0" * 500, LineCondition.LOW),
+        (b"\x37\x99\xc2", LineCondition.TOO_LITTLE),
         (b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n" * 4, "text"),
-        (Random(1).randbytes(600), Condition.FOREIGN),
-        (frames(1)[0], Condition.SOUND),
+        (Random(1).randbytes(600), LineCondition.FOREIGN),
+        (frames(1)[0], LineCondition.SOUND),
     ],
 )
 def test_what_else_a_line_can_be(data, condition):
-    assert judge(data, DEFAULT_BAUD).condition == condition
+    assert diagnose(data, DEFAULT_BAUD).condition == condition
 
 
 @given(st.binary(max_size=200), st.sampled_from(COMMON_BAUDS))
 def test_any_bytes_get_a_verdict_that_adds_up(data, baud):
-    verdict = judge(data, baud)
+    verdict = diagnose(data, baud)
     assert verdict.size == len(data)
     assert 0 <= verdict.share <= 1
     assert sum(probability for _, probability in verdict.guesses) <= 1 + 1e-9
-    assert Setting(baud, False) not in dict(verdict.guesses)
+    assert LineSetting(baud, False) not in dict(verdict.guesses)
 
 
 @given(
@@ -123,7 +127,7 @@ def test_any_bytes_get_a_verdict_that_adds_up(data, baud):
 def test_at_its_own_baud_a_uart_hears_what_was_sent(pieces, idle, resync):
     levels = line_levels([*pieces, b""], [idle, 40])
     bits = levels + b"\1" * 20
-    assert heard(bits, falls_of(bits, 0), 0, 1.0, resync, 1000) == b"".join(pieces)
+    assert received(bits, falling_edges(bits, 0), 0, 1.0, resync, 1000) == b"".join(pieces)
 
 
 @given(st.binary(max_size=100), st.sampled_from(COMMON_BAUDS))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.analysis.baud_guess import Condition, Setting, Verdict
+from fte_sniff.analysis.baud_guess import LineCondition, LineDiagnosis, LineSetting
 from fte_sniff.capture.discovery import Holder, PortListing, stray_adapters
 from fte_sniff.capture.serial_port import LowLatency, PortCapabilities, PortSettings
 from fte_sniff.capture.uart_errors import LineWatch, UartWatch
@@ -37,37 +37,37 @@ from fte_sniff.session.doctor import (
 )
 from tests.recording.privilege import unprivileged
 
-AT_57600 = (Setting(57_600, False), 0.99)
+AT_57600 = (LineSetting(57_600, False), 0.99)
 
 
-@pytest.mark.parametrize("condition", Condition)
-@pytest.mark.parametrize("guesses", [((AT_57600),), ((Setting(921_600, True), 0.4),)])
+@pytest.mark.parametrize("condition", LineCondition)
+@pytest.mark.parametrize("guesses", [((AT_57600),), ((LineSetting(921_600, True), 0.4),)])
 def test_every_verdict_has_words_and_a_way_out(
-    condition: Condition, guesses: tuple[tuple[Setting, float], ...]
+    condition: LineCondition, guesses: tuple[tuple[LineSetting, float], ...]
 ) -> None:
-    verdict = Verdict(condition, 100, 0.5, frozenset({Direction.CONTROL}), guesses)
+    verdict = LineDiagnosis(condition, 100, 0.5, frozenset({Direction.CONTROL}), guesses)
     finding = verdict_finding("/dev/p", 115_200, verdict)
     assert finding.what
-    assert (finding.fix is None) is (condition is Condition.SOUND)
+    assert (finding.fix is None) is (condition is LineCondition.SOUND)
 
 
 @pytest.mark.parametrize(
     ("guess", "words", "fix"),
     [
         (AT_57600, "looks like 57600 baud", "fte-sniff live /dev/p --baud 57600"),
-        ((Setting(57_600, False), 0.5), "perhaps 57600", "fte-sniff doctor /dev/p --probe"),
+        ((LineSetting(57_600, False), 0.5), "perhaps 57600", "fte-sniff doctor /dev/p --probe"),
         # What is faster than the receiver only probing can tell for sure.
         (
-            (Setting(460_800, False), 0.99),
+            (LineSetting(460_800, False), 0.99),
             "looks like a faster line",
             "fte-sniff doctor /dev/p --probe",
         ),
     ],
 )
 def test_a_baud_is_named_as_surely_as_it_is_known(
-    guess: tuple[Setting, float], words: str, fix: str
+    guess: tuple[LineSetting, float], words: str, fix: str
 ) -> None:
-    verdict = Verdict(Condition.WRONG_BAUD, 100, 0.0, guesses=(guess,))
+    verdict = LineDiagnosis(LineCondition.WRONG_BAUD, 100, 0.0, guesses=(guess,))
     finding = verdict_finding("/dev/p", 115_200, verdict)
     assert words in finding.what
     assert finding.fix == fix

@@ -1,10 +1,10 @@
-"""Owns the figures for the guess what is wrong with a line, by simulated UARTs.
+"""Accuracy of the line diagnosis, on simulated UARTs.
 
-python -m benchmarks.line_verdict
+python -m benchmarks.baud_guess
 
-Each line of the table is one way in which the talker truly is set while the receiver is at 115200
-baud: what the verdicts were, and how often the likeliest guess was the truth. The last line is the
-cost of taking a terminal's marks of bytes in error out of what was read.
+Each line of the table is one setting of the sender; the receiver is at 115200 baud. It has the
+diagnoses, and how often the likeliest guess was right. The last line is the cost of removing the
+terminal's PARMRK marks from received bytes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from random import Random
 from benchmarks.faults import draw_frame, ordinary
 from benchmarks.uart import AfterError
 from benchmarks.uart import heard as heard_by_hardware
-from fte_sniff.analysis.baud_guess import COMMON_BAUDS, Setting, judge
+from fte_sniff.analysis.baud_guess import COMMON_BAUDS, LineSetting, diagnose
 from fte_sniff.capture.uart_errors import Unmarker
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
 
@@ -34,21 +34,21 @@ TRAFFIC = (
 def main() -> None:
     """Print the table."""
     for inverted, baud in product((False, True), COMMON_BAUDS):
-        verdicts: Counter[str] = Counter()
+        conditions: Counter[str] = Counter()
         hits = 0
-        truth = Setting(baud, inverted)
+        truth = LineSetting(baud, inverted)
         for seed, kinds, after_error in product(SEEDS, TRAFFIC, AfterError):
             random = Random(f"{seed} {baud}")
             frames = [draw_frame(random, ordinary, kinds) for _ in range(FRAMES)]
             data = heard_by_hardware(
                 seed, frames, baud, DEFAULT_BAUD, inverted=inverted, after_error=after_error
             )
-            verdict = judge(data, DEFAULT_BAUD)
-            verdicts[verdict.condition] += 1
-            hits += bool(verdict.guesses) and verdict.guesses[0][0] == truth
-        said = ", ".join(f"{word} {count}" for word, count in verdicts.most_common())
+            found = diagnose(data, DEFAULT_BAUD)
+            conditions[found.condition] += 1
+            hits += bool(found.guesses) and found.guesses[0][0] == truth
+        words = ", ".join(f"{word} {count}" for word, count in conditions.most_common())
         polarity = "inverted" if inverted else "normal"
-        print(f"{baud:>9,} {polarity:<8}  guessed {hits:>2} of {verdicts.total()}  {said}")
+        print(f"{baud:>9,} {polarity:<8}  guessed {hits:>2} of {conditions.total()}  {words}")
     _print_cost_of_marks()
 
 
@@ -58,9 +58,9 @@ def _print_cost_of_marks() -> None:
     pieces = [marked[at : at + 4096] for at in range(0, len(marked), 4096)]
     copying = _seconds(lambda: [bytes(bytearray(piece)) for piece in pieces])
     unmarker = Unmarker()
-    taking = _seconds(lambda: [unmarker.feed(piece) for piece in pieces])
-    speed = len(data) / taking / 1e6
-    print(f"marks taken out at {speed:.0f} MB/s, 1/{taking / copying:.0f} of copying twice")
+    unmarking = _seconds(lambda: [unmarker.feed(piece) for piece in pieces])
+    speed = len(data) / unmarking / 1e6
+    print(f"marks removed at {speed:.0f} MB/s, 1/{unmarking / copying:.0f} of copying twice")
 
 
 def _seconds(work: Callable[[], object]) -> float:
