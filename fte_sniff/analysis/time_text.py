@@ -1,9 +1,9 @@
-"""Parse times and durations that a user types.
+"""Times and durations that a user types.
 
 2026-01-31T12:00:05.25Z      a time, UTC or with a zone as +08:00
-2026-01-31 12:00, 2026-01-31 the same in fewer words: a date alone is its midnight
+2026-01-31 12:00, 2026-01-31 shorter forms: a date alone is its midnight
 12:00:05.25, 12:00+08:00     a time of day, UTC or with a zone
-10s, 1m30s, 250ms, 1.5h      a length of time: h, m or min, s, ms, us, ns
+10s, 1m30s, 250ms, 1.5h      a duration: h, m or min, s, ms, us, ns
 """
 
 from __future__ import annotations
@@ -36,34 +36,34 @@ _UNITS: Final = {
 }
 _PART: Final = rf"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)({'|'.join(_UNITS)})"
 _PARTS: Final = re.compile(_PART, re.IGNORECASE)
-_LENGTH: Final = re.compile(f"(?:{_PART})+", re.IGNORECASE)
+_DURATION: Final = re.compile(f"(?:{_PART})+", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class ClockTime:
-    """A time of day, of whatever day."""
+    """A time of day, without a date."""
 
     of_day: time
-    """To the second, with its zone where one was written."""
+    """To the second, with its zone if it has one."""
     fraction_ns: int = 0
-    """What comes on top, 0 to 999,999,999 ns."""
+    """Added to it, 0 to 999,999,999 ns."""
 
     @property
     def since_midnight_ns(self) -> int:
-        """Nanoseconds since midnight UTC, on every day the same; without a zone it is UTC."""
+        """Nanoseconds since midnight UTC; the default zone is UTC."""
         return self.on_day_of(0, UTC) % DAY_NS
 
     def on_day_of(self, t_ns: int, zone: tzinfo) -> int:
-        """That time on the day on which `t_ns` is in its zone, nanoseconds since 1970 UTC.
+        """This time on the day of another time, nanoseconds since 1970 UTC.
 
         Args:
-            t_ns: a time on the day, nanoseconds since 1970 UTC.
-            zone: the zone, where none was written.
+            t_ns: the other time, nanoseconds since 1970 UTC.
+            zone: the default zone.
         """
         return self._on(_date_of(t_ns, self.of_day.tzinfo or zone), zone)
 
     def on_day_after(self, t_ns: int, zone: tzinfo) -> int:
-        """The same on the day after."""
+        """The same on the next day."""
         return self._on(_date_of(t_ns, self.of_day.tzinfo or zone) + timedelta(days=1), zone)
 
     def _on(self, day: date, zone: tzinfo) -> int:
@@ -72,13 +72,13 @@ class ClockTime:
 
 
 def time_ns(text: str, zone: tzinfo = UTC) -> int | None:
-    """A time with its date as nanoseconds since 1970 UTC; None where the text is none.
+    """A time with a date, nanoseconds since 1970 UTC; None if the text is not one.
 
-    Up to nine digits of a second are read.
+    A fraction of a second has up to nine digits.
 
     Args:
-        text: what somebody wrote.
-        zone: the zone, where none was written.
+        text: the text.
+        zone: the default zone.
     """
     match = _ISO.fullmatch(text.strip())
     if match is None:
@@ -92,7 +92,7 @@ def time_ns(text: str, zone: tzinfo = UTC) -> int | None:
 
 
 def clock_time(text: str) -> ClockTime | None:
-    """A time of day; None where the text is none."""
+    """A time of day; None if the text is not one."""
     match = _CLOCK.fullmatch(text.strip())
     if match is None:
         return None
@@ -104,9 +104,9 @@ def clock_time(text: str) -> ClockTime | None:
     return ClockTime(found, _fraction_ns(fraction))
 
 
-def length_ns(text: str) -> int | None:
-    """A length of time in nanoseconds; None where the text is none."""
-    if not _LENGTH.fullmatch(text):
+def duration_ns(text: str) -> int | None:
+    """A duration in nanoseconds; None if the text is not one."""
+    if not _DURATION.fullmatch(text):
         return None
     parts = _PARTS.findall(text)
     return sum(int(Decimal(number) * _UNITS[unit.lower()]) for number, unit in parts)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.analysis.time_text import ClockTime, clock_time, length_ns, time_ns
+from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.cli.settings import SavedSettings
 from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
 from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
@@ -138,7 +138,7 @@ def _known(bounds: Times, option: str, text: str) -> tuple[int, int]:
 
 
 def _length(text: str, option: str) -> int:
-    length = length_ns(text)
+    length = duration_ns(text)
     if length is None:
         raise InputTextError(
             f"{option}: {quoted(text)} is no length of time; write 10s, 1m30s or 250ms"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from typing import TypeAlias
 
-from fte_sniff.analysis.time_text import ClockTime, clock_time, length_ns, time_ns
+from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.prompt import PromptField, Take
@@ -88,7 +88,7 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
         return ToTime(t_ns)
     if (clock := clock_time(text)) is not None:
         return ToTimeOfDay(clock)
-    if text[:1] in SIGNS and (ns := length_ns(text[1:])) is not None:
+    if text[:1] in SIGNS and (ns := duration_ns(text[1:])) is not None:
         return ToDistance(-ns if text[0] == "-" else ns)
     if _NO_UNIT.fullmatch(text):
         raise InputTextError(

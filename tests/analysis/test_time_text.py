@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.time_text import DAY_NS, SECOND_NS, clock_time, length_ns, time_ns
+from fte_sniff.analysis.time_text import DAY_NS, SECOND_NS, clock_time, duration_ns, time_ns
 from fte_sniff.protocol import iso_time
 
 NOON_NS = 1_769_860_800 * SECOND_NS
@@ -119,4 +119,4 @@ def test_a_time_that_names_no_zone_is_of_the_one_agreed(text: str) -> None:
     ],
 )
 def test_a_length(text: str, ns: int | None) -> None:
-    assert length_ns(text) == ns
+    assert duration_ns(text) == ns

@@ -1,4 +1,4 @@
-"""Filter made from a table cell; needs no polars."""
+"""Filters made from the cells of a row; needs no polars."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ _LOOSE = re.compile(r"\bOR\b|\|\|", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class CellFilter:
-    """What a cell of a row can say in a filter."""
+    """The filters of one cell."""
 
     column: str
-    """Its name in the row contract."""
+    """Name of its column."""
     only: str
-    """Wants the rows that are alike here."""
+    """Keeps the rows with the same value."""
     without: str
-    """Wants the other rows, those included that have no such value."""
+    """Keeps all other rows, also those without a value."""
 
 
 def cell_filters(row: Row) -> list[CellFilter]:
-    """For every cell of a row by which one could filter, in the order of their use."""
+    """The filters of all cells of a row, the most useful first."""
     values = record(row)
     return [found for name in _ORDER for found in _of_cell(name, values[name])]
 
@@ -55,12 +55,12 @@ def _of_cell(name: str, value: Value) -> Iterator[CellFilter]:
         time = iso_time(value)
         yield CellFilter(name, f"{name} >= '{time}'", f"{name} < '{time}'")
     elif _can_be_written(value):
-        said = f"{value}" if isinstance(value, int) else _quoted(value)
-        yield CellFilter(name, f"{name} = {said}", f"{name} IS DISTINCT FROM {said}")
+        literal = f"{value}" if isinstance(value, int) else _quoted(value)
+        yield CellFilter(name, f"{name} = {literal}", f"{name} IS DISTINCT FROM {literal}")
 
 
 def _can_be_written(value: int | str) -> bool:
-    """Whether a filter can hold it; a device's name may hold bytes that are no text."""
+    """Whether a filter can contain the value: a device's name may have undecodable bytes."""
     return isinstance(value, int) or value.isprintable()
 
 
@@ -69,14 +69,10 @@ def _quoted(text: str) -> str:
     return f"'{doubled}'"
 
 
-def both(standing: str, added: str) -> str:
-    """A filter that wants what both want; the one that stands may be empty."""
-    if not standing or standing == added:
+def both(current: str, added: str) -> str:
+    """The conjunction of two filters; the current one may be empty."""
+    if not current or current == added:
         return added
-    first = f"({standing})" if _LOOSE.search(standing) else standing
-    return standing if _holds(standing, added) else f"{first} AND {added}"
-
-
-def _holds(standing: str, added: str) -> bool:
-    """Whether the filter is already among those that were added."""
-    return not _LOOSE.search(standing) and added in standing.split(" AND ")
+    if _LOOSE.search(current):
+        return f"({current}) AND {added}"
+    return current if added in current.split(" AND ") else f"{current} AND {added}"

@@ -35,23 +35,23 @@ from fte_sniff.row_batch import Codebook, Packed, SideBySide
 
 @dataclass(frozen=True, slots=True)
 class RowFilter:
-    """A checked filter; made by `parse`."""
+    """A compiled filter; made by `parse`."""
 
     text: str
     """As typed."""
     sql: str
-    """As polars reads it: over the names and types of `row_frame`."""
+    """SQL for polars, over the columns of `row_frame`."""
     names: frozenset[str]
-    """The columns that it reads; `mask` needs no others."""
+    """Columns that it reads; `mask` needs no others."""
     expression: pl.Expr = field(compare=False, repr=False)
     """True, false or null for every row."""
 
     @classmethod
     def parse(cls, text: str) -> RowFilter:
-        """The filter that a text says.
+        """Compile a filter.
 
         Raises:
-            FilterError: one line with what is wrong, where, and what to write instead.
+            FilterError: one line with the mistake, its position, and the fix.
         """
         found = parse(text)
         try:
