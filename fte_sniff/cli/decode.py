@@ -92,7 +92,7 @@ def _write(form: OutputFormat, output: Path | None, reading: InputReading, *, fo
                 batch.write_to(writer)
                 # A reader of the pipe gets each batch at once.
                 stream.flush()
-            writer.end()
+            writer.close()
 
 
 def _write_raw(output: Path | None, reading: InputReading, *, force: bool) -> None:

@@ -45,7 +45,7 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
             writer.write(rows)
     except InputTextError as error:
         raise _file_name_error(text) or error from error
-    writer.end()
+    writer.close()
     for doubt in log.doubts:
         print_err(f"fte-sniff: {doubt}")
 

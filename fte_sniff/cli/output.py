@@ -12,7 +12,7 @@ import click
 
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError, printable, unwritable
-from fte_sniff.formats.writers import FORM_BY_END, TEXT_FORMS, OutputFormat
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol import Gap, Status, iso_time, status_of
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def format_option(
-    default: OutputFormat | None, forms: Sequence[OutputFormat] = TEXT_FORMS
+    default: OutputFormat | None, forms: Sequence[OutputFormat] = TEXT_FORMATS
 ) -> Decorator:
     """The `--format` option; without a default the command chooses the format."""
     return click.option(
@@ -49,12 +49,12 @@ def format_for(output: Path | None) -> OutputFormat:
     end = "" if output is None else output.suffix.lower()
     if not end:
         return OutputFormat.TABLE
-    if end not in FORM_BY_END:
+    if end not in FORMAT_BY_SUFFIX:
         raise UsageError(
             f"{output}: the extension selects the format, and {end} is not one of"
-            f" {' '.join(FORM_BY_END)}; use one of them, or --format"
+            f" {' '.join(FORMAT_BY_SUFFIX)}; use one of them, or --format"
         )
-    return FORM_BY_END[end]
+    return FORMAT_BY_SUFFIX[end]
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import click
 
 from fte_sniff.cli.options import Seconds, parse_seconds, row_filter
 from fte_sniff.errors import UsageError
-from fte_sniff.formats.writers import FORM_BY_END, OutputFormat
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
 from fte_sniff.recording.output_file import Existing, is_outlet
 from fte_sniff.recording.retention import (
     DEFAULT_FREE_BYTES,
@@ -172,7 +172,7 @@ def check_recording(output: Path | None) -> None:
     """
     if output is None or is_outlet(output):
         return
-    if FORM_BY_END.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
+    if FORMAT_BY_SUFFIX.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
         mcap = output.with_suffix(".mcap")
         raise UsageError(
             f"-o {output}: a capture is recorded as MCAP; name it {mcap},"

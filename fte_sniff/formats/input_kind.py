@@ -1,7 +1,4 @@
-"""Which format a file has; raw bytes.
-
-It must not read a file beyond its first bytes.
-"""
+"""The format of an input, by its name or its first bytes; chunks of raw bytes."""
 
 from __future__ import annotations
 
@@ -16,11 +13,11 @@ from fte_sniff.formats.logs.text_lines import looks_like_text
 from fte_sniff.protocol import Chunk
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
-"""The first bytes of every MCAP file."""
+"""The first bytes of an MCAP file."""
 
 
 class InputKind(StrEnum):
-    """What a file holds."""
+    """The format of an input."""
 
     MCAP = "mcap"
     RAW = "raw"
@@ -39,15 +36,15 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
         ".jsonl": InputKind.HEX,
     }
 )
-"""The kind that a file's name promises."""
+"""By file name suffix, in lower case."""
 
 
 def kind_of_file(path: Path) -> InputKind:
-    """What the file holds, by the end of its name, or else by the magic of an MCAP.
+    """Return the format of a file by its suffix, or by its first bytes if it is MCAP.
 
     Raises:
         FileError: the file cannot be read.
-        UsageError: neither name nor content tells.
+        UsageError: neither suffix nor first bytes are known.
     """
     named = KIND_OF_SUFFIX.get(path.suffix.lower())
     if named is not None:
@@ -66,18 +63,18 @@ def kind_of_file(path: Path) -> InputKind:
 
 
 def kind_of_content(first: bytes) -> InputKind:
-    """What a stream most likely holds, by its first bytes: text is hex, all else is raw bytes."""
+    """Guess the format of a stream by its first bytes: text is hex, anything else raw bytes."""
     if first.startswith(MCAP_MAGIC):
         return InputKind.MCAP
     return InputKind.HEX if looks_like_text(first) else InputKind.RAW
 
 
-_PIECE = 1 << 19
-"""Bytes that are read at once, at most; of a pipe or a terminal come those that are there."""
+_BLOCK = 1 << 19
+"""Bytes of one read at most; a pipe or terminal returns what is available."""
 
 
 def raw_chunks(path: Path) -> Iterator[Chunk]:
-    """The chunks of a file of raw bytes.
+    """Read a file of raw bytes as chunks.
 
     Raises:
         FileError: the file cannot be read.
@@ -90,7 +87,7 @@ def raw_chunks(path: Path) -> Iterator[Chunk]:
 
 
 def raw_stream_chunks(stream: BinaryIO | IO[bytes], name: str) -> Iterator[Chunk]:
-    """The chunks of an open stream of raw bytes, for example standard input."""
+    """Read an open stream of raw bytes as chunks, for example standard input."""
     read = getattr(stream, "read1", stream.read)
-    while block := read(_PIECE):
+    while block := read(_BLOCK):
         yield Chunk(name, None, block)

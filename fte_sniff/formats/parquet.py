@@ -1,4 +1,4 @@
-"""Write Parquet (polars)."""
+"""Write Parquet files; needs polars."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _SYSTEM_ERROR = re.compile(r"\(os error ([0-9]+)\)")
 def write_parquet(
     frames: Iterator[pl.DataFrame], path: Path, schema: dict[str, pl.DataType]
 ) -> None:
-    """Write the frames one behind the other; no more than a few are held at once.
+    """Write the frames in order, with only a few in memory at once.
 
     Raises:
         OSError: the file cannot be written.
-        Exception: what the frames raise.
+        Exception: any exception that the iterator raises.
     """
     raised: list[Exception] = []
 
@@ -31,21 +31,21 @@ def write_parquet(
     ) -> Iterator[pl.DataFrame]:
         try:
             yield from frames
-        except Exception as error:  # noqa: BLE001 - through polars it would lose its type
+        except Exception as error:  # noqa: BLE001 - polars would change its type
             raised.append(error)
 
     try:
         register_io_source(source, schema=schema).sink_parquet(path, engine="streaming")
     except PolarsError as error:
         if not raised:
-            raise _refused(error) from error
+            raise _system_error(error) from error
     if raised:
         raise raised[0]
 
 
-def _refused(error: PolarsError) -> OSError:
-    """What the system said when polars wrote; of some writes polars tells no more than that."""
-    said = _SYSTEM_ERROR.search(str(error))
-    if said is None:
+def _system_error(error: PolarsError) -> OSError:
+    """The system error in the text of a polars error; EIO if there is none."""
+    found = _SYSTEM_ERROR.search(str(error))
+    if found is None:
         return OSError(errno.EIO, f"a write failed ({' '.join(str(error).split())})")
-    return OSError(int(said[1]), os.strerror(int(said[1])))
+    return OSError(int(found[1]), os.strerror(int(found[1])))

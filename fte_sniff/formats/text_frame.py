@@ -1,4 +1,7 @@
-"""Text rows of a whole DataFrame (polars)."""
+"""Lines of a text table from a whole DataFrame; needs polars.
+
+The same cells as `text_layout.TextLayout.cells`.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ from fte_sniff.protocol.row_schema import TIME_FORMAT
 
 
 def frame_lines(frame: pl.DataFrame, layout: TextLayout) -> str:
-    """The lines of all rows, each with its end."""
+    """Format all rows as lines, each with its line end."""
     cells = [
         pl.col("offset").cast(pl.String()).str.pad_start(OFFSET_WIDTH),
         pl.col("status")
@@ -43,7 +46,7 @@ def frame_lines(frame: pl.DataFrame, layout: TextLayout) -> str:
 
 
 def _values() -> pl.Expr:
-    """The values of each row as people read them."""
+    """`text_layout.values_text` of each row."""
     kinds = [pl.when(pl.col("kind") == kind.name).then(_values_of(kind)) for kind in KINDS]
     unknown = pl.format("cmd=0x{}", _hex("cmd"))
     return pl.when(pl.col("cmd").is_null()).then(_length()).otherwise(pl.coalesce(*kinds, unknown))
@@ -62,15 +65,15 @@ def _values_of(kind: FrameKind) -> pl.Expr:
 
 
 def _text(field: Field) -> pl.Expr:
-    """A field's value as `Field.text` has it."""
+    """`Field.text` of each value."""
     if field.defined_bits is None:
         return pl.col(field.name).cast(pl.String())
     return pl.format("0x{}", _hex(field.name))
 
 
-_BYTES = pl.Series([f"{byte:02X}" for byte in range(256)])
+_HEX_PAIRS = pl.Series([f"{byte:02X}" for byte in range(256)])
 
 
 def _hex(name: str) -> pl.Expr:
-    """A byte's two digits."""
-    return pl.lit(_BYTES).gather(pl.col(name).cast(pl.UInt32()))
+    """The two hex digits of a byte."""
+    return pl.lit(_HEX_PAIRS).gather(pl.col(name).cast(pl.UInt32()))

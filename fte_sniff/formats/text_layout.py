@@ -1,4 +1,4 @@
-"""Column widths and order of a text table; needs no polars."""
+"""Cells of a text table: row texts, widths and order; needs neither polars nor rich."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from fte_sniff.protocol import (
 )
 
 STATUS_MARK = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
-"""One character that says the status without colour."""
+"""One character for the status, for output without colours."""
 
 ORDER_MARK = "~"
-"""The character of a row in order whose place among another port's rows is not certain."""
+"""The mark of an `ok` row whose order with rows of another port is uncertain."""
 
 GAP = "  "
-"""What stands between two cells."""
+"""The text between two cells."""
 
 KIND_WIDTH = max(len(kind.name) for kind in KINDS)
 TIME_WIDTH = len(iso_time(0))
@@ -32,29 +32,32 @@ VALUES_WIDTH = max(
     for kind in KINDS
 )
 OFFSET_WIDTH = 9
-_CLOCK_WIDTH = len("12:00:00.000")
 PORT_WIDTH = 14
 RAW_WIDTH = len(spaced_hex(bytes(FRAME_LENGTH)))
+_CLOCK = slice(len("1970-01-01T"), len("1970-01-01T12:00:00.000"))
+
+_WIDTHS = (TIME_WIDTH, PORT_WIDTH, OFFSET_WIDTH, 1, KIND_WIDTH, VALUES_WIDTH, RAW_WIDTH, 0)
+_NARROW_WIDTHS = (_CLOCK.stop - _CLOCK.start, PORT_WIDTH, 1, KIND_WIDTH, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class TextLayout:
-    """Which of the optional cells the lines of one output have."""
+    """The cells of all lines of one output, padded to their widths; the last may be empty."""
 
     times: bool
-    """Whether the input has times."""
+    """Whether there is a cell for the time."""
     ports: bool
-    """Whether there is more than one port to tell apart."""
+    """Whether there is a cell for the port."""
 
-    def header(self) -> tuple[str, ...]:
-        """The names above the cells, padded as the cells are."""
-        return self._padded(
-            "time", "port", "offset".rjust(OFFSET_WIDTH), " ", "kind", "values", "raw", "faults"
-        )
+    def header(self) -> list[str]:
+        """The names above the cells."""
+        offset = "offset".rjust(OFFSET_WIDTH)
+        return self._padded(_WIDTHS, "time", "port", offset, "", "kind", "values", "raw", "faults")
 
-    def cells(self, row: Row) -> tuple[str, ...]:
-        """The row's cells, padded to their widths; the last, which may be empty, is not padded."""
+    def cells(self, row: Row) -> list[str]:
+        """The cells of a row."""
         return self._padded(
+            _WIDTHS,
             "-" if row.t_ns is None else iso_time(row.t_ns),
             printable(row.port),
             str(row.offset).rjust(OFFSET_WIDTH),
@@ -67,69 +70,48 @@ class TextLayout:
 
     @property
     def width(self) -> int:
-        """Columns that the whole line of an ordinary frame takes, with two between the cells."""
+        """Columns of the line of a frame without faults."""
         header = self.header()
-        return sum(map(len, header)) + 2 * len(header)
+        return sum(map(len, header)) + len(GAP) * len(header)
 
-    def narrow_header(self) -> tuple[str, ...]:
-        """The names above `narrow_cells`, padded as those are."""
-        return self._narrow("time UTC", "port", " ", "kind", "values")
+    def narrow_header(self) -> list[str]:
+        """The names above the cells for a narrow terminal."""
+        return self._padded(_NARROW_WIDTHS, "time UTC", "port", "", "kind", "values")
 
-    def narrow_cells(self, row: Row) -> tuple[str, ...]:
-        """The row for a narrow terminal: no offset, and what is wrong before the bytes."""
-        clock = "" if row.t_ns is None else iso_time(row.t_ns)[11 : 11 + _CLOCK_WIDTH]
-        kind, faults = kind_text(row), faults_text(row.faults)
-        told = "  ".join(filter(None, (values_text(row), faults, spaced_hex(row.raw))))
+    def narrow_cells(self, row: Row) -> list[str]:
+        """The cells of a row for a narrow terminal: no offset, and the faults before the bytes."""
+        kind, faults, raw = kind_text(row), faults_text(row.faults), spaced_hex(row.raw)
+        text = GAP.join(filter(None, (values_text(row), faults, raw)))
         if not isinstance(row, Frame):
-            kind, told = faults, spaced_hex(row.raw)
-        return self._narrow(clock, printable(row.port), mark_of(row), kind, told)
+            kind, text = faults, raw
+        clock = "" if row.t_ns is None else iso_time(row.t_ns)[_CLOCK]
+        port = printable(row.port)[-PORT_WIDTH:]
+        return self._padded(_NARROW_WIDTHS, clock, port, mark_of(row), kind, text)
 
-    def _narrow(self, clock: str, port: str, mark: str, kind: str, told: str) -> tuple[str, ...]:
-        times = (clock.ljust(_CLOCK_WIDTH),) if self.times else ()
-        ports = (port[-PORT_WIDTH:].ljust(PORT_WIDTH),) if self.ports else ()
-        return (*times, *ports, mark, kind.ljust(KIND_WIDTH), told)
-
-    def _padded(  # one parameter a cell, in the order of the line
-        self,
-        time: str,
-        port: str,
-        offset: str,
-        mark: str,
-        kind: str,
-        values: str,
-        raw: str,
-        faults: str,
-    ) -> tuple[str, ...]:
-        times = (time.ljust(TIME_WIDTH),) if self.times else ()
-        ports = (port.ljust(PORT_WIDTH),) if self.ports else ()
-        values = values.ljust(VALUES_WIDTH)
-        return (
-            *times,
-            *ports,
-            offset,
-            mark,
-            kind.ljust(KIND_WIDTH),
-            values,
-            raw.ljust(RAW_WIDTH),
-            faults,
-        )
+    def _padded(self, widths: tuple[int, ...], *cells: str) -> list[str]:
+        padded = [cell.ljust(width) for cell, width in zip(cells, widths, strict=True)]
+        if not self.ports:
+            del padded[1]
+        if not self.times:
+            del padded[0]
+        return padded
 
 
 def mark_of(row: Row) -> str:
-    """One character that says what there is to mind about a row; a space where there is nothing."""
+    """One character for the status of a row, or an uncertain order."""
     if row.order_uncertain and row.status is Status.OK:
         return ORDER_MARK
     return STATUS_MARK[row.status]
 
 
 def kind_text(row: Row) -> str:
-    """The row's kind, or a dash where header and CMD name none."""
+    """The name of the row's kind, or a dash."""
     kind = row.kind if isinstance(row, Frame) else None
     return kind.name if kind else "-"
 
 
 def values_text(row: Row) -> str:
-    """The row's values as people read them: `motor=1 rpm=1000 error=0x00 online=0x0F`."""
+    """The row's values: `motor=1 rpm=1000 error=0x00 online=0x0F`; of damage, its length."""
     if not isinstance(row, Frame):
         return f"{len(row.raw)} byte{'s' if len(row.raw) != 1 else ''}"
     kind = row.kind

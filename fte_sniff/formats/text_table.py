@@ -1,4 +1,4 @@
-"""Aligned text rows and dissection, plain and coloured."""
+"""Rows as lines of a table, and explained byte by byte; plain and coloured."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 class PlainWriter:
-    """Writes one plain line a row, with every column at its place, for pipes and files."""
+    """Writes one plain line a row with aligned columns, for pipes and files."""
 
-    tells_order = True
+    shows_order = True
 
     def __init__(self, stream: TextIO, *, ports: bool) -> None:
         self._stream = stream
@@ -28,28 +28,28 @@ class PlainWriter:
         self._layout: TextLayout | None = None
 
     def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows; the first one decides whether there is a column for the time."""
+        """Write the rows; there is a time column if the first row has a time."""
         if rows:
-            cells = self._laid_out(times=rows[0].t_ns is not None).cells
+            cells = self._begin(times=rows[0].t_ns is not None).cells
             self._stream.writelines(_joined(cells(row)) for row in rows)
 
     def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the rows of a frame that has the contract's columns, and each its certain place."""
+        """Write the rows of a DataFrame with the columns of the row contract."""
         from fte_sniff.formats.text_frame import frame_lines
 
         if frame.height:
-            layout = self._laid_out(times=frame["time"][0] is not None)
+            layout = self._begin(times=frame["time"][0] is not None)
             self._stream.write(frame_lines(frame, layout))
 
-    def _laid_out(self, *, times: bool) -> TextLayout:
-        """What the first row decided, under the header."""
+    def _begin(self, *, times: bool) -> TextLayout:
+        """Write the header first, and return the layout."""
         if self._layout is None:
             self._layout = TextLayout(times=times, ports=self._ports)
             self._stream.write(_joined(self._layout.header()))
         return self._layout
 
-    def end(self) -> None:
-        """Nothing is held back."""
+    def close(self) -> None:
+        """Do nothing: all rows are written."""
 
 
 def _joined(cells: Iterable[str]) -> str:
@@ -59,8 +59,7 @@ def _joined(cells: Iterable[str]) -> str:
 class RichWriter:
     """Writes one coloured line a row, cut at the terminal's right edge.
 
-    Where the terminal is too narrow for the whole line, the times are short, the offsets are left
-    out, and what is wrong with a row stands before its bytes.
+    On a narrow terminal the times are short, there are no offsets, and faults precede the bytes.
     """
 
     def __init__(self, console: Console, *, ports: bool) -> None:
@@ -69,23 +68,23 @@ class RichWriter:
         self._cells: Callable[[Row], Iterable[str]] | None = None
 
     def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows; the first one decides whether there is a column for the time."""
+        """Write the rows; there is a time column if the first row has a time."""
         if rows and self._cells is None:
             self._cells = self._begin(TextLayout(times=rows[0].t_ns is not None, ports=self._ports))
         if self._cells is not None:
             for row in rows:
-                self._print(GAP.join(self._cells(row)), style_of(row))
+                self._print(GAP.join(self._cells(row)), _style_of(row))
 
     def _begin(self, layout: TextLayout) -> Callable[[Row], Iterable[str]]:
-        """Write the header, and choose the cells that the terminal has room for."""
+        """Write the header, and return the function that makes the cells of a row."""
         if self._console.width >= layout.width:
             self._print(GAP.join(layout.header()), "bold")
             return layout.cells
         self._print(GAP.join(layout.narrow_header()), "bold")
         return layout.narrow_cells
 
-    def end(self) -> None:
-        """Nothing is held back."""
+    def close(self) -> None:
+        """Do nothing: all rows are written."""
 
     def _print(self, line: str, style: str) -> None:
         self._console.print(
@@ -100,8 +99,8 @@ class RichWriter:
         )
 
 
-def style_of(row: Row) -> str:
-    """The rich style of a row: damage and doubt stand out, else the direction and kind tell."""
+def _style_of(row: Row) -> str:
+    """The rich style of a row: by its status, then by its direction and kind."""
     if row.status is Status.MALFORMED:
         return "bold red"
     if row.status is Status.SUSPECT:
@@ -118,32 +117,32 @@ _COLOR = {Status.OK: "green", Status.SUSPECT: "yellow", Status.MALFORMED: "red"}
 
 
 class DissectionWriter:
-    """Writes rows taken apart, an empty line between two of them."""
+    """Writes the explanation of each row, with an empty line between rows."""
 
     def __init__(self, stream: TextIO, width: int | None, *, colored: bool) -> None:
-        """Write to `stream`, in colours if asked for.
+        """Create the writer.
 
         Args:
-            stream: where to.
-            width: columns to wrap the explanations at; None to leave them on one line.
-            colored: whether colours are wanted.
+            stream: the text stream.
+            width: columns to wrap the explanations at; None for no wrapping.
+            colored: whether to use colours.
         """
         self._stream = stream
         self._wrap = _no_wrap if width is None else _wrapper(width)
         self._colored = colored
-        self._begun = False
+        self._has_rows = False
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows."""
         for row in rows:
-            if self._begun:
+            if self._has_rows:
                 self._stream.write("\n")
-            self._begun = True
+            self._has_rows = True
             for line in _row_lines(row, self._wrap):
                 self._stream.write((line if self._colored else click.unstyle(line)) + "\n")
 
-    def end(self) -> None:
-        """Nothing is held back."""
+    def close(self) -> None:
+        """Do nothing: all rows are written."""
 
 
 def _row_lines(row: Row, wrap: TextWrapper) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Registry and CSV, JSONL, hex writers."""
+"""Output formats, and the writers of CSV, JSONL and hex."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class OutputFormat(StrEnum):
-    """The forms that rows can be written in."""
+    """The formats that rows can be written in."""
 
     TABLE = "table"
     JSONL = "jsonl"
@@ -29,11 +29,10 @@ class OutputFormat(StrEnum):
     RAW = "raw"
 
 
-TEXT_FORMS = (OutputFormat.TABLE, OutputFormat.JSONL, OutputFormat.CSV)
-"""The forms that are text and tell all of a row."""
+TEXT_FORMATS = (OutputFormat.TABLE, OutputFormat.JSONL, OutputFormat.CSV)
+"""The text formats that hold all values of a row."""
 
-
-FORM_BY_END: Final = MappingProxyType(
+FORMAT_BY_SUFFIX: Final = MappingProxyType(
     {
         ".csv": OutputFormat.CSV,
         ".jsonl": OutputFormat.JSONL,
@@ -45,40 +44,40 @@ FORM_BY_END: Final = MappingProxyType(
         ".bin": OutputFormat.RAW,
     }
 )
-"""By the end of a file's name, in lower case, what it is taken to hold."""
+"""By file name suffix, in lower case."""
 
 
 class RowWriter(Protocol):
-    """Writes rows to a text stream that it does not own."""
+    """Writes rows to a text stream, which stays open."""
 
     def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows at once, or keep them until `end`."""
+        """Write the rows."""
         ...
 
-    def end(self) -> None:
-        """Write what the format owes at its end; the stream stays open."""
+    def close(self) -> None:
+        """Write what the format requires at its end."""
         ...
 
 
 @runtime_checkable
 class FrameWriter(Protocol):
-    """Writes rows that lie side by side, faster than one by one and with the same outcome."""
+    """Writes the rows of a DataFrame, faster than one by one and with the same result."""
 
-    tells_order: bool
-    """Whether it marks rows whose order is uncertain, which a frame does not tell."""
+    shows_order: bool
+    """Whether it marks rows whose order is uncertain, which a DataFrame does not contain."""
 
     def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the rows of a frame that has the contract's columns."""
+        """Write the rows of a DataFrame with the columns of the row contract."""
         ...
 
 
 def row_writer(form: OutputFormat, stream: TextIO, *, ports: bool) -> RowWriter:
-    """The writer of `form` to `stream`.
+    """Create the writer of a text format.
 
     Args:
-        form: which format, one of `TEXT_FORMS` or hex.
-        stream: where to; a table is coloured where this is a terminal, and plain elsewhere.
-        ports: whether rows of several ports or files are to be told apart in a table.
+        form: one of `TEXT_FORMATS`, or hex.
+        stream: the text stream; a table is coloured if this is a terminal.
+        ports: whether a table has a column for the port.
     """
     if form is OutputFormat.JSONL:
         return JsonlWriter(stream)
@@ -95,27 +94,31 @@ def row_writer(form: OutputFormat, stream: TextIO, *, ports: bool) -> RowWriter:
     return RichWriter(Console(file=stream), ports=ports)
 
 
-class JsonlWriter:
-    """Writes one JSON object a row; `time` as ISO 8601 with nine digits, absent values as null."""
+class _LineWriter:
+    """What the writers have in common: they write each row at once, as a line."""
 
-    tells_order = False
+    shows_order = False
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
+
+    def close(self) -> None:
+        """Do nothing: all rows are written."""
+
+
+class JsonlWriter(_LineWriter):
+    """Writes one JSON object a row; `time` as ISO 8601 with nine digits."""
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows."""
         self._stream.writelines(map(_line, rows))
 
     def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the rows of a frame that has the contract's columns."""
+        """Write the rows of a DataFrame with the columns of the row contract."""
         import polars as pl
 
         time = pl.col("time").dt.strftime(TIME_FORMAT)
         self._stream.write(frame.with_columns(time).write_ndjson())
-
-    def end(self) -> None:
-        """Nothing is held back."""
 
 
 def _line(row: Row) -> str:
@@ -125,44 +128,42 @@ def _line(row: Row) -> str:
     return json.dumps(values, ensure_ascii=False, separators=(",", ":")) + "\n"
 
 
-class CsvWriter:
-    """Writes CSV: `time` as ISO 8601 with nine digits, absent values empty, faults joined."""
-
-    tells_order = False
+class CsvWriter(_LineWriter):
+    """Writes CSV: `time` as ISO 8601 with nine digits, null as empty, faults joined by commas."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+        super().__init__(stream)
         self._writer = csv.writer(stream, lineterminator="\n")
-        self._headed = False
+        self._has_header = False
 
     def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows, under the header if it is not out yet."""
-        self._head()
+        """Write the rows, after the header."""
+        self._write_header()
         self._writer.writerows(map(_values, rows))
 
     def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the rows of a frame that has the contract's columns."""
+        """Write the rows of a DataFrame with the columns of the row contract."""
         import polars as pl
 
-        self._head()
+        self._write_header()
         ports = frame.get_column("port")
         names = {port: printable(port) or None for port in ports.unique()}
         if any(port != name for port, name in names.items()):
             ports = ports.replace_strict(names, return_dtype=pl.String())
-        # An empty text would be written as two quotes.
+        # polars writes an empty text as two quotes.
         faults = pl.col("faults").cast(pl.List(pl.String())).list.join(",")
         texts = frame.with_columns(ports, faults.replace("", None))
         self._stream.write(
             texts.write_csv(include_header=False, datetime_format=TIME_FORMAT, line_terminator="\n")
         )
 
-    def end(self) -> None:
-        """Write the header, if no row has brought it."""
-        self._head()
+    def close(self) -> None:
+        """Write the header if there were no rows."""
+        self._write_header()
 
-    def _head(self) -> None:
-        if not self._headed:
-            self._headed = True
+    def _write_header(self) -> None:
+        if not self._has_header:
+            self._has_header = True
             self._writer.writerow(COLUMN_BY_NAME)
 
 
@@ -174,22 +175,14 @@ def _values(row: Row) -> list[Value]:
     return list(values.values())
 
 
-class HexWriter:
-    """Writes `AA 01 01 03 E8 00 00 00 00 EE`, and nothing else of a row."""
-
-    tells_order = False
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+class HexWriter(_LineWriter):
+    """Writes the bytes of each row as hex: `AA 01 01 03 E8 00 00 00 00 EE`."""
 
     def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows' bytes."""
+        """Write the bytes of the rows."""
         self._stream.writelines(f"{spaced_hex(row.raw)}\n" for row in rows)
 
     def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the bytes of the rows of a frame that has the contract's columns."""
+        """Write the bytes of the rows of a DataFrame."""
         spaced = frame.get_column("raw").str.replace_all("(..)", "$1 ").str.strip_suffix(" ")
         self._stream.writelines(f"{line}\n" for line in spaced)
-
-    def end(self) -> None:
-        """Nothing is held back."""

@@ -1,13 +1,13 @@
-"""What the bytes mean: frame definitions, codec, framer, explanations. No I/O and no clock.
+"""The protocol: frame table, codec, framer, explanations. No I/O and no clock.
 
 Modules:
 
-    codec       Encode and decode one frame; validate fields.
-    dissect     Explain the bytes of a frame or a damaged segment field by field.
-    framer      The framer: bytes in, rows out.
+    codec       Encode one frame; find the faults of one.
+    dissect     Explain the bytes of a row field by field.
+    framer      The framer: chunks in, rows out.
     row_schema  Names, types and order of a row's columns; time formats.
-    rows        Chunk, Frame, Damage, PortEvent, Gap, Fault, Status.
-    spec        The frame definitions: kinds, fields, constants.
+    rows        Chunks, rows, port events, gaps.
+    spec        The frame table: kinds, fields, faults, constants.
 """
 
 from fte_sniff.protocol.codec import encode, frame_faults

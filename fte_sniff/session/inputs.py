@@ -355,7 +355,7 @@ class ColumnBatch:
 
 
 def _write(batch: PackedBatch | ColumnBatch, writer: RowWriter) -> None:
-    if isinstance(writer, FrameWriter) and not (writer.tells_order and batch.held.unordered.any()):
+    if isinstance(writer, FrameWriter) and not (writer.shows_order and batch.held.unordered.any()):
         writer.write_frame(batch.frame())
     else:
         writer.write(batch.rows())

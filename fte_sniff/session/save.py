@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
-from fte_sniff.formats.writers import FORM_BY_END, OutputFormat, row_writer
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
 from fte_sniff.protocol import Gap, Row
 from fte_sniff.recording.metadata import (
     LEFT_OUT_NAME,
@@ -83,7 +83,7 @@ class TextSink:
 
     def end(self) -> None:
         """Write the head, if no row has brought it, and close."""
-        self._writer.end()
+        self._writer.close()
         self._stream.close()
 
     def abandon(self) -> None:
@@ -146,7 +146,7 @@ def _sink_of(form: OutputFormat) -> Callable[[Path, ExportSource], Sink]:
 
 
 SINKS: Final[Mapping[str, Callable[[Path, ExportSource], Sink]]] = {
-    end: _sink_of(form) for end, form in FORM_BY_END.items()
+    end: _sink_of(form) for end, form in FORMAT_BY_SUFFIX.items()
 }
 """By the end of a file's name, what takes rows for it."""
 

@@ -14,7 +14,7 @@ from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FileError
 from fte_sniff.formats.parquet import write_parquet
-from fte_sniff.formats.writers import TEXT_FORMS, OutputFormat, row_writer
+from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.row_ranges import TimeRange
@@ -72,11 +72,11 @@ def written(batch: InputBatch, form: OutputFormat) -> str:
     stream = io.StringIO()
     writer = row_writer(form, stream, ports=True)
     batch.write_to(writer)
-    writer.end()
+    writer.close()
     return stream.getvalue()
 
 
-@pytest.mark.parametrize("form", [*TEXT_FORMS, OutputFormat.HEX])
+@pytest.mark.parametrize("form", [*TEXT_FORMATS, OutputFormat.HEX])
 @given(rows=ROWS)
 def test_the_text_is_the_same_byte_for_byte(form: OutputFormat, rows: list[Row]) -> None:
     one_by_one, *others = each(rows)
@@ -85,7 +85,7 @@ def test_the_text_is_the_same_byte_for_byte(form: OutputFormat, rows: list[Row])
             assert written(batch, form) == written(one_by_one, form)
 
 
-@pytest.mark.parametrize("form", [*TEXT_FORMS, OutputFormat.HEX])
+@pytest.mark.parametrize("form", [*TEXT_FORMATS, OutputFormat.HEX])
 @given(rows=UNTIMED)
 def test_also_where_rows_have_no_times(form: OutputFormat, rows: list[Row]) -> None:
     assert written(packed(rows), form) == written(ListBatch(rows), form)

@@ -23,7 +23,7 @@ def written(rows: list[Row], form: OutputFormat, *, ports: bool = False) -> str:
     stream = io.StringIO()
     writer = row_writer(form, stream, ports=ports)
     writer.write(rows)
-    writer.end()
+    writer.close()
     return stream.getvalue()
 
 
