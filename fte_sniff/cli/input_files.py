@@ -137,7 +137,8 @@ def open_inputs(files: Sequence[Path], how: ReadOptions) -> list[Input]:
         FileError: a file cannot be read, is not what it should be, or does not exist.
         UsageError: the content of a file is unknown, or does not fit the options.
     """
-    how.clock()
+    if how.day is not None or how.zone is not None:
+        how.clock()  # an invalid date or zone is an error even if no log is read
     inputs = [_opened(path, how) for named in files for path in expand(named)]
     recordings = [one for one in inputs if isinstance(one, RecordingInput)]
     if len(recordings) < len(inputs):
