@@ -67,7 +67,7 @@ class BackgroundPacker:
             self._threads.shutdown(cancel_futures=True)
 
     def _write_first(self) -> None:
-        self._file.add(self._under_way.popleft().result())
+        self._file.write_chunk(self._under_way.popleft().result())
 
 
 Note = tuple[str, Mapping[str, str]]
@@ -138,11 +138,11 @@ class _Writer:
                         ahead.add(self._messages(chunk))
 
     def finish(self, notes: Iterable[Note]) -> None:
-        self._file.add_metadata(
+        self._file.write_metadata(
             Metadata(name, {key: plain(value) for key, value in told.items()})
             for name, told in notes
         )
-        self._file.finish()
+        self._file.close()
 
     def _messages(self, chunk: RowBatch) -> McapBatch:
         times = self._log_times(chunk.t_ns)

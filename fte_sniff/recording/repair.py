@@ -235,7 +235,7 @@ class _Repair:
             file = self._begin(place)
             for found in self._salvage.chunks():
                 self._copy(found, file)
-            file.finish()
+            file.close()
             place.settle()
         except OSError as error:
             place.discard()
@@ -262,13 +262,13 @@ class _Repair:
             self._schemas.values(),
             self._channels.values(),
         )
-        file.add_metadata(_without_doubles(self._outside.metadata))
+        file.write_metadata(_without_doubles(self._outside.metadata))
         return file
 
     def _describe(self, found: FoundChunk) -> None:
         for opcode, body in records_in(found.records):
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._inside.take(opcode, body)
+                self._inside.update(opcode, body)
 
     def _lose(self, start: int, stop: int, after: int | None, before: int | None) -> None:
         for lost, end in self._salvage.between(start, stop, self._outside):
@@ -302,9 +302,9 @@ class _Repair:
         if known.all() and len(known):
             first, last = messages.span
             chunk = replace(found.chunk, message_start_time=first, message_end_time=last)
-            file.add(indexed(chunk, messages.batch))
+            file.write_chunk(indexed(chunk, messages.batch))
         elif known.any():
-            file.add_chunk(messages.only(known))
+            file.write_batch(messages.only(known))
 
 
 def _counted(statistics: Statistics | None) -> int | None:

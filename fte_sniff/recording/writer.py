@@ -175,7 +175,7 @@ class RecordingWriter:
         if self._pending:
             self._pending.sort(key=_time_of)
             try:
-                self._file.add_chunk(self._batch(self._pending), self._notes)
+                self._file.write_batch(self._batch(self._pending), self._notes)
             except OSError as error:
                 raise self._stop(error) from error
             self._pending, self._notes = [], []
@@ -200,8 +200,8 @@ class RecordingWriter:
         try:
             if self._failure is None:
                 self.flush()
-                self._file.add_metadata(self._notes)
-                self._file.finish()
+                self._file.write_metadata(self._notes)
+                self._file.close()
         except OSError as error:
             raise self._stop(error) from error
         finally:

@@ -3,8 +3,8 @@
 Modules:
 
     append_file  A file that is valid MCAP after every flush.
-    reader       Walk records; read summary and indexes.
+    reader       Reader of a file's records and of its summary.
     records      MCAP records: parse, decompress, CRC, end of file.
-    salvage      Find intact chunks in a damaged file.
-    writer       Write chunks, indexes, summary.
+    salvage      Search for intact chunks in a damaged file.
+    writer       Writer of chunks, indexes, summary.
 """

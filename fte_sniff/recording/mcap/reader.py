@@ -1,4 +1,4 @@
-"""Walk records; read summary and indexes."""
+"""Reader of an MCAP file's records and of its summary."""
 
 from __future__ import annotations
 
@@ -11,23 +11,25 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
+from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.recording.mcap.records import (
+    DATA_END_LENGTH,
+    END_LENGTH,
     HEAD,
     LARGEST,
     MAGIC,
     RecordError,
     RunningChecksum,
-    crc32,
-    packed_part,
+    compressed_records,
     parse,
     records_in,
 )
 
-_PASSED_OVER = 0
-"""In place of the opcode of a record that was not read; no record of a file has it."""
-_TELL_CHECKSUM = frozenset({int(Opcode.DATA_END), int(Opcode.FOOTER)})
+_SKIPPED = 0
+"""Pseudo opcode of a record that was not read; no record of a file has it."""
+_WITH_CHECKSUM = frozenset({int(Opcode.DATA_END), int(Opcode.FOOTER)})
 _CHUNK_TIMES = struct.Struct("<QQ")
 _CRC_LENGTH = 4
 _BLOCK = 1024 * 1024
@@ -37,20 +39,20 @@ _WRONG_SUMMARY = TranslatableText("the checksum over the summary outside the chu
 
 
 class RawRecord(NamedTuple):
-    """One record as it stands in the file; a tuple, because there are very many."""
+    """One record; a tuple, because there are very many."""
 
     position: int
-    """Of its opcode in the file."""
+    """Offset of the record in the file."""
     opcode: int
     body: bytes
 
 
 Location = tuple[int, int]
-"""Where a record begins in a file, and its length, head included."""
+"""Offset of a record in a file, and its length including the head."""
 
 
 class RecordStream:
-    """The records of a file, one by one, to its end or as far as it can be read."""
+    """The records of a file, one by one, as far as it can be read."""
 
     def __init__(
         self,
@@ -63,14 +65,12 @@ class RecordStream:
         """Take the file.
 
         Args:
-            stream: the file, at its beginning; seekable where `starts` or `wanted` are given.
-            starts: positions where records are known to begin, rising: where reading can go on
-                behind a record that cannot be read.
-            wanted: tells from the first and last log time of a chunk whether it is to be read;
-                the others are passed over. By default all are.
-            search: finds the next whole chunk from a position on, for files of which no starts are
-                known.
-            begin: the chunk to begin with, where what is before it cannot be read.
+            stream: the file, at its start; seekable if `starts` or `wanted` are given.
+            starts: known offsets of records, rising, where reading can resume after a damaged
+                record.
+            wanted: whether to read a chunk with this first and last log time; by default all.
+            search: finds the next whole chunk from an offset on, for files without known starts.
+            begin: the chunk to begin with, if nothing before it can be read.
         """
         self._stream = stream
         self._starts = starts
@@ -80,15 +80,15 @@ class RecordStream:
         self._position = 0
         self._checksum: RunningChecksum | None = RunningChecksum()
         self._before: int | None = None
-        """The checksum up to the last record that tells one, where all was read that it is of."""
+        """The checksum before the last record with a checksum; None if something was skipped."""
         self.ending: str = ""
-        """How the file ends, where it does not end as it should; valid after the last record."""
+        """What is wrong with the end of the file; valid after the last record."""
         self.losses: list[str] = []
-        """What was skipped on the way."""
+        """What had to be skipped."""
 
     @property
     def cut(self) -> bool:
-        """Whether something may be missing at its beginning or end."""
+        """Whether something may be missing at its start or end."""
         return bool(self.ending or self._begin)
 
     def __iter__(self) -> Iterator[RawRecord]:
@@ -115,7 +115,7 @@ class RecordStream:
                     "it was never closed, its last byte is {position}", position=position
                 )
                 return
-            if record.opcode == _PASSED_OVER:
+            if record.opcode == _SKIPPED:
                 continue
             if record.opcode == Opcode.DATA_END:
                 self._check_crc(record.body, self._before, _WRONG_DATA)
@@ -130,14 +130,14 @@ class RecordStream:
         head = self._unsummed(HEAD.size)
         if not head:
             return None
-        if head[0] in _TELL_CHECKSUM:
+        if head[0] in _WITH_CHECKSUM:
             self._before = None if self._checksum is None else self._checksum.value()
         self._sum(head)
         if len(head) < HEAD.size:
             raise RecordError(TranslatableText("it is cut in the record"))
         opcode, length = HEAD.unpack(head)
         if self._found is not None and self._found[0] == position:
-            # Its head need not be whole.
+            # The search does not need an intact head.
             opcode, length = int(Opcode.CHUNK), self._found[1] - HEAD.size
         if opcode == 0:
             raise RecordError(TranslatableText("there is no MCAP record"))
@@ -148,27 +148,27 @@ class RecordStream:
         start = self._next_start(position) if self._starts else None
         if start is not None and start < self._position + length:
             raise RecordError(TranslatableText("there is a record that reaches into the next"))
-        first = b""
+        times = b""
         if self._wanted is not None and opcode == Opcode.CHUNK and length >= _CHUNK_TIMES.size:
-            first = self._read(_CHUNK_TIMES.size)
-            if len(first) == _CHUNK_TIMES.size and not self._wanted(*_CHUNK_TIMES.unpack(first)):
-                return self._pass_over(position, length - len(first))
-        body = first + self._read(length - len(first))
+            times = self._read(_CHUNK_TIMES.size)
+            if len(times) == _CHUNK_TIMES.size and not self._wanted(*_CHUNK_TIMES.unpack(times)):
+                return self._skip(position, length - len(times))
+        body = times + self._read(length - len(times))
         if len(body) < length:
             raise RecordError(TranslatableText("it is cut in the record"))
         if opcode == Opcode.CHUNK and self._search is not None:
-            # One that claims too much would swallow those behind it.
-            packed_part(body)
+            # A chunk with a wrong length would hide the next ones.
+            compressed_records(body)
         return RawRecord(position, opcode, body)
 
-    def _pass_over(self, position: int, length: int) -> RawRecord:
-        """Go to the end of a record; what is passed over, no checksum can tell anything about."""
+    def _skip(self, position: int, length: int) -> RawRecord:
+        """Go to the end of a record; its checksum is then unknown."""
         self._stream.seek(length, os.SEEK_CUR)
         self._position, self._checksum = self._position + length, None
-        return RawRecord(position, _PASSED_OVER, b"")
+        return RawRecord(position, _SKIPPED, b"")
 
     def _read(self, length: int) -> bytes:
-        """Up to `length` bytes, by blocks, so that no claimed length takes memory by itself."""
+        """Up to `length` bytes, by blocks, so that a wrong length takes no memory."""
         if length <= _BLOCK:
             return self._block(length)
         blocks = [self._block(_BLOCK)]
@@ -188,11 +188,11 @@ class RecordStream:
 
     def _sum(self, block: bytes) -> None:
         if self._checksum is not None:
-            self._checksum.add(block)
+            self._checksum.update(block)
 
     def _next_start(self, position: int) -> int | None:
-        place = bisect_right(self._starts, position)
-        return self._starts[place] if place < len(self._starts) else None
+        after = bisect_right(self._starts, position)
+        return self._starts[after] if after < len(self._starts) else None
 
     def _skip_to_next_start(self, position: int, reason: TranslatableText) -> bool:
         start = self._next_start(position)
@@ -202,21 +202,21 @@ class RecordStream:
         if start is None:
             return False
         self._go_to(start)
-        told = TranslatableText(
+        loss = TranslatableText(
             "the head of the chunk at byte {position} is damaged", position=position
         )
         if start > position:
-            told = TranslatableText(
+            loss = TranslatableText(
                 "bytes {position} to {start} were skipped: {reason}",
                 position=position,
                 start=start,
                 reason=reason,
             )
-        self.losses.append(told)
+        self.losses.append(loss)
         return True
 
     def _go_to(self, start: int) -> None:
-        """Go on there; of what is left out, no checksum can tell anything."""
+        """Continue at `start`; the checksum is then unknown."""
         self._stream.seek(start)
         self._position, self._checksum = start, None
 
@@ -242,36 +242,31 @@ class RecordStream:
             )
 
 
-_FOOTER_LENGTH = 8 + 8 + 4
-_END_LENGTH = HEAD.size + _FOOTER_LENGTH + len(MAGIC)
-_DATA_END_LENGTH = HEAD.size + 4
-
-
 @dataclass(slots=True)
 class Summary:
-    """The part of a summary that reading makes use of."""
+    """The records of a summary that the reader uses."""
 
     schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
     statistics: Statistics | None = None
     starts: list[int] = field(default_factory=list)
-    """Where chunks and the data's end begin, rising."""
+    """Offsets of the chunks and of the data end, rising."""
     guarded: bool = False
-    """Whether a checksum is over it."""
+    """Whether the summary has a checksum."""
 
 
 def read_summary(stream: BinaryIO) -> Summary | None:
-    """The summary of a seekable file, or None where it has none that can be trusted."""
+    """The summary of a seekable file; None if there is none, or if it is damaged."""
     size = stream.seek(0, os.SEEK_END)
-    if size < len(MAGIC) + _END_LENGTH:
+    if size < len(MAGIC) + END_LENGTH:
         return None
-    stream.seek(size - _END_LENGTH)
-    end = stream.read(_END_LENGTH)
+    stream.seek(size - END_LENGTH)
+    end = stream.read(END_LENGTH)
     body = end[HEAD.size : -len(MAGIC)]
     if not end.endswith(MAGIC) or HEAD.unpack_from(end) != (Opcode.FOOTER, len(body)):
         return None
     footer = parse(Footer, body)
-    length = size - _END_LENGTH - footer.summary_start
+    length = size - END_LENGTH - footer.summary_start
     if not footer.summary_start or not 0 < length <= LARGEST:
         return None
     stream.seek(footer.summary_start)
@@ -297,6 +292,6 @@ def _summary_of(records: bytes, start: int) -> Summary:
             summary.statistics = parse(Statistics, body)
         elif opcode == Opcode.CHUNK_INDEX:
             summary.starts.append(parse(ChunkIndex, body).chunk_start_offset)
-    summary.starts.append(start - _DATA_END_LENGTH)
+    summary.starts.append(start - DATA_END_LENGTH)
     summary.starts.sort()
     return summary

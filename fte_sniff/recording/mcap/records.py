@@ -1,7 +1,9 @@
 """MCAP records: parse, decompress, CRC, end of file.
 
-magic | opcode, length, body | opcode, length, body | ... | footer | magic
-  8        1      8
+File:
+
+    magic | opcode, length, body | opcode, length, body | ... | footer | magic
+      8        1      8
 """
 
 from __future__ import annotations
@@ -30,14 +32,14 @@ MAGIC = MCAP0_MAGIC
 """The eight bytes that begin and end every MCAP file."""
 
 LARGEST = 256 * 1024 * 1024
-"""Bytes of the largest record that is read, and of the largest chunk that is unpacked."""
+"""Bytes of the largest record that is read, and of the largest unpacked chunk."""
 
 HEAD = struct.Struct("<BQ")
-"""What stands before the body of each record: opcode and length."""
+"""Head of each record: opcode and length."""
 
 
 class RecordError(ValueError):
-    """A record that cannot be what it claims to be; the text says why, in few words."""
+    """A damaged record; the text is a noun phrase that can be part of a message."""
 
     @property
     def message(self) -> TranslatableText:
@@ -55,7 +57,7 @@ class _Readable(Protocol[_Record]):
 
 
 def parse(record: _Readable[_Record], body: bytes) -> _Record:
-    """The mcap package's `record` in `body`.
+    """The record of a class of the mcap package.
 
     Raises:
         RecordError: the body is no such record.
@@ -70,78 +72,81 @@ def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
     """Opcode and body of each record in an unpacked chunk, or in a summary.
 
     Raises:
-        RecordError: the last of them goes beyond the end.
+        RecordError: the last record exceeds the end.
     """
-    place, end = 0, len(records)
-    while place < end:
-        if end - place < HEAD.size:
+    at, end = 0, len(records)
+    while at < end:
+        if end - at < HEAD.size:
             raise RecordError(TranslatableText("records that go beyond their chunk"))
-        opcode, length = HEAD.unpack_from(records, place)
-        place += HEAD.size
-        if length > end - place:
+        opcode, length = HEAD.unpack_from(records, at)
+        at += HEAD.size
+        if length > end - at:
             raise RecordError(TranslatableText("records that go beyond their chunk"))
-        yield opcode, records[place : place + length]
-        place += length
+        yield opcode, records[at : at + length]
+        at += length
 
-
-__all__ = ["RunningChecksum", "crc32"]
 
 _LARGE = 64 * 1024
-_MOST_WAITING = 512 * 1024
+_MOST_PENDING = 512 * 1024
 
 
 class RunningChecksum:
-    """The checksum of all that was added, in its order.
+    """The CRC-32 of data that arrives in pieces.
 
-    Small pieces wait until they are worth it: to reckon lets go of the interpreter, and where other
-    threads want it, to get it back takes longer than the checksum of a small piece.
+    Small pieces are collected: `crc32` releases the interpreter lock, and while other threads run,
+    to get it back takes longer than the checksum of a small piece.
     """
 
     def __init__(self) -> None:
         self._value = 0
-        self._waiting: list[bytes] = []
+        self._pending: list[bytes] = []
         self._size = 0
 
-    def add(self, piece: bytes) -> None:
-        """Take more bytes."""
+    def update(self, piece: bytes) -> None:
+        """Add the next bytes."""
         if len(piece) >= _LARGE:
             self._value = crc32(piece, self.value())
             return
-        self._waiting.append(piece)
+        self._pending.append(piece)
         self._size += len(piece)
-        if self._size >= _MOST_WAITING:
+        if self._size >= _MOST_PENDING:
             self.value()
 
     def value(self) -> int:
-        """That of all so far."""
-        if self._waiting:
-            self._value = crc32(b"".join(self._waiting), self._value)
-            self._waiting.clear()
+        """The checksum of all bytes so far."""
+        if self._pending:
+            self._value = crc32(b"".join(self._pending), self._value)
+            self._pending.clear()
             self._size = 0
         return self._value
 
 
-_CHUNK_HEAD = struct.Struct("<QQQII")
-_LENGTH = struct.Struct("<Q")
+CHUNK_HEAD = struct.Struct("<QQQII")
+"""Start of a chunk's body: first and last time, unpacked size, CRC, length of the name of the
+compression; the name, `LENGTH` and the compressed records follow."""
+
+LENGTH = struct.Struct("<Q")
+"""Length of the compressed records."""
+
 _UNKNOWN_SIZE = 2**64 - 1
 
 
 def unpacked_size(body: bytes) -> int:
-    """Bytes that a chunk takes once unpacked, as it claims, but never more than `LARGEST`."""
-    if len(body) < _CHUNK_HEAD.size:
+    """Unpacked bytes of a chunk according to its head, at most `LARGEST`."""
+    if len(body) < CHUNK_HEAD.size:
         return 0
-    _, _, size, _, _ = _CHUNK_HEAD.unpack_from(body)
+    _, _, size, _, _ = CHUNK_HEAD.unpack_from(body)
     return min(int(size), LARGEST)
 
 
 def unpack(body: bytes) -> bytes:
-    """The records of a chunk as bytes, its checksum checked where it has one.
+    """The records of a chunk; checks the checksum if it has one.
 
     Raises:
-        RecordError: the chunk is damaged, or packed in a way that is not MCAP's.
+        RecordError: the chunk is damaged, or its compression is unknown.
     """
-    packed, compression = packed_part(body)
-    _, _, size, crc, _ = _CHUNK_HEAD.unpack_from(body)
+    packed, compression = compressed_records(body)
+    _, _, size, crc, _ = CHUNK_HEAD.unpack_from(body)
     if size > LARGEST:
         raise RecordError(
             TranslatableText("a chunk that claims to unpack to {size} bytes", size=size)
@@ -154,22 +159,22 @@ def unpack(body: bytes) -> bytes:
     return records
 
 
-def packed_part(body: bytes) -> tuple[memoryview, bytes]:
-    """What is packed in a chunk, and how.
+def compressed_records(body: bytes) -> tuple[memoryview, bytes]:
+    """The compressed records of a chunk, and the name of the compression.
 
     Raises:
-        RecordError: its lengths contradict each other.
+        RecordError: the lengths contradict each other.
     """
     try:
-        *_, name_length = _CHUNK_HEAD.unpack_from(body)
-        place = _CHUNK_HEAD.size + name_length
-        (length,) = _LENGTH.unpack_from(body, place)
+        *_, name_length = CHUNK_HEAD.unpack_from(body)
+        name_end = CHUNK_HEAD.size + name_length
+        (length,) = LENGTH.unpack_from(body, name_end)
     except struct.error as error:
         raise RecordError(TranslatableText("a chunk without its head")) from error
-    packed = memoryview(body)[place + _LENGTH.size :]
+    packed = memoryview(body)[name_end + LENGTH.size :]
     if len(packed) != length:
         raise RecordError(TranslatableText("a chunk whose lengths contradict each other"))
-    return packed, body[_CHUNK_HEAD.size : place]
+    return packed, body[CHUNK_HEAD.size : name_end]
 
 
 def _unpacked(compression: bytes, packed: memoryview, size: int) -> bytes:
@@ -201,23 +206,22 @@ def _unpacked_lz4(packed: memoryview, size: int) -> bytes:
 
 
 _BLOCK = 31 * 1024 * 1024
-"""Bytes; the most that glibc learns from are 32 MiB."""
+"""Bytes; glibc adapts to freed blocks of up to 32 MiB."""
 
 
 @cache
 def keep_freed_memory() -> None:
-    """Have what is freed kept for the next chunk, instead of given back and faulted in anew.
+    """Make glibc keep freed memory for the next chunk.
 
-    Taking it anew costs as much as half the unpacking does. glibc keeps free memory of up to twice
-    the largest block that was ever freed, and learns that from a block that is never touched, and
-    so takes no memory. For other C libraries this does nothing. Once is enough for
-    the process.
+    Otherwise it returns the memory to the system, and the page faults of the next chunk cost half
+    as much as unpacking. glibc keeps up to twice the largest block that was ever freed, so freeing
+    one large block is enough; it is never touched and takes no memory. Other C libraries ignore it.
     """
     np.empty(_BLOCK, np.uint8)
 
 
 def cores() -> int:
-    """How many cores this process may run on."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -225,7 +229,7 @@ _FOOTER = struct.Struct("<BQQQ")
 _FOOTER_LENGTH = 8 + 8 + 4
 
 END_LENGTH = 9 + _FOOTER_LENGTH + len(MCAP0_MAGIC)
-"""Bytes of a footer and the magic behind it."""
+"""Bytes of the footer and the final magic."""
 
 DATA_END_LENGTH = 9 + 4
 """Bytes of the record that ends the data."""
@@ -235,51 +239,47 @@ _OFFSET_LENGTH = 9 + 1 + 8 + 8
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """One tail, wherever it is going to stand."""
+    """The end of a file: data end, summary, footer, magic."""
 
     data_crc: int
-    """The checksum over all bytes before it."""
+    """The checksum of all bytes before the tail."""
     groups: tuple[tuple[Opcode, bytes], ...]
     """The summary's records by opcode; no group is empty."""
     indexed: bool = True
-    """Whether the summary is written out; a tail without makes tools scan the file."""
+    """Whether the tail has the summary; without, tools scan the file."""
 
     @property
     def index_length(self) -> int:
-        """Bytes of `index_at`."""
+        """Bytes from the summary to the end."""
         records = sum(len(records) for _, records in self.groups)
         return records + _OFFSET_LENGTH * len(self.groups) + END_LENGTH
 
     def at(self, start: int) -> bytes:
-        """The tail for data that ends at `start`."""
+        """The bytes of the tail for data that ends at `start`."""
         data_end = bytes_of(DataEnd(self.data_crc))
         if not self.indexed:
-            return data_end + bare_end()
-        return data_end + self.index_at(start + len(data_end))
+            return data_end + _end_without_summary()
+        return data_end + self._summary_at(start + len(data_end))
 
-    def index_at(self, start: int) -> bytes:
-        """The summary, footer and magic for a summary that begins at `start`."""
-        parts, offsets, place = [], [], start
+    def _summary_at(self, start: int) -> bytes:
+        offsets, at = [], start
         for opcode, records in self.groups:
-            offsets.append(SummaryOffset(opcode, place, len(records)))
-            parts.append(records)
-            place += len(records)
-        parts.append(bytes_of(*offsets))
-        summary = b"".join(parts)
-        guarded = _FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, start, place)
+            offsets.append(SummaryOffset(opcode, at, len(records)))
+            at += len(records)
+        summary = b"".join([*(records for _, records in self.groups), bytes_of(*offsets)])
+        guarded = _FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, start, at)
         crc = crc32(guarded, crc32(summary))
-        return summary + _end(start, place, crc)
+        return summary + _end(start, at, crc)
 
     def end_for(self, start: int) -> bytes:
-        """Footer and magic that point back at the summary of this tail, which stands at `start`.
+        """Footer and magic for this tail at `start`, if other bytes follow its summary.
 
-        They hold no checksum: what stands between is not to be read.
+        They have no checksum, because it would cover those bytes.
         """
-        return _end(start + DATA_END_LENGTH, 0, 0) if self.indexed else bare_end()
+        return _end(start + DATA_END_LENGTH, 0, 0) if self.indexed else _end_without_summary()
 
 
-def bare_end() -> bytes:
-    """Footer and magic of a file without summary."""
+def _end_without_summary() -> bytes:
     return _end(0, 0, crc32(_FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, 0, 0)))
 
 
@@ -288,7 +288,7 @@ def _end(summary: int, offsets: int, crc: int) -> bytes:
 
 
 def bytes_of(*records: McapRecord) -> bytes:
-    """The records as they stand in a file."""
+    """The bytes of records."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -296,5 +296,5 @@ def bytes_of(*records: McapRecord) -> bytes:
 
 
 def groups_of(*groups: tuple[Opcode, bytes]) -> tuple[tuple[Opcode, bytes], ...]:
-    """The groups that are not empty."""
+    """The non-empty groups."""
     return tuple((opcode, records) for opcode, records in groups if records)

@@ -1,7 +1,9 @@
-"""Find intact chunks in a damaged file.
+"""Search for intact chunks in a damaged file.
 
-06 length | start  end  size crc  04 00 00 00 z s t d  length | packed ...
-          |  8      8    8    4   found by this           8
+A chunk is found by the name of its compression, and counts if it unpacks with the right checksum:
+
+    06 length | start  end  size crc  04 00 00 00 z s t d  length | records ...
+              |  8      8    8    4        the mark           8
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Metadata, Schema, Statistics
 
 from fte_sniff.recording.mcap.records import (
+    CHUNK_HEAD,
     HEAD,
     LARGEST,
+    LENGTH,
     MAGIC,
     RecordError,
     parse,
@@ -27,9 +31,7 @@ from fte_sniff.recording.mcap.records import (
 )
 
 _MARKS = re.compile(rb"\x04\0\0\0zstd|\x03\0\0\0lz4")
-_CHUNK_HEAD = struct.Struct("<QQQII")
-_LENGTH = struct.Struct("<Q")
-_BEFORE_MARK = HEAD.size + _CHUNK_HEAD.size - 4
+_BEFORE_MARK = HEAD.size + CHUNK_HEAD.size - 4
 _LONGEST_MARK = 8
 _BLOCK = 1024 * 1024
 _LARGEST_DEFINITION = 16 * 1024 * 1024
@@ -38,26 +40,26 @@ _FIRST_PRIVATE = 0x80
 
 @dataclass(frozen=True, slots=True)
 class FoundChunk:
-    """A chunk that is whole and correct."""
+    """An intact chunk."""
 
     position: int
-    """Of its record in the file."""
+    """Offset of its record in the file."""
     length: int
-    """Of its record, head included."""
+    """Bytes of its record, including the head."""
     chunk: Chunk
-    """As the file has it, with times that may be wrong: nothing guards them."""
+    """The record; no checksum covers its times."""
     records: bytes
-    """What it unpacks to."""
+    """The unpacked records."""
 
     @property
     def stop(self) -> int:
-        """Where its record ends."""
+        """The end of its record."""
         return self.position + self.length
 
 
 @dataclass(slots=True)
 class Descriptions:
-    """Records that describe something, in the order in which they were found."""
+    """Definitions and metadata, in the order in which they were found."""
 
     schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
@@ -65,8 +67,8 @@ class Descriptions:
     statistics: Statistics | None = None
     header: Header | None = None
 
-    def take(self, opcode: int, body: bytes) -> None:
-        """Take a record; those that describe nothing are passed over.
+    def update(self, opcode: int, body: bytes) -> None:
+        """Add a record; others than definitions and metadata are ignored.
 
         Raises:
             RecordError: the record contradicts itself.
@@ -84,16 +86,16 @@ class Descriptions:
 
 
 class Salvage:
-    """One file, looked through."""
+    """Search in one file."""
 
     def __init__(self, stream: BinaryIO) -> None:
-        """Take a seekable file; its length is taken once, so it may grow meanwhile."""
+        """Take a seekable file; bytes that are appended later are ignored."""
         self._stream = stream
         self.size = stream.seek(0, os.SEEK_END)
         """Bytes in the file."""
 
     def chunks(self, start: int = 0) -> Iterator[FoundChunk]:
-        """Every whole and correct chunk from a place on, in order; none overlaps another."""
+        """Every intact chunk from an offset on, in order, without overlap."""
         position = start
         while (mark := self._next_mark(position)) is not None:
             found = self._chunk_at(mark)
@@ -104,24 +106,24 @@ class Salvage:
                 position = found.stop
 
     def why_empty(self) -> str:
-        """What to say of the file where it has no whole chunk."""
+        """The message for a file without intact chunk."""
         if not self.size:
-            return "it is empty: nothing was recorded into it, and there is nothing to mend"
+            return "it is empty: nothing was recorded into it, and there is nothing to repair"
         ends = self._read(0, len(MAGIC)), self._read(max(0, self.size - len(MAGIC)), len(MAGIC))
         if MAGIC not in ends and not MAGIC.startswith(ends[0]):
-            return "this is no MCAP recording, so there is nothing to mend"
-        return "no whole chunk is left in it, so there is nothing to mend"
+            return "this is no MCAP recording, so there is nothing to repair"
+        return "no whole chunk is left in it, so there is nothing to repair"
 
     def between(self, start: int, stop: int, found: Descriptions) -> list[tuple[int, int]]:
-        """Read the records from `start` to `stop`, where no whole chunk lies.
+        """Read the records between two intact chunks.
 
         Args:
-            start: where the first record should begin.
-            stop: where the next chunk begins, or the file ends.
-            found: takes what describes something.
+            start: the offset of the first record.
+            stop: the offset of the next chunk, or of the end of the file.
+            found: receives definitions and metadata.
 
         Returns:
-            The places, start and stop, of what could not be read.
+            Start and stop of the bytes that could not be read.
         """
         lost: list[tuple[int, int]] = []
         position = start
@@ -146,7 +148,7 @@ class Salvage:
         return lost
 
     def _record(self, position: int, stop: int, found: Descriptions) -> int | None:
-        """The length of the record at `position`, head included; None where there is none."""
+        """The length of the record at `position` with its head; None if there is no record."""
         head = self._read(position, HEAD.size)
         if len(head) < HEAD.size:
             return None
@@ -156,13 +158,13 @@ class Salvage:
             return None
         if length <= _LARGEST_DEFINITION:
             try:
-                found.take(opcode, self._read(position + HEAD.size, length))
+                found.update(opcode, self._read(position + HEAD.size, length))
             except RecordError:
                 return None
         return HEAD.size + int(length)
 
     def _next_mark(self, position: int) -> int | None:
-        """Where the next thing stands that may be within a chunk's head."""
+        """The offset of the next mark from `position` on."""
         while position < self.size:
             block = self._read(position, _BLOCK)
             found = _MARKS.search(block)
@@ -174,19 +176,19 @@ class Salvage:
         return None
 
     def _chunk_at(self, mark: int) -> FoundChunk | None:
-        """The chunk with its mark there, if it is whole; its record's own head is not needed."""
+        """The intact chunk with this mark; the head of its record is not needed."""
         position = mark - _BEFORE_MARK
         if position < 0:
             return None
-        head = self._read(position, _BEFORE_MARK + _LONGEST_MARK + _LENGTH.size)
+        head = self._read(position, _BEFORE_MARK + _LONGEST_MARK + LENGTH.size)
         body = head[HEAD.size :]
         try:
-            start, end, size, crc, name = _CHUNK_HEAD.unpack_from(body)
-            packed_at = _CHUNK_HEAD.size + name + _LENGTH.size
-            (length,) = _LENGTH.unpack_from(body, packed_at - _LENGTH.size)
+            start, end, size, crc, name = CHUNK_HEAD.unpack_from(body)
+            records_at = CHUNK_HEAD.size + name + LENGTH.size
+            (length,) = LENGTH.unpack_from(body, records_at - LENGTH.size)
         except struct.error:
             return None
-        record_length = HEAD.size + packed_at + length
+        record_length = HEAD.size + records_at + length
         if not crc or max(size, record_length) > LARGEST or position + record_length > self.size:
             return None
         whole = self._read(position + HEAD.size, record_length - HEAD.size)
@@ -196,8 +198,8 @@ class Salvage:
                 pass
         except RecordError:
             return None
-        compression = whole[_CHUNK_HEAD.size : _CHUNK_HEAD.size + name].decode()
-        chunk = Chunk(compression, whole[packed_at:], end, start, crc, size)
+        compression = whole[CHUNK_HEAD.size : CHUNK_HEAD.size + name].decode()
+        chunk = Chunk(compression, whole[records_at:], end, start, crc, size)
         return FoundChunk(position, record_length, chunk, records)
 
     def _read(self, position: int, length: int) -> bytes:
@@ -206,5 +208,5 @@ class Salvage:
 
 
 def next_chunk(stream: BinaryIO, position: int = 0) -> FoundChunk | None:
-    """The first whole chunk that begins at `position` or behind it in a seekable file."""
+    """The first intact chunk at `position` or after it in a seekable file."""
     return next(Salvage(stream).chunks(position), None)

@@ -1,8 +1,8 @@
-"""Write chunks, indexes, summary.
+"""Writer of an MCAP file: chunks, indexes, summary.
 
-The summary grows with each chunk. Once it is long it is written out only when as much data has come
-as the summary is long; in between a tail without summary stands there, which is legal and makes
-tools scan the file. Who wants an index at every moment ends the file before, by `index_length`.
+The summary grows with each chunk. A long summary is written only after as much new data; between,
+the file ends without summary, which is legal and makes tools scan the file. A caller that needs a
+summary at every moment ends the file before, by `index_length`.
 """
 
 from __future__ import annotations
@@ -27,19 +27,22 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
+from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.recording.mcap.append_file import AppendTarget
-from fte_sniff.recording.mcap.records import Tail, bytes_of, crc32, groups_of
+from fte_sniff.recording.mcap.records import Tail, bytes_of, groups_of
 
 
 @dataclass(frozen=True, slots=True)
 class McapBatch:
-    """The messages of one chunk, packed, and what its index needs; a value for each message."""
+    """The messages of one chunk."""
 
     data: bytes | memoryview
+    """The message records."""
     channels: NDArray[np.int64]
+    """The channel id of each message."""
     times: NDArray[np.int64]
-    """Log times, nanoseconds since 1970 UTC."""
+    """The log time of each message, nanoseconds since 1970 UTC."""
     starts: NDArray[np.int64]
     """Where each message record begins in `data`."""
 
@@ -51,23 +54,23 @@ _MESSAGE_INDEX_HEAD = _MESSAGE_INDEX.size - 9
 
 @dataclass(frozen=True, slots=True)
 class PackedChunk:
-    """A chunk that only needs to be written."""
+    """A compressed chunk with its indexes."""
 
     data: bytes
-    """Its record and those of its message indexes."""
+    """The chunk record and its message index records."""
     index: ChunkIndex
-    """What the summary is to tell of it, if it stood at the very beginning."""
+    """The chunk's index in the summary, for a chunk at offset 0."""
     counts: Mapping[int, int]
-    """How many messages each channel has, by rising id."""
+    """Number of messages by channel id, in rising order."""
 
     def index_at(self, start: int) -> ChunkIndex:
-        """What the summary is to tell of it, if it begins at `start`."""
-        places = {id_: start + at for id_, at in self.index.message_index_offsets.items()}
-        return replace(self.index, chunk_start_offset=start, message_index_offsets=places)
+        """The chunk's index in the summary, for a chunk at `start`."""
+        offsets = {id_: start + at for id_, at in self.index.message_index_offsets.items()}
+        return replace(self.index, chunk_start_offset=start, message_index_offsets=offsets)
 
 
 def packed(definitions: bytes, batch: McapBatch) -> PackedChunk:
-    """A chunk of definitions and of messages, one at least, in their order."""
+    """Compress a chunk of definitions and at least one message."""
     records = b"".join([definitions, batch.data]) if definitions else batch.data
     chunk = Chunk(
         compression="zstd",
@@ -81,21 +84,21 @@ def packed(definitions: bytes, batch: McapBatch) -> PackedChunk:
 
 
 def indexed(chunk: Chunk, batch: McapBatch) -> PackedChunk:
-    """A chunk that is compressed already.
+    """Index a compressed chunk.
 
     Args:
         chunk: the chunk.
-        batch: its messages, one at least, with their places in the unpacked chunk.
+        batch: its messages, at least one, with their starts in the unpacked chunk.
     """
     record = bytes_of(chunk)
     counts = counts_of(batch)
-    indexes, places = _message_indexes(batch, counts, len(record))
+    indexes, offsets = _message_indexes(batch, counts, len(record))
     index = ChunkIndex(
         message_start_time=chunk.message_start_time,
         message_end_time=chunk.message_end_time,
         chunk_start_offset=0,
         chunk_length=len(record),
-        message_index_offsets=places,
+        message_index_offsets=offsets,
         message_index_length=len(indexes),
         compression=chunk.compression,
         compressed_size=len(chunk.data),
@@ -105,7 +108,7 @@ def indexed(chunk: Chunk, batch: McapBatch) -> PackedChunk:
 
 
 def counts_of(batch: McapBatch) -> dict[int, int]:
-    """How many messages each channel has, by rising id."""
+    """Number of messages by channel id, in rising order."""
     counts = np.bincount(batch.channels)
     return {channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()}
 
@@ -113,62 +116,62 @@ def counts_of(batch: McapBatch) -> dict[int, int]:
 def _message_indexes(
     batch: McapBatch, counts: Mapping[int, int], position: int
 ) -> tuple[bytes, dict[int, int]]:
-    """The message index records of a chunk, and where each of them will stand.
+    """The message index records of a chunk, and the offset of each by channel id.
 
     Args:
         batch: the messages.
-        counts: how many each channel has, by rising id.
-        position: where the first index record goes.
+        counts: the result of `counts_of`.
+        position: the offset of the first index record.
     """
-    # Numbers of two bytes, as all channels are, numpy sorts in one pass.
+    # Numpy sorts 16-bit numbers, which channel ids are, in one pass.
     order = np.argsort(batch.channels.astype(np.uint16), kind="stable")
     entries = np.empty((len(order), 2), "<u8")
     entries[:, 0] = batch.times.take(order)
     entries[:, 1] = batch.starts.take(order)
-    found, places, first = bytearray(), {}, 0
+    found, offsets, first = bytearray(), {}, 0
     for channel_id, count in counts.items():
-        places[channel_id] = position + len(found)
+        offsets[channel_id] = position + len(found)
         own = entries[first : first + count]
         found += _MESSAGE_INDEX.pack(
             Opcode.MESSAGE_INDEX, _MESSAGE_INDEX_HEAD + own.nbytes, channel_id, own.nbytes
         )
         found += own.data.cast("B")
         first += count
-    return bytes(found), places
+    return bytes(found), offsets
 
 
 LONG_SUMMARY = 1536 * 1024
-"""Bytes of summary that are written with every chunk; longer ones wait for as much data.
+"""Bytes of the longest summary that is written with every chunk.
 
-A chunk that holds messages of ten channels takes 173 of them, so two and a half hours have room,
-flushed once a second.
+A chunk with messages of ten channels adds 173 bytes: with a flush a second, this is enough for two
+and a half hours.
 """
 
 
 class McapFile:
-    """A growing MCAP file.
+    """An MCAP file that grows.
 
-    Every method that writes may raise OSError; nothing more can be added to the file then.
+    Every method that writes may raise OSError; the file must not be written after that.
     """
 
     def __init__(
         self,
-        growing: AppendTarget,
+        target: AppendTarget,
         library: str,
         metadata: Metadata,
         schemas: Iterable[Schema],
         channels: Iterable[Channel],
     ) -> None:
-        """Begin the file with everything that an empty capture needs to explain itself.
+        """Begin the file, with metadata, schemas and channels that describe an empty capture too.
 
         Args:
-            growing: the file, empty so far; owned by the caller.
-            library: who writes, for the header.
+            target: the empty file; the caller closes it.
+            library: the writer's name, for the header.
             metadata: the file's first metadata record.
-            schemas: all that are known now; ids from 1.
-            channels: all that are known now; ids from 1.
+            schemas: the schemas known now; ids from 1.
+            channels: the channels known now; ids from 1.
         """
-        self._growing = growing
+        self._target = target
         self._schemas = {schema.id: schema for schema in schemas}
         self._channels = {channel.id: channel for channel in channels}
         self._defined: set[tuple[type[McapRecord], int]] = set()
@@ -189,68 +192,67 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """Bytes in the file, its tail included."""
-        return self._growing.size
+        """Bytes in the file, including its tail."""
+        return self._target.size
 
     @property
     def index_length(self) -> int:
-        """Bytes of the index behind the data, whether it is written out or not."""
+        """Bytes of the summary, whether it is written or not."""
         return self._index_length
 
     def add_channel(self, channel: Channel) -> None:
-        """Take one more channel; it stands in the file from the first chunk that uses it."""
+        """Add a channel; the first chunk that uses it defines it in the file."""
         self._channels[channel.id] = channel
 
-    def add_chunk(self, batch: McapBatch, metadata: Iterable[Metadata] = ()) -> None:
-        """Write one chunk of messages, one at least, in their order, and push it to the disk.
+    def write_batch(self, batch: McapBatch, metadata: Iterable[Metadata] = ()) -> None:
+        """Write a chunk of messages, at least one, and sync it to the disk.
 
         Args:
             batch: the messages.
-            metadata: records that come before the chunk, in the same step.
+            metadata: records to write before the chunk, in the same step.
         """
-        self.add(packed(self.definitions_for(batch), batch), metadata)
+        self.write_chunk(packed(self.definitions_for(batch), batch), metadata)
 
     def definitions_for(self, batch: McapBatch) -> bytes:
-        """The schemas and channels that a chunk of this batch must begin with.
+        """The schema and channel records that a chunk of this batch must begin with.
 
-        They are those that no chunk has yet; each is asked for once, so chunks must be added in the
-        order in which this was called for them.
+        They are those of no previous call, so chunks must be written in the order of the calls.
         """
         channels = [self._channels[id_] for id_ in counts_of(batch)]
         schemas = [self._schemas[id_] for id_ in sorted({c.schema_id for c in channels})]
-        wanted: list[Schema | Channel] = [*schemas, *channels]
-        new = [record for record in wanted if (type(record), record.id) not in self._defined]
+        used: list[Schema | Channel] = [*schemas, *channels]
+        new = [record for record in used if (type(record), record.id) not in self._defined]
         self._defined.update((type(record), record.id) for record in new)
         return bytes_of(*new)
 
-    def add(self, chunk: PackedChunk, metadata: Iterable[Metadata] = ()) -> None:
-        """Write a chunk that is packed already.
+    def write_chunk(self, chunk: PackedChunk, metadata: Iterable[Metadata] = ()) -> None:
+        """Write a compressed chunk.
 
         Args:
-            chunk: the chunk; what it defines must be known to the file.
-            metadata: records that come before the chunk.
+            chunk: the chunk, with channels of this file.
+            metadata: records to write before the chunk.
         """
         before = self._metadata_records(metadata)
         self._chunk_indexes += bytes_of(chunk.index_at(self._end + len(before)))
         self._count(chunk)
         self._extend(before + chunk.data if before else chunk.data)
 
-    def add_metadata(self, metadata: Iterable[Metadata]) -> None:
-        """Write more metadata records, if there are any."""
+    def write_metadata(self, metadata: Iterable[Metadata]) -> None:
+        """Write metadata records, if there are any."""
         if records := self._metadata_records(metadata):
             self._extend(records)
 
-    def finish(self) -> None:
-        """Write the whole summary, if the file does not end with it already."""
-        self._growing.end(self._tail(self._crc))
+    def close(self) -> None:
+        """Write the summary, if the file does not end with it already."""
+        self._target.close(self._tail(self._crc))
 
     def _metadata_records(self, metadata: Iterable[Metadata]) -> bytes:
-        """The records at the end of the data, noted for the summary."""
+        """The bytes of metadata records, which are added to the summary."""
         found = bytearray()
         for one in metadata:
             record = bytes_of(one)
-            place = self._end + len(found)
-            self._metadata_indexes.append(MetadataIndex(place, len(record), one.name))
+            start = self._end + len(found)
+            self._metadata_indexes.append(MetadataIndex(start, len(record), one.name))
             found += record
         return bytes(found)
 
@@ -263,13 +265,13 @@ class McapFile:
         self._chunks += 1
 
     def _extend(self, data: bytes) -> None:
-        """Let the file grow by `data`, and end with all that is known then."""
+        """Append data and the tail that follows from it."""
         end, crc = self._end + len(data), crc32(data, self._crc)
-        self._growing.grow(data, lambda: self._next_tail(end, crc))
+        self._target.append(data, lambda: self._next_tail(end, crc))
         self._end, self._crc = end, crc
 
     def _next_tail(self, end: int, crc: int) -> Tail:
-        """The tail behind the next data, without summary where that is too long to be written."""
+        """The tail after the next data, without summary if that is too long."""
         tail = self._tail(crc)
         self._index_length = tail.index_length
         if tail.index_length > max(LONG_SUMMARY, end - self._indexed_end):

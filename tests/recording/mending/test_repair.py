@@ -68,7 +68,7 @@ def _mended(folder: Path, content: bytes) -> tuple[list[Row], FileDamage] | None
     try:
         damage = repair(path, output, Existing.REPLACE)
     except FileError as error:
-        if "nothing to mend" not in str(error):
+        if "nothing to repair" not in str(error):
             raise
         return None
     assert path.read_bytes() == content
