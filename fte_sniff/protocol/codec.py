@@ -1,4 +1,4 @@
-"""Encode and decode one frame; validate fields."""
+"""Encode one frame; find the faults of one."""
 
 from __future__ import annotations
 
@@ -18,25 +18,26 @@ from fte_sniff.protocol.spec import (
 
 
 def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -> bytes:
-    """The ten bytes of a frame of `kind` (PROTOCOL.md, "Control frames", "Feedback frames").
+    """Encode a frame of `kind` (PROTOCOL.md, "Control frames", "Feedback frames").
 
     Args:
-        kind: the entry of the frame table.
-        values: every field's value by row name; fields with a default may be left out.
-        cmd: which of the kind's CMDs to write, where it has several; by default the first.
+        kind: an entry of `KINDS`.
+        values: the values of all fields by row name; fields with a default are optional.
+        cmd: one of the kind's CMDs; by default the first.
 
     Raises:
         ValueRangeError: a value is missing, out of range, or not of this kind.
     """
-    chosen = kind.cmds[0] if cmd is None else cmd
-    if chosen not in kind.cmds:
+    if cmd is None:
+        cmd = kind.cmds[0]
+    elif cmd not in kind.cmds:
         legal = " or ".join(map(str, kind.cmds))
-        raise ValueRangeError(f"cmd {chosen} is out of range: {kind.name} has cmd {legal}")
+        raise ValueRangeError(f"cmd {cmd} is out of range: {kind.name} has cmd {legal}")
     unknown = set(values) - {field.name for field in kind.fields}
     if unknown:
         raise ValueRangeError(f"{kind.name} has no {', '.join(sorted(unknown))}")
     raw = bytearray(FRAME_LENGTH)
-    raw[0], raw[CMD_OFFSET], raw[-1] = kind.header, chosen, TAIL
+    raw[0], raw[CMD_OFFSET], raw[-1] = kind.header, cmd, TAIL
     for field in kind.fields:
         value = values.get(field.name, field.default)
         if value is None:

@@ -24,19 +24,10 @@ from types import MappingProxyType
 from fte_sniff.errors import ValueRangeError
 
 FRAME_LENGTH = 10
-"""Bytes in every frame."""
-
 TAIL = 0xEE
-"""The last byte of every frame."""
-
 CMD_OFFSET = 1
-"""The offset of CMD in a frame."""
-
 NUM_OFFSET = 2
-"""The offset of NUM in a frame."""
-
 MOTORS = range(1, 5)
-"""The motor (driver) numbers of the protocol."""
 
 DEFAULT_BAUD = 115_200
 """Bits per second on the controller's line, 8N1."""
@@ -119,7 +110,6 @@ class Direction(StrEnum):
 HEADERS: Mapping[Direction, int] = MappingProxyType(
     {Direction.CONTROL: 0xAA, Direction.FEEDBACK: 0x55}
 )
-"""The header byte of each direction: host to controller, controller to host."""
 
 DIRECTION_OF_HEADER: Mapping[int, Direction] = MappingProxyType(
     {header: direction for direction, header in HEADERS.items()}
@@ -137,15 +127,14 @@ class Field:
     size: int
     """Bytes: 1, 2 or 4."""
     low: int
-    """Lowest legal value."""
     high: int
-    """Highest legal value."""
+    """`low` and `high` are the lowest and the highest legal value."""
     unit: str
     """Unit of one count; empty for numbers and bit fields."""
     meaning: str
     """Description for help texts and explanations."""
     option: str
-    """Its short name on the command line."""
+    """The short name on the command line."""
     defined_bits: int | None = None
     """For a bit field: the bits that the protocol defines."""
     default: int | None = None
