@@ -120,81 +120,79 @@ class EventStats:
     """Time of the last one."""
 
 
-@dataclass(frozen=True, slots=True)
 class PortStats:
-    """Statistics of one port."""
+    """Statistics of one port so far."""
 
-    port: str
-    rows: int
-    bytes: int
-    frames: Mapping[Direction, int]
-    """Rows whose framing holds, by direction."""
-    baud: int
-    """Latest bits per second."""
-    first_ns: int | None
-    """Time of its first row, nanoseconds since 1970 UTC; None if no row has one."""
-    last_ns: int | None
-    per_s: float | None
-    """Mean rate of rows; None if it is unknown."""
-    share: float | None
-    """Utilization: share of the time that bytes took, from the first row to the last."""
-    silences: Durations
-    """Idle times between rows."""
-    share_over_time: TimeSeries
-    events: tuple[EventStats, ...]
-    """By kind, in order of first occurrence."""
-
-
-class _Port:
-    """Model of one port."""
-
-    def __init__(self, baud: int) -> None:
+    def __init__(self, port: str, baud: int) -> None:
+        self.port = port
         self.baud = baud
-        self._rows = self._bytes = self._timed = self._busy_ns = 0
-        self._frames = dict.fromkeys(Direction, 0)
-        self._first_ns: int | None = None
-        self._last_ns: int | None = None
-        self._end_ns = 0
+        """Latest bits per second."""
+        self.rows = self.bytes = 0
+        self.frames = dict.fromkeys(Direction, 0)
+        """Rows whose framing holds, by direction."""
+        self.first_ns: int | None = None
+        """Time of its first row, nanoseconds since 1970 UTC; None if no row has one."""
+        self.last_ns: int | None = None
+        self.silences = Durations()
+        """Idle times between rows."""
+        self.share_over_time = TimeSeries(0, 1, ())
+        """`share` in slots of time; set by `Statistics.ports`."""
+        self._events: dict[PortEventKind, EventStats] = {}
+        self._timed = self._busy_ns = self._end_ns = 0
         self._runs = 0
         """Runs of rows without a gap between them."""
         self._gap_starts_ns = self._gap_idle_ns = 0
         """Sums over gaps: between the starts of the rows around them, and between those rows."""
         self._continues = False
         """Whether the next row follows the last one without a gap."""
-        self._silences = Durations()
-        self._events: dict[PortEventKind, EventStats] = {}
 
     @property
-    def byte_ns(self) -> int:
-        """Nanoseconds that a byte takes."""
-        return byte_time_ns(self.baud)
+    def per_s(self) -> float | None:
+        """Mean rate of rows; None if it is unknown."""
+        if self.first_ns is None or self.last_ns is None:
+            return None
+        span_ns = self.last_ns - self.first_ns - self._gap_starts_ns
+        return (self._timed - self._runs) * 1e9 / span_ns if span_ns > 0 else None
+
+    @property
+    def share(self) -> float | None:
+        """Utilization: share of the time that bytes took, from the first row to the last."""
+        if self.first_ns is None:
+            return None
+        span_ns = self._end_ns - self.first_ns - self._gap_idle_ns
+        return self._busy_ns / span_ns if span_ns > 0 else None
+
+    @property
+    def events(self) -> tuple[EventStats, ...]:
+        """By kind, in order of first occurrence."""
+        return tuple(self._events.values())
 
     def update(self, lengths: Ints, t_ns: Ints, headers: npt.NDArray[np.uint8]) -> None:
         """Count rows: lengths, times or `NO_TIME`, and the first bytes of frames."""
-        self._rows += len(lengths)
-        self._bytes += int(lengths.sum())
+        self.rows += len(lengths)
+        self.bytes += int(lengths.sum())
         for direction, header in HEADERS.items():
-            self._frames[direction] += int(np.count_nonzero(headers == header))
+            self.frames[direction] += int(np.count_nonzero(headers == header))
         known = t_ns != NO_TIME
         if known.any():
-            self._update_times(t_ns[known], t_ns[known] + lengths[known] * self.byte_ns)
+            busy_ns = lengths[known] * byte_time_ns(self.baud)
+            self._update_times(t_ns[known], t_ns[known] + busy_ns)
 
     def _update_times(self, t_ns: Ints, ends_ns: Ints) -> None:
         self._timed += len(t_ns)
         self._busy_ns += int((ends_ns - t_ns).sum())
         if not self._continues:
             self._start_run(int(t_ns[0]))
-        before = np.concatenate(([self._end_ns], ends_ns[:-1]))
-        idle = t_ns - before
-        self._silences.update(idle[idle > 0], t_ns[idle > 0])
-        self._last_ns, self._end_ns = int(t_ns[-1]), int(ends_ns[-1])
+        idle = t_ns - np.concatenate(([self._end_ns], ends_ns[:-1]))
+        self.silences.update(idle[idle > 0], t_ns[idle > 0])
+        self.last_ns, self._end_ns = int(t_ns[-1]), int(ends_ns[-1])
 
     def _start_run(self, t_ns: int) -> None:
         """Start after a gap: the time before is not silence, but missing rows."""
-        if self._first_ns is None or self._last_ns is None:
-            self._first_ns = t_ns
+        if self.first_ns is None or self.last_ns is None:
+            self.first_ns = t_ns
         else:
-            self._gap_starts_ns += t_ns - self._last_ns
+            self._gap_starts_ns += t_ns - self.last_ns
             self._gap_idle_ns += t_ns - self._end_ns
         self._end_ns, self._runs, self._continues = t_ns, self._runs + 1, True
 
@@ -211,29 +209,6 @@ class _Port:
             event.count + (0 if before is None else before.total),
             event.t_ns if before is None else before.first_ns,
             event.t_ns,
-        )
-
-    def stats(self, name: str, share_over_time: TimeSeries) -> PortStats:
-        """The statistics so far."""
-        per_s = share = None
-        if self._first_ns is not None and self._last_ns is not None:
-            starts_ns = self._last_ns - self._first_ns - self._gap_starts_ns
-            per_s = (self._timed - self._runs) * 1e9 / starts_ns if starts_ns > 0 else None
-            whole_ns = self._end_ns - self._first_ns - self._gap_idle_ns
-            share = self._busy_ns / whole_ns if whole_ns > 0 else None
-        return PortStats(
-            port=name,
-            rows=self._rows,
-            bytes=self._bytes,
-            frames=self._frames,
-            baud=self.baud,
-            first_ns=self._first_ns,
-            last_ns=self._last_ns,
-            per_s=per_s,
-            share=share,
-            silences=self._silences,
-            share_over_time=share_over_time,
-            events=tuple(self._events.values()),
         )
 
 
@@ -417,7 +392,7 @@ class Statistics:
         self._baud = setup.baud
         self._names: list[str] = []
         self._streams = _Streams()
-        self._ports: dict[str, _Port] = {}
+        self._ports: dict[str, PortStats] = {}
         self.fault_counts = FaultCounts()
         self._faults_over_time = CountsOverTime()
         self._busy_over_time = CountsOverTime()
@@ -449,9 +424,9 @@ class Statistics:
                 self._streams.interrupt(self._names.index(change.port))
             self._ports[change.port].interrupt()
 
-    def _port(self, name: str) -> _Port:
+    def _port(self, name: str) -> PortStats:
         if name not in self._ports:
-            self._ports[name] = _Port(self._baud)
+            self._ports[name] = PortStats(name, self._baud)
         return self._ports[name]
 
     def _observe_ports(self, rows: Decoded) -> None:
@@ -461,7 +436,7 @@ class Statistics:
             own, port = codes == code, self._port(self._names[code])
             port.update(lengths[own], rows.t_ns[own], rows.raw[own & framed, 0])
             known = own & rows.has_time
-            busy = lengths[known] * port.byte_ns
+            busy = lengths[known] * byte_time_ns(port.baud)
             self._busy_over_time.update(np.full(len(busy), code, np.int64), rows.t_ns[known], busy)
 
     def _observe_faults(self, rows: Decoded, codebook: Codebook) -> None:
@@ -479,7 +454,9 @@ class Statistics:
 
     def ports(self) -> list[PortStats]:
         """By port, in order of first occurrence."""
-        return [port.stats(name, self._share_over_time(name)) for name, port in self._ports.items()]
+        for name, port in self._ports.items():
+            port.share_over_time = self._share_over_time(name)
+        return list(self._ports.values())
 
     def _share_over_time(self, name: str) -> TimeSeries:
         counts = self._busy_over_time
