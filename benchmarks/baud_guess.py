@@ -17,7 +17,7 @@ from random import Random
 
 from benchmarks.faults import draw_frame, ordinary
 from benchmarks.uart import AfterError
-from benchmarks.uart import heard as heard_by_hardware
+from benchmarks.uart import received as received_by_hardware
 from fte_sniff.analysis.baud_guess import COMMON_BAUDS, LineSetting, diagnose
 from fte_sniff.capture.uart_errors import Unmarker
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
@@ -40,7 +40,7 @@ def main() -> None:
         for seed, kinds, after_error in product(SEEDS, TRAFFIC, AfterError):
             random = Random(f"{seed} {baud}")
             frames = [draw_frame(random, ordinary, kinds) for _ in range(FRAMES)]
-            data = heard_by_hardware(
+            data = received_by_hardware(
                 seed, frames, baud, DEFAULT_BAUD, inverted=inverted, after_error=after_error
             )
             found = diagnose(data, DEFAULT_BAUD)

@@ -1,8 +1,7 @@
-"""Owns the figure for the bridge: the delay that it adds, against a bare pseudo-terminal.
+"""Delay that the bridge adds, compared with a bare pseudo-terminal.
 
-A frame is written at one end and timed until its last byte is at the other, both ways in turn. The
-real program bridges, frames, records and prints; the bare terminal is what the system itself
-takes.
+A frame is written at one end and timed until its last byte is at the other, in both directions. The
+real program bridges, frames, records and prints; the bare terminal shows the delay of the system.
 
     python -m benchmarks.bridge_delay [--frames N]
 """
@@ -25,34 +24,34 @@ import numpy as np
 from benchmarks.paced_line import frames_of
 
 GAP_S = 0.002
-"""Between two frames, seconds: a host program that asks five hundred times a second."""
+"""Time between two frames, seconds: a host program that sends 500 commands a second."""
 
 _BOUND_S = 30.0
 
 
 def delays_ms(there: int, back: int, frames: int) -> np.ndarray:
-    """From writing a frame into `there` until all of it came out of `back`, milliseconds."""
+    """Time from writing a frame to `there` until all of it was read from `back`, milliseconds."""
     poll = select.poll()
     poll.register(back, select.POLLIN)
     found = np.empty(frames)
     cycle = frames_of("position")
     for at in range(frames):
-        frame, heard = cycle[at % len(cycle)], b""
+        frame, received = cycle[at % len(cycle)], b""
         start_ns = time.perf_counter_ns()
         os.write(there, frame)
-        while len(heard) < len(frame):
+        while len(received) < len(frame):
             if not poll.poll(_BOUND_S * 1000):
                 raise RuntimeError("a frame did not arrive")
-            heard += os.read(back, 4096)
+            received += os.read(back, 4096)
         found[at] = (time.perf_counter_ns() - start_ns) / 1e6
-        if heard != frame:
+        if received != frame:
             raise RuntimeError("a frame arrived damaged")
         time.sleep(GAP_S)
     return found
 
 
 def bare(frames: int) -> dict[str, np.ndarray]:
-    """The same through one pseudo-terminal, and nothing else."""
+    """The delays of one pseudo-terminal alone."""
     far, near = os.openpty()
     tty.setraw(near)
     found = {"bare terminal": delays_ms(far, near, frames)}
@@ -62,7 +61,7 @@ def bare(frames: int) -> dict[str, np.ndarray]:
 
 
 def bridged(frames: int) -> dict[str, np.ndarray]:
-    """Through the bridge, both ways."""
+    """The delays of the bridge, in both directions."""
     with tempfile.TemporaryDirectory() as name:
         far, near = os.openpty()
         tty.setraw(near)
@@ -72,7 +71,7 @@ def bridged(frames: int) -> dict[str, np.ndarray]:
         quiet = subprocess.DEVNULL
         with subprocess.Popen([*command, *options], stdout=quiet, stderr=quiet) as bridge:
             host = _opened(link, bridge)
-            # The first frame may meet a bridge that has not seen the host program come.
+            # The bridge may not have noticed the host program at the first frame.
             delays_ms(host, far, 1)
             found = {
                 "host to port": delays_ms(host, far, frames),
@@ -95,7 +94,7 @@ def _opened(link: Path, bridge: subprocess.Popen[bytes]) -> int:
 
 
 def main() -> None:
-    """Measure all in one run, and print the percentiles."""
+    """Measure in one run, and print the percentiles."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=3000)
     frames = parser.parse_args().frames

@@ -1,9 +1,9 @@
-"""Owns the figures for load: both directions at once, screen running; what is lost, what it takes.
+"""Load of a capture: both directions at a baud, with the screen; lost bytes, CPU and memory.
 
-Two pseudo-terminals bring frames at the pace of a baud, each from a process of its own; the real
-program captures, records and shows them. Lost is what was sent and is not in the recording, bytes;
-refused is what the terminal had no room for, since it was not read in time. CPU is the share of one
-core, from the first frame to the last; memory is the greatest seen.
+Two processes write frames to pseudo-terminals at the pace of a baud; the real program captures,
+records and shows them. Lost are bytes that were sent and are not in the recording; refused are
+bytes that the terminal had no room for, because it was not read in time. CPU is the share of one
+core from the first frame to the last; memory is the peak.
 
     python -m benchmarks.capture_load [--seconds S] [--bauds B ...] [--busy]
     python -m benchmarks.capture_load --highest       the highest pace that loses nothing
@@ -26,8 +26,8 @@ from fte_sniff.recording.reader import RecordingReader
 BAUDS = (115_200, 921_600, 3_000_000)
 KINDS = ("position", "position_feedback")
 _QUIET_S = 2.0
-"""How long the program may take to record what came last, seconds."""
-_LOOK_S = 0.25
+"""Time for the program to record the last bytes, seconds."""
+_SAMPLE_S = 0.25
 
 
 @dataclass(slots=True)
@@ -45,7 +45,7 @@ class Load:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing was lost."""
+        """True if nothing was lost."""
         return self.lost == 0
 
     def line(self) -> str:
@@ -65,7 +65,7 @@ HEADER = (
 
 
 def run(baud: int, seconds: float, *, busy: bool = False) -> Load:
-    """Load the program at the pace of `baud` from both sides."""
+    """Load the program at the pace of `baud` in both directions."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         lines = [PacedLine(kind) for kind in KINDS]
@@ -103,17 +103,17 @@ def run(baud: int, seconds: float, *, busy: bool = False) -> Load:
 
 
 def _watch(program: LiveProgram, seconds: float) -> tuple[float, float]:
-    """Look at the program's memory while it is loaded; the most that was seen of each process."""
+    """Sample the memory of both processes while they are loaded; return the peaks."""
     start, most = time.monotonic(), (0.0, 0.0)
     while time.monotonic() < start + seconds:
         capture, view = taken(program.capture_pid), taken(program.pid)
         most = max(most[0], capture.rss_mb), max(most[1], view.rss_mb)
-        time.sleep(_LOOK_S)
+        time.sleep(_SAMPLE_S)
     return most
 
 
 def _recorded(path: Path) -> tuple[int, Counter[str]]:
-    """How many bytes the recording holds, and the events by kind."""
+    """Number of bytes in the recording, and of events by kind."""
     count, events = 0, Counter[str]()
     for entry in RecordingReader(path).entries():
         if isinstance(entry, PortEvent):
@@ -133,19 +133,19 @@ def _highest(seconds: float) -> None:
 
 
 def main() -> None:
-    """Run what was asked for, and print its table."""
+    """Run the benchmark, and print its table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--bauds", type=int, nargs="+", default=BAUDS)
-    parser.add_argument("--busy", action="store_true", help="press keys all the while")
+    parser.add_argument("--busy", action="store_true", help="press keys meanwhile")
     parser.add_argument("--highest", action="store_true")
-    asked = parser.parse_args()
-    if asked.highest:
-        _highest(asked.seconds)
+    options = parser.parse_args()
+    if options.highest:
+        _highest(options.seconds)
     else:
         print(HEADER)
-        for baud in asked.bauds:
-            print(run(baud, asked.seconds, busy=asked.busy).line(), flush=True)
+        for baud in options.bauds:
+            print(run(baud, options.seconds, busy=options.busy).line(), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Owns the figure for memory: what a capture process holds while very many rows go through it.
+"""Memory of a capture process while many rows go through it.
 
-The real capture process frames, orders and records two wires that bring frames as fast as they are
-taken, so that neither a pace nor a busy machine has a say; a view takes the rows, as quickly as it
-can, and forgets them. Flat means: no more at the end than after the first tenth.
+The real capture process frames, orders and records two wires that deliver frames as fast as they
+are read, so that the result does not depend on a pace or a busy machine; a view receives the rows
+and discards them. Flat means: no more at the end than after the first tenth.
 
     python -m benchmarks.capture_memory [--rows N]
 """
@@ -27,16 +27,17 @@ from fte_sniff.session.live_session import LiveSession
 
 WIRES = {"control": "position", "feedback": "position_feedback"}
 A_CHUNK = 30
-"""Frames of one read: what 3,000,000 baud bring in a millisecond."""
+"""Frames in one read: one millisecond at 3,000,000 baud."""
 
 _CHUNK_NS = 1_000_000
 
 
 class FlatOut:
-    """Both wires, with as many frames as are asked for, given whenever one is taken."""
+    """A source of both wires that always has the next frames ready."""
 
     end: SourceEnd | None = None
     uncertainty_ns: Mapping[str, int] = dict.fromkeys(WIRES, 1_000_000)
+    capabilities: Mapping[str, str] = dict.fromkeys(WIRES, "")
 
     def __init__(self, rows: int, start_ns: int) -> None:
         self._rows = rows
@@ -51,8 +52,8 @@ class FlatOut:
         for at in range(0, self._rows // len(WIRES), A_CHUNK):
             t_ns += _CHUNK_NS
             for wire, cycle in cycles.items():
-                place = at % (len(cycle) - A_CHUNK)
-                yield Chunk(wire, t_ns, b"".join(cycle[place : place + A_CHUNK]))
+                start = at % (len(cycle) - A_CHUNK)
+                yield Chunk(wire, t_ns, b"".join(cycle[start : start + A_CHUNK]))
             if self._stopping:
                 break
         self.end = SourceEnd.STOPPED
@@ -66,22 +67,22 @@ class FlatOut:
         self.stop()
 
     def stop(self) -> None:
-        """Ask for the end."""
+        """Request the end."""
         self._stopping = True
 
     def stop_at(self, t_ns: float) -> None:
-        """Do nothing: it ends by its rows."""
+        """Do nothing: it ends after its rows."""
 
     @property
     def waiting(self) -> int:
-        """Nothing waits: what is asked for is made."""
+        """Always 0."""
         return 0
 
     def drop(self) -> None:
         """Do nothing: nothing waits."""
 
     def close(self) -> None:
-        """Ask for the end: there is nothing to close."""
+        """Request the end: there is nothing to close."""
         self.stop()
 
 
@@ -94,12 +95,12 @@ class FlatOutWiring:
     names: tuple[str, ...] = tuple(WIRES)
 
     def open(self, clock: Clock) -> FlatOut:
-        """Begin at once."""
+        """Open the source."""
         return FlatOut(self.rows, clock.now_ns())
 
 
 def main() -> None:
-    """Let the rows through, and print the memory after each twentieth of them."""
+    """Capture the rows, and print the memory after each twentieth of them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", type=int, default=10_000_000)
     rows = parser.parse_args().rows

@@ -1,9 +1,8 @@
-"""Owns the figure for times: a row's time against the true one, the screen idle and busy.
+"""Error of row times, with the screen idle and busy.
 
-A process writes frames to a pseudo-terminal as a line of 115200 baud would bring them, and notes
-when; the real program captures, records and shows them. Idle means that nobody touches the screen,
-busy that fifty keys a second are pressed. The bare reader is a process that does nothing but read
-and stamp: what the machine itself costs in the same run.
+A process writes frames to a pseudo-terminal at the pace of 115200 baud, and stores when; the real
+program captures, records and shows them. Idle means that no key is pressed, busy fifty keys a
+second. The bare reader only reads and stamps: the error of the machine itself in the same run.
 
     python -m benchmarks.capture_times [--seconds S]
 """
@@ -27,11 +26,11 @@ from fte_sniff.recording.reader import RecordingReader
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)
 
 WANTED_MS = 2.0
-"""The 99th percentile that is wanted, milliseconds."""
+"""Target for the 99th percentile, milliseconds."""
 
 
 def errors_ns(recording: Path, sent: Sent) -> np.ndarray:
-    """Each row's time less the true one, nanoseconds; rows are known by their place."""
+    """The time of each row minus the true time, nanoseconds."""
     reader = RecordingReader(recording)
     rows = list(reader)
     (facts,) = reader.metadata.values()
@@ -44,7 +43,7 @@ def errors_ns(recording: Path, sent: Sent) -> np.ndarray:
 
 
 def bare(seconds: float) -> tuple[np.ndarray, Sent]:
-    """The same errors of a loop that reads and stamps, and does nothing else."""
+    """The errors of a loop that only reads and stamps."""
     with tempfile.TemporaryDirectory() as name:
         line = PacedLine("position_feedback")
         poll = select.poll()
@@ -64,7 +63,7 @@ def bare(seconds: float) -> tuple[np.ndarray, Sent]:
 
 
 def measure(seconds: float, *, busy: bool) -> tuple[np.ndarray, Sent]:
-    """One capture of one line."""
+    """The errors of one capture of one line."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         line = PacedLine("position_feedback")
@@ -79,7 +78,7 @@ def measure(seconds: float, *, busy: bool) -> tuple[np.ndarray, Sent]:
 
 
 def main() -> None:
-    """Measure all in turn, and print the percentiles."""
+    """Measure all runs, and print the percentiles."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
     seconds = parser.parse_args().seconds

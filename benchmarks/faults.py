@@ -1,15 +1,14 @@
-"""Owns the streams that the framer is judged by: legal frames, and the damage done to them.
+"""Streams for tests and benchmarks of the framer: legal frames, and damage to them.
 
-It must not know how anything is decoded. Everything is drawn from a seeded generator: the same
-seed gives the same bytes. The tests and the benchmarks both take their streams from here.
+A seeded generator draws everything: the same seed gives the same bytes.
 
 Each frame is damaged with probability p, by one of five kinds with equal chance:
 
-    lost      1-9 adjacent bytes are gone
-    inserted  1-4 random bytes come in after byte 0-8
-    flipped   one bit is turned over
-    replaced  2-6 adjacent bytes become random ones
-    junk      1-30 random bytes stand before the frame, which is whole
+    lost      1-9 adjacent bytes are missing
+    inserted  1-4 random bytes are inserted after byte 0-8
+    flipped   one bit is inverted
+    replaced  2-6 adjacent bytes are random
+    junk      1-30 random bytes come before the intact frame
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ HOSTILE_SHARE = 0.3
 
 
 class Harm(StrEnum):
-    """What was done to a frame."""
+    """Kind of damage."""
 
     LOST = "lost"
     INSERTED = "inserted"
@@ -37,7 +36,7 @@ class Harm(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """One frame that was sent, and where its bytes ended up."""
+    """One frame that was sent, and its bytes in the stream."""
 
     raw: bytes
     """As sent."""
@@ -45,13 +44,13 @@ class Sent:
     before: int
     """Junk bytes before the frame."""
     start: int
-    """Offset in the stream where its own bytes begin."""
+    """Offset of its first byte in the stream."""
     arrived: bytes
-    """As they stand in the stream."""
+    """Its bytes in the stream."""
 
     @property
     def whole(self) -> bool:
-        """Whether all its bytes arrived as they were sent."""
+        """True if all its bytes are intact."""
         return self.harm is None or self.harm is Harm.JUNK
 
 
@@ -59,7 +58,7 @@ Draw = Callable[[Random, Field], int]
 
 
 def ordinary(random: Random, field: Field) -> int:
-    """A value as motion has them: around zero, small against the field's range."""
+    """A typical value: around zero, small compared with the field's range."""
     if field.name == "motor":
         return random.randint(field.low, field.high)
     if field.name == "error":
@@ -72,7 +71,7 @@ def ordinary(random: Random, field: Field) -> int:
 
 
 def hostile(random: Random, field: Field) -> int:
-    """An ordinary value or, in three of ten, one made of bytes that imitate a frame's own."""
+    """An ordinary value or, in 30 % of the cases, one of bytes that imitate a frame's."""
     if field.size > 1 and random.random() < HOSTILE_SHARE:
         own = bytes(random.choice(HOSTILE_BYTES) for _ in range(field.size))
         return int.from_bytes(own, "big", signed=True)
@@ -100,15 +99,15 @@ def _harmed(random: Random, raw: bytes, harm: Harm) -> bytes:
         after = random.randint(1, FRAME_LENGTH - 1)
         return raw[:after] + random.randbytes(random.randint(1, 4)) + raw[after:]
     if harm is Harm.FLIPPED:
-        place = random.randrange(FRAME_LENGTH)
-        return raw[:place] + bytes([raw[place] ^ 1 << random.randrange(8)]) + raw[place + 1 :]
+        at = random.randrange(FRAME_LENGTH)
+        return raw[:at] + bytes([raw[at] ^ 1 << random.randrange(8)]) + raw[at + 1 :]
     count = random.randint(2, 6)
     start = random.randint(0, FRAME_LENGTH - count)
     return raw[:start] + random.randbytes(count) + raw[start + count :]
 
 
 def damage(random: Random, frames: Iterator[bytes], share: float) -> tuple[bytes, list[Sent]]:
-    """The stream that these frames become, `share` (0-1) of them damaged, and what was sent."""
+    """Damage a `share` (0-1) of the frames; return the stream and what was sent."""
     stream, sent = bytearray(), []
     harms = tuple(Harm)
     for raw in frames:

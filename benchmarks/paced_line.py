@@ -1,7 +1,7 @@
-"""Owns a line that carries frames at a baud's pace: a pseudo-terminal and a process that writes.
+"""A line that carries frames at the pace of a baud: a pseudo-terminal and a writing process.
 
-It must not know who listens. The process never writes quicker than the line would carry the frames;
-what the terminal does not take at once is lost, as on a line whose receiver is full, and counted.
+The process never writes faster than the line carries the frames. Bytes that the terminal does not
+accept at once are lost, as with a full receiver, and counted.
 
     python -m benchmarks.paced_line DESCRIPTOR BAUD SECONDS KIND TIMES    (started by `PacedLine`)
 """
@@ -21,13 +21,13 @@ from pathlib import Path
 from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, byte_time_ns, encode
 
 CLOCK = time.CLOCK_BOOTTIME
-"""What the times of frames are read from: the clock of a capture."""
+"""The clock of a capture."""
 
 TICK_NS = 1_000_000
-"""How long frames that take less than this are gathered, nanoseconds: one write each tick."""
+"""Interval of writes, nanoseconds; faster frames are combined into one write."""
 
 _CYCLE = 4096
-"""Frames after which the line repeats itself."""
+"""Frames after which the line repeats."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +38,14 @@ class Sent:
     refused: int
     """Bytes that the terminal had no room for."""
     times: array[int]
-    """When each write was begun, by CLOCK; empty where they were not asked for."""
+    """When each write began, by CLOCK; empty unless requested."""
 
 
 class PacedLine:
-    """A pseudo-terminal that a program opens by `device`; frames of one kind come from it."""
+    """A pseudo-terminal, opened by `device`, that delivers frames of one kind."""
 
     def __init__(self, kind: str) -> None:
-        """Make the line; nothing is sent yet."""
+        """Create the line; nothing is sent yet."""
         self._kind = kind
         self.far, self.near = os.openpty()
         tty.setraw(self.near)
@@ -53,7 +53,7 @@ class PacedLine:
         self.device = os.ttyname(self.near)
 
     def begin(self, baud: int, seconds: float, times: Path | None = None) -> None:
-        """Start to send at the pace of `baud`, for so long; write times go to a file if named."""
+        """Send at the pace of `baud` for some seconds; store write times in a file if given."""
         self._times = times
         arguments = map(str, (self.far, baud, seconds, self._kind, times or ""))
         self._sender = subprocess.Popen(
@@ -69,9 +69,9 @@ class PacedLine:
         return self._sender.pid
 
     def sent(self) -> Sent:
-        """Wait until all is sent; what was."""
-        told, _ = self._sender.communicate()
-        frames, refused = map(int, told.split())
+        """Wait until all is sent; return what was written."""
+        output, _ = self._sender.communicate()
+        frames, refused = map(int, output.split())
         times = array("q")
         if self._times is not None:
             times.frombytes(self._times.read_bytes())
@@ -85,7 +85,7 @@ class PacedLine:
 
 
 def frames_of(kind: str) -> list[bytes]:
-    """Frames of a kind, all different, their payload like a position that changes."""
+    """Frames of a kind, all different, with a changing position."""
     values = {"motor": 1, "rpm": 300, "error": 0, "online": 15}
     entry = KIND_BY_NAME[kind]
     names = {field.name for field in entry.fields}

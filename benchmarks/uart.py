@@ -1,8 +1,7 @@
-"""Owns a UART as hardware has it: clocked at sixteen times its baud, three samples a bit.
+"""Model of a UART in hardware: clocked at sixteen times its baud, three samples for each bit.
 
-It must not know frames. The tests and benchmarks make from it what a receiver hears that is set to
-another baud or polarity than the line has. Written after how such chips work, apart from the
-quicker model that the program guesses by.
+Tests and benchmarks derive from it the bytes that a receiver with another baud or polarity reads.
+It is independent of the faster model by which the program guesses a baud.
 """
 
 from __future__ import annotations
@@ -16,21 +15,21 @@ _MIDDLE = (7, 8, 9)
 
 
 class AfterError(StrEnum):
-    """What a receiver does when a stop bit was low."""
+    """What a receiver does after a low stop bit."""
 
     WAITS = "waits"
-    """It waits for the line to be high, then for the next falling edge."""
+    """Wait for a high level, then for the next falling edge."""
     GOES_ON = "goes on"
-    """It takes the low stop bit for the next start bit, unless all bits were low: a break."""
+    """Use the low stop bit as the next start bit, unless all bits were low: a break."""
 
 
 def levels(pieces: Iterable[bytes], idle_bits: Callable[[], int]) -> Iterator[int]:
-    """The line's levels, one a bit of the sender: idle, and the pieces with idle behind each."""
+    """The line's level for each bit of the sender: the pieces, with idle time after each."""
     yield from [1] * 25
     for piece in pieces:
         for byte in piece:
             yield 0
-            yield from (byte >> place & 1 for place in range(8))
+            yield from (byte >> bit & 1 for bit in range(8))
             yield 1
         yield from [1] * idle_bits()
     yield from [1] * 25
@@ -45,7 +44,7 @@ def receive(
     after_error: AfterError = AfterError.WAITS,
     phase: float = 0.0,
 ) -> bytes:
-    """The bytes that a receiver set to `baud` hears; `phase` (0-1) is that of its clock."""
+    """The bytes that a receiver at `baud` reads; `phase` (0-1) is that of its clock."""
     step = sender_baud / (baud * OVERSAMPLING)
     count = int((len(line) - 1) / step - phase)
     ticks = [line[int((n + phase) * step)] ^ inverted for n in range(count)]
@@ -74,7 +73,7 @@ def _bit(ticks: list[int], start: int) -> int:
     return int(sum(ticks[start + n] for n in _MIDDLE) >= 2)
 
 
-def heard(
+def received(
     seed: int,
     frames: Iterable[bytes],
     sender_baud: int,
@@ -84,9 +83,9 @@ def heard(
     after_error: AfterError = AfterError.WAITS,
     busy: float = 0.7,
 ) -> bytes:
-    """What is heard of frames with random gaps; `busy` is the share of frames without a gap.
+    """The bytes received of frames with random gaps; `busy` is the share without a gap.
 
-    The sender's clock is up to 1.5 % off, as such clocks are.
+    The sender's clock is up to 1.5 % off.
     """
     random = Random(seed)
     off = 1 + random.uniform(-0.015, 0.015)

@@ -130,7 +130,7 @@ class Pictured(SniffApp):
 
 @cache
 def rows(frames: int) -> Sequence[Row]:
-    """What the simulated wire brings with so many frames."""
+    """The bytes of this many simulated frames."""
     framer = Framer(PORT, DEFAULT_BAUD)
     found: list[Row] = []
     for timed in simulate(parse_parameters(f"{QUERY}&frames={frames}")):

@@ -137,9 +137,9 @@ class SimulationParameters:
     drop: float = _parameter(0.0, "share of the frames that lose adjacent bytes", high=1)
     flip: float = _parameter(0.0, "share of the frames that have one bit flipped", high=1)
     noise: float = _parameter(0.0, "share of the frames with random bytes before them", high=1)
-    wire: str = _parameter("both", "whose frames are heard", words=("both", *Direction))
+    wire: str = _parameter("both", "which frames are received", words=("both", *Direction))
     host: str = _parameter("on", "whether a host sends commands", words=("on", "off"))
-    frames: int = _parameter(0, "the port is unplugged after so many frames; 0 is never")
+    frames: int = _parameter(0, "the port is unplugged after this many frames; 0 is never")
 
     def __post_init__(self) -> None:
         for parameter in PARAMETERS:

@@ -40,7 +40,7 @@ def _run(link: Path | None, baud: int, **parameters: Any) -> None:
         simulated.check_against(baud)
         if simulated.is_silent:
             raise UsageError(
-                "--wire control without a host is a line where nothing is ever heard: add "
+                "--wire control without a host is a line without any byte: add "
                 "--host on, or leave --wire as it is"
             )
     except PortError as error:

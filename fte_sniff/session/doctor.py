@@ -105,15 +105,13 @@ def bad(about: str, what: str, fix: str) -> Finding:
 
 @dataclass(frozen=True, slots=True)
 class PortCheck:
-    """What `check_port` does."""
+    """What `check_port` does: listen for some seconds, and optionally probe other bauds."""
 
     port: str
     """A device, or a URL that pyserial opens."""
     settings: PortSettings
     seconds: float
-    """How long to listen."""
     probe: bool
-    """True to try other bauds."""
 
 
 def check_machine() -> Iterator[Finding]:
@@ -198,12 +196,7 @@ def folder_finding(folder: Path) -> Finding:
 
 
 def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator[Finding]:
-    """Check that the terminal can show the screen of `live`.
-
-    Args:
-        environment: environment variables.
-        encoding: of standard output.
-    """
+    """Check that the terminal can show the screen of `live`; `encoding` is that of stdout."""
     term = environment.get("TERM", "")
     if term in ("", "dumb", "unknown"):
         what = f"TERM is {term!r}: the screen cannot be drawn"
@@ -211,17 +204,12 @@ def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator
     else:
         yield ok("terminal", f"TERM is {term}")
     if encoding.lower().replace("-", "") != "utf8":
-        what = f"its encoding is {encoding}: some signs cannot be shown"
+        what = f"its encoding is {encoding}: some characters cannot be shown"
         yield warn("terminal", what, "export LC_ALL=C.UTF-8")
 
 
 def framer_finding(folder: Path, *, compiled: bool) -> Finding:
-    """Check that the compiled framer runs, and is not older than its source.
-
-    Args:
-        folder: its source and its compiled library.
-        compiled: True if the compiled one runs.
-    """
+    """Check that the framer in `folder` runs compiled, and is not older than its source."""
     if not compiled:
         return warn(
             "framer",
@@ -234,7 +222,7 @@ def framer_finding(folder: Path, *, compiled: bool) -> Finding:
         return ok("framer", "compiled")
     return warn(
         "framer",
-        f"compiled before {edited} was changed: what runs is not what the source says",
+        f"compiled before {edited} was changed: the running code differs from the source",
         "install fte-sniff again: pip install -e . (or pip install .)",
     )
 
@@ -265,11 +253,11 @@ def clock_state() -> int | None:
 def clock_finding(state: int | None) -> Finding:
     """Check that the clock is synchronized; `state` is that of `clock_state`."""
     if state is None:
-        return ok("clock", "this system does not say whether it is kept right")
+        return ok("clock", "this system does not report whether it is synchronized")
     if state == _TIME_ERROR:
-        what = "nothing keeps the system's clock right: the times of recordings may be off"
+        what = "the system's clock is not synchronized: the times of recordings may be wrong"
         return warn("clock", what, "sudo timedatectl set-ntp true (outside of containers)")
-    return ok("clock", "kept right by the network")
+    return ok("clock", "synchronized by the network")
 
 
 # Kind of machine, and programs that take adapters away
@@ -321,7 +309,7 @@ def missing_adapter_hint(kind: MachineKind) -> str:
     return {
         MachineKind.CONTAINER: "give it to the container: docker run --device /dev/ttyUSB0 ...",
         MachineKind.WSL: "in Windows: usbipd list, then usbipd attach --wsl --busid <its BUSID>",
-        MachineKind.VIRTUAL: "hand the USB adapter on to the virtual machine, in its settings",
+        MachineKind.VIRTUAL: "pass the USB adapter through to the virtual machine, in its settings",
         MachineKind.METAL: "plug the adapter in, and see what the system says: sudo dmesg | tail",
     }[kind]
 
@@ -378,7 +366,7 @@ def virtual_usb_findings(device: str, root: Path = _ROOT) -> Iterator[Finding]:
     if is_virtual(root):
         yield warn(
             device,
-            "a virtual machine hands on USB in lumps: times can be late by tens of milliseconds",
+            "a virtual machine forwards USB data in bursts: times can be tens of milliseconds late",
             "capture on the host, or serve the port from there: "
             f"socat TCP-LISTEN:4001,reuseaddr {device},raw,b115200",
         )
@@ -413,8 +401,8 @@ def capability_findings(device: str, capabilities: PortCapabilities) -> Iterator
         yield ok(device, f"{capabilities.low_latency}{delay}")
     line = capabilities.line.description
     if capabilities.usb and line == UNAVAILABLE:
-        what = f"{line}: damage shows in the frames alone"
-        yield warn(device, what, "use an adapter whose driver tells them (FTDI, CP210x)")
+        what = f"{line}: only damaged frames show errors"
+        yield warn(device, what, "use an adapter whose driver reports them (FTDI, CP210x)")
     else:
         yield ok(device, line)
 
@@ -516,18 +504,18 @@ def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Finding:
     match verdict.condition:
         case LineCondition.SOUND:
             wire = _WIRE.get(verdict.directions, "frames")
-            return ok(port, f"{verdict.share:.1%} of {size} at {baud} baud stand in frames: {wire}")
+            return ok(port, f"{verdict.share:.1%} of {size} at {baud} baud are in frames: {wire}")
         case LineCondition.DAMAGED:
             return warn(
                 port,
-                f"only {verdict.share:.1%} of {size} at {baud} baud stand in frames: a loose plug, "
-                "no common ground, two talkers on the wire, or bytes lost",
+                f"only {verdict.share:.1%} of {size} at {baud} baud are in frames: a loose plug, "
+                "no common ground, two senders on the wire, or bytes lost",
                 f"check plug and ground; fte-sniff live {typed} --filter malformed",
             )
         case LineCondition.SILENT:
             return bad(
                 port,
-                "nothing came: a dead wire, or nobody talks",
+                "nothing came: a dead wire, or no device sends",
                 "power the controller, join the grounds, put the adapter's RX on a TX wire",
             )
         case LineCondition.LOW:
@@ -538,7 +526,7 @@ def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Finding:
                 f"check power and ground; {probe}",
             )
         case LineCondition.TOO_LITTLE:
-            what = f"{size} came and no frame: too little to tell by"
+            what = f"{size} came and no frame: too little to judge"
             return warn(port, what, f"fte-sniff doctor {typed} --seconds 30")
         case LineCondition.TEXT:
             what = f"{size} of text and no frame: some other device sends here"
@@ -579,7 +567,7 @@ def _probe(port: str, baud: int, listener: LineListener, verdict: LineDiagnosis)
     if verdict.condition is LineCondition.SOUND:
         return ok(port, "probe: not needed, the baud is right")
     if verdict.condition is LineCondition.SILENT:
-        return warn(port, "probe: nothing comes that could be probed", "let the line talk")
+        return warn(port, "probe: nothing comes that could be probed", "let the device send")
     samples: dict[int, bytes] = {}
     best: tuple[LineSetting, LineDiagnosis] | None = None
     for candidate in _candidates(verdict, baud):
@@ -619,6 +607,6 @@ def probe_finding(port: str, found: LineSetting | None, verdict: LineDiagnosis |
     if verdict is None:
         return bad(port, f"probe: swapped polarity at {found.baud} baud", _POLARITY)
     what = (
-        f"probe: {verdict.share:.1%} of {verdict.size:,} bytes stand in frames at {found.baud} baud"
+        f"probe: {verdict.share:.1%} of {verdict.size:,} bytes are in frames at {found.baud} baud"
     )
     return bad(port, what, f"fte-sniff live {quote(port)} --baud {found.baud}")

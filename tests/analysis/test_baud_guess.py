@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream, draw_frame, ordinary
 from benchmarks.uart import AfterError
-from benchmarks.uart import heard as heard_by_hardware
+from benchmarks.uart import received as received_by_hardware
 from fte_sniff.analysis.baud_guess import (
     COMMON_BAUDS,
     LineCondition,
@@ -34,7 +34,7 @@ def frames(seed, kinds=KINDS, count=80):
 @pytest.mark.parametrize("baud", [19_200, 38_400, 57_600])
 def test_a_slower_line_is_recognised_with_its_baud_and_polarity(baud, traffic, after_error):
     for inverted in (False, True):
-        data = heard_by_hardware(
+        data = received_by_hardware(
             1, frames(1, TRAFFIC[traffic]), baud, DEFAULT_BAUD, inverted=inverted,
             after_error=after_error,
         )  # fmt: skip
@@ -48,7 +48,7 @@ def test_a_slower_line_is_recognised_with_its_baud_and_polarity(baud, traffic, a
 @pytest.mark.parametrize("traffic", TRAFFIC)
 @pytest.mark.parametrize("baud", [9_600, DEFAULT_BAUD, 921_600])
 def test_swapped_polarity_is_recognised_at_its_own_baud(baud, traffic, after_error):
-    data = heard_by_hardware(
+    data = received_by_hardware(
         2, frames(2, TRAFFIC[traffic]), baud, baud, inverted=True, after_error=after_error
     )
     verdict = diagnose(data, baud)
@@ -60,7 +60,7 @@ def test_swapped_polarity_is_recognised_at_its_own_baud(baud, traffic, after_err
 @pytest.mark.parametrize("baud", [230_400, 460_800, 921_600, 2_000_000])
 @pytest.mark.parametrize("traffic", TRAFFIC)
 def test_a_faster_line_is_never_taken_for_a_sound_one(baud, traffic):
-    data = heard_by_hardware(3, frames(3, TRAFFIC[traffic], 200), baud, DEFAULT_BAUD)
+    data = received_by_hardware(3, frames(3, TRAFFIC[traffic], 200), baud, DEFAULT_BAUD)
     verdict = diagnose(data, DEFAULT_BAUD)
     assert verdict.share < 0.1
     assert verdict.condition in (
@@ -72,14 +72,14 @@ def test_a_faster_line_is_never_taken_for_a_sound_one(baud, traffic):
 
 @pytest.mark.parametrize("baud", [b for b in COMMON_BAUDS if b < DEFAULT_BAUD / 8])
 def test_a_far_slower_line_looks_held_low(baud):
-    data = heard_by_hardware(4, frames(4, count=20), baud, DEFAULT_BAUD)
+    data = received_by_hardware(4, frames(4, count=20), baud, DEFAULT_BAUD)
     assert diagnose(data, DEFAULT_BAUD).condition is LineCondition.LOW
 
 
 @pytest.mark.parametrize("traffic", TRAFFIC)
 @pytest.mark.parametrize("baud", COMMON_BAUDS)
 def test_at_the_right_baud_a_line_is_sound(baud, traffic):
-    data = heard_by_hardware(5, frames(5, TRAFFIC[traffic], 20), baud, baud)
+    data = received_by_hardware(5, frames(5, TRAFFIC[traffic], 20), baud, baud)
     verdict = diagnose(data, baud)
     assert (verdict.condition, verdict.share) == (LineCondition.SOUND, 1.0)
     kinds = {"control": {Direction.CONTROL}, "all": set(Direction)}.get(
@@ -132,4 +132,4 @@ def test_at_its_own_baud_a_uart_hears_what_was_sent(pieces, idle, resync):
 
 @given(st.binary(max_size=100), st.sampled_from(COMMON_BAUDS))
 def test_hardware_hears_what_was_sent_though_its_clock_is_off(data, baud):
-    assert heard_by_hardware(1, [data], baud, baud) == data
+    assert received_by_hardware(1, [data], baud, baud) == data

@@ -17,7 +17,7 @@ from random import Random
 import pytest
 
 from benchmarks.faults import draw_frame, ordinary
-from benchmarks.uart import heard
+from benchmarks.uart import received
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
 from tests.cli.conftest import Run
 from tests.cli.processes import PROGRAM, ended, hears, started
@@ -75,7 +75,7 @@ class Line:
 
     def _heard_at(self, baud: int) -> bytes:
         if baud not in self._heard:
-            self._heard[baud] = heard(1, self._frames, self._baud, baud, inverted=self._inverted)
+            self._heard[baud] = received(1, self._frames, self._baud, baud, inverted=self._inverted)
         return self._heard[baud]
 
 
@@ -108,7 +108,7 @@ def test_a_sound_line_is_well(run: Run) -> None:
         code, said = doctor(run, port, "--seconds", LONG)
     assert code == 0
     assert not said["bad"]
-    assert "stand in frames: feedback (the controller's TX wire)" in said["ok"][-1]
+    assert "are in frames: feedback (the controller's TX wire)" in said["ok"][-1]
     assert "line errors unavailable -> None" in said["ok"]
 
 
@@ -127,7 +127,7 @@ def test_a_probe_finds_the_baud(run: Run, baud: int) -> None:
     with wire() as (far, port), Line(far, baud).talking() as line:
         code, said = doctor(run, port, "--seconds", LONG, "--probe")
     assert code == 1
-    assert f"bytes stand in frames at {baud} baud" in said["bad"][-1]
+    assert f"bytes are in frames at {baud} baud" in said["bad"][-1]
     assert said["bad"][-1].endswith(f"-> fte-sniff live {port} --baud {baud}")
     assert line.bauds_set[-1] == baud
 

@@ -301,7 +301,7 @@ def test_who_holds_a_port_is_named_with_what_makes_it_let_go(name, fix):
         (
             PortCapabilities(LineWatch(), LowLatency.ABSENT, None, True),
             ["ok", "warn"],
-            "use an adapter whose driver tells them (FTDI, CP210x)",
+            "use an adapter whose driver reports them (FTDI, CP210x)",
         ),
         (PortCapabilities(LineWatch(), LowLatency.ABSENT, None, False), ["ok", "ok"], None),
     ],

@@ -46,7 +46,7 @@ def parameters_of_url(url: str) -> SimulationParameters:
     """
     parts = urlsplit(url)
     if parts.netloc or parts.path or parts.fragment:
-        raise PortError(f"{url!r} cannot be read: parameters stand after '?', as in sim://?seed=1")
+        raise PortError(f"{url!r} cannot be read: parameters come after '?', as in sim://?seed=1")
     return parse_parameters(parts.query)
 
 
