@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from textwrap import TextWrapper
+from textwrap import wrap
 from typing import TYPE_CHECKING, TextIO
 
 import click
@@ -111,8 +111,10 @@ def _style_of(row: Row) -> str:
     return "cyan" if kind.direction == "control" else "default"
 
 
-_PLACE, _BYTES_WIDTH, _NAME, _VALUE = 5, 17, 9, 13
+_OFFSETS, _BYTES, _NAME, _VALUE = 5, 17, 9, 13
+"""Widths of the columns of an explanation."""
 _BYTES_A_LINE = 6
+_LEAST_WRAP = 20
 _COLOR = {Status.OK: "green", Status.SUSPECT: "yellow", Status.MALFORMED: "red"}
 
 
@@ -128,7 +130,7 @@ class DissectionWriter:
             colored: whether to use colours.
         """
         self._stream = stream
-        self._wrap = _no_wrap if width is None else _wrapper(width)
+        self._width = width
         self._colored = colored
         self._has_rows = False
 
@@ -138,50 +140,51 @@ class DissectionWriter:
             if self._has_rows:
                 self._stream.write("\n")
             self._has_rows = True
-            for line in _row_lines(row, self._wrap):
+            for line in _row_lines(row, self._width):
                 self._stream.write((line if self._colored else click.unstyle(line)) + "\n")
 
     def close(self) -> None:
         """Do nothing: all rows are written."""
 
 
-def _row_lines(row: Row, wrap: TextWrapper) -> Iterator[str]:
+def _row_lines(row: Row, width: int | None) -> Iterator[str]:
     yield _title(row)
     for sentence in explain(row):
-        yield from _indented(sentence, 2, wrap, _COLOR[row.status])
-    for part in dissect(row):
-        yield from _part_lines(part, wrap)
+        yield from _indented(sentence, 2, width, _COLOR[row.status])
+    for field in dissect(row):
+        yield from _field_lines(field, width)
 
 
 def _title(row: Row) -> str:
-    words = click.style(f"{row.status}", fg=_COLOR[row.status], bold=True)
+    status = click.style(f"{row.status}", fg=_COLOR[row.status], bold=True)
     if row.faults:
-        words += f" ({faults_text(row.faults)})"
-    name = click.style(kind_text(row) if kind_text(row) != "-" else "damage", bold=True)
-    return f"offset {row.offset}  {name}  {values_text(row)}  {words}".replace("    ", "  ")
+        status += f" ({faults_text(row.faults)})"
+    kind = kind_text(row)
+    name = click.style("damage" if kind == "-" else kind, bold=True)
+    return f"offset {row.offset}  {name}  {values_text(row)}  {status}".replace("    ", "  ")
 
 
-def _part_lines(part: ExplainedField, wrap: TextWrapper) -> Iterator[str]:
-    mark = STATUS_MARK[Status.MALFORMED] if part.fault else " "
-    color = "red" if part.fault else None
-    first, *further = _byte_groups(part.raw)
-    lead = f"  {mark} {_place_text(part.offsets):<{_PLACE}} {first:<{_BYTES_WIDTH}}"
-    lead += f" {part.name:<{_NAME}} {part.value:<{_VALUE}} "
+def _field_lines(field: ExplainedField, width: int | None) -> Iterator[str]:
+    mark = STATUS_MARK[Status.MALFORMED] if field.fault else " "
+    color = "red" if field.fault else None
+    first, *further = _byte_groups(field.raw)
+    lead = f"  {mark} {_offsets_text(field.offsets):<{_OFFSETS}} {first:<{_BYTES}}"
+    lead += f" {field.name:<{_NAME}} {field.value:<{_VALUE}} "
     column = len(lead)
-    meanings = [text for text in (part.meaning, part.note) if text] or [""]
-    lines = [line for text in meanings for line in _wrapped(text, column, wrap)]
+    texts = [text for text in (field.meaning, field.note) if text] or [""]
+    lines = [line for text in texts for line in _wrapped(text, column, width)]
     yield click.style((lead + lines[0]).rstrip(), fg=color)
     yield from (click.style(" " * column + line, fg=color) for line in lines[1:])
     yield from (" " * 10 + group for group in further)
-    for bit in part.bits:
+    for bit in field.bits:
         if bit.is_set:
-            yield from _indented(f"bit {bit.number} set: {bit.meaning}", column, wrap, None)
+            yield from _indented(f"bit {bit.number} set: {bit.meaning}", column, width, None)
 
 
-def _place_text(places: range) -> str:
-    if not places:
+def _offsets_text(offsets: range) -> str:
+    if not offsets:
         return "-"
-    return f"{places[0]}" if len(places) == 1 else f"{places[0]}-{places[-1]}"
+    return f"{offsets[0]}" if len(offsets) == 1 else f"{offsets[0]}-{offsets[-1]}"
 
 
 def _byte_groups(raw: bytes) -> list[str]:
@@ -190,19 +193,13 @@ def _byte_groups(raw: bytes) -> list[str]:
     ] or ["--"]
 
 
-def _indented(text: str, column: int, wrap: TextWrapper, color: str | None) -> Iterator[str]:
-    for line in _wrapped(text, column, wrap):
+def _indented(text: str, column: int, width: int | None, color: str | None) -> Iterator[str]:
+    for line in _wrapped(text, column, width):
         yield click.style(" " * column + line, fg=color)
 
 
-def _wrapped(text: str, column: int, wrap: TextWrapper) -> list[str]:
-    if wrap is _no_wrap:
+def _wrapped(text: str, column: int, width: int | None) -> list[str]:
+    if width is None:
         return [text]
-    return _wrapper(max(wrap.width - column, 20)).wrap(text) or [""]
-
-
-def _wrapper(width: int) -> TextWrapper:
-    return TextWrapper(width=width, break_long_words=False, break_on_hyphens=False)
-
-
-_no_wrap = _wrapper(1 << 16)
+    room = max(width - column, _LEAST_WRAP)
+    return wrap(text, room, break_long_words=False, break_on_hyphens=False) or [""]

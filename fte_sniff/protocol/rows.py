@@ -76,7 +76,7 @@ class _Row:
 
     @property
     def status(self) -> Status:
-        """How reliable the row is."""
+        """The status by the faults."""
         return status_of(self.faults)
 
 
@@ -200,12 +200,11 @@ class GapKind(StrEnum):
     WRITE_ERROR = "write_error"
     """They could not be written to the recording."""
     LEFT_OUT = "left_out"
-    """They came but are not in the file: a trigger did not keep them, or the copied file has a
-    gap."""
+    """They are not in the file: a trigger dropped them, or the copied file has a gap."""
     DAMAGE = "damage"
     """They are in a damaged part of the file."""
     OTHER_RECORDING = "other_recording"
-    """They lie between two recordings."""
+    """They are between two recordings."""
     PORT = "port"
     """The port was lost, or bytes of it were."""
     NOT_SHOWN = "not_shown"
@@ -224,7 +223,7 @@ class Gap:
     end_ns: int | None = None
     """Last time at which a row may be missing; None if unknown."""
     reason: str = ""
-    """One line for people; may hold text from outside, so show it, never obey it."""
+    """One line of text for the user; may contain text from outside."""
     port: str | None = None
     """The port whose rows are missing; None for all ports."""
 
@@ -249,7 +248,7 @@ class Gap:
 
 
 class LineErrorMarker:
-    """Adds `line_error` to the rows of one port whose bytes the UART reported errors in."""
+    """Adds `line_error` to the rows of one port for which the UART reported errors."""
 
     def __init__(self) -> None:
         self._next_offset = 0
