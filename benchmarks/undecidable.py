@@ -32,7 +32,7 @@ def probability(stream: bytes, sent: Sequence[Sent], row: Frame) -> float:
     first, behind = max(0, number - NEIGHBOURS), number + NEIGHBOURS
     begin = sent[first].start - sent[first].before
     end = sent[behind].start - sent[behind].before if behind < len(sent) else len(stream)
-    told: dict[int, float] = oracle.weigh(stream[begin:end])
+    told: dict[int, float] = oracle.probabilities(stream[begin:end])
     return told.get(row.offset - begin, 0.0)
 
 

@@ -320,7 +320,7 @@ _OWN_BITS: Final = np.tri(FRAME_LENGTH, k=-1, dtype=np.uint8) * np.uint8(0xFF)
 def _batch_of_span(span: DecidedSpan) -> RowBatch:
     codebook, rows = Codebook(), len(span)
     length, framed, faults = _segment_columns(span, rows, codebook)
-    start = int(span.tiles.starts[0]) if rows else span.start
+    start = int(span.segments.starts[0]) if rows else span.start
     if (length == FRAME_LENGTH).all():
         offset = np.arange(start, start + rows * FRAME_LENGTH, FRAME_LENGTH)
         data = np.frombuffer(span.data, np.uint8, rows * FRAME_LENGTH, start - span.start)
@@ -330,7 +330,7 @@ def _batch_of_span(span: DecidedSpan) -> RowBatch:
         offset = start + ends - length
         raw = _first_bytes(span.data, offset - span.start, length)
         long = _long_rows(span, offset, length)
-    t_ns, delay_ns, timed = _times(span.marks, offset)
+    t_ns, delay_ns, timed = _times(span.times, offset)
     return RowBatch(
         codebook,
         t_ns=t_ns,
@@ -359,7 +359,7 @@ def _segment_columns(
     """The columns `length`, `framed` and `faults`."""
     starts, counts, codes = (
         np.frombuffer(memoryview(numbers), np.int64) if len(numbers) else np.zeros(0, np.int64)
-        for numbers in (span.tiles.starts, span.tiles.counts, span.tiles.codes)
+        for numbers in (span.segments.starts, span.segments.counts, span.segments.codes)
     )
     other = (codes != _SOUND_FRAME).nonzero()[0]
     at, codes = np.cumsum(counts)[other] - 1, codes[other]
@@ -370,7 +370,7 @@ def _segment_columns(
         np.ones(rows, np.bool_),
         np.zeros(rows, np.uint16),
     )
-    length[at] = np.diff(starts, append=np.int64(span.tiles.end))[other]
+    length[at] = np.diff(starts, append=np.int64(span.segments.end))[other]
     framed[at] = codes & 1
     faults[at] = np.array(set_codes, np.uint16)[which]
     return length, framed, faults

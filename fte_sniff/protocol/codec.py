@@ -9,6 +9,7 @@ from fte_sniff.errors import ValueRangeError
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     FRAME_LENGTH,
+    FTE_FORMAT,
     HEADERS,
     KIND_BY_HEADER_AND_CMD,
     TAIL,
@@ -64,23 +65,8 @@ def kind_faults(raw: bytes, kind: FrameKind) -> tuple[Fault, ...]:
 HEADER_BYTES = bytes(HEADERS.values())
 """Every byte that can begin a frame."""
 
-LONGEST_OVERLONG = 14
-"""Bytes that an overlong frame has at most: four too many."""
-
 
 @cache
 def legal_bytes(kind: FrameKind) -> tuple[bytes | None, ...]:
-    """For each offset in a frame of `kind` the legal bytes; None where every byte is legal.
-
-    Strict: reserve is 00, and no undefined flag is set (PROTOCOL.md, "What the document leaves
-    open"). Fields of several bytes have no illegal values, so bytes can be judged one by one.
-    """
-    legal: list[bytes | None] = [None] * FRAME_LENGTH
-    legal[0], legal[-1] = bytes([kind.header]), bytes([TAIL])
-    legal[CMD_OFFSET] = bytes(kind.cmds)
-    for offset in kind.reserved:
-        legal[offset] = b"\x00"
-    for field in kind.fields:
-        if field.fault:
-            legal[field.start] = bytes(byte for byte in range(256) if field.is_legal(byte))
-    return tuple(legal)
+    """For each offset in a frame of `kind` the legal bytes; see `FrameFormat.legal_bytes`."""
+    return tuple(FTE_FORMAT.legal_bytes(kind))

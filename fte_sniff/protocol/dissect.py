@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.codec import HEADER_BYTES, legal_bytes
-from fte_sniff.protocol.framer.predicates import dividing
+from fte_sniff.protocol.framer.predicates import can_split
+from fte_sniff.protocol.framer.tables import FTE_TABLES
 from fte_sniff.protocol.row_schema import spaced_hex
 from fte_sniff.protocol.rows import Damage, Frame, Row
 from fte_sniff.protocol.spec import (
@@ -461,7 +462,7 @@ def _ambiguity(row: Row) -> TranslatableText:
     doubt, raw = _fault_text(Fault.AMBIGUOUS), row.raw
     headers = [offset for offset in range(1, len(raw)) if raw[offset] in HEADER_BYTES]
     inner = range(1, FRAME_LENGTH - 1) if isinstance(row, Frame) else range(0)
-    divided = [offset for offset in inner if dividing(raw, offset)]
+    divided = [offset for offset in inner if can_split(FTE_TABLES, raw, offset)]
     if divided:
         offset = next(offset for offset in headers if offset >= divided[0])
         return TranslatableText(

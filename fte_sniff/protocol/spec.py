@@ -312,6 +312,44 @@ KIND_BY_HEADER_AND_CMD: Mapping[tuple[int, int], FrameKind] = MappingProxyType(
 )
 
 
+@dataclass(frozen=True, slots=True)
+class FrameFormat:
+    """A format of fixed-length frames: header byte, CMD, NUM, payload, tail byte."""
+
+    length: int
+    """Bytes in every frame."""
+    headers: Mapping[Direction, int]
+    """The header byte of each direction."""
+    tail: int
+    """The last byte of every frame."""
+    kinds: tuple[FrameKind, ...]
+    """Every kind of frame."""
+
+    def header(self, kind: FrameKind) -> int:
+        """The header byte of a kind."""
+        return self.headers[kind.direction]
+
+    def legal_bytes(self, kind: FrameKind) -> list[bytes | None]:
+        """For each offset in a frame of `kind` the legal bytes; None where every byte is legal.
+
+        Strict: reserve is 00, and no undefined flag is set (PROTOCOL.md, "What the document leaves
+        open"). Fields of several bytes have no illegal values, so bytes can be judged one by one.
+        """
+        legal: list[bytes | None] = [None] * self.length
+        legal[0], legal[-1] = bytes([self.header(kind)]), bytes([self.tail])
+        legal[CMD_OFFSET] = bytes(kind.cmds)
+        for offset in kind.reserved:
+            legal[offset] = b"\x00"
+        for field in kind.fields:
+            if field.fault:
+                legal[field.start] = bytes(byte for byte in range(256) if field.is_legal(byte))
+        return legal
+
+
+FTE_FORMAT = FrameFormat(FRAME_LENGTH, HEADERS, TAIL, KINDS)
+"""The frame table of this protocol as one value."""
+
+
 def _value_fields() -> tuple[Field, ...]:
     fields: dict[str, Field] = {}
     for kind in KINDS:

@@ -195,8 +195,8 @@ class CaptureLoop:
         self._markers[chunk.port].observe(chunk)
         self._put_rows(chunk.port, framer.feed(chunk))
         now_ns = chunk.t_ns or 0
-        waits_since_ns = framer.waits_since_ns
-        self._order.advance(chunk.port, now_ns, waits_since_ns, data=bool(chunk.data))
+        pending_since_ns = framer.pending_since_ns
+        self._order.advance(chunk.port, now_ns, pending_since_ns, data=bool(chunk.data))
         self._start_duration(now_ns)
         self._report_leftover()
         if now_ns >= self._flush_ns:
@@ -225,11 +225,11 @@ class CaptureLoop:
 
     def _process_event(self, event: PortEvent) -> None:
         if event.kind in _BREAKS:
-            self._put_rows(event.port, self._framers[event.port].cut())
+            self._put_rows(event.port, self._framers[event.port].restart())
         if event.kind is PortEventKind.LOST:
             self._lost = event
         if event.kind is PortEventKind.BAUD_CHANGED and event.count:
-            self._framers[event.port].pace(event.count)
+            self._framers[event.port].set_baud(event.count)
         self._order.put(event.port, [event])
 
     def _put_rows(self, port: str, rows: Sequence[Row]) -> None:

@@ -196,19 +196,19 @@ def decided(
     try:
         for chunk in at_own_times(chunks, framer):
             some = True
-            framer.pour(chunk)
+            framer.push(chunk)
             gathered += len(chunk.data)
             if gathered >= PORTION or drained():
                 gathered = 0
-                yield framer.take()
+                yield framer.drain()
     except FteSniffError:
-        framer.end()
-        yield framer.take()
+        framer.finish()
+        yield framer.drain()
         raise
     if not some:
         raise FileError(f"{name}: is empty; there is nothing to decode")
-    framer.end()
-    last = framer.take()
+    framer.finish()
+    last = framer.drain()
     yield last
     _note_cut_frame(last, name, note)
 

@@ -82,7 +82,7 @@ def test_an_overrun_costs_the_frames_at_its_seams_and_no_other() -> None:
                 rows.extend(framer.feed(item))
             else:
                 overruns += 1
-                rows.extend(framer.cut())
+                rows.extend(framer.restart())
 
     for number, at in enumerate(range(0, len(stream), 997)):
         queue.put(Chunk("a", number, stream[at : at + 997]))

@@ -109,9 +109,9 @@ def check(data: bytes) -> None:
     assert b"".join(row.raw for row in rows) == data[1:]
     assert rows == rows_in_time(byte_by_byte(chunks))
     framer = Framer("p")
-    framer.pour(Chunk("p", None, data[1:]))
-    framer.end()
-    assert list(RowBatch.from_span(framer.take())) == rows_of([Chunk("p", None, data[1:])])
+    framer.push(Chunk("p", None, data[1:]))
+    framer.finish()
+    assert list(RowBatch.from_span(framer.drain())) == rows_of([Chunk("p", None, data[1:])])
 
 
 def main() -> None:

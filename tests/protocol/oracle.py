@@ -1,116 +1,250 @@
-"""An independent, slow, plain reckoning of what a whole stream can mean: the framer's touchstone.
+"""Independent references for the framer: regular expressions for the predicates, and a slow model.
 
-It takes the numbers of the cost model from `likelihood`, and nothing else from the framer: no
-windows, no streaming, no shortcuts. Every way in which a frame of every kind can have been damaged
-is written out and weighed byte by byte; every place of the whole stream can begin any of them; and
-the weights of all readings are added up over the whole stream, from both sides.
+The regular expressions are built from the frame table alone. Each one expresses what the docstring
+of `predicates` says of the predicate with its name.
 
-The model. A stream is whole frames, damaged frames and noise, one behind the other.
+The model takes the numbers of `likelihood`, and nothing else from the framer: no spans, no
+streaming, no shortcuts. Every way in which a frame of every kind can be damaged is written out and
+scored byte by byte; every offset of the whole stream can start any of them; and the scores of all
+segmentations are summed over the whole stream, from both sides. A stream is a sequence of whole
+frames, damaged frames and noise:
 
-    whole      WHOLE         x the frame
-    lost       LOST[n]       x the frame without some run of bytes, n left
-    put in     PUT_IN        x the frame with 1-4 bytes (each weighing 1) behind one of its first 9
-    changed    CHANGED[w]    x the frame with a run of w bytes (each weighing 1) changed
-    broken     BROKEN        x as much as fits at the front, then as much as fits at the back
-    unusual    UNUSUAL       x header, CMD, NUM and tail; what lies between weighs 1
-    foreign    FOREIGN       x header and tail
-    junk       JUNK          for each length up to 30, behind a frame and before a header or the end
-    noise      NOISE_BEGINS, then NOISE_STAYS a byte, then NOISE_ENDS, before a header or the end
+    whole      INTACT           x the frame
+    lost       truncation[n]    x the frame without some run of bytes, n left
+    inserted   insertion        x the frame with 1-4 bytes (each scores 1) after one of its first 9
+    changed    change[w]        x the frame with a run of w bytes (each scores 1) changed
+    broken     BROKEN           x the legal bytes at the start, then the legal bytes at the end
+    unusual    UNUSUAL          x header, CMD, NUM and tail; the bytes between score 1
+    foreign    FOREIGN          x header and tail
+    junk       JUNK             for each length up to 30, before a header or the end
+    noise      NOISE_BEGINS, then NOISE_CONTINUES a byte, then NOISE_ENDS before a header
 
-A frame weighs the share of its kind times, for each byte, 256 times the byte's probability there.
+A frame scores the share of its kind times, for each byte, 256 times the byte's probability there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import exp, inf, log
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, KINDS, TAIL, FrameKind
+from fte_sniff.protocol.codec import HEADER_BYTES, legal_bytes
 from fte_sniff.protocol.framer.likelihood import (
     BROKEN,
-    CHANGED,
     FOREIGN,
+    INTACT,
     JUNK,
-    KIND_SHARE,
     LONGEST_JUNK,
-    LOST,
+    MOST_INSERTED,
     NOISE_BEGINS,
+    NOISE_CONTINUES,
     NOISE_ENDS,
-    NOISE_STAYS,
-    PLACE_WEIGHTS,
-    PUT_IN,
     UNUSUAL,
-    WHOLE,
+    byte_scores,
+    change_scores,
+    insertion_score,
+    kind_share,
+    truncation_scores,
 )
+from fte_sniff.protocol.spec import FTE_FORMAT, MOTORS, NUM_OFFSET
+
+_INSIDE = FRAME_LENGTH - 2
+"""Bytes between the header and the tail."""
+
+_HEADER = b"[%b]" % re.escape(HEADER_BYTES)
+_TAIL = re.escape(bytes([TAIL]))
+_DELIMITERS = re.escape(bytes([*HEADER_BYTES, TAIL]))
+_FRAMED = b"%b.{%d}%b" % (_HEADER, _INSIDE, _TAIL)
+_CLEAR = b"%b[^%b]{%d}%b" % (_HEADER, _DELIMITERS, _INSIDE, _TAIL)
+_NO_TAIL_AFTER = b"(?=[^%b]{%d})" % (_TAIL, MOST_INSERTED)
+
+_SPLITTING = b"(?:%b%b|%b[%b][%b])" % (
+    _TAIL,
+    _HEADER,
+    _HEADER,
+    re.escape(bytes({cmd for kind in KINDS if kind.fields for cmd in kind.cmds})),
+    re.escape(bytes([0, *MOTORS])),
+)
+
+_NO_DELIMITER = bytes(value for value in range(256) if value not in {*HEADER_BYTES, TAIL})
+
+
+def _compiled(pattern: bytes) -> re.Pattern[bytes]:
+    return re.compile(pattern, re.DOTALL)
+
+
+def _any_kind(patterns: Iterable[bytes]) -> bytes:
+    return b"(?:%b)" % b"|".join(patterns)
+
+
+def _sequence(offsets: Iterable[bytes | None]) -> bytes:
+    return b"".join(b"." if one is None else b"[%b]" % re.escape(one) for one in offsets)
+
+
+def _with_num(kind: FrameKind, unused: bytes) -> list[bytes | None]:
+    """The legal bytes at each offset, with `unused` for a NUM without meaning."""
+    legal = list(legal_bytes(kind))
+    if legal[NUM_OFFSET] is None:
+        legal[NUM_OFFSET] = unused
+    return legal
+
+
+def _unsplit(kind: FrameKind) -> bytes:
+    """Nothing that splits starts in the free bytes, and an unused NUM is no delimiter."""
+    return b"".join(
+        b"(?!%b)." % _SPLITTING if legal is None else _sequence([legal])
+        for legal in _with_num(kind, _NO_DELIMITER)
+    )
+
+
+def _usual_flags(kind: FrameKind) -> bytes:
+    """The default flags at the end of a kind's payload; empty without flags."""
+    return bytes(field.default for field in kind.fields if field.default is not None)
+
+
+USUAL_FLAGS = tuple({flags: None for kind in KINDS if (flags := _usual_flags(kind))})
+"""The flags before the tail in nearly every frame that has flags."""
+
+
+def _not_as_flags(kind: FrameKind) -> bytes:
+    """Matches after a frame that does not end with another kind's usual flags; an unused NUM of 00
+    allows it, because it is evidence for the frame."""
+    if legal_bytes(kind)[-2] is not None:
+        return b""
+    return b"".join(
+        b"(?<!%b%b%b)" % (b"" if kind.names_motor else _other_num(flags), re.escape(flags), _TAIL)
+        for flags in USUAL_FLAGS
+    )
+
+
+def _other_num(flags: bytes) -> bytes:
+    """Any NUM but 00, and the bytes between it and the flags at the end."""
+    return rb"[^\x00].{%d}" % (_INSIDE - len(flags) - NUM_OFFSET)
+
+
+_STRICT = _any_kind(_sequence(legal_bytes(kind)) for kind in KINDS)
+_PLAIN = _any_kind(_unsplit(kind) + _not_as_flags(kind) for kind in KINDS)
+_UNSPLIT = _any_kind(_unsplit(kind) for kind in KINDS)
+_USUAL_NUM = _any_kind(_sequence(_with_num(kind, b"\x00")) + _not_as_flags(kind) for kind in KINDS)
+
+FRAMED = _compiled(_FRAMED)
+FRAMED_THREE = _compiled(_FRAMED * 3)
+STRICT = _compiled(_STRICT)
+STRICT_PAIR = _compiled(_STRICT * 2)
+UNSPLIT = _compiled(_UNSPLIT)
+PLAIN = _compiled(_PLAIN)
+UNSPLIT_RUN = _compiled(b"%b*" % _UNSPLIT)
+PLAIN_RUN = _compiled(b"%b*" % _PLAIN)
+CLEAR = _compiled(_CLEAR)
+ISOLATED = _compiled(_CLEAR + _NO_TAIL_AFTER)
+UNAMBIGUOUS = _compiled(b"(?=%b%b)%b" % (_CLEAR, _NO_TAIL_AFTER, _USUAL_NUM))
+SPLITTING = _compiled(_SPLITTING)
+ANCHOR = _compiled(b"(?:%b.{%d}|%b%b)" % (_STRICT, FRAME_LENGTH, _FRAMED, _FRAMED))
+
+
+def _legal_prefix(offsets: Iterable[bytes | None]) -> re.Pattern[bytes]:
+    """Matches as many bytes as are legal, one after the other."""
+    pattern = b""
+    for legal in reversed(list(offsets)):
+        pattern = b"(?:%b%b)?" % (b"." if legal is None else b"[%b]" % re.escape(legal), pattern)
+    return re.compile(pattern, re.DOTALL)
+
+
+_FITTING = {
+    kind.name: (_legal_prefix(legal_bytes(kind)), _legal_prefix(legal_bytes(kind)[::-1]))
+    for kind in KINDS
+}
+
+
+def prefix_fit(kind: FrameKind, raw: bytes) -> int:
+    """How many bytes of `raw` (0-10) are legal as the first bytes of `kind`."""
+    match = _FITTING[kind.name][0].match(raw)
+    return match.end() if match else 0
+
+
+def suffix_fit(kind: FrameKind, raw: bytes) -> int:
+    """How many bytes of `raw` (0-10) are legal as the last bytes of `kind`."""
+    match = _FITTING[kind.name][1].match(raw[::-1])
+    return match.end() if match else 0
+
+
+# The model
+
+_TRUNCATION = truncation_scores(FRAME_LENGTH)
+_INSERTION = insertion_score(FRAME_LENGTH)
+_CHANGE = change_scores(FRAME_LENGTH)
+_SHARES = {kind.name: kind_share(FTE_FORMAT, kind) for kind in KINDS}
+_BYTE_SCORES = {kind.name: byte_scores(FTE_FORMAT, kind) for kind in KINDS}
 
 IS_HEADER = frozenset(HEADERS.values())
 
 
 @dataclass(frozen=True)
-class Piece:
+class Candidate:
     stop: int
-    weight: float
+    score: float
     whole: bool = False
 
 
-def sent(kind: FrameKind, data: Sequence[int], places: Sequence[int]) -> float:
-    """The weight of these bytes being those places of a frame of that kind."""
-    weight = KIND_SHARE[kind.name]
-    for byte, place in zip(data, places, strict=True):
-        weight *= PLACE_WEIGHTS[kind.name][place][byte]
-    return weight
+def sent(kind: FrameKind, data: Sequence[int], offsets: Sequence[int]) -> float:
+    """The score of these bytes at those offsets of a frame of that kind."""
+    score = _SHARES[kind.name]
+    for byte, offset in zip(data, offsets, strict=True):
+        score *= _BYTE_SCORES[kind.name][offset][byte]
+    return score
 
 
 def is_whole(data: bytes) -> bool:
     return len(data) == FRAME_LENGTH and any(sent(kind, data, range(10)) for kind in KINDS)
 
 
-def pieces(data: bytes, start: int) -> Iterator[Piece]:
+def candidates(data: bytes, start: int) -> Iterator[Candidate]:
     """Every frame, whole or damaged, that can begin at `start`."""
     left = len(data) - start
     if is_whole(data[start : start + 10]):
-        weight = sum(sent(kind, data[start : start + 10], range(10)) for kind in KINDS)
-        yield Piece(start + 10, WHOLE * weight, True)
+        score = sum(sent(kind, data[start : start + 10], range(10)) for kind in KINDS)
+        yield Candidate(start + 10, INTACT * score, True)
     for length in range(1, min(14, left) + 1):
         own = data[start : start + length]
         if is_whole(own):
             continue
-        weight = sum(damaged(kind, own) for kind in KINDS)
+        score = sum(damaged(kind, own) for kind in KINDS)
         if length == FRAME_LENGTH:
-            weight += framed(own)
-        if weight:
-            yield Piece(start + length, weight)
+            score += framed(own)
+        if score:
+            yield Candidate(start + length, score)
 
 
 def damaged(kind: FrameKind, own: bytes) -> float:
-    """The weight of these bytes being one damaged frame of that kind."""
-    length, weight = len(own), 0.0
+    """The score of these bytes being one damaged frame of that kind."""
+    length, score = len(own), 0.0
     for head in range(FRAME_LENGTH):
         if length < FRAME_LENGTH and head <= length:
-            places = [*range(head), *range(head + FRAME_LENGTH - length, FRAME_LENGTH)]
-            weight += LOST[length] * sent(kind, own, places)
+            offsets = [*range(head), *range(head + FRAME_LENGTH - length, FRAME_LENGTH)]
+            score += _TRUNCATION[length] * sent(kind, own, offsets)
         if length == FRAME_LENGTH:
             for width in range(1, min(6, FRAME_LENGTH - head) + 1):
-                places = [*range(head), *range(head + width, FRAME_LENGTH)]
-                weight += CHANGED[width] * sent(kind, [own[place] for place in places], places)
+                offsets = [*range(head), *range(head + width, FRAME_LENGTH)]
+                score += _CHANGE[width] * sent(kind, [own[offset] for offset in offsets], offsets)
         if length > FRAME_LENGTH and head:
             kept = own[:head] + own[head + length - FRAME_LENGTH :]
-            weight += PUT_IN * sent(kind, kept, range(FRAME_LENGTH))
-    return weight + broken(kind, own)
+            score += _INSERTION * sent(kind, kept, range(FRAME_LENGTH))
+    return score + broken(kind, own)
 
 
-def fits(kind: FrameKind, byte: int, place: int) -> bool:
-    return PLACE_WEIGHTS[kind.name][place][byte] > 0
+def fits(kind: FrameKind, byte: int, offset: int) -> bool:
+    return _BYTE_SCORES[kind.name][offset][byte] > 0
 
 
 def broken(kind: FrameKind, own: bytes) -> float:
-    """Nothing of the head left, or header, CMD and more; something of the rest left."""
+    """Nothing of the start left, or header, CMD and more; some bytes of the end left."""
     if own[-1] != TAIL:
         return 0.0
     most = min(len(own), FRAME_LENGTH - 1)
     rest = next((n for n in range(most) if not fits(kind, own[-1 - n], 9 - n)), most)
-    weight = BROKEN * sent(kind, own[len(own) - rest :], range(FRAME_LENGTH - rest, 10))
+    score = BROKEN * sent(kind, own[len(own) - rest :], range(FRAME_LENGTH - rest, 10))
     most = min(len(own) - 1, FRAME_LENGTH - 2)
     head = next((n for n in range(most) if not fits(kind, own[n], n)), most)
     named = len(own) > 1 and fits(kind, own[0], 0) and fits(kind, own[1], 1)
@@ -118,15 +252,15 @@ def broken(kind: FrameKind, own: bytes) -> float:
         if len(own) == 2:
             head = 1
         rest = min(rest, len(own) - head, FRAME_LENGTH - 1 - head)
-        places = [*range(head), *range(FRAME_LENGTH - rest, FRAME_LENGTH)]
+        offsets = [*range(head), *range(FRAME_LENGTH - rest, FRAME_LENGTH)]
         kept = own[:head] + own[len(own) - rest :]
         if head >= 2:
-            weight += BROKEN * sent(kind, kept, places)
-    return weight
+            score += BROKEN * sent(kind, kept, offsets)
+    return score
 
 
 def framed(own: bytes) -> float:
-    """The weight of ten bytes between header and tail, whatever they hold."""
+    """The score of ten bytes between header and tail, whatever they hold."""
     if own[0] not in IS_HEADER or own[-1] != TAIL:
         return 0.0
     named = sum(sent(kind, own[:3], range(3)) for kind in KINDS)
@@ -139,38 +273,38 @@ def add(a: float, b: float) -> float:
     return high if low == -inf else high + log(1 + exp(low - high))
 
 
-def weigh(data: bytes) -> dict[int, float]:
-    """Where a whole frame can begin in a stream that begins and ends between frames, and how
-    probable that is, 0-1."""
+def probabilities(data: bytes) -> dict[int, float]:
+    """The offsets where a whole frame can start in a stream that starts and ends between frames,
+    with the probability (0-1) of each."""
     size = len(data)
-    at = [list(pieces(data, start)) for start in range(size)]
-    ends = [place for place in range(size + 1) if place == size or data[place] in IS_HEADER]
-    before, after = _from_front(at, ends), _from_back(at, ends)
+    at = [list(candidates(data, start)) for start in range(size)]
+    ends = [offset for offset in range(size + 1) if offset == size or data[offset] in IS_HEADER]
+    before, after = _forward(at, ends), _backward(at, ends)
     total = after[0]
     return {
-        start: exp(before[start] + log(piece.weight) + after_piece - total)
+        start: exp(before[start] + log(one.score) + after_frame - total)
         for start in range(size)
-        for piece in at[start]
-        if piece.whole and before[start] > -inf and (after_piece := after[piece.stop]) > -inf
+        for one in at[start]
+        if one.whole and before[start] > -inf and (after_frame := after[one.stop]) > -inf
     }
 
 
 def _noise(length: int) -> float:
-    """The log weight of noise of that length, short or long, before a header."""
+    """The log score of noise of that length, short or long, before a header."""
     junk = JUNK if length <= LONGEST_JUNK else 0.0
-    return log(junk + NOISE_BEGINS * NOISE_STAYS ** (length - 1) * NOISE_ENDS)
+    return log(junk + NOISE_BEGINS * NOISE_CONTINUES ** (length - 1) * NOISE_ENDS)
 
 
-def _from_front(at: list[list[Piece]], ends: list[int]) -> list[float]:
-    """By place: all readings of what is before it, a frame or noise ending there."""
+def _forward(at: list[list[Candidate]], ends: list[int]) -> list[float]:
+    """By offset: the log score of all segmentations before it, a segment ending there."""
     size = len(at)
     frame, noise = [-inf] * (size + 1), [-inf] * (size + 1)
     frame[0] = 0.0
     for start in range(size):
         here = add(frame[start], noise[start])
         if here > -inf:
-            for piece in at[start]:
-                frame[piece.stop] = add(frame[piece.stop], here + log(piece.weight))
+            for one in at[start]:
+                frame[one.stop] = add(frame[one.stop], here + log(one.score))
         if frame[start] > -inf:
             for end in ends:
                 if end > start:
@@ -178,16 +312,16 @@ def _from_front(at: list[list[Piece]], ends: list[int]) -> list[float]:
     return [add(a, b) for a, b in zip(frame, noise, strict=True)]
 
 
-def _from_back(at: list[list[Piece]], ends: list[int]) -> list[float]:
-    """By place: all readings of what is behind it, if a frame ended there."""
+def _backward(at: list[list[Candidate]], ends: list[int]) -> list[float]:
+    """By offset: the log score of all segmentations after it, if a frame ended there."""
     size = len(at)
-    behind, fresh = [-inf] * (size + 1), [-inf] * (size + 1)
-    behind[size] = fresh[size] = 0.0
+    after, from_frame = [-inf] * (size + 1), [-inf] * (size + 1)
+    after[size] = from_frame[size] = 0.0
     for start in range(size - 1, -1, -1):
-        for piece in at[start]:
-            fresh[start] = add(fresh[start], log(piece.weight) + behind[piece.stop])
-        behind[start] = fresh[start]
+        for one in at[start]:
+            from_frame[start] = add(from_frame[start], log(one.score) + after[one.stop])
+        after[start] = from_frame[start]
         for end in ends:
             if end > start:
-                behind[start] = add(behind[start], _noise(end - start) + fresh[end])
-    return behind
+                after[start] = add(after[start], _noise(end - start) + from_frame[end])
+    return after

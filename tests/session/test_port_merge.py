@@ -173,7 +173,7 @@ def test_rows_come_out_in_order_of_time_and_all_of_them(
     for chunk in heapq.merge(*read.values(), key=lambda chunk: chunk.t_ns):
         framer = framers[chunk.port]
         take(chunk.port, framer.feed(chunk))
-        waits = framer.waits_since_ns
+        waits = framer.pending_since_ns
         order.advance(chunk.port, chunk.t_ns or 0, waits, data=bool(chunk.data))
         found += order.ready()
     for port, framer in framers.items():

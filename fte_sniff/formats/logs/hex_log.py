@@ -250,7 +250,7 @@ def at_own_times(chunks: Iterable[Chunk], framer: Framer) -> Iterator[Chunk]:
     before_ns = None
     for chunk in chunks:
         if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
-            framer.set_back()
+            framer.reset_clock()
         before_ns = before_ns if chunk.t_ns is None else chunk.t_ns
         yield chunk
 

@@ -1,29 +1,28 @@
-"""The framer: a port's chunks in, rows out, every byte in exactly one of them.
+"""The framer: the chunks of a port in, rows out, with every byte in exactly one row.
 
-It must not know where chunks come from or who wants the rows. What is beyond doubt is a row at
-once; the rest, a disputed stretch, is weighed as a whole. From what the framer is told to what it
-says:
+Certain frames become rows at once. Anything else, a disputed span, is decoded with a hidden
+semi-Markov model; `docs/framer.md` explains it with an example. Modules:
 
-    framer       Framer: feed chunks, get rows; decides when enough bytes have arrived
-    timestamps   arrival time and read delay of a byte; silence on the line
-    tables       the frame definitions as lookup tables
-    predicates   tests of a window of bytes: framed, fits a kind, beyond doubt
-    likelihood   log-likelihood of frames, damaged frames and noise
-    candidates   candidate frames and damaged frames that begin at an offset
-    posterior    forward-backward pass over a disputed span
-    decoder      Viterbi segmentation of a disputed span; fast paths for clear damage
-    segments     decided segments, what they say about the line, and rows made of them
+    framer       Framer: feed chunks, get rows; decides when enough bytes have arrived.
+    timestamps   Arrival time and read delay of a byte; pauses and silence on the line.
+    tables       Lookup tables of a frame format; fault sets.
+    predicates   Tests of a window of bytes: framed, legal, readable in one way only.
+    likelihood   Likelihood model: scores of frames, damaged frames and noise.
+    candidates   Candidate frames and damaged frames of a span, with their scores.
+    posterior    Forward-backward algorithm: posterior probabilities, boundary state.
+    decoder      Viterbi segmentation of a disputed span; fast paths for clear damage.
+    segments     Decided segments, the health of the line, and rows made of segments.
 
-Numbers are machine numbers here (`i64`, and `vec[float]` for many), and loops go byte by byte: what
-reads slow in Python is what compiles to the fewest instructions.
-All but this file is compiled where fte-sniff is installed with a C compiler at hand (`setup.py`);
-elsewhere the same source is interpreted.
+The code is written for mypyc: machine integers (`i64`), arrays (`vec[float]`), and loops over
+single bytes compile to few instructions. All modules but this one are compiled where fte-sniff is
+installed with a C compiler (`setup.py`); elsewhere the same source is interpreted.
 """
 
 from fte_sniff.protocol.framer import framer as _framer
 from fte_sniff.protocol.framer.framer import Framer
+from fte_sniff.protocol.framer.tables import FTE_TABLES, FrameTables
 
-__all__ = ["COMPILED", "Framer"]
+__all__ = ["COMPILED", "FTE_TABLES", "FrameTables", "Framer"]
 
 COMPILED: bool = not _framer.__file__.endswith((".py", ".pyc"))
-"""Whether what runs here was compiled."""
+"""Whether the framer is compiled."""

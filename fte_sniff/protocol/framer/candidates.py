@@ -1,6 +1,8 @@
-"""Candidate frames and damaged frames in a span, prefix and suffix scores.
+"""Candidate segments of a span, and their scores: whole and damaged frames.
 
-Weights of heads and rests are cumulative: entry x is that of the first (or last) x bytes.
+A frame starts with a header or ends with a tail, unless damage took them. `PrefixScore` scores the
+bytes from a header on, `SuffixScore` those up to a tail, and `damaged_score` combines both. Scores
+of prefixes and suffixes are cumulative: entry x is the score of the first (or last) x bytes.
 """
 
 from __future__ import annotations
@@ -11,342 +13,333 @@ from typing import Final, final
 from librt.vecs import append, vec
 from mypy_extensions import i64, mypyc_attr
 
-from fte_sniff.protocol.codec import LONGEST_OVERLONG
 from fte_sniff.protocol.framer.likelihood import (
     BROKEN,
-    CHANGED,
-    FOREIGN_FRAME,
-    HEADER_WEIGHT,
-    LOST,
+    INTACT,
+    NO_PAUSE_BETWEEN,
     PAUSE_WITHIN,
-    PUT_IN,
-    UNPAUSED,
     UNUSUAL,
-    WHOLE,
     WIDEST_CHANGE,
 )
-from fte_sniff.protocol.framer.predicates import kind_named
-from fte_sniff.protocol.framer.tables import (
-    COUNT,
-    HEADER,
-    HEADERS,
-    LENGTH,
-    MARKS,
-    NO_KIND,
-    SHARES,
-    WEIGHTS,
-)
-from fte_sniff.protocol.spec import FRAME_LENGTH, NUM_OFFSET
+from fte_sniff.protocol.framer.predicates import kind_at
+from fte_sniff.protocol.framer.tables import HEADER, NO_KIND, FrameTables
+from fte_sniff.protocol.spec import NUM_OFFSET
 
-LONGEST: Final[i64] = LONGEST_OVERLONG
-"""Bytes that a damaged frame has at most."""
-
-_LEAST_LEFT: Final[i64] = FRAME_LENGTH - WIDEST_CHANGE
-_LOST: Final[vec[float]] = vec[float](LOST)
-_CUT: Final[vec[float]] = vec[float](
-    [BROKEN + weight for weight in LOST] + [0.0] * (LONGEST_OVERLONG + 1 - FRAME_LENGTH)
-)
-"""By length left, up to `LONGEST`: the weight of a frame having lost its first bytes; 0 where none
-is lost."""
-_CHANGED: Final[vec[float]] = vec[float](CHANGED)
+_WIDEST_CHANGE: Final[i64] = WIDEST_CHANGE
 _NAMED: Final[i64] = NUM_OFFSET + 1
-_ROW: Final[i64] = LENGTH + 1
-"""Entries of a head or a rest."""
 
 
 @final
 @mypyc_attr(acyclic=True)
 class PrefixScore:
-    """Up to ten bytes from a header on: what a frame that begins so weighs."""
+    """The scores of a header and the bytes after it as the start of a frame."""
 
-    def __init__(self, data: bytes, at: i64, end: i64) -> None:
-        """`at` is the place of the header, `end` that behind the last byte."""
-        head = vec[float]([0.0] * _ROW)
-        head[0], head[1] = 1.0, HEADER_WEIGHT
+    def __init__(self, tables: FrameTables, data: bytes, at: i64, end: i64) -> None:
+        """Score the bytes from the header at `at` to `end`, at most a frame's length."""
+        length = tables.length
+        scores = vec[float]([0.0] * (length + 1))
+        scores[0], scores[1] = 1.0, tables.header_score
         kind, fit = NO_KIND, i64(1)
         if end - at > 1:
-            kind = kind_named(data, at)
+            kind = kind_at(tables, data, at)
         if kind != NO_KIND:
-            fit = _weigh_head(data, at, end - at, kind, head)
-        self.place = at
+            fit = _score_prefix(tables, data, at, end - at, kind, scores)
+        self._truncation = tables.truncation
+        self.start = at
         self.header = i64(data[at])
         self.kind = kind
-        """Number of the kind that header and CMD name; `NO_KIND` where they name none."""
-        self.head = head
-        """The weights of the first bytes fitting that kind; without one, of the header alone."""
+        """The kind that header and CMD name, or `NO_KIND`."""
+        self.scores = scores
+        """The scores of the first bytes as that kind; without a kind, of the header alone."""
         self.fit = fit
-        """How many bytes fit, at most ten."""
-        self.whole = WHOLE * head[LENGTH] if fit == LENGTH else 0.0
-        """The weight of a whole frame that fits its kind at every place; 0 if it is none."""
+        """How many bytes are legal."""
+        self.whole = INTACT * scores[length] if fit == length else 0.0
+        """The score of a whole frame; 0 if a byte is illegal."""
         self.bad_tail = 0.0
-        """The weight of ten bytes of which the last are wrong; 0 if they are not that."""
-        if fit < LENGTH and end - at >= LENGTH:
-            self.bad_tail = _weigh_bad_tail(head, fit)
-        self.cut_to = min(fit, LENGTH - 1)
-        """The longest length of a frame cut off, all of it fitting."""
+        """The score of a frame whose last bytes were changed; 0 if the prefix cannot be that."""
+        if fit < length and end - at >= length:
+            self.bad_tail = _bad_tail_score(tables, scores, fit)
+        self.longest_truncated = min(fit, length - 1)
 
     def truncated(self, length: i64) -> float:
-        """The weight of the frame cut off at that length, from 1 to `cut_to`."""
-        return _LOST[length] * self.head[length]
+        """The score of the frame cut off after `length` bytes, 1 to `longest_truncated`."""
+        return self._truncation[length] * self.scores[length]
 
 
-def _weigh_head(data: bytes, at: i64, length: i64, kind: i64, head: vec[float]) -> i64:
-    """Fill in what the first bytes weigh; returns how many of them fit."""
-    weight = SHARES[kind]
-    row = kind * LENGTH * 256
-    for place in range(length):
-        own = WEIGHTS[row + place * 256 + i64(data[at + place])]
+def _score_prefix(
+    tables: FrameTables, data: bytes, at: i64, length: i64, kind: i64, scores: vec[float]
+) -> i64:
+    """Fill in the scores of the first bytes; returns how many are legal."""
+    score = tables.kind_shares[kind]
+    row = kind * tables.length * 256
+    byte_scores = tables.byte_scores
+    for offset in range(length):
+        own = byte_scores[row + offset * 256 + i64(data[at + offset])]
         if own == 0.0:
-            return place
-        weight *= own
-        if place > 0:
-            head[place + 1] = weight
+            return offset
+        score *= own
+        if offset > 0:
+            scores[offset + 1] = score
     return length
 
 
-def _weigh_bad_tail(head: vec[float], fit: i64) -> float:
-    weight = 0.0
-    for left in range(_LEAST_LEFT, fit + 1):
-        weight += _CHANGED[LENGTH - left] * head[left]
-    return weight
+def _bad_tail_score(tables: FrameTables, scores: vec[float], fit: i64) -> float:
+    score, length = 0.0, tables.length
+    for left in range(length - _WIDEST_CHANGE, fit + 1):
+        score += tables.change[length - left] * scores[left]
+    return score
 
 
 @final
 @mypyc_attr(acyclic=True)
 class SuffixScore:
-    """Up to ten bytes that end with a tail: what a frame that ends so weighs."""
+    """The scores of a tail and the bytes before it as the end of a frame, for every kind."""
 
-    def __init__(self, data: bytes, start: i64, end: i64) -> None:
-        """The bytes from `start` to `end`; the last of them is the tail."""
-        self.rests = vec[float]([0.0] * (_ROW * COUNT))
-        """By kind * 11 + length: the weight of the last bytes fitting its last places."""
-        self.fits = vec[i64]([i64(0)] * COUNT)
-        """By kind: how many of them fit, at most ten."""
-        self.headless = vec[float]([0.0] * (LONGEST + 1))
-        """By length, up to `LONGEST`: the weight of a frame whose first bytes are gone or wrong."""
-        left = vec[float]([0.0] * (LONGEST + 1))
-        broken = vec[float]([0.0] * (LONGEST + 1))
-        for kind in range(COUNT):
-            fit = self._weigh_kind(data, end, min(end - start, LENGTH), kind, left)
+    def __init__(self, tables: FrameTables, data: bytes, start: i64, end: i64) -> None:
+        """Score the bytes from `start`, at most a frame's length, to behind the tail at `end`."""
+        count, length = tables.kind_count, tables.length
+        self.tables = tables
+        self.scores = vec[float]([0.0] * ((length + 1) * count))
+        """By kind * (frame length + 1) + number of bytes."""
+        self.fits = vec[i64]([i64(0)] * count)
+        """By kind: how many bytes are legal."""
+        self.headless = vec[float]([0.0] * (tables.longest + 1))
+        """By length: the score of a frame whose first bytes are lost or wrong."""
+        by_length = vec[float]([0.0] * (tables.longest + 1))
+        by_fit = vec[float]([0.0] * (tables.longest + 1))
+        for kind in range(count):
+            fit = self._score_kind(data, end, min(end - start, length), kind, by_length)
             self.fits[kind] = fit
-            most = min(fit, LENGTH - 1)
-            broken[most + 1] += SHARES[kind] * self.rests[kind * _ROW + most]
-        self._weigh_headless(left, broken)
+            most = min(fit, length - 1)
+            by_fit[most + 1] += tables.kind_shares[kind] * self.scores[kind * (length + 1) + most]
+        self._score_headless(by_length, by_fit)
 
-    def _weigh_kind(self, data: bytes, end: i64, length: i64, kind: i64, left: vec[float]) -> i64:
-        """Fill in what the last bytes weigh as those of a kind, and add it to what all kinds weigh
-        by length; returns how many bytes fit."""
-        rests, row, share = self.rests, kind * _ROW, SHARES[kind]
-        last = ((kind + 1) * LENGTH - 1) * 256
-        weight = rests[row] = 1.0
+    def _score_kind(
+        self, data: bytes, end: i64, length: i64, kind: i64, by_length: vec[float]
+    ) -> i64:
+        """Fill in the scores of the last bytes as a kind and add them to the sum over all kinds;
+        returns how many bytes are legal."""
+        tables, scores = self.tables, self.scores
+        row, share = kind * (tables.length + 1), tables.kind_shares[kind]
+        byte_scores, last = tables.byte_scores, ((kind + 1) * tables.length - 1) * 256
+        score = scores[row] = 1.0
         for number in range(length):
-            weight *= WEIGHTS[last - number * 256 + i64(data[end - 1 - number])]
-            if weight == 0.0:
+            score *= byte_scores[last - number * 256 + i64(data[end - 1 - number])]
+            if score == 0.0:
                 return number
-            rests[row + number + 1] = weight
-            left[number + 1] += share * weight
+            scores[row + number + 1] = score
+            by_length[number + 1] += share * score
         return length
 
-    def _weigh_headless(self, left: vec[float], broken: vec[float]) -> None:
-        """Fill in what frames without their front weigh, from what is left of them, by length, and
-        what fits no longer than that."""
-        headless, longer = self.headless, 0.0
-        for length in range(i64(1), LONGEST + 1):
-            longer += broken[length]
-            headless[length] = longer * BROKEN + _CUT[length] * left[length]
-        for length in range(_LEAST_LEFT, LENGTH):
-            headless[LENGTH] += _CHANGED[LENGTH - length] * left[length]
+    def _score_headless(self, by_length: vec[float], by_fit: vec[float]) -> None:
+        """Fill in the scores of frames without their first bytes: `by_length` has the scores of the
+        suffixes, `by_fit` those of the suffixes that are legal no further."""
+        headless, tables, longer = self.headless, self.tables, 0.0
+        for length in range(i64(1), tables.longest + 1):
+            longer += by_fit[length]
+            headless[length] = longer * BROKEN + tables.headless[length] * by_length[length]
+        whole = tables.length
+        for length in range(whole - _WIDEST_CHANGE, whole):
+            headless[whole] += tables.change[whole - length] * by_length[length]
 
-    def rest(self, length: i64) -> float:
-        """The weight of the last `length` bytes being the rest of a frame of any kind."""
-        weight = 0.0
-        for kind in range(COUNT):
+    def any_kind(self, length: i64) -> float:
+        """The score of the last `length` bytes as the end of a frame of any kind."""
+        score, row = 0.0, self.tables.length + 1
+        for kind in range(self.tables.kind_count):
             if self.fits[kind] >= length:
-                weight += SHARES[kind] * self.rests[kind * _ROW + length]
-        return weight
+                score += self.tables.kind_shares[kind] * self.scores[kind * row + length]
+        return score
 
 
-def between(front: PrefixScore, back: SuffixScore, length: i64) -> float:
-    """The weight of a damaged frame of `length` bytes (1-14) with this front and this back; it is 0
-    where the front is the back."""
+def damaged_score(prefix: PrefixScore, suffix: SuffixScore, length: i64) -> float:
+    """The score of a damaged frame of `length` bytes with this prefix and this suffix.
+
+    It is 0 if the header is the tail.
+    """
     if length < 2:
         return 0.0
-    weight = back.headless[length] + _only_header(length, front.header, back)
-    if length == LENGTH:
-        weight += _unusual(front)
-    if front.kind != NO_KIND:
-        weight += _damaged(length, front, back) + _broken(length, front, back)
-    return weight
+    score = suffix.headless[length] + _header_only(length, prefix.header, suffix)
+    if length == suffix.tables.length:
+        score += _unusual(suffix.tables, prefix)
+    if prefix.kind != NO_KIND:
+        score += _damaged_once(length, prefix, suffix) + _broken(length, prefix, suffix)
+    return score
 
 
-def _only_header(length: i64, header: i64, back: SuffixScore) -> float:
-    """The weight of a frame of that length of which the header is left, and not the CMD."""
-    weight = 0.0
-    rests, fits = back.rests, back.fits
-    behind = min(length, LENGTH) - 1
-    for kind in range(COUNT):
-        if i64(HEADERS[kind]) != header:
+def _header_only(length: i64, header: i64, suffix: SuffixScore) -> float:
+    """The score of a damaged frame with its header and without its CMD."""
+    score, tables = 0.0, suffix.tables
+    scores, fits, whole = suffix.scores, suffix.fits, tables.length
+    after = min(length, whole) - 1
+    for kind in range(tables.kind_count):
+        if i64(tables.headers[kind]) != header:
             continue
-        row, share = kind * _ROW, SHARES[kind] * 256
-        if length == LENGTH:
-            for left in range(_LEAST_LEFT - 1, min(fits[kind] + 1, LENGTH - 1)):
-                weight += share * _CHANGED[LENGTH - 1 - left] * rests[row + left]
-        elif fits[kind] >= behind:
-            weight += share * rests[row + behind]
-    return weight if length == LENGTH else weight * _one_damage(length)
+        row, share = kind * (whole + 1), tables.kind_shares[kind] * 256
+        if length == whole:
+            for left in range(whole - _WIDEST_CHANGE - 1, min(fits[kind] + 1, whole - 1)):
+                score += share * tables.change[whole - 1 - left] * scores[row + left]
+        elif fits[kind] >= after:
+            score += share * scores[row + after]
+    return score if length == whole else score * _one_damage(tables, length)
 
 
-def _one_damage(length: i64) -> float:
-    """The weight of bytes lost, or put in, at one certain place, for a frame of that length."""
-    return _LOST[length] if length < LENGTH else PUT_IN
+def _one_damage(tables: FrameTables, length: i64) -> float:
+    """The score of bytes lost or inserted at one offset, for a damaged frame of that length."""
+    return tables.truncation[length] if length < tables.length else tables.insertion
 
 
-def _damaged(length: i64, front: PrefixScore, back: SuffixScore) -> float:
-    """One damage between header and CMD, or more of the head, and the rest: every way to divide."""
-    head, rests = front.head, back.rests
-    row, fit = front.kind * _ROW, back.fits[front.kind]
-    if length == LENGTH:
-        return _changed(head, front.fit, rests, row, fit)
-    left = min(length, LENGTH)
-    total = 0.0
-    for own in range(max(i64(2), left - fit), min(front.fit + 1, left)):
-        total += head[own] * rests[row + left - own]
-    return total * _one_damage(length)
+def _damaged_once(length: i64, prefix: PrefixScore, suffix: SuffixScore) -> float:
+    """The score of one damage after header and CMD, summed over its offsets."""
+    tables = suffix.tables
+    row, fit = prefix.kind * (tables.length + 1), suffix.fits[prefix.kind]
+    if length == tables.length:
+        return _changed(prefix, suffix, row, fit)
+    left = min(length, tables.length)
+    scores, total = prefix.scores, 0.0
+    for own in range(max(i64(2), left - fit), min(prefix.fit + 1, left)):
+        total += scores[own] * suffix.scores[row + left - own]
+    return total * _one_damage(tables, length)
 
 
-def _changed(head: vec[float], fit: i64, rests: vec[float], row: i64, rest_fit: i64) -> float:
-    """Adjacent bytes changed behind header and CMD."""
-    total = 0.0
-    for own in range(i64(2), min(fit + 1, LENGTH - 1)):
-        weight = 0.0
-        most = min(rest_fit, LENGTH - 1 - own)
-        for left in range(max(i64(1), _LEAST_LEFT - own), most + 1):
-            weight += _CHANGED[LENGTH - own - left] * rests[row + left]
-        total += head[own] * weight
+def _changed(prefix: PrefixScore, suffix: SuffixScore, row: i64, fit: i64) -> float:
+    """The score of adjacent bytes changed after header and CMD."""
+    tables, scores, total = suffix.tables, suffix.scores, 0.0
+    change, length = tables.change, tables.length
+    for own in range(i64(2), min(prefix.fit + 1, length - 1)):
+        score = 0.0
+        most = min(fit, length - 1 - own)
+        for left in range(max(i64(1), length - _WIDEST_CHANGE - own), most + 1):
+            score += change[length - own - left] * scores[row + left]
+        total += prefix.scores[own] * score
     return total
 
 
-def _unusual(front: PrefixScore) -> float:
-    """Ten bytes framed, whatever they hold."""
-    named = front.fit >= _NAMED
-    return FOREIGN_FRAME + (UNUSUAL * front.head[_NAMED] * 256 if named else 0.0)
+def _unusual(tables: FrameTables, prefix: PrefixScore) -> float:
+    """The score of framed bytes with any content."""
+    named = prefix.fit >= _NAMED
+    return tables.foreign_score + (UNUSUAL * prefix.scores[_NAMED] * 256 if named else 0.0)
 
 
-def _broken(length: i64, front: PrefixScore, back: SuffixScore) -> float:
-    """Something else happened to the bytes between the head and the rest."""
-    left = min(front.fit, min(length - 1, LENGTH - 2))
-    fit = back.fits[front.kind]
-    ending = min(fit, min(length - left, LENGTH - 1 - left))
-    return BROKEN * front.head[left] * back.rests[front.kind * _ROW + ending]
+def _broken(length: i64, prefix: PrefixScore, suffix: SuffixScore) -> float:
+    """The score of any other damage between the legal prefix and the legal suffix."""
+    whole = suffix.tables.length
+    left = min(prefix.fit, min(length - 1, whole - 2))
+    ending = min(suffix.fits[prefix.kind], min(length - left, whole - 1 - left))
+    return BROKEN * prefix.scores[left] * suffix.scores[prefix.kind * (whole + 1) + ending]
 
 
 @final
 @mypyc_attr(acyclic=True)
 class CandidateEnd:
-    """A tail in a window, and the pieces that reach it."""
+    """A tail, and the scores of the candidates that end with it."""
 
-    def __init__(self, place: i64, back: SuffixScore) -> None:
-        self.place = place
-        """Behind the tail."""
-        self.back = back
-        self.first = max(i64(0), place - LONGEST)
-        """The first place from which one can reach it."""
-        self.weights = vec[float]([0.0] * LONGEST)
-        """By place from `first` to the tail: the weight of the piece that is no whole frame."""
+    def __init__(self, stop: i64, suffix: SuffixScore) -> None:
+        self.stop = stop
+        """Offset after the tail."""
+        self.suffix = suffix
+        self.first = max(i64(0), stop - suffix.tables.longest)
+        """The first offset where a candidate can start."""
+        self.scores = vec[float]([0.0] * suffix.tables.longest)
+        """By offset from `first` to the tail: the score of the damaged frame."""
 
 
 AT_TAIL: Final[i64] = 1
-"""In a mark: it is a tail, not a header."""
+"""In `CandidateSet.delimiters`: a tail, not a header."""
 
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
 class CandidateSet:
-    """A stretch of bytes, and the pieces that can stand in it."""
+    """A span of bytes with all its candidate frames and damaged frames."""
 
-    def __init__(self, data: bytes, pauses: Sequence[i64] = ()) -> None:
-        """`pauses` are the places in `data` before which the line was silent for a while."""
+    def __init__(self, tables: FrameTables, data: bytes, pauses: Sequence[i64] = ()) -> None:
+        """`pauses` are the offsets in `data` before which the line paused."""
+        self.tables = tables
         self.data = data
         self.pauses = pauses
         self.paused = len(pauses) > 0
         self.size: i64 = len(data)
-        self.starts: list[PrefixScore] = []
+        self.prefixes: list[PrefixScore] = []
         """Every header, from left to right."""
-        self.stops: list[CandidateEnd] = []
+        self.ends: list[CandidateEnd] = []
         """Every tail, from left to right."""
-        self.marks = vec[i64]()
-        """Both, in the order of their places; where a tail ends and a header stands, the tail. Each
-        is twice its number among its like, and `AT_TAIL`."""
-        for place in range(self.size):
-            mark = MARKS[data[place]]
-            if mark == HEADER:
-                self.marks = append(self.marks, 2 * i64(len(self.starts)))
-                self.starts.append(PrefixScore(data, place, min(self.size, place + LENGTH)))
-            elif mark != 0:
-                self.marks = append(self.marks, 2 * i64(len(self.stops)) + AT_TAIL)
-                self.stops.append(self._stop(place + 1))
+        self.delimiters = vec[i64]()
+        """Both, from left to right: twice the index in its list, plus `AT_TAIL` for a tail. A tail
+        comes before a header directly after it."""
+        length = tables.length
+        for at in range(self.size):
+            delimiter = tables.delimiters[data[at]]
+            if delimiter == HEADER:
+                self.delimiters = append(self.delimiters, 2 * i64(len(self.prefixes)))
+                self.prefixes.append(PrefixScore(tables, data, at, min(self.size, at + length)))
+            elif delimiter != 0:
+                self.delimiters = append(self.delimiters, 2 * i64(len(self.ends)) + AT_TAIL)
+                self.ends.append(self._end_at(at + 1))
 
-    def _stop(self, place: i64) -> CandidateEnd:
-        """A tail, with all that reaches the place behind it."""
-        back = SuffixScore(self.data, max(i64(0), place - LENGTH), place)
-        stop = CandidateEnd(place, back)
-        weights, first, headless = stop.weights, stop.first, back.headless
-        for at in range(first, place):
-            weights[at - first] = headless[place - at]
-        number: i64 = len(self.starts) - 1
-        while number >= 0 and self.starts[number].place >= first:
-            front = self.starts[number]
-            length = place - front.place
-            whole = length == LENGTH and front.whole > 0.0
-            weights[front.place - first] = 0.0 if whole else between(front, back, length)
+    def _end_at(self, stop: i64) -> CandidateEnd:
+        """The tail before `stop` with all candidates that end there."""
+        tables = self.tables
+        suffix = SuffixScore(tables, self.data, max(i64(0), stop - tables.length), stop)
+        end = CandidateEnd(stop, suffix)
+        scores, first, headless = end.scores, end.first, suffix.headless
+        for at in range(first, stop):
+            scores[at - first] = headless[stop - at]
+        number: i64 = len(self.prefixes) - 1
+        while number >= 0 and self.prefixes[number].start >= first:
+            prefix = self.prefixes[number]
+            length = stop - prefix.start
+            whole = length == tables.length and prefix.whole > 0.0
+            scores[prefix.start - first] = 0.0 if whole else damaged_score(prefix, suffix, length)
             number -= 1
         if self.paused:
-            for at in range(first, place):
-                weights[at - first] *= self.unpaused(at, place)
-                if MARKS[self.data[at]] != HEADER:
-                    weights[at - first] *= self.meeting(at)
-        return stop
+            for at in range(first, stop):
+                scores[at - first] *= self._pause_score(at, stop)
+                if tables.delimiters[self.data[at]] != HEADER:
+                    scores[at - first] *= self.contact_score(at)
+        return end
 
-    def truncated(self, front: PrefixScore, length: i64) -> float:
-        """The weight of a frame cut off at that length."""
-        weight = front.truncated(length)
-        return weight * self.unpaused(front.place, front.place + length) if self.paused else weight
+    def truncated(self, prefix: PrefixScore, length: i64) -> float:
+        """The score of a frame cut off after `length` bytes."""
+        score = prefix.truncated(length)
+        if not self.paused:
+            return score
+        return score * self._pause_score(prefix.start, prefix.start + length)
 
-    def whole(self, front: PrefixScore) -> float:
-        """The weight of a whole frame; 0 where none stands."""
-        return self._ten(front, front.whole)
+    def whole(self, prefix: PrefixScore) -> float:
+        """The score of a whole frame; 0 if there is none."""
+        return self._full_length(prefix, prefix.whole)
 
-    def bad_tail(self, front: PrefixScore) -> float:
-        """The weight of ten bytes of which the last are wrong; 0 where none stand."""
-        return self._ten(front, front.bad_tail)
+    def bad_tail(self, prefix: PrefixScore) -> float:
+        """The score of a frame whose last bytes were changed; 0 if there is none."""
+        return self._full_length(prefix, prefix.bad_tail)
 
-    def _ten(self, front: PrefixScore, weight: float) -> float:
-        if self.paused and weight > 0.0:
-            return weight * self.unpaused(front.place, front.place + LENGTH)
-        return weight
+    def _full_length(self, prefix: PrefixScore, score: float) -> float:
+        if self.paused and score > 0.0:
+            return score * self._pause_score(prefix.start, prefix.start + self.tables.length)
+        return score
 
-    def unpaused(self, start: i64, stop: i64) -> float:
-        """What a piece weighs the less, seeing where the line paused within."""
-        weight = 1.0
+    def _pause_score(self, start: i64, stop: i64) -> float:
+        """The factor for the pauses within a candidate."""
+        score = 1.0
         for pause in self.pauses:
             if start < pause < stop:
-                weight *= PAUSE_WITHIN
-        return weight
+                score *= PAUSE_WITHIN
+        return score
 
-    def meeting(self, place: i64) -> float:
-        """The weight of two pieces meeting there, of which the second begins with a header.
+    def contact_score(self, at: i64) -> float:
+        """The factor for two frames that meet at `at` without a pause.
 
-        (It is within the weight of one that begins with none. Noise meets a frame for nothing: junk
-        stands right before it.)
+        It applies when the second one starts with a header; candidates without a header include it
+        already. Noise meets a frame at no cost: junk comes directly before it.
         """
-        if not self.paused or place == 0 or place in self.pauses:
+        if not self.paused or at == 0 or at in self.pauses:
             return 1.0
-        return UNPAUSED
+        return NO_PAUSE_BETWEEN
 
-    def rests_from_first(self, longest: i64) -> vec[float]:
-        """By length, up to `longest`: the weight of the first bytes being a frame's last."""
-        weights = vec[float]([0.0] * (longest + 1))
-        for stop in self.stops:
-            if stop.place <= longest:
-                weights[stop.place] = stop.back.rest(stop.place) * self.unpaused(0, stop.place)
-        return weights
+    def first_suffixes(self, longest: i64) -> vec[float]:
+        """By length up to `longest`: the score of the first bytes as the end of a frame."""
+        scores = vec[float]([0.0] * (longest + 1))
+        for end in self.ends:
+            if end.stop <= longest:
+                scores[end.stop] = end.suffix.any_kind(end.stop) * self._pause_score(0, end.stop)
+        return scores

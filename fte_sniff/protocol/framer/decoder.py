@@ -1,11 +1,12 @@
-"""Viterbi segmentation of a damaged span; fast paths for clean spans.
+"""Segmentation of a disputed span: Viterbi decoding, frame selection, and the fast paths.
 
-- Shown are those frames that together are the most probable, none overlapping another.
-- What lies between them is divided into the pieces that weigh most.
-- A frame whose probability is below `CERTAIN` is `ambiguous`, unless it stands in step between a
-  certain frame and another, and could not also be two truncated ones.
-- Where the line has shown no damage for long, two truncated frames that together have ten bytes
-  are no other reading.
+- Shown are the frames that have the highest sum of posterior probabilities without overlap.
+- The damaged spans between them get the most probable segmentation (Viterbi).
+- A frame below the probability `CERTAIN` is `ambiguous`, unless it is in step between a certain
+  frame and another one and could not also be two truncated frames.
+- On a calm line, two truncated frames of one frame's length are not considered.
+
+`clear_damage` and `decode_alone` decide common damage without the two passes, with the same result.
 """
 
 from __future__ import annotations
@@ -15,8 +16,12 @@ from typing import Final, final
 from librt.vecs import vec
 from mypy_extensions import i64, mypyc_attr
 
-from fte_sniff.protocol.codec import LONGEST_OVERLONG
-from fte_sniff.protocol.framer.candidates import CandidateSet, PrefixScore, SuffixScore, between
+from fte_sniff.protocol.framer.candidates import (
+    CandidateSet,
+    PrefixScore,
+    SuffixScore,
+    damaged_score,
+)
 from fte_sniff.protocol.framer.likelihood import (
     BOUNDARY,
     CERTAIN,
@@ -27,484 +32,490 @@ from fte_sniff.protocol.framer.likelihood import (
     WIDEST_CHANGE,
     noise_run,
 )
-from fte_sniff.protocol.framer.posterior import ForwardBackward, trusted
+from fte_sniff.protocol.framer.posterior import ForwardBackward, after_certain_frame
 from fte_sniff.protocol.framer.predicates import (
-    BEHIND,
-    faults_of_framed,
-    head_fit,
-    is_doubtless,
-    kind_named,
-    plain,
-    rest_fit,
-    strict,
-    strict_from,
-    undivided,
+    find_strict,
+    framed_faults,
+    is_plain,
+    is_strict,
+    is_unambiguous,
+    is_unsplit,
+    kind_at,
+    prefix_fit,
+    suffix_fit,
 )
 from fte_sniff.protocol.framer.segments import Segment
 from fte_sniff.protocol.framer.tables import (
     AMBIGUOUS,
     BAD_HEADER,
     BAD_TAIL,
-    COUNT,
-    ENDING,
+    EXTRA,
     HEADER,
-    HEADERS,
-    LENGTH,
-    MARKS,
-    NAMES_CMD,
     NO_KIND,
     NOISE,
     OVERLONG,
+    TAIL,
     TRUNCATED,
+    FrameTables,
 )
-from fte_sniff.protocol.spec import FRAME_LENGTH
 
 _NOISE: Final = -1.0
-"""Stands for the weight of a piece where the last part is noise."""
+"""In place of a candidate's score: the segment is noise."""
 
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
 class DamagedSpan:
-    """What lies between two shown frames, or behind the last."""
+    """Viterbi segmentation of the bytes between two shown frames, or after the last."""
 
-    def __init__(self, window: CandidateSet, start: i64, stop: i64) -> None:
-        """From `start` to `stop` in the window."""
-        self._window = window
+    def __init__(self, candidates: CandidateSet, start: i64, stop: i64) -> None:
+        """Decode the bytes from `start` to `stop` of the candidate set."""
+        self._candidates = candidates
         self._start = start
         self._stop = stop
         size = stop - start + 1
         self._best = vec[float]([0.0] * size)
-        """By place from the start on: the weight of the best reading up to it; 0 where none is."""
+        """By offset from the start: the score of the best path to it; 0 if there is none."""
         self._begins = vec[i64]([i64(0)] * size)
-        """Where the last part of that reading begins."""
-        self._pieces = vec[float]([0.0] * size)
-        """What the piece weighs that this part is; `_NOISE` where it is none."""
+        """The start of the last segment of that path."""
+        self._scores = vec[float]([0.0] * size)
+        """The score of that segment, or `_NOISE`."""
         self._best[0] = 1.0
         self._begins[0] = start
         self._extend_all()
 
     def _extend_all(self) -> None:
-        window = self._window
-        first_header: i64 = 0
-        headers: i64 = len(window.starts)
-        for place in range(self._start, self._stop):
-            while first_header < headers and window.starts[first_header].place < place:
-                first_header += 1
-            if self._best[place - self._start] > 0.0:
-                self._extend(place, first_header)
+        prefixes = self._candidates.prefixes
+        header: i64 = 0
+        for at in range(self._start, self._stop):
+            while header < len(prefixes) and prefixes[header].start < at:
+                header += 1
+            if self._best[at - self._start] > 0.0:
+                self._extend(at, header)
 
-    def _extend(self, place: i64, number: i64) -> None:
-        """Go on from a place with all that can begin there; `number` is that of the next header."""
-        at = place - self._start
-        weight, window = self._best[at], self._window
-        behind_noise = self._pieces[at] == _NOISE
-        headed = MARKS[window.data[place]] == HEADER
-        meeting = weight if behind_noise else weight * window.meeting(place)
-        if headed:
-            self._extend_from_header(window.starts[number], meeting)
-            number += 1
-        self._extend_to_tails(place, meeting)
-        if behind_noise:
+    def _extend(self, at: i64, header: i64) -> None:
+        """Extend the best path to `at` by every segment that can start there; `header` is the
+        number of the next header."""
+        own = at - self._start
+        score, candidates = self._best[own], self._candidates
+        after_noise = self._scores[own] == _NOISE
+        contact = score if after_noise else score * candidates.contact_score(at)
+        if candidates.tables.delimiters[candidates.data[at]] == HEADER:
+            self._extend_from_header(candidates.prefixes[header], contact)
+            header += 1
+        self._extend_to_tails(at, contact)
+        if after_noise:
             return
-        while number < len(window.starts) and window.starts[number].place < self._stop:
-            stop = window.starts[number].place
-            self._reach(stop, place, weight * noise_run(stop - place), _NOISE)
-            number += 1
-        self._reach(self._stop, place, weight * noise_run(self._stop - place), _NOISE)
+        while header < len(candidates.prefixes) and candidates.prefixes[header].start < self._stop:
+            stop = candidates.prefixes[header].start
+            self._reach(stop, at, score * noise_run(stop - at), _NOISE)
+            header += 1
+        self._reach(self._stop, at, score * noise_run(self._stop - at), _NOISE)
 
-    def _extend_from_header(self, front: PrefixScore, weight: float) -> None:
-        window, place = self._window, front.place
-        for length in range(i64(1), front.cut_to + 1):
-            own = window.truncated(front, length)
-            self._reach(place + length, place, weight * own, own)
-        own = window.bad_tail(front)
+    def _extend_from_header(self, prefix: PrefixScore, score: float) -> None:
+        candidates, at = self._candidates, prefix.start
+        for length in range(i64(1), prefix.longest_truncated + 1):
+            own = candidates.truncated(prefix, length)
+            self._reach(at + length, at, score * own, own)
+        own = candidates.bad_tail(prefix)
         if own > 0.0:
-            self._reach(place + LENGTH, place, weight * own, own)
+            self._reach(at + candidates.tables.length, at, score * own, own)
 
-    def _extend_to_tails(self, place: i64, weight: float) -> None:
-        for stop in self._window.stops:
-            if stop.first <= place < stop.place:
-                own = stop.weights[place - stop.first]
-                self._reach(stop.place, place, weight * own, own)
+    def _extend_to_tails(self, at: i64, score: float) -> None:
+        for end in self._candidates.ends:
+            if end.first <= at < end.stop:
+                own = end.scores[at - end.first]
+                self._reach(end.stop, at, score * own, own)
 
-    def _reach(self, stop: i64, begin: i64, weight: float, piece: float) -> None:
-        """A reading that reaches `stop` with a part from `begin` on."""
+    def _reach(self, stop: i64, begin: i64, score: float, own: float) -> None:
+        """Keep the path to `stop` whose last segment starts at `begin`, if it is the best."""
         if stop > self._stop:
             return
         at = stop - self._start
-        if weight > self._best[at]:
-            self._best[at], self._begins[at], self._pieces[at] = weight, begin, piece
+        if score > self._best[at]:
+            self._best[at], self._begins[at], self._scores[at] = score, begin, own
 
-    def end_with_cut_off(self, front: PrefixScore, own: float) -> None:
-        """Let the gap end with a frame that begins there and goes on, where that is best."""
-        if front.place >= self._start and own > 0.0:
-            weight = self._best[front.place - self._start] * own
-            self._reach(self._stop, front.place, weight, own)
+    def end_with_cut_off(self, prefix: PrefixScore, own: float) -> None:
+        """Let the span end with a frame that starts there and continues, if that is best."""
+        if prefix.start >= self._start and own > 0.0:
+            score = self._best[prefix.start - self._start] * own
+            self._reach(self._stop, prefix.start, score, own)
 
-    def parts(self) -> list[Segment]:
-        """The parts from left to right; the probability of each is the weight of its piece."""
-        parts: list[Segment] = []
-        place = self._stop
-        while place > self._start:
-            at = place - self._start
-            parts.append(_part(self._window.data, self._begins[at], place, self._pieces[at]))
-            place = self._begins[at]
-        parts.reverse()
-        return parts
+    def segments(self) -> list[Segment]:
+        """The segments from left to right; `probability` holds the score of each."""
+        segments: list[Segment] = []
+        stop = self._stop
+        while stop > self._start:
+            at = stop - self._start
+            begin = self._begins[at]
+            segments.append(_segment(self._candidates, begin, stop, self._scores[at]))
+            stop = begin
+        segments.reverse()
+        return segments
 
 
-def _part(data: bytes, start: i64, stop: i64, piece: float) -> Segment:
-    """What these bytes are, as the piece or as noise."""
-    if piece == _NOISE:
+def _segment(candidates: CandidateSet, start: i64, stop: i64, score: float) -> Segment:
+    """The segment of a candidate with that score, or of noise."""
+    if score == _NOISE:
         return Segment(start, stop, False, NOISE, 0.0)
-    fault = _named(data, start, stop)
+    tables, data = candidates.tables, candidates.data
+    fault = _damage_fault(tables, data, start, stop)
     if fault:
-        return Segment(start, stop, False, fault, piece)
-    return Segment(start, stop, True, faults_of_framed(data, start), piece)
+        return Segment(start, stop, False, fault, score)
+    return Segment(start, stop, True, framed_faults(tables, data, start), score)
 
 
-def _named(data: bytes, start: i64, stop: i64) -> i64:
-    """What is wrong with the bytes of a piece; 0 where they are framed."""
+def _damage_fault(tables: FrameTables, data: bytes, start: i64, stop: i64) -> i64:
+    """The fault of a candidate's bytes; 0 if they are framed."""
     size = stop - start
-    headed = MARKS[data[start]] == HEADER
-    if size != LENGTH:
-        if not headed:
+    has_header = tables.delimiters[data[start]] == HEADER
+    if size != tables.length:
+        if not has_header:
             return NOISE
-        return TRUNCATED if size < LENGTH else OVERLONG
-    if not headed:
+        return TRUNCATED if size < tables.length else OVERLONG
+    if not has_header:
         return BAD_HEADER
-    return i64(0) if MARKS[data[stop - 1]] == ENDING else BAD_TAIL
+    return i64(0) if tables.delimiters[data[stop - 1]] == TAIL else BAD_TAIL
 
 
-def chosen(weighing: ForwardBackward, following: Segment | None = None) -> list[Segment]:
-    """The chosen reading of a window, which begins where the rows so far end.
-
-    `following` is known to stand behind it.
-    """
-    window = weighing.window
-    probable = weighing.whole_frames()
-    behind_rows = weighing.whole_frames_behind_rows() if weighing.behind_rows else probable
-    reading: list[Segment] = []
+def decode(posterior: ForwardBackward, following: Segment | None = None) -> list[Segment]:
+    """The segmentation of a span; `following` is known to come after it."""
+    candidates = posterior.candidates
+    length, probabilities = candidates.tables.length, posterior.frame_probabilities()
+    after_rows = probabilities
+    if posterior.follows_frame:
+        after_rows = posterior.frame_probabilities_after_rows()
+    segments: list[Segment] = []
     at: i64 = 0
-    for number in _shown_frames(weighing, behind_rows):
-        place = window.starts[number].place
-        if at < place:
-            _divide(weighing, DamagedSpan(window, at, place), reading)
-        reading.append(_frame(place, probable[number]))
-        at = place + LENGTH
-    if at < weighing.size:
-        gap = DamagedSpan(window, at, weighing.size)
-        for start in window.starts:
-            if start.place > weighing.size - LENGTH:
-                gap.end_with_cut_off(start, weighing.cut_off(start))
-        _divide(weighing, gap, reading)
-    _believe_neighbours(window.data, reading, following)
-    return reading
+    for number in _shown_frames(candidates, after_rows):
+        start = candidates.prefixes[number].start
+        if at < start:
+            _append_damage(posterior, DamagedSpan(candidates, at, start), segments)
+        faults = i64(0) if probabilities[number] >= CERTAIN else AMBIGUOUS
+        segments.append(Segment(start, start + length, True, faults, probabilities[number]))
+        at = start + length
+    if at < posterior.size:
+        damage = DamagedSpan(candidates, at, posterior.size)
+        for prefix in candidates.prefixes:
+            if prefix.start > posterior.size - length:
+                damage.end_with_cut_off(prefix, posterior.cut_off_score(prefix))
+        _append_damage(posterior, damage, segments)
+    _trust_neighbours(candidates, segments, following)
+    return segments
 
 
-def _divide(weighing: ForwardBackward, gap: DamagedSpan, reading: list[Segment]) -> None:
-    """Add the parts of a gap; ten framed bytes among them are `ambiguous` where unlikely."""
-    for part in gap.parts():
-        faults = part.faults
-        if part.framed and weighing.probability(part.start, part.stop, part.probability) < LIKELY:
+def _append_damage(
+    posterior: ForwardBackward, damage: DamagedSpan, segments: list[Segment]
+) -> None:
+    """Append the segments of a damaged span; unlikely framed ones are `ambiguous`."""
+    for one in damage.segments():
+        faults = one.faults
+        if one.framed and posterior.probability(one.start, one.stop, one.probability) < LIKELY:
             faults |= AMBIGUOUS
-        reading.append(Segment(part.start, part.stop, part.framed, faults, 0.0))
+        segments.append(Segment(one.start, one.stop, one.framed, faults, 0.0))
 
 
-def _shown_frames(weighing: ForwardBackward, probable: vec[float]) -> list[i64]:
-    """Of which headers the most probable whole frames begin, none overlapping another."""
-    starts = weighing.window.starts
-    likely = vec[i64]([i64(0)] * len(probable))
+def _shown_frames(candidates: CandidateSet, probabilities: vec[float]) -> list[i64]:
+    """The numbers of the headers whose whole frames are shown: the choice without overlap that has
+    the highest sum of probabilities (weighted interval scheduling)."""
+    prefixes, length = candidates.prefixes, candidates.tables.length
+    likely = vec[i64]([i64(0)] * len(probabilities))
     count: i64 = 0
-    for number in range(i64(len(probable))):
-        if probable[number] > SHOWN:
+    for number in range(i64(len(probabilities))):
+        if probabilities[number] > SHOWN:
             likely[count] = number
             count += 1
     best = vec[float]([0.0] * (count + 1))
-    """By how many frames are considered: the best sum, and how many were before its last frame."""
-    left = vec[i64]([i64(-1)] * (count + 1))
+    """By number of frames considered: the best sum."""
+    previous = vec[i64]([i64(-1)] * (count + 1))
+    """By the same: how many were considered before the last frame of that sum; -1 without it."""
     for number in range(count):
-        place, gain = starts[likely[number]].place, probable[likely[number]] - SHOWN
+        start, gain = prefixes[likely[number]].start, probabilities[likely[number]] - SHOWN
         before = number
-        while before > 0 and starts[likely[before - 1]].place + LENGTH > place:
+        while before > 0 and prefixes[likely[before - 1]].start + length > start:
             before -= 1
         best[number + 1] = best[number]
         if best[before] + gain > best[number]:
-            best[number + 1], left[number + 1] = best[before] + gain, before
+            best[number + 1], previous[number + 1] = best[before] + gain, before
     shown: list[i64] = []
     while count > 0:
-        if left[count] < 0:
+        if previous[count] < 0:
             count -= 1
             continue
         shown.append(likely[count - 1])
-        count = left[count]
+        count = previous[count]
     shown.reverse()
     return shown
 
 
-def _frame(start: i64, probability: float) -> Segment:
-    """A whole frame: it fits its kind at every place, so its only fault can be doubt."""
-    faults = i64(0) if probability >= CERTAIN else AMBIGUOUS
-    return Segment(start, start + LENGTH, True, faults, probability)
+def _trust_neighbours(
+    candidates: CandidateSet, segments: list[Segment], following: Segment | None
+) -> None:
+    """Clear `ambiguous` from frames in step between a certain frame and another one.
 
-
-def _believe_neighbours(data: bytes, reading: list[Segment], following: Segment | None) -> None:
-    """Believe those frames that stand in step between others.
-
-    Where a frame follows a certain one, and another one follows it, it takes two faults that
-    cancel each other out to make a better reading; that is rarer than the weights say, unless
-    the frame could be divided into two truncated ones.
+    Another segmentation needs two faults that cancel each other out. This is rarer than the scores
+    say, unless the frame could also be two truncated ones.
     """
-    for number in range(i64(1), i64(len(reading))):
-        frame = reading[number]
+    for number in range(i64(1), i64(len(segments))):
+        frame = segments[number]
         if frame.faults != AMBIGUOUS or frame.probability < LIKELY:
             continue
-        behind = reading[number + 1] if number + 1 < len(reading) else following
-        if behind is None or behind.probability == 0.0 or not reading[number - 1].certain:
+        after = segments[number + 1] if number + 1 < len(segments) else following
+        if after is None or after.probability == 0.0 or not segments[number - 1].certain:
             continue
-        if plain(data, frame.start):
-            reading[number] = frame.called(0)
+        if is_plain(candidates.tables, candidates.data, frame.start):
+            segments[number] = frame.with_faults(0)
 
 
-def calmly(weighing: ForwardBackward, reading: list[Segment]) -> list[Segment]:
-    """The reading of a line that was calm, with its frames believed up to the first damage.
+def trust_calm_line(posterior: ForwardBackward, segments: list[Segment]) -> list[Segment]:
+    """The segmentation on a calm line: frames up to the first damage are trusted.
 
-    If it is only weighed, a frame is taken for two truncated ones whenever a target ends as another
-    kind's flags do: those who hold a motor at 15 pulses would see nothing else. Where they even
-    weigh more, as where a payload imitates a tail and a header, the frame is shown, and doubted.
+    The scores alone would split every frame whose target ends like the flags of another kind: a
+    line that holds a motor at 15 pulses would show nothing else. If the two truncated frames even
+    score higher, because the payload imitates a tail and a header, the frame is `ambiguous`.
     """
-    believed: list[Segment] = []
+    trusted: list[Segment] = []
     number: i64 = 0
-    while number < len(reading):
-        part = reading[number]
-        if not part.framed:
-            second = reading[number + 1] if number + 1 < len(reading) else None
-            whole = _whole_of_two(weighing, part, second)
+    while number < len(segments):
+        segment = segments[number]
+        if not segment.framed:
+            second = segments[number + 1] if number + 1 < len(segments) else None
+            whole = _joined(posterior, segment, second)
             if whole is None:
                 break
-            part = whole
+            segment = whole
             number += 1
-        believed.append(_believed(weighing, part))
+        trusted.append(_trusted(posterior, segment))
         number += 1
-    return believed + reading[number:]
+    return trusted + segments[number:]
 
 
-def _whole_of_two(
-    weighing: ForwardBackward, first: Segment, second: Segment | None
-) -> Segment | None:
-    """The one frame that two damaged ones in a row are together; None where they are none."""
-    if second is None or second.framed or second.stop - first.start != LENGTH:
+def _joined(posterior: ForwardBackward, first: Segment, second: Segment | None) -> Segment | None:
+    """Two damaged segments in a row as one strict frame; None if they are none."""
+    tables, data = posterior.candidates.tables, posterior.candidates.data
+    if second is None or second.framed or second.stop - first.start != tables.length:
         return None
-    if not strict(weighing.window.data, first.start):
+    if not is_strict(tables, data, first.start):
         return None
     return Segment(first.start, second.stop, True, AMBIGUOUS, 0.0)
 
 
-def _believed(weighing: ForwardBackward, frame: Segment) -> Segment:
-    """The frame without its doubt, if only two truncated ones could stand there instead."""
+def _trusted(posterior: ForwardBackward, frame: Segment) -> Segment:
+    """The frame without `ambiguous` if only two truncated frames could replace it."""
     if frame.faults != AMBIGUOUS or frame.probability < LIKELY:
         return frame
-    if not undivided(weighing.window.data, frame.start):
+    if not is_unsplit(posterior.candidates.tables, posterior.candidates.data, frame.start):
         return frame
-    before, behind = weighing.boundary(frame.start), weighing.boundary(frame.stop)
-    return frame.called(0) if min(before, behind) >= CERTAIN else frame
+    start = posterior.boundary_probability(frame.start)
+    stop = posterior.boundary_probability(frame.stop)
+    return frame.with_faults(0) if min(start, stop) >= CERTAIN else frame
 
+
+# Fast path: the bytes between a certain frame and an unambiguous one
 
 _NEGLIGIBLE: Final = (1 - CERTAIN) / 4
-_IN_STEP: Final = trusted()
-_FRAME: Final = Segment(0, LENGTH, True, 0, 1.0)
-"""The frame behind the stretch, wherever it stands."""
+_CERTAIN_FRAME: Final = after_certain_frame()
+_FOLLOWING: Final = Segment(0, 1, True, 0, 1.0)
+"""A certain frame after the span; its offsets are not used."""
 
 
-def read_by_itself(data: bytes, start: i64, firm: i64, *, calm: bool) -> list[Segment] | None:
-    """The parts of the bytes between a frame beyond doubt and the one at `firm`, on a calm line or
-    not; None where something could run over the beginning of that frame."""
-    if _run_over(data, start, firm) > _NEGLIGIBLE:
+def decode_alone(
+    tables: FrameTables, data: bytes, start: i64, end: i64, *, calm: bool
+) -> list[Segment] | None:
+    """The segments between a certain frame and the unambiguous frame at `end`.
+
+    None if a damaged frame could reach into the frame at `end`.
+    """
+    if _overrun_probability(tables, data, start, end) > _NEGLIGIBLE:
         return None
-    own = data[start:firm]
-    if calm and len(own) >= LENGTH and strict(own, 0):
-        weighing = ForwardBackward(CandidateSet(own), _IN_STEP, BOUNDARY)
-        return calmly(weighing, chosen(weighing, _FRAME))
-    return _read(own)
-
-
-def _read(own: bytes) -> list[Segment]:
-    window = CandidateSet(own)
-    if strict_from(own, 0, window.size) < 0:
-        parts = DamagedSpan(window, 0, window.size).parts()
+    candidates = CandidateSet(tables, data[start:end])
+    size, own = candidates.size, candidates.data
+    if calm and size >= tables.length and is_strict(tables, own, 0):
+        posterior = ForwardBackward(candidates, _CERTAIN_FRAME, BOUNDARY)
+        return trust_calm_line(posterior, decode(posterior, _FOLLOWING))
+    if find_strict(tables, own, 0, size) < 0:
+        segments = DamagedSpan(candidates, 0, size).segments()
         framed = False
-        for part in parts:
-            framed = framed or part.framed
-            part.probability = 0.0
+        for segment in segments:
+            framed = framed or segment.framed
+            segment.probability = 0.0
         if not framed:
-            return parts
-    return chosen(ForwardBackward(window, _IN_STEP, BOUNDARY), _FRAME)
+            return segments
+    return decode(ForwardBackward(candidates, _CERTAIN_FRAME, BOUNDARY), _FOLLOWING)
 
 
-def _run_over(data: bytes, start: i64, firm: i64) -> float:
-    """At most how probable it is that the frame at `firm` is none, because a damaged one before it
-    reaches into it."""
-    end = firm + LENGTH
+def _overrun_probability(tables: FrameTables, data: bytes, start: i64, frame: i64) -> float:
+    """An upper bound of the probability that a damaged frame reaches into the one at `frame`."""
+    end = frame + tables.length
     probability = 0.0
     whole: PrefixScore | None = None
-    back: SuffixScore | None = None
-    for place in range(max(start, firm - LENGTH + 1), firm):
-        if MARKS[data[place]] != HEADER:
+    suffix: SuffixScore | None = None
+    for at in range(max(start, frame - tables.length + 1), frame):
+        if tables.delimiters[data[at]] != HEADER:
             continue
-        front, length = PrefixScore(data, place, min(end, place + LENGTH)), firm - place
-        if length > BEHIND and front.bad_tail == 0.0:
+        prefix, length = PrefixScore(tables, data, at, min(end, at + tables.length)), frame - at
+        if length > EXTRA and prefix.bad_tail == 0.0:
             continue
-        if back is None or whole is None:
-            back, whole = SuffixScore(data, firm, end), PrefixScore(data, firm, end)
-        over = front.bad_tail * back.headless[length]
-        if length <= BEHIND:
-            over += between(front, back, length + LENGTH)
-        probability += over / _least(front, length) / whole.whole
+        if suffix is None or whole is None:
+            suffix = SuffixScore(tables, data, frame, end)
+            whole = PrefixScore(tables, data, frame, end)
+        over = prefix.bad_tail * suffix.headless[length]
+        if length <= EXTRA:
+            over += damaged_score(prefix, suffix, length + tables.length)
+        probability += over / _least_score(prefix, length) / whole.whole
     return probability
 
 
-def _least(front: PrefixScore, length: i64) -> float:
-    """What a header and the bytes behind it weigh at least, if they go on for `length`."""
-    if front.cut_to >= length:
-        return max(JUNK, front.truncated(length))
+def _least_score(prefix: PrefixScore, length: i64) -> float:
+    """A lower bound of the score of `length` bytes that start with that prefix."""
+    if prefix.longest_truncated >= length:
+        return max(JUNK, prefix.truncated(length))
     most = 1.0
-    for cut in range(i64(1), front.cut_to + 1):
-        most = max(most, front.truncated(cut))
+    for left in range(i64(1), prefix.longest_truncated + 1):
+        most = max(most, prefix.truncated(left))
     return JUNK * most
 
 
-_ALONE: Final[i64] = LONGEST_OVERLONG - FRAME_LENGTH + 1
-"""Bytes that are too many for one overlong frame together with a whole one."""
+# Fast path: damage with one explanation, between a certain frame and an unambiguous one
 
-_LEAST_LEFT: Final[i64] = FRAME_LENGTH - WIDEST_CHANGE
-_LONGEST: Final[i64] = LONGEST_OVERLONG
-_JUNK: Final[i64] = LONGEST_JUNK
+_ALONE: Final[i64] = EXTRA + 1
+"""More bytes than an overlong frame can have in addition to a whole one."""
+_WIDEST_CHANGE: Final[i64] = WIDEST_CHANGE
+_LONGEST_JUNK: Final[i64] = LONGEST_JUNK
 _STUB: Final[i64] = 2
-"""Too few bytes to be alone, if the frame behind them can be the rest of theirs."""
+"""A longer start of a frame cannot form one overlong frame with the frame after it."""
 
 
-def undisputed(data: bytes, at: i64) -> Segment | None:
-    """The damage at `at`, where a frame ended beyond doubt; None if it needs weighing.
+def clear_damage(tables: FrameTables, data: bytes, at: i64) -> Segment | None:
+    """The damaged segment at `at`, after a certain frame; None if the scores must decide.
 
-    Behind it another one begins. It is counted from `at`, as all parts of a reading are.
+    Its offsets count from `at`. An unambiguous frame follows it.
     """
     end: i64 = len(data)
-    if end - at < 1 + LENGTH + BEHIND:
+    if end - at < 1 + tables.longest:
         return None
-    mark = _next_mark(data, at + 1, end)
-    if mark == end:
+    delimiter = _next_delimiter(tables, data, at + 1, end)
+    if delimiter == end:
         return None
-    if MARKS[data[at]] == HEADER:
-        return _headed(data, at, mark)
-    return _headless(data, at, mark) if MARKS[data[at]] == 0 else None
+    if tables.delimiters[data[at]] == HEADER:
+        return _damage_from_header(tables, data, at, delimiter)
+    if tables.delimiters[data[at]] == 0:
+        return _damage_without_header(tables, data, at, delimiter)
+    return None
 
 
-def _next_mark(data: bytes, at: i64, end: i64) -> i64:
-    """Where the next header or tail stands."""
-    while at < end and MARKS[data[at]] == 0:
+def _next_delimiter(tables: FrameTables, data: bytes, at: i64, end: i64) -> i64:
+    """The offset of the next header or tail, or `end`."""
+    while at < end and tables.delimiters[data[at]] == 0:
         at += 1
     return at
 
 
 def _before_frame(
-    data: bytes, at: i64, stop: i64, faults: i64, *, framed: bool = False
+    tables: FrameTables, data: bytes, at: i64, stop: i64, faults: i64
 ) -> Segment | None:
-    """The bytes up to `stop` with these faults, if there are any and a frame stands behind them."""
-    if faults == 0 or not is_doubtless(data, stop, i64(len(data))):
+    """The damaged segment up to `stop`; None without faults, or without a frame after it."""
+    if faults == 0 or not is_unambiguous(tables, data, stop, i64(len(data))):
         return None
-    return Segment(0, stop - at, framed, faults, 0.0)
+    delimiters, size = tables.delimiters, stop - at
+    framed = size == tables.length and delimiters[data[at]] == HEADER
+    return Segment(0, size, framed and delimiters[data[stop - 1]] == TAIL, faults, 0.0)
 
 
-def _headed(data: bytes, at: i64, mark: i64) -> Segment | None:
-    """Damage that begins with a header; `mark` is what comes next."""
-    size = mark - at
-    if MARKS[data[mark]] != HEADER:
-        stop = mark + 1
-        if not _ALONE <= size + 1 <= _LONGEST:
+def _damage_from_header(
+    tables: FrameTables, data: bytes, at: i64, delimiter: i64
+) -> Segment | None:
+    """Damage that starts with a header; `delimiter` is the next header or tail."""
+    size = delimiter - at
+    if tables.delimiters[data[delimiter]] == TAIL:
+        stop = delimiter + 1
+        if not _ALONE <= size + 1 <= tables.longest:
             return None
-        return _before_frame(
-            data, at, stop, _faults_of_both(data, at, stop), framed=size + 1 == LENGTH
-        )
+        return _before_frame(tables, data, at, stop, _faults_to_tail(tables, data, at, stop))
     if size <= _STUB:
-        faults = _faults_of_stub(data, at, mark)
-    elif size < _ALONE or size > LENGTH:
+        faults = _faults_of_stub(tables, data, at, delimiter)
+    elif size < _ALONE or size > tables.length:
         return None
-    elif size == LENGTH:
-        faults = BAD_TAIL if _begins(data, at) else i64(0)
+    elif size == tables.length:
+        faults = BAD_TAIL if _starts_frame(tables, data, at) else i64(0)
     else:
-        kind = kind_named(data, at)
-        whole = kind != NO_KIND and head_fit(data, at, mark, kind) == size
-        faults = TRUNCATED if whole else i64(0)
-    return _before_frame(data, at, mark, faults)
+        kind = kind_at(tables, data, at)
+        legal = kind != NO_KIND and prefix_fit(tables, data, at, delimiter, kind) == size
+        faults = TRUNCATED if legal else i64(0)
+    return _before_frame(tables, data, at, delimiter, faults)
 
 
-def _headless(data: bytes, at: i64, mark: i64) -> Segment | None:
-    """Damage that begins with neither a header nor a tail; `mark` is the first of them."""
-    size = mark - at
-    if MARKS[data[mark]] != HEADER:
-        if size == LENGTH - 1:
-            faults = BAD_HEADER if _ends(data, mark + 1) else i64(0)
+def _damage_without_header(
+    tables: FrameTables, data: bytes, at: i64, delimiter: i64
+) -> Segment | None:
+    """Damage that starts with neither header nor tail; `delimiter` is the first of them."""
+    size, last = delimiter - at, tables.length - 1
+    if tables.delimiters[data[delimiter]] == TAIL:
+        if size == last:
+            faults = BAD_HEADER if _ends_frame(tables, data, delimiter + 1) else i64(0)
         else:
-            faults = NOISE if _ALONE - 1 <= size < LENGTH - 1 else i64(0)
-        return _before_frame(data, at, mark + 1, faults)
-    stop = mark
-    while MARKS[data[stop]] == HEADER and stop + 1 < len(data) and NAMES_CMD[data[stop + 1]] == 0:
-        # A header that no CMD follows begins nothing.
-        stop = _next_mark(data, stop + 1, i64(len(data)))
-        if stop == len(data):
+            faults = NOISE if _ALONE - 1 <= size < last else i64(0)
+        return _before_frame(tables, data, at, delimiter + 1, faults)
+    stop, end, delimiters = delimiter, i64(len(data)), tables.delimiters
+    while delimiters[data[stop]] == HEADER and stop + 1 < end and not tables.is_cmd[data[stop + 1]]:
+        # A header without a CMD starts no frame.
+        stop = _next_delimiter(tables, data, stop + 1, end)
+        if stop == end:
             return None
-    if stop - at > _JUNK or MARKS[data[stop]] != HEADER:
+    if stop - at > _LONGEST_JUNK or delimiters[data[stop]] != HEADER:
         return None
-    if stop > mark:
-        for place in range(stop - _ALONE + 1, stop):
-            if place <= at or MARKS[data[place]] != 0:
+    if stop > delimiter:
+        for offset in range(stop - _ALONE + 1, stop):
+            if offset <= at or delimiters[data[offset]] != 0:
                 return None
-    return _before_frame(data, at, stop, NOISE)
+    return _before_frame(tables, data, at, stop, NOISE)
 
 
-def _begins(data: bytes, at: i64) -> bool:
-    """Whether a frame can begin there that is changed behind."""
-    kind = kind_named(data, at)
-    return kind != NO_KIND and head_fit(data, at, at + _LEAST_LEFT, kind) == _LEAST_LEFT
+def _starts_frame(tables: FrameTables, data: bytes, at: i64) -> bool:
+    """Whether a frame can start at `at` whose last bytes were changed."""
+    kind, least = kind_at(tables, data, at), tables.length - _WIDEST_CHANGE
+    return kind != NO_KIND and prefix_fit(tables, data, at, at + least, kind) == least
 
 
-def _ends(data: bytes, stop: i64) -> bool:
-    """Whether a frame can end there that is changed before."""
-    for kind in range(COUNT):
-        if rest_fit(data, stop - _LEAST_LEFT, stop, kind) == _LEAST_LEFT:
+def _ends_frame(tables: FrameTables, data: bytes, stop: i64) -> bool:
+    """Whether a frame can end at `stop` whose first bytes were changed."""
+    least = tables.length - _WIDEST_CHANGE
+    for kind in range(tables.kind_count):
+        if suffix_fit(tables, data, stop - least, stop, kind) == least:
             return True
     return False
 
 
-def _faults_of_stub(data: bytes, at: i64, stop: i64) -> i64:
-    """Truncated; none where the frame behind a stub can be the rest of one overlong frame."""
+def _faults_of_stub(tables: FrameTables, data: bytes, at: i64, stop: i64) -> i64:
+    """Truncated; 0 if the stub and the frame after it can be one overlong frame."""
     size = stop - at
-    named = kind_named(data, at) if size > 1 else NO_KIND
-    for kind in range(COUNT):
-        if not _can_be(data, at, named, kind):
+    named = kind_at(tables, data, at) if size > 1 else NO_KIND
+    for kind in range(tables.kind_count):
+        if not _can_be(tables, data[at], named, kind):
             continue
-        if rest_fit(data, stop, stop + LENGTH, kind) >= LENGTH - size:
+        if suffix_fit(tables, data, stop, stop + tables.length, kind) >= tables.length - size:
             return 0
     return TRUNCATED if size == 1 or named != NO_KIND else i64(0)
 
 
-def _faults_of_both(data: bytes, at: i64, stop: i64) -> i64:
-    """What is wrong with bytes between a header and a tail; none if unclear."""
+def _faults_to_tail(tables: FrameTables, data: bytes, at: i64, stop: i64) -> i64:
+    """The faults of the bytes from a header to a tail; 0 if unclear."""
     size = stop - at
-    if size == LENGTH:
-        return faults_of_framed(data, at)
-    named = kind_named(data, at)
-    whole = min(size, LENGTH)
+    if size == tables.length:
+        return framed_faults(tables, data, at)
+    named = kind_at(tables, data, at)
+    whole = min(size, tables.length)
     head: i64 = 1
     if named != NO_KIND:
-        head = min(head_fit(data, at, stop - 1, named), whole - 1)
-    for kind in range(COUNT):
-        if _can_be(data, at, named, kind) and head + rest_fit(data, at, stop, kind) >= whole:
-            return TRUNCATED if size < LENGTH else OVERLONG
+        head = min(prefix_fit(tables, data, at, stop - 1, named), whole - 1)
+    for kind in range(tables.kind_count):
+        if not _can_be(tables, data[at], named, kind):
+            continue
+        if head + suffix_fit(tables, data, at, stop, kind) >= whole:
+            return TRUNCATED if size < tables.length else OVERLONG
     return 0
 
 
-def _can_be(data: bytes, at: i64, named: i64, kind: i64) -> bool:
-    """Whether bytes from a header on can be of a kind: that which is named, or any with it."""
-    return kind == named or (named == NO_KIND and HEADERS[kind] == data[at])
+def _can_be(tables: FrameTables, header: int, named: i64, kind: i64) -> bool:
+    """Whether a header can start a kind: the one that is named, or any of that header."""
+    return kind == named or (named == NO_KIND and tables.headers[kind] == header)

@@ -1,34 +1,27 @@
-"""Public Framer: feed chunks, get rows; decides when enough bytes have arrived.
+"""The `Framer`: chunks in, rows out; decides when enough bytes have arrived.
 
-It must not do I/O or read a clock; the times come with the chunks. How likely things are stands in
-`likelihood`, how readings are weighed in `weighing`, when in `due`, how bytes get their times in
-`timeline`, what becomes of decided ones in `line`.
+The stream is decided from left to right, and every decision is final. A decision depends on silence
+and on the bytes up to an offset that these bytes determine; it never depends on how the stream was
+cut into chunks. There are three states (lengths in frames of n bytes):
 
-The stream is decided from left to right, each decision final. Every decision depends on the bytes
-up to a place that those bytes themselves determine, and on silence; never on how the stream was
-cut into chunks. There are three states:
+    in step   A certain frame ended here. Plain frames are taken as long as another one follows in
+              step; on a calm line, which has shown no damage in `CALM_STREAK` frames, unsplit ones
+              too. The last frame of such a run is taken at once if the line is calm and the frame
+              clear; else when the next bytes show that it does not start an overlong frame.
+    disputed  Anything else. Bytes are collected up to the first of: an unambiguous frame, and then
+              all before it is decided; two strict frames in step; three strict frames; three framed
+              segments in step (each of these with the `EXTRA` bytes after it that an overlong frame
+              could end with); `lookahead` bytes after a framed segment; `widest` bytes; silence.
+              Then they are decoded. If the last two frames are certain, all but the last is decided
+              and the stream is in step; else only what has `lookahead` bytes after it. So no frame
+              waits for more. If that does not end with a certain frame, the forward probabilities
+              at the boundary start the next decoding.
+    lost      Long noise. Bytes are skipped up to `lead` bytes before the next anchor.
 
-    in step   A frame ended here beyond doubt. Frames that fit their kind at every place are taken
-              as long as each is followed by another one in step, unless a header in their
-              payload, behind a tail or before a CMD and a motor, could make them two truncated
-              ones; so could an end that is another kind's, but on a calm line: before any damage,
-              and `CALM_STREAK` frames behind it. Even the last is taken, if it holds no second
-              header or tail: on a calm line at once; else when the bytes behind it show that it is
-              not the beginning of an overlong one.
-    disputed  Anything else. Bytes are gathered to the first of: a frame that fits and leaves no
-              doubt by itself, before which all is decided then; two frames that fit, in step;
-              three that fit, in step or not; three times ten framed bytes in step (each of these
-              with the four bytes behind, which an overlong frame could end with); `AHEAD` bytes
-              behind ten framed ones; `WIDEST` bytes; silence. Then all readings of them are
-              weighed. If the last two frames are certain, all but the last is settled and the
-              stream is in step; else only what has `AHEAD` bytes behind it. No frame waits for
-              more. Where that does not end with a certain frame, the weights are handed on.
-    lost      Long noise. Bytes are passed over up to `LEAD` bytes before the next anchor.
-
-Silence of 20 ms settles whatever is pending, but for the beginning of a frame that can still be
-completed: a reading process that was held up shows silence where there was none, and must not tear
-a frame. Such a beginning is given up after 500 ms. Shorter pauses, from 3.5 byte times, are
-evidence for a boundary where readings compete.
+Silence of 20 ms decides all pending bytes, except the start of a frame that can still be completed:
+a reading process that was held up shows silence where there was none, and must not cut a frame.
+Such a start is given up after 500 ms. Shorter pauses, from 3.5 byte times, are evidence for a
+boundary between segments.
 """
 
 from __future__ import annotations
@@ -38,265 +31,274 @@ from typing import Final, final
 from mypy_extensions import i64
 
 from fte_sniff.protocol.framer.candidates import CandidateSet, PrefixScore
-from fte_sniff.protocol.framer.decoder import calmly, chosen, read_by_itself, undisputed
+from fte_sniff.protocol.framer.decoder import clear_damage, decode, decode_alone, trust_calm_line
 from fte_sniff.protocol.framer.likelihood import BOUNDARY, CLOSED, OPEN
 from fte_sniff.protocol.framer.posterior import (
     BoundaryState,
     ForwardBackward,
-    joined,
-    lost,
-    settled,
-    trusted,
+    after_certain_frame,
+    after_silence,
+    at_stream_start,
+    in_long_noise,
 )
 from fte_sniff.protocol.framer.predicates import (
-    ANCHOR_REACH,
-    BEHIND,
-    anchor_from,
-    doubtless_frame,
-    framed,
-    framed_from,
-    is_calm,
-    is_firm,
-    run_end,
-    strict,
-    strict_from,
+    end_of_run,
+    find_anchor,
+    find_framed,
+    find_strict,
+    find_unambiguous,
+    is_clear,
+    is_framed,
+    is_isolated,
+    is_strict,
 )
 from fte_sniff.protocol.framer.segments import DecidedSpan, LineHealth, PendingBytes, Segment
-from fte_sniff.protocol.framer.tables import LENGTH, NOISE, TRUNCATED
+from fte_sniff.protocol.framer.tables import EXTRA, FTE_TABLES, NOISE, TRUNCATED, FrameTables
 from fte_sniff.protocol.framer.timestamps import SETTLING_NS, ArrivalTimeline, IdleTimes
 from fte_sniff.protocol.rows import Chunk, Row
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 
-WIDEST: Final[i64] = 44
-"""Bytes that are weighed at once, at most, while bytes keep coming."""
-
-AHEAD: Final[i64] = 2 * LENGTH
-"""Bytes behind ten framed ones with which it is decided at the latest what these are; and bytes
-that stay undecided when `WIDEST` is reached."""
-
-PROMISED: Final[i64] = LENGTH + AHEAD
-"""Bytes from the beginning of ten framed ones to where that falls due."""
-
-LEAD: Final[i64] = 32
-"""Bytes before an anchor that are weighed, after long noise."""
-
 _ENOUGH: Final[i64] = 3
-"""Frames that fit, in step or not, that make it worth while to weigh."""
+"""Strict frames, in step or not, that are worth decoding."""
 
 _NEVER: Final[i64] = -1
 
+# Scheduling: how many bytes to wait for
 
-def next_due(data: bytes, start: i64, not_before: i64, weighed_to: i64) -> tuple[i64, i64]:
-    """The place up to which `data` is to be weighed next, from `start`; -1 if not there yet.
 
-    Before it stands the place up to which the bytes must be known for that. Nothing new is learnt
-    before `not_before`, except that promises behind `weighed_to` fall due.
+def next_decoding(
+    tables: FrameTables, data: bytes, start: i64, not_before: i64, decoded_to: i64
+) -> tuple[i64, i64]:
+    """The number of bytes to wait for and the offset to decode to, from `start`; -1 if unknown.
+
+    Nothing new is learnt before `not_before`, except deadlines after `decoded_to`.
     """
-    limit = min(i64(len(data)), start + WIDEST)
-    known = limit - BEHIND
-    if known < start + 2 * LENGTH:
+    limit = min(i64(len(data)), start + tables.widest)
+    known = limit - EXTRA
+    if known < start + 2 * tables.length:
         return _NEVER, _NEVER
     end = _earliest(
-        _pair_end(data, max(start, not_before - 2 * LENGTH), known),
-        _three_end(data, start, known),
-        _third_end(data, start, known),
+        _end_of_pair(tables, data, max(start, not_before - 2 * tables.length), known),
+        _end_of_framed_run(tables, data, start, known),
+        _end_of_third(tables, data, start, known),
         not_before,
     )
-    due, to = (end + BEHIND, end) if end >= 0 else (_NEVER, _NEVER)
-    if limit == start + WIDEST and (due < 0 or limit < due):
-        due = to = limit
-    promised = next_promised(data, start, weighed_to, limit)
-    if promised >= 0 and (due < 0 or promised < due or (promised == due and promised < to)):
-        due = to = promised
-    return due, to
+    wait, to = (end + EXTRA, end) if end >= 0 else (_NEVER, _NEVER)
+    if limit == start + tables.widest and (wait < 0 or limit < wait):
+        wait = to = limit
+    deadline = next_deadline(tables, data, start, decoded_to, limit)
+    if deadline >= 0 and (wait < 0 or deadline < wait or (deadline == wait and deadline < to)):
+        wait = to = deadline
+    return wait, to
 
 
-def _earliest(pair: i64, three: i64, third: i64, not_before: i64) -> i64:
-    """The earliest of these places that is not before that one; -1 if none is."""
+def _earliest(pair: i64, run: i64, third: i64, not_before: i64) -> i64:
+    """The smallest of the offsets that is not before `not_before`; -1 if there is none."""
     end = pair if pair >= not_before else _NEVER
-    if three >= not_before and (end < 0 or three < end):
-        end = three
+    if run >= not_before and (end < 0 or run < end):
+        end = run
     if third >= not_before and (end < 0 or third < end):
         end = third
     return end
 
 
-def _pair_end(data: bytes, start: i64, known: i64) -> i64:
-    """Where the first two strict frames in step end."""
-    at = strict_from(data, start, known - LENGTH)
-    while at >= 0 and not strict(data, at + LENGTH):
-        at = strict_from(data, at + 1, known - LENGTH)
-    return _NEVER if at < 0 else at + 2 * LENGTH
+def _end_of_pair(tables: FrameTables, data: bytes, start: i64, known: i64) -> i64:
+    """The end of the first two strict frames in step."""
+    length = tables.length
+    at = find_strict(tables, data, start, known - length)
+    while at >= 0 and not is_strict(tables, data, at + length):
+        at = find_strict(tables, data, at + 1, known - length)
+    return _NEVER if at < 0 else at + 2 * length
 
 
-def _three_end(data: bytes, start: i64, known: i64) -> i64:
-    """Where three times ten framed bytes in step end, that begin at the start."""
-    end = start + 3 * LENGTH
-    if end > known or not framed(data, start):
+def _end_of_framed_run(tables: FrameTables, data: bytes, start: i64, known: i64) -> i64:
+    """The end of three framed segments in step from the start."""
+    length = tables.length
+    end = start + 3 * length
+    if end > known or not is_framed(tables, data, start):
         return _NEVER
-    return end if framed(data, start + LENGTH) and framed(data, start + 2 * LENGTH) else _NEVER
+    second = is_framed(tables, data, start + length)
+    return end if second and is_framed(tables, data, start + 2 * length) else _NEVER
 
 
-def _third_end(data: bytes, start: i64, known: i64) -> i64:
-    """Where the third strict frame ends, in step or not."""
+def _end_of_third(tables: FrameTables, data: bytes, start: i64, known: i64) -> i64:
+    """The end of the third strict frame, in step or not."""
     end = start
     for _ in range(_ENOUGH):
-        at = strict_from(data, end, known)
+        at = find_strict(tables, data, end, known)
         if at < 0:
             return _NEVER
-        end = at + LENGTH
+        end = at + tables.length
     return end
 
 
-def next_promised(data: bytes, start: i64, weighed_to: i64, limit: i64) -> i64:
-    """The place by which the next ten framed bytes must be decided; -1 if behind `limit`."""
-    at = framed_from(data, max(start, weighed_to + 1 - PROMISED), limit - AHEAD)
-    return _NEVER if at < 0 else at + PROMISED
+def next_deadline(tables: FrameTables, data: bytes, start: i64, decoded_to: i64, limit: i64) -> i64:
+    """The offset where the next framed segment must be decided; -1 if it is after `limit`."""
+    first = max(start, decoded_to + 1 - tables.deadline)
+    at = find_framed(tables, data, first, limit - tables.lookahead)
+    return _NEVER if at < 0 else at + tables.deadline
 
 
-def settled_part(reading: list[Segment], data: bytes, start: i64, end: i64) -> list[Segment]:
-    """What of a reading of `data` from `start` to `end`, where bytes may follow, is decided."""
-    size = end - start
-    if size >= WIDEST or (size >= PROMISED and framed(data, end - PROMISED)):
-        return _up_to(reading, size - AHEAD)
-    number: i64 = len(reading)
+def settled_segments(
+    tables: FrameTables, segments: list[Segment], data: bytes, start: i64, end: i64
+) -> list[Segment]:
+    """The segments from `start` to `end` that are decided although more bytes may follow."""
+    size, deadline = end - start, tables.deadline
+    if size >= tables.widest or (size >= deadline and is_framed(tables, data, end - deadline)):
+        return _segments_to(tables, segments, size - tables.lookahead)
+    number: i64 = len(segments)
     while number > 0:
-        part = reading[number - 1]
-        if part.framed and part.stop <= size - AHEAD:
+        last = segments[number - 1]
+        if last.framed and last.stop <= size - tables.lookahead:
             break
         number -= 1
-    return reading[:number]
+    return segments[:number]
 
 
-def _up_to(reading: list[Segment], limit: i64) -> list[Segment]:
-    """The parts up to `limit`: noise is cut there, an overlong frame is taken as a whole."""
-    settled = [part for part in reading if part.stop <= limit]
-    following = reading[len(settled)]
+def _segments_to(tables: FrameTables, segments: list[Segment], limit: i64) -> list[Segment]:
+    """The segments up to `limit`: noise is cut there, an overlong frame is taken as a whole."""
+    settled = [segment for segment in segments if segment.stop <= limit]
+    following = segments[len(settled)]
     if following.faults == NOISE and following.start < limit:
         settled.append(Segment(following.start, limit, False, NOISE, 0.0))
-    elif following.start <= limit - LENGTH:
+    elif following.start <= limit - tables.length:
         settled.append(following)
     return settled
 
 
-def lead(data: bytes, start: i64, known: i64) -> i64:
-    """Where weighing begins after long noise, for an anchor at `known`, but not before `start`.
+def lead_start(tables: FrameTables, data: bytes, start: i64, anchor: i64) -> i64:
+    """Where decoding starts after long noise, for an anchor, but not before `start`.
 
-    What is due already has been decided: it is noise.
+    A framed segment whose deadline has passed is noise.
     """
-    begin = max(start, known - LEAD)
+    begin = max(start, anchor - tables.lead)
     while True:
-        late = framed_from(data, begin, max(begin, known - 1))
+        late = find_framed(tables, data, begin, max(begin, anchor - 1))
         if late < 0:
             return begin
         begin = late + 1
 
 
 GIVING_UP_NS: Final = 500_000_000
-"""Silence after which the beginning of a frame is held no longer."""
+"""Silence after which the start of a frame is no longer pending."""
 
-_IN_STEP: Final = trusted()
+_CERTAIN: Final = after_certain_frame()
 _NOWHERE: Final[i64] = -1
 
 
 @final
 class Framer:
-    """Turns the chunks of one port into rows that tile its stream exactly."""
+    """Turns the chunks of one port into rows that cover its stream without gap or overlap."""
 
-    def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
-        """A framer for the port of that name, whose line has `baud` bits per second."""
+    def __init__(
+        self, port: str, baud: int = DEFAULT_BAUD, tables: FrameTables = FTE_TABLES
+    ) -> None:
+        """Create a framer for the named port.
+
+        Args:
+            port: the name in every row.
+            baud: bits per second of the line.
+            tables: the frame format.
+
+        Raises:
+            ValueRangeError: `baud` is less than 1.
+        """
+        self._tables = tables
         self._timeline = ArrivalTimeline(byte_time_ns(baud))
-        self._line = LineHealth()
-        self._kept = PendingBytes(port, self._timeline.marks)
+        self._line = LineHealth(tables.length)
+        self._decided = PendingBytes(port, self._timeline.times)
         self._data = b""
         self._base: i64 = 0
-        """Offset in the stream of the first byte of `_data`."""
+        """Stream offset of the first byte of `_data`."""
         self._at: i64 = 0
-        """Place in `_data` up to which all is decided."""
-        self._carry: BoundaryState | None = joined()
-        """What the past says of the places from `_at` on; None where the stream is in step."""
+        """Offset in `_data` up to which all is decided."""
+        self._state: BoundaryState | None = at_stream_start()
+        """The forward probabilities from `_at` on; None while the stream is in step."""
         self._lost_from = _NOWHERE
-        """Offset in the stream where long noise goes on; `_NOWHERE` where none was found to."""
-        self._passing = False
-        """Whether the long noise is already being passed over."""
+        """Stream offset where long noise continues; `_NOWHERE` if there is none."""
+        self._skipping = False
+        """Whether the long noise is already being skipped."""
         self._not_before: i64 = 0
-        """Place in `_data` before which weighing again would tell nothing new."""
-        self._weighed_to: i64 = 0
-        """Place in `_data` up to which readings have been weighed."""
-        self._firm_from: i64 = 0
-        """Place in `_data` before which frames that fit are in doubt after all."""
+        """Offset in `_data` before which decoding again would learn nothing new."""
+        self._decoded_to: i64 = 0
+        """Offset in `_data` up to which candidates have been decoded."""
+        self._unambiguous_from: i64 = 0
+        """Offset in `_data` before which frames turned out to be ambiguous."""
         self._pauses = IdleTimes(baud)
         self._settled = False
 
-    def pace(self, baud: int) -> None:
-        """The line has `baud` bits per second from the next chunk on."""
-        self._timeline.pace(byte_time_ns(baud))
-        self._pauses.pace(baud)
+    def set_baud(self, baud: int) -> None:
+        """Set the bits per second of the line from the next chunk on.
+
+        Raises:
+            ValueRangeError: `baud` is less than 1.
+        """
+        self._timeline.set_byte_time(byte_time_ns(baud))
+        self._pauses.set_baud(baud)
 
     def feed(self, chunk: Chunk) -> list[Row]:
-        """The rows that this chunk completes; never raises on wire data."""
-        self.pour(chunk)
+        """Process a chunk and return the rows it completes; never raises on wire data."""
+        self.push(chunk)
         return self._rows()
 
     def flush(self) -> list[Row]:
-        """The rows of whatever is still held; the stream ends here."""
-        self.end()
+        """Decide all pending bytes and return their rows; the stream ends here."""
+        self.finish()
         return self._rows()
 
     def _rows(self) -> list[Row]:
-        """The rows since the last time."""
-        if self._line.tiles.end == self._kept.start:
+        if self._line.segments.end == self._decided.start:
             return []
-        return self.take().rows()
+        return self.drain().rows()
 
-    def take(self) -> DecidedSpan:
-        """All that was decided since the last time, for who wants more at once than rows."""
-        return self._kept.take(self._line.take())
+    def drain(self) -> DecidedSpan:
+        """All that was decided since the last call, as columns instead of rows."""
+        return self._decided.drain(self._line.drain())
 
-    def cut(self) -> list[Row]:
-        """As `flush`, but the stream goes on: what comes next joins nothing that came before.
+    def restart(self) -> list[Row]:
+        """Flush, and start a new stream: the next bytes join nothing before them.
 
-        Offsets go on rising, and times do not fall.
+        Offsets continue to rise, and times do not fall.
         """
         rows = self.flush()
-        self._carry = joined()
-        self._line.join(self._base)
+        self._state = at_stream_start()
+        self._line.reset(self._base)
         return rows
 
-    def set_back(self) -> None:
-        """The clock was set: times from the next chunk on may be before those by now.
+    def reset_clock(self) -> None:
+        """Let times from the next chunk on be earlier than those so far.
 
-        It is for logs, whose times are as they were written; the bytes go on as they did.
+        For logs whose clock was set; the bytes continue as one stream.
         """
-        self._timeline.set_back()
+        self._timeline.reset_clock()
 
     @property
-    def waits_since_ns(self) -> int | None:
-        """When the first byte that stands in no row yet began; None where there is none."""
-        offset = self._line.tiles.noise_from
+    def pending_since_ns(self) -> int | None:
+        """When the first byte that is in no row yet began; None without such a byte."""
+        offset = self._line.segments.noise_from
         if offset < 0:
             offset = self._base + self._at
             if self._at == len(self._data):
                 return None
-        return self._timeline.marks.mark(offset).time_and_delay(offset)[0]
+        return self._timeline.times.at(offset).time_and_delay(offset)[0]
 
-    def pour(self, chunk: Chunk) -> None:
-        """Decide what this chunk decides."""
+    def push(self, chunk: Chunk) -> None:
+        """Process a chunk without making rows; see `drain`."""
         if chunk.data:
-            silence = self._timeline.add(chunk)
+            silence = self._timeline.append(chunk)
             if silence >= self._pauses.least_ns:
-                self._be_silent(silence)
-                self._pauses.add(self._base + len(self._data))
+                self._on_silence(silence)
+                self._pauses.append(self._base + len(self._data))
             self._data += chunk.data
             self._settled = False
             self._advance()
         else:
-            self._be_silent(self._timeline.silence_at(chunk.t_ns))
+            self._on_silence(self._timeline.silence_at(chunk.t_ns))
         if self._at:
             self._drop_decided()
 
-    def end(self) -> None:
-        """Decide whatever is still held."""
+    def finish(self) -> None:
+        """Decide all pending bytes without making rows; see `drain`."""
         self._settle(hold=False)
         self._drop_decided()
 
@@ -306,122 +308,134 @@ class Framer:
         """Decide all that the bytes so far decide."""
         while True:
             if self._lost_from >= 0:
-                moved = self._pass_noise()
-            elif self._carry is None:
+                moved = self._skip_noise()
+            elif self._state is None:
                 moved = self._follow_run()
             else:
-                moved = self._weigh_if_due()
+                moved = self._decode_if_ready()
             if not moved:
                 return
 
     def _follow_run(self) -> bool:
-        """In step: take the frames that leave no doubt; False where more bytes are needed."""
-        data, at, end = self._data, self._at, i64(len(self._data))
-        if end - at < LENGTH:
+        """In step: take the certain frames; False if more bytes are needed."""
+        tables, data, at, end = self._tables, self._data, self._at, i64(len(self._data))
+        length = tables.length
+        if end - at < length:
             return False
-        run = run_end(data, at, end, calm=self._line.calm())
-        sure = run - LENGTH
-        calm = self._line.calm((sure - at) // LENGTH)
-        if run > at and (is_calm(data, sure) if calm else is_firm(data, sure, end)):
-            sure = run
+        run = end_of_run(tables, data, at, end, calm=self._line.is_calm())
+        sure = run - length
+        if run > at:
+            calm = self._line.is_calm((sure - at) // length)
+            if is_clear(tables, data, sure) if calm else is_isolated(tables, data, sure, end):
+                sure = run
         if sure > at:
-            self._line.run(self._base + at, self._base + sure)
+            self._line.append_run(self._base + at, self._base + sure)
             self._at = sure
-        waiting = 2 * LENGTH if sure < run else LENGTH
+        waiting = 2 * length if sure < run else length
         if end - self._at < waiting:
             return False
-        self._carry = _IN_STEP
+        self._state = _CERTAIN
         self._not_before = 0
         return True
 
-    def _weigh_if_due(self) -> bool:
-        """Disputed: decide what is beyond doubt before a frame, or weigh the readings once enough
-        bytes are there; False before that."""
-        data, at = self._data, self._at
-        if len(data) - at < LENGTH + BEHIND:
+    def _decode_if_ready(self) -> bool:
+        """Disputed: decide what comes before an unambiguous frame, or decode once enough bytes have
+        arrived; False before that."""
+        tables, data, at = self._tables, self._data, self._at
+        if len(data) - at < tables.longest:
             return False
-        firm = _NOWHERE
-        if not self._pauses.behind(self._base + at):
-            if self._carry is _IN_STEP:
-                damage = undisputed(data, at)
+        frame = _NOWHERE
+        if not self._pauses.any_after(self._base + at):
+            if self._state is _CERTAIN:
+                damage = clear_damage(tables, data, at)
                 if damage is not None:
                     self._decide([damage])
-                    self._carry = None
+                    self._state = None
                     return True
-            firm = doubtless_frame(data, max(at, self._firm_from), at + WIDEST)
-        due, end = _NOWHERE, _NOWHERE
-        if firm < 0 or firm - at >= LENGTH:
-            due, end = next_due(data, at, self._not_before, self._weighed_to)
-        if firm >= 0 and (due < 0 or firm + LENGTH + BEHIND <= due):
-            if not self._read_before(firm):
-                self._firm_from = firm + LENGTH
+            frame = find_unambiguous(
+                tables, data, max(at, self._unambiguous_from), at + tables.widest
+            )
+        wait, end = _NOWHERE, _NOWHERE
+        if frame < 0 or frame - at >= tables.length:
+            wait, end = next_decoding(tables, data, at, self._not_before, self._decoded_to)
+        if frame >= 0 and (wait < 0 or frame + tables.longest <= wait):
+            if not self._decode_before(frame):
+                self._unambiguous_from = frame + tables.length
             return True
-        if due < 0:
+        if wait < 0:
             return False
-        self._weigh_to(end)
+        self._decode_to(end)
         return True
 
-    def _weigh_to(self, end: i64) -> None:
-        """Weigh the readings of all bytes up to there, and decide what leaves no doubt."""
-        weighing = self._weigh(end, OPEN)
-        reading = self._read(weighing)
-        self._weighed_to = end
-        if len(reading) > 1 and reading[-1].certain and reading[-2].certain:
-            self._decide(reading[:-1])
-            self._carry = None
+    def _decode_to(self, end: i64) -> None:
+        """Decode all bytes up to `end`, and decide what is settled."""
+        tables = self._tables
+        posterior = self._posterior(end, OPEN)
+        segments = self._decode(posterior)
+        self._decoded_to = end
+        if len(segments) > 1 and segments[-1].certain and segments[-2].certain:
+            self._decide(segments[:-1])
+            self._state = None
             return
-        parts = settled_part(reading, self._data, self._at, end)
-        if not parts:
-            self._not_before = min(end + LENGTH, self._at + WIDEST)
+        settled = settled_segments(tables, segments, self._data, self._at, end)
+        if not settled:
+            self._not_before = min(end + tables.length, self._at + tables.widest)
             return
-        last = parts[-1]
+        last = settled[-1]
         noise = last.faults == NOISE
-        noisy = noise and end - self._at >= WIDEST
-        self._carry = _IN_STEP if last.certain else weighing.carry(last.stop, ends_frame=not noise)
-        self._decide(parts)
+        lost = noise and end - self._at >= tables.widest
+        if last.certain:
+            self._state = _CERTAIN
+        else:
+            self._state = posterior.boundary_state(last.stop, ends_frame=not noise)
+        self._decide(settled)
         self._not_before = 0
-        if noisy:
-            self._lost_from, self._passing = self._base + self._at, False
+        if lost:
+            self._lost_from, self._skipping = self._base + self._at, False
 
-    def _read_before(self, firm: i64) -> bool:
-        """Decide all before a frame beyond doubt; False where that is in doubt after all."""
-        parts: list[Segment] | None = None
-        if self._carry is _IN_STEP:
-            parts = read_by_itself(self._data, self._at, firm, calm=self._line.calm())
-        if parts is None:
-            parts = self._read(self._weigh(firm + LENGTH, BOUNDARY))
-            if not parts.pop().certain:
+    def _decode_before(self, frame: i64) -> bool:
+        """Decide all before an unambiguous frame; False if that is ambiguous after all."""
+        segments: list[Segment] | None = None
+        if self._state is _CERTAIN:
+            segments = decode_alone(
+                self._tables, self._data, self._at, frame, calm=self._line.is_calm()
+            )
+        if segments is None:
+            segments = self._decode(self._posterior(frame + self._tables.length, BOUNDARY))
+            if not segments.pop().certain:
                 return False
-        self._decide(parts)
-        self._carry = None
+        self._decide(segments)
+        self._state = None
         self._not_before = 0
         return True
 
-    def _weigh(self, end: i64, ending: i64) -> ForwardBackward:
+    def _posterior(self, end: i64, ending: i64) -> ForwardBackward:
+        """The posterior probabilities of the pending bytes up to `end`."""
         pauses = self._pauses.within(self._base + self._at, self._base + end)
-        window = CandidateSet(self._data[self._at : end], pauses)
-        return ForwardBackward(window, self._carry or _IN_STEP, ending)
+        candidates = CandidateSet(self._tables, self._data[self._at : end], pauses)
+        return ForwardBackward(candidates, self._state or _CERTAIN, ending)
 
-    def _read(self, weighing: ForwardBackward) -> list[Segment]:
-        reading = chosen(weighing)
-        return calmly(weighing, reading) if self._line.calm() else reading
+    def _decode(self, posterior: ForwardBackward) -> list[Segment]:
+        segments = decode(posterior)
+        return trust_calm_line(posterior, segments) if self._line.is_calm() else segments
 
-    def _pass_noise(self) -> bool:
-        """Lost: pass over the noise to the next anchor; False where none has come yet."""
-        data = self._data
-        anchor = anchor_from(data, self._at)
-        known = anchor if anchor >= 0 else len(data) - ANCHOR_REACH
-        enough = self._lost_from - self._base + WIDEST
-        if not self._passing:
-            limit = min(i64(len(data)), enough + ANCHOR_REACH)
-            promised = next_promised(data, self._at, self._weighed_to, limit)
-            if promised >= 0 and (anchor < 0 or promised <= anchor + 2 * LENGTH):
+    def _skip_noise(self) -> bool:
+        """Lost: skip the noise up to the next anchor; False if none has arrived yet."""
+        tables, data = self._tables, self._data
+        anchor = find_anchor(tables, data, self._at)
+        reach = 2 * tables.length - 1  # Bytes that an incomplete anchor has at most.
+        known = anchor if anchor >= 0 else len(data) - reach
+        enough = self._lost_from - self._base + tables.widest
+        if not self._skipping:
+            limit = min(i64(len(data)), enough + reach)
+            deadline = next_deadline(tables, data, self._at, self._decoded_to, limit)
+            if deadline >= 0 and (anchor < 0 or deadline <= anchor + 2 * tables.length):
                 self._lost_from = _NOWHERE
                 return True
-        if self._passing or known >= enough:
-            self._passing = True
-            self._carry = lost()
-            self._take_noise(lead(data, self._at, known))
+        if self._skipping or known >= enough:
+            self._skipping = True
+            self._state = in_long_noise()
+            self._decide_noise(lead_start(tables, data, self._at, known))
         if anchor >= 0:
             self._lost_from = _NOWHERE
             self._not_before = 0
@@ -429,7 +443,7 @@ class Framer:
 
     # Silence
 
-    def _be_silent(self, silence_ns: int) -> None:
+    def _on_silence(self, silence_ns: int) -> None:
         if silence_ns >= SETTLING_NS and not self._settled:
             self._settle(hold=True)
             self._settled = True
@@ -437,48 +451,48 @@ class Framer:
             self._settle(hold=False)
 
     def _settle(self, *, hold: bool) -> None:
-        """Decide everything up to here; `hold` the beginning of a frame that may go on."""
+        """Decide all bytes so far; `hold` keeps the start of a frame that may continue."""
         if self._at < len(self._data):
-            reading = self._read(self._weigh(len(self._data), CLOSED))
-            last = reading[-1]
-            held = hold and not last.framed and self._can_go_on(last)
-            self._decide(reading[:-1] if held else reading)
-            in_step = held or last.certain
-            self._carry = None if in_step else settled()
+            segments = self._decode(self._posterior(len(self._data), CLOSED))
+            last = segments[-1]
+            held = hold and not last.framed and self._can_continue(last)
+            self._decide(segments[:-1] if held else segments)
+            self._state = None if held or last.certain else after_silence()
             self._lost_from = _NOWHERE
             self._not_before = 0
-        self._line.tiles.end_noise()
+        self._line.segments.end_noise()
 
-    def _can_go_on(self, last: Segment) -> bool:
-        """Whether the pending bytes end with the beginning of a frame."""
+    def _can_continue(self, last: Segment) -> bool:
+        """Whether the pending bytes end with the start of a frame."""
         if last.faults & TRUNCATED == 0:
             return False
         start = self._at + last.start
-        front = PrefixScore(self._data, start, min(i64(len(self._data)), start + LENGTH))
-        return front.fit >= last.stop - last.start
+        end = min(i64(len(self._data)), start + self._tables.length)
+        prefix = PrefixScore(self._tables, self._data, start, end)
+        return prefix.fit >= last.stop - last.start
 
-    # Decided bytes become rows
+    # Decided bytes
 
-    def _decide(self, reading: list[Segment]) -> None:
-        if reading:
-            self._line.parts(self._base + self._at, reading)
-            self._at += reading[-1].stop
-        self._firm_from = 0
+    def _decide(self, segments: list[Segment]) -> None:
+        if segments:
+            self._line.append(self._base + self._at, segments)
+            self._at += segments[-1].stop
+        self._unambiguous_from = 0
 
-    def _take_noise(self, stop: i64) -> None:
-        """Take the bytes up to `stop` as noise, which may go on."""
+    def _decide_noise(self, stop: i64) -> None:
+        """Decide that the bytes up to `stop` are noise, which may continue."""
         if stop > self._at:
-            self._line.tiles.noise(self._base + self._at, self._base + stop)
+            self._line.segments.append_noise(self._base + self._at, self._base + stop)
             self._at = stop
 
     def _drop_decided(self) -> None:
-        """Forget the bytes that are decided."""
+        """Forget the decided bytes."""
         done = self._at
-        self._kept.add(self._data, done)
+        self._decided.append(self._data, done)
         self._data = self._data[done:]
         self._base += done
         self._at = 0
         self._not_before = max(i64(0), self._not_before - done)
-        self._weighed_to = max(i64(0), self._weighed_to - done)
-        self._firm_from = max(i64(0), self._firm_from - done)
+        self._decoded_to = max(i64(0), self._decoded_to - done)
+        self._unambiguous_from = max(i64(0), self._unambiguous_from - done)
         self._pauses.forget(self._base)

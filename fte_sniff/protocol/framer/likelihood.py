@@ -1,183 +1,191 @@
-"""Log-likelihood of frame, damaged frame and noise bytes.
+"""Likelihood model: scores of frames, damaged frames and noise.
 
-What was chosen, and why:
+A score is a prior probability times a likelihood ratio: the probability of the bytes if they were
+sent as described, divided by their probability as random bytes (1/256 each). So a random byte
+scores 1. Scores are multiplied, not added as logarithms: a span is short enough for floats.
 
-- One frame in ten is damaged. Readings hardly depend on it: it is small against what structure
-  tells, and large enough that damage is considered at once.
-- Five kinds of damage are equally likely: 1-9 adjacent bytes lost, 1-4 put in, one bit flipped,
-  2-6 adjacent bytes replaced, 1-30 bytes of junk before a frame. Each place is equally likely.
-- Payload bytes are not uniform: 00 and FF are common, 01-03 too, and AA, 55 and EE get a surplus.
-  Without it, three payload bytes that happen to imitate a frame's first bytes would
-  weigh as much as real evidence.
-- Long noise (a wrong baud rate, a plugged-in cable) is rare to begin, and lasts once it began; a
-  lone legal-looking frame in the midst of it has to outweigh leaving noise and beginning it anew.
-- A pause on the line between two bytes is 64 times as likely between frames as within one.
+The assumptions:
+
+- One frame in ten is damaged. The result hardly depends on this number: it is small against the
+  evidence of the frame layout, and large enough for damage to be considered at once.
+- Five kinds of damage are equally likely, and so is each position of it: 1 to n-1 adjacent bytes of
+  a frame of n bytes lost, 1-4 inserted, one bit flipped, 2-6 adjacent bytes replaced, 1-30 bytes of
+  junk before a frame.
+- Payload bytes are not uniform: 00, FF and 01-03 are common, and headers and tails get a surplus.
+  Without it, a payload that imitates the first bytes of a frame would score like real evidence.
+- Long noise (a wrong baud rate, a plugged-in cable) rarely begins, but lasts. A single frame
+  inside it must outweigh the end of the noise and a new beginning.
+- A pause on the line is 64 times as likely between two frames as within one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Final
 
 from librt.vecs import vec
 from mypy_extensions import i64
 
-from fte_sniff.protocol.codec import HEADER_BYTES, LONGEST_OVERLONG, legal_bytes
-from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, NUM_OFFSET, TAIL, FrameKind
+from fte_sniff.protocol.spec import NUM_OFFSET, FrameFormat, FrameKind
+
+# Priors
 
 DAMAGED: Final = 0.1
 """Share of frames that are damaged."""
 
-WHOLE: Final = 1 - DAMAGED
+INTACT: Final = 1 - DAMAGED
 """Share of frames that arrive as they were sent."""
 
-_EACH_HARM: Final = DAMAGED / 5
+_EACH_DAMAGE: Final = DAMAGED / 5
 
-LONGEST_JUNK: Final = 30
-"""Bytes that junk before a frame has at most; more is long noise."""
-
-JUNK: Final = _EACH_HARM / LONGEST_JUNK
-"""Weight of junk of one certain length."""
-
-NOISE_BEGINS: Final = 1e-5
-"""Weight of long noise beginning at a boundary."""
-
-NOISE_ENDS: Final = 1 / 500
-"""Weight of long noise ending at a header."""
-
-NOISE_STAYS: Final = 1 - NOISE_ENDS
-
-FOREIGN: Final = 0.002
-"""Share of frames with a header, a tail and content that this protocol does not have."""
-
-PAUSE_WITHIN: Final = 1 / 64
-"""Weight of a pause within a frame, against one between frames."""
-
-UNPAUSED: Final = 1 / 64
-"""Weight of two pieces meeting without a pause, where other pauses show that the line has them."""
-
-CERTAIN: Final = 0.9995
-"""A frame that is at least so probable is believed; a less probable one is `ambiguous`."""
-
-SHOWN: Final = 0.03
-"""A frame that is at least so probable is shown as a frame, if no other claims its bytes."""
-
-
-def _uneven(shares: Mapping[int, float]) -> tuple[float, ...]:
-    """Weights of a byte's values, where some have a share of their own and the rest is even."""
-    even = (1.0 - sum(shares.values(), 0.0)) / (256 - len(shares))
-    return tuple(256 * shares.get(byte, even) for byte in range(256))
-
-
-_IMITATING: Final = dict.fromkeys([*HEADER_BYTES, TAIL], 0.03)
-_PAYLOAD: Final = _uneven({0x00: 0.25, 0xFF: 0.08, **dict.fromkeys((1, 2, 3), 0.03), **_IMITATING})
-_UNUSED_NUM: Final = _uneven({0x00: 0.5})
-_USUAL_FLAGS: Final = 0.9
-"""Share of flag bytes that have the value of the protocol's examples."""
-
-
-def _place_weights(kind: FrameKind, place: int) -> tuple[float, ...]:
-    """For one place of a kind the weight of each byte value; 0 where it does not fit."""
-    legal = legal_bytes(kind)[place]
-    if legal is None:
-        return _UNUSED_NUM if place == NUM_OFFSET else _PAYLOAD
-    weights = [0.0] * 256
-    usual = next((f.default for f in kind.fields if f.start == place and f.size == 1), None)
-    for byte in legal:
-        weights[byte] = 256 / len(legal)
-        if usual is not None:
-            rest = (1 - _USUAL_FLAGS) / (len(legal) - 1)
-            weights[byte] = 256 * (_USUAL_FLAGS if byte == usual else rest)
-    return tuple(weights)
-
-
-def _choices(header: int) -> int:
-    """How many CMDs a header has."""
-    return sum(len(kind.cmds) for kind in KINDS if kind.header == header)
-
-
-PLACE_WEIGHTS: Mapping[str, tuple[tuple[float, ...], ...]] = MappingProxyType(
-    {
-        kind.name: tuple(_place_weights(kind, place) for place in range(FRAME_LENGTH))
-        for kind in KINDS
-    }
-)
-"""By kind, place and byte value: the weight if that kind was sent, 0 where the byte cannot be."""
-
-KIND_SHARE: Mapping[str, float] = MappingProxyType(
-    {kind.name: len(kind.cmds) / _choices(kind.header) / len(HEADER_BYTES) for kind in KINDS}
-)
-"""The share of a kind among all frames: every header is equally likely, and every CMD under it."""
-
-HEADER_WEIGHT: Final = 256 / len(HEADER_BYTES)
-"""Weight of a header byte at the first place of a frame."""
-
-BROKEN: Final = 1e-5
-"""Weight of a frame damaged twice or in some other way, its tail left, of one certain length."""
-
-UNUSUAL: Final = 0.003
-"""Share of frames with reserve bytes or flags that the document does not show."""
-
-LIKELY: Final = 0.5
-"""A frame that does not fit its kind at every place is `ambiguous` if it is less probable."""
-
-FOREIGN_FRAME: Final = FOREIGN * HEADER_WEIGHT * 256
-"""Weight of ten bytes between a header and a tail, whatever they are."""
-
-
-def _lost(length: int) -> float:
-    """Weight of a truncated frame of `length` bytes, for one place of the loss."""
-    return _EACH_HARM / (FRAME_LENGTH - 1) / (length + 1)
-
-
-LOST: tuple[float, ...] = (0.0, *(_lost(length) for length in range(1, FRAME_LENGTH)))
-"""By length left: weight of one certain run of bytes having been lost."""
-
-PUT_IN: Final = _EACH_HARM / (LONGEST_OVERLONG - FRAME_LENGTH) / (FRAME_LENGTH - 1)
-"""Weight of one certain number of bytes having been put in at one certain place."""
-
-
-def _changed(width: int) -> float:
-    if width == 1:
-        return _EACH_HARM / FRAME_LENGTH / 8
-    return _EACH_HARM / 5 / (FRAME_LENGTH + 1 - width)
-
+MOST_INSERTED: Final = 4
+"""Largest number of bytes inserted into a frame."""
 
 WIDEST_CHANGE: Final = 6
-"""Bytes that one replacement changes at most."""
+"""Largest number of adjacent bytes that one replacement changes."""
 
-CHANGED: tuple[float, ...] = (0.0, *(_changed(width) for width in range(1, WIDEST_CHANGE + 1)))
-"""By width: weight of that many adjacent bytes having been changed at one certain place."""
+LONGEST_JUNK: Final = 30
+"""Largest number of junk bytes before a frame; more is long noise."""
+
+JUNK: Final = _EACH_DAMAGE / LONGEST_JUNK
+"""Score of junk of one given length."""
+
+NOISE_BEGINS: Final = 1e-5
+"""Score of long noise that begins at a boundary between segments."""
+
+NOISE_ENDS: Final = 1 / 500
+"""Score of long noise that ends at a header."""
+
+NOISE_CONTINUES: Final = 1 - NOISE_ENDS
+"""Score of one more byte of long noise."""
+
+FOREIGN: Final = 0.002
+"""Share of frames with a header, a tail, and a CMD that is not in the frame table."""
+
+UNUSUAL: Final = 0.003
+"""Share of frames with reserve bytes or flags that the protocol document does not show."""
+
+BROKEN: Final = 1e-5
+"""Score of a frame of one given length, damaged twice or in another way, that keeps its tail."""
+
+PAUSE_WITHIN: Final = 1 / 64
+"""Score of a pause within a frame, relative to one between frames."""
+
+NO_PAUSE_BETWEEN: Final = 1 / 64
+"""Score of two segments that meet without a pause, on a line whose bytes show other pauses."""
+
+# Decision thresholds (posterior probabilities)
+
+CERTAIN: Final = 0.9995
+"""A whole frame below this probability is `ambiguous`."""
+
+LIKELY: Final = 0.5
+"""A frame with other faults is also `ambiguous` below this probability."""
+
+SHOWN: Final = 0.03
+"""A whole frame below this probability is not shown as a frame."""
 
 
-_LONGEST: Final = 512
-"""Bytes of the longest stretch that is weighed; the framer never asks for as many."""
+# Scores that depend on the frame table
 
-# What is known of the line behind a stretch
+
+def _distribution(shares: Mapping[int, float]) -> tuple[float, ...]:
+    """The score of each byte value: `shares` for the values in it, the rest is uniform."""
+    rest = (1.0 - sum(shares.values(), 0.0)) / (256 - len(shares))
+    return tuple(256 * shares.get(byte, rest) for byte in range(256))
+
+
+_UNUSED_NUM: Final = _distribution({0x00: 0.5})
+_USUAL_FLAGS: Final = 0.9
+"""Share of flag bytes that have their default value."""
+
+
+def byte_scores(frame_format: FrameFormat, kind: FrameKind) -> list[tuple[float, ...]]:
+    """For each offset in a frame of a kind the score of each byte value; 0 for illegal values."""
+    delimiters = dict.fromkeys([*frame_format.headers.values(), frame_format.tail], 0.03)
+    payload = _distribution(
+        {0x00: 0.25, 0xFF: 0.08, **dict.fromkeys((1, 2, 3), 0.03), **delimiters}
+    )
+    defaults = {field.start: field.default for field in kind.fields}
+    scores: list[tuple[float, ...]] = []
+    for offset, legal in enumerate(frame_format.legal_bytes(kind)):
+        if legal is not None:
+            scores.append(_legal_scores(legal, defaults.get(offset)))
+        elif offset == NUM_OFFSET and not kind.names_motor:
+            scores.append(_UNUSED_NUM)
+        else:
+            scores.append(payload)
+    return scores
+
+
+def _legal_scores(legal: bytes, default: int | None) -> tuple[float, ...]:
+    scores = [0.0] * 256
+    for byte in legal:
+        scores[byte] = 256 / len(legal)
+        if default is not None:
+            rest = (1 - _USUAL_FLAGS) / (len(legal) - 1)
+            scores[byte] = 256 * (_USUAL_FLAGS if byte == default else rest)
+    return tuple(scores)
+
+
+def kind_share(frame_format: FrameFormat, kind: FrameKind) -> float:
+    """The share of a kind among all frames: headers are equally likely, and CMDs of a header."""
+    same_header = [k for k in frame_format.kinds if k.direction == kind.direction]
+    cmds = sum(len(k.cmds) for k in same_header)
+    return len(kind.cmds) / cmds / len(frame_format.headers)
+
+
+def header_score(frame_format: FrameFormat) -> float:
+    """The score of a header byte at the start of a frame."""
+    return 256 / len(frame_format.headers)
+
+
+def truncation_scores(length: int) -> tuple[float, ...]:
+    """By number of bytes left: the score of one given run of bytes lost from `length` bytes."""
+    return (0.0, *(_EACH_DAMAGE / (length - 1) / (left + 1) for left in range(1, length)))
+
+
+def insertion_score(length: int) -> float:
+    """The score of a given number of bytes inserted at a given offset of `length` bytes."""
+    return _EACH_DAMAGE / MOST_INSERTED / (length - 1)
+
+
+def change_scores(length: int) -> tuple[float, ...]:
+    """By width: the score of that many bytes changed at a given offset of `length` bytes."""
+    flipped = _EACH_DAMAGE / length / 8
+    widths = range(2, WIDEST_CHANGE + 1)
+    return (0.0, flipped, *(_EACH_DAMAGE / 5 / (length + 1 - width) for width in widths))
+
+
+# Noise
 
 OPEN: Final[i64] = 0
-"""Bytes may follow at once."""
+"""More bytes may follow the span at once."""
 CLOSED: Final[i64] = 1
-"""Silence, or the end of the stream."""
+"""Silence or the end of the stream follows the span."""
 BOUNDARY: Final[i64] = 2
-"""No frame goes on behind it."""
+"""No frame continues after the span."""
 
-_GOES_ON: Final[vec[float]] = vec[float]([1.0, NOISE_ENDS, NOISE_ENDS])
-_STAYING: Final[vec[float]] = vec[float]([NOISE_STAYS**length for length in range(_LONGEST + 1)])
+_LONGEST_SPAN: Final = 512
+"""Length of the noise tables; the framer decodes shorter spans only."""
+
+_AT_END: Final[vec[float]] = vec[float]([1.0, NOISE_ENDS, NOISE_ENDS])
+_NOISE_CONTINUES: Final[vec[float]] = vec[float](
+    [NOISE_CONTINUES**length for length in range(_LONGEST_SPAN + 1)]
+)
 
 
 def _to_header(length: int) -> float:
     if not length:
         return 0.0
-    long = NOISE_BEGINS * NOISE_STAYS ** (length - 1) * NOISE_ENDS
+    long = NOISE_BEGINS * NOISE_CONTINUES ** (length - 1) * NOISE_ENDS
     return long + (JUNK if length <= LONGEST_JUNK else 0.0)
 
 
-def _run(length: int) -> float:
+def _best_run(length: int) -> float:
     if length <= LONGEST_JUNK:
         return JUNK
-    return NOISE_BEGINS * NOISE_ENDS * NOISE_STAYS ** (length - 1)
+    return NOISE_BEGINS * NOISE_ENDS * NOISE_CONTINUES ** (length - 1)
 
 
 def _to_end(ending: i64, length: int) -> float:
@@ -185,39 +193,35 @@ def _to_end(ending: i64, length: int) -> float:
         return 1.0
     lengths = LONGEST_JUNK + 1 - length if ending == OPEN else 1
     junk = JUNK * lengths if length <= LONGEST_JUNK else 0.0
-    return junk + NOISE_BEGINS * NOISE_STAYS ** (length - 1) * _GOES_ON[ending]
+    return junk + NOISE_BEGINS * NOISE_CONTINUES ** (length - 1) * _AT_END[ending]
 
 
 NOISE_TO_HEADER: Final[vec[float]] = vec[float](
-    [_to_header(length) for length in range(_LONGEST + 1)]
+    [_to_header(length) for length in range(_LONGEST_SPAN + 1)]
 )
-"""By length: the weight of noise, short or long, up to a header."""
+"""By length: the score of noise, short or long, before a header."""
 
-_RUNS: Final[vec[float]] = vec[float]([_run(length) for length in range(_LONGEST + 1)])
+_BEST_RUN: Final[vec[float]] = vec[float]([_best_run(n) for n in range(_LONGEST_SPAN + 1)])
 _TO_END: Final[vec[float]] = vec[float](
-    [
-        _to_end(ending, length)
-        for ending in (OPEN, CLOSED, BOUNDARY)
-        for length in range(_LONGEST + 1)
-    ]
+    [_to_end(end, n) for end in (OPEN, CLOSED, BOUNDARY) for n in range(_LONGEST_SPAN + 1)]
 )
 
 
-def staying(length: i64) -> float:
-    """The weight of long noise going on for so many bytes."""
-    return _STAYING[length]
+def noise_continues(length: i64) -> float:
+    """The score of long noise that continues for `length` bytes."""
+    return _NOISE_CONTINUES[length]
 
 
-def unending(ending: i64) -> float:
-    """The weight of long noise at the end of a stretch."""
-    return _GOES_ON[ending]
+def noise_at_end(ending: i64) -> float:
+    """The score of long noise at the end of a span with that `ending`."""
+    return _AT_END[ending]
 
 
 def noise_to_end(ending: i64, length: i64) -> float:
-    """The weight of noise of so many bytes up to the end of a stretch; 1 for none."""
-    return _TO_END[ending * (_LONGEST + 1) + length]
+    """The score of `length` bytes of noise up to the end of a span; 1 for none."""
+    return _TO_END[ending * (_LONGEST_SPAN + 1) + length]
 
 
 def noise_run(length: i64) -> float:
-    """The weight of one run of noise of so many bytes, if it is the likelier of short and long."""
-    return _RUNS[length]
+    """The score of `length` bytes of noise, as the likelier of junk and long noise."""
+    return _BEST_RUN[length]

@@ -1,8 +1,9 @@
-"""Forward–backward pass; state carried over a boundary.
+"""Posterior probabilities of a span's segments: the forward-backward algorithm.
 
-The passes go from header to header and from tail to tail, since nothing begins a frame or ends one
-anywhere else; what lies between is reckoned as a whole. They take time and memory in proportion to
-the stretch, which the framer bounds.
+The model is a hidden semi-Markov model: its states are segments (frame, damaged frame, junk, long
+noise) of variable length. The passes visit headers and tails only, because no frame starts or ends
+anywhere else; the bytes between are summed up at once. Time and memory are proportional to the
+span, whose length the framer limits.
 """
 
 from __future__ import annotations
@@ -15,304 +16,312 @@ from mypy_extensions import i64, mypyc_attr
 from fte_sniff.protocol.framer.candidates import AT_TAIL, CandidateEnd, CandidateSet, PrefixScore
 from fte_sniff.protocol.framer.likelihood import (
     BOUNDARY,
+    INTACT,
     JUNK,
     LONGEST_JUNK,
     NOISE_BEGINS,
+    NOISE_CONTINUES,
     NOISE_ENDS,
-    NOISE_STAYS,
     NOISE_TO_HEADER,
     OPEN,
-    WHOLE,
+    noise_at_end,
+    noise_continues,
     noise_to_end,
-    staying,
-    unending,
 )
-from fte_sniff.protocol.framer.tables import HEADER, LENGTH, MARKS
+from fte_sniff.protocol.framer.tables import HEADER
 
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
 class BoundaryState:
-    """The weights of the readings so far, by where they end."""
+    """Forward probabilities at the boundary between decided and pending bytes."""
 
     def __init__(
         self,
-        after_piece: vec[float],
+        after_frame: vec[float],
         after_noise: vec[float],
         in_noise: float,
         ends_frame: bool = False,
-        within: float = 0.0,
+        within_frame: float = 0.0,
     ) -> None:
-        self.after_piece = after_piece
-        """By place: the weight of all readings of the bytes before it whose last piece ends
+        self.after_frame = after_frame
+        """By offset: the score of all paths whose last segment, a frame or a damaged one, ends
         there."""
         self.after_noise = after_noise
-        """The same for readings that end there with noise."""
+        """By offset: the same for paths that end there with noise."""
         self.in_noise = in_noise
-        """The weight of readings with long noise going on at the first place."""
+        """The score of paths in long noise at the first offset."""
         self.ends_frame = ends_frame
-        """Whether the rows so far end here with a frame, or with something else of known length."""
-        self.within = within
-        """The weight of the first place being anywhere within a frame; only where a stream
-        begins."""
+        """Whether the last decided row is a frame, or another segment of known length."""
+        self.within_frame = within_frame
+        """The score of a start within a frame; only at the start of a stream."""
 
-    def joining(self, window: CandidateSet) -> BoundaryState:
-        """The same for a window whose first piece may be the rest of a frame begun before."""
-        rests = window.rests_from_first(LENGTH - 1)
-        weights = vec[float]([0.0] * (max(len(rests), len(self.after_piece))))
-        for place in range(i64(len(self.after_piece))):
-            weights[place] = self.after_piece[place]
-        for place in range(i64(1), i64(len(rests))):
-            weights[place] += self.within / float(LENGTH - 1) * rests[place]
-        return BoundaryState(weights, self.after_noise, self.in_noise, self.ends_frame, self.within)
+    def with_suffixes(self, candidates: CandidateSet) -> BoundaryState:
+        """The same for a span that may start with the rest of a frame."""
+        longest = candidates.tables.length - 1
+        suffixes = candidates.first_suffixes(longest)
+        scores = vec[float]([0.0] * (max(len(suffixes), len(self.after_frame))))
+        for at in range(i64(len(self.after_frame))):
+            scores[at] = self.after_frame[at]
+        for at in range(i64(1), i64(len(suffixes))):
+            scores[at] += self.within_frame / float(longest) * suffixes[at]
+        return BoundaryState(
+            scores, self.after_noise, self.in_noise, self.ends_frame, self.within_frame
+        )
 
 
-def trusted() -> BoundaryState:
-    """A frame ends here beyond doubt."""
+def after_certain_frame() -> BoundaryState:
+    """A frame ends here with certainty."""
     return BoundaryState(vec[float]([1.0]), vec[float](), 0.0)
 
 
-def joined() -> BoundaryState:
-    """The stream begins here: between two frames, or anywhere within one, or in noise."""
-    return BoundaryState(vec[float]([0.5]), vec[float](), 0.01, within=0.5)
+def at_stream_start() -> BoundaryState:
+    """The stream starts here: between two frames, within a frame, or in noise."""
+    return BoundaryState(vec[float]([0.5]), vec[float](), 0.01, within_frame=0.5)
 
 
-def settled() -> BoundaryState:
-    """The line was silent here: something ended, or long noise goes on."""
+def after_silence() -> BoundaryState:
+    """The line was silent: a segment ended here, or long noise continues."""
     return BoundaryState(vec[float]([1.0]), vec[float](), 0.05)
 
 
-def lost() -> BoundaryState:
-    """Long noise is going on."""
+def in_long_noise() -> BoundaryState:
+    """Long noise continues."""
     return BoundaryState(vec[float](), vec[float](), 1.0)
 
 
-_JUNK_REACH: Final[i64] = LONGEST_JUNK
-_TRUSTED: Final = trusted()
+_LONGEST_JUNK: Final[i64] = LONGEST_JUNK
+_CERTAIN: Final = after_certain_frame()
 
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
 class ForwardPass:
-    """What the pieces and the noise before some end lay on every place of a window."""
+    """Forward scores: for every offset, the sum over all paths from the left that end there."""
 
     def __init__(self, size: i64) -> None:
-        self.after_piece = vec[float]([0.0] * (size + 1))
-        """By place: the weight of all readings of the bytes before it whose last piece ends
-        there."""
+        self.after_frame = vec[float]([0.0] * (size + 1))
+        """By offset: paths whose last segment is a frame or a damaged one."""
         self.after_noise = vec[float]([0.0] * (size + 1))
-        """The same for readings that end there with noise."""
+        """By offset: paths whose last segment is noise."""
         self.in_noise = 0.0
-        """The weight of those that are in long noise at the end."""
+        """Paths that are in long noise at the end."""
 
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
 class ForwardBackward:
-    """The readings of a window, weighed; places are counted from the window's first byte."""
+    """Forward and backward scores of a span; offsets count from its first byte."""
 
-    def __init__(self, window: CandidateSet, carry: BoundaryState, ending: i64) -> None:
-        """`ending` is one of those that `noise` names."""
-        self.window = window
-        self.size = window.size
+    def __init__(self, candidates: CandidateSet, state: BoundaryState, ending: i64) -> None:
+        """`ending` is `OPEN`, `CLOSED` or `BOUNDARY`."""
+        self.candidates = candidates
+        self.size = candidates.size
         self.ending = ending
-        self._carried = carry.joining(window) if carry.within else carry
-        self._passed = self._forward(self._carried, self.size)
-        self._to_end = vec[float]([0.0] * (self.size + 1))
-        """By place: the weight of all readings from there on."""
-        self._at_header = vec[float]([0.0] * len(window.starts))
-        """By header: that of those that begin with a frame there."""
-        self._backward()
-        self._total = self._in_all(self._carried)
+        self._state = state.with_suffixes(candidates) if state.within_frame else state
+        self._forward = self._forward_pass(self._state, self.size)
+        self._backward = vec[float]([0.0] * (self.size + 1))
+        """By offset: the sum over all paths from there to the end."""
+        self._from_header = vec[float]([0.0] * len(candidates.prefixes))
+        """By header: the sum over the paths that start with a frame there."""
+        self._backward_pass()
+        self._total = self._sum_of_paths(self._state)
 
     # The two passes
 
-    def _forward(self, carry: BoundaryState, end: i64) -> ForwardPass:
-        """The weights that the pieces and the noise before `end` lay on every place."""
-        passed, window = ForwardPass(self.size), self.window
-        after_piece, after_noise = passed.after_piece, passed.after_noise
-        _fill(after_piece, carry.after_piece)
-        _fill(after_noise, carry.after_noise)
-        noise, noisy_to = carry.in_noise, i64(0)
-        for mark in window.marks:
-            if mark & AT_TAIL:
-                self._reach(window.stops[mark >> 1], passed, end)
+    def _forward_pass(self, state: BoundaryState, end: i64) -> ForwardPass:
+        """The forward scores of the segments that start before `end`."""
+        forward, candidates = ForwardPass(self.size), self.candidates
+        after_frame, after_noise = forward.after_frame, forward.after_noise
+        _copy(state.after_frame, after_frame)
+        _copy(state.after_noise, after_noise)
+        noise, noise_to = state.in_noise, i64(0)
+        for delimiter in candidates.delimiters:
+            if delimiter & AT_TAIL:
+                self._reach_tail(candidates.ends[delimiter >> 1], forward, end)
                 continue
-            front = window.starts[mark >> 1]
-            place = front.place
-            junk = _junk_up_to(place, min(place, end), after_piece)
-            if place >= end:
-                after_noise[place] += junk
+            prefix = candidates.prefixes[delimiter >> 1]
+            at = prefix.start
+            junk = _junk_to(at, min(at, end), after_frame)
+            if at >= end:
+                after_noise[at] += junk
                 continue
-            noise = _gone_on(noise, after_piece, noisy_to, place)
-            noisy_to = place
-            after_noise[place] += junk + noise * NOISE_ENDS
-            self._lay(front, self._before(passed, place), after_piece)
-        passed.in_noise = _gone_on(noise, after_piece, noisy_to, end)
-        return passed
+            noise = _long_noise(noise, after_frame, noise_to, at)
+            noise_to = at
+            after_noise[at] += junk + noise * NOISE_ENDS
+            self._leave_header(prefix, self._sum_before(forward, at), after_frame)
+        forward.in_noise = _long_noise(noise, after_frame, noise_to, end)
+        return forward
 
-    def _reach(self, stop: CandidateEnd, passed: ForwardPass, end: i64) -> None:
-        """Lay what the readings before `end` weigh on the place behind a tail that they reach."""
-        after_piece, after_noise = passed.after_piece, passed.after_noise
-        weights, first, paused = stop.weights, stop.first, self.window.paused
+    def _reach_tail(self, candidate_end: CandidateEnd, forward: ForwardPass, end: i64) -> None:
+        """Forward step: add the paths through all candidates that end with a tail."""
+        after_frame, after_noise = forward.after_frame, forward.after_noise
+        scores, first, paused = candidate_end.scores, candidate_end.first, self.candidates.paused
+        delimiters, data = self.candidates.tables.delimiters, self.candidates.data
         reached = 0.0
-        for at in range(first, min(stop.place, end)):
-            before = after_piece[at] + after_noise[at]
-            if paused and MARKS[self.window.data[at]] == HEADER:
-                before = self._before(passed, at)
-            reached += before * weights[at - first]
-        after_piece[stop.place] += reached
+        for at in range(first, min(candidate_end.stop, end)):
+            before = after_frame[at] + after_noise[at]
+            if paused and delimiters[data[at]] == HEADER:
+                before = self._sum_before(forward, at)
+            reached += before * scores[at - first]
+        after_frame[candidate_end.stop] += reached
 
-    def _lay(self, front: PrefixScore, weight: float, after_piece: vec[float]) -> None:
-        """Lay what all readings up to a header weigh on where its own pieces end."""
-        window, place = self.window, front.place
-        for length in range(i64(1), front.cut_to + 1):
-            after_piece[place + length] += weight * window.truncated(front, length)
-        ten = window.whole(front) + window.bad_tail(front)
-        if ten > 0.0:
-            after_piece[place + LENGTH] += weight * ten
+    def _leave_header(self, prefix: PrefixScore, before: float, after_frame: vec[float]) -> None:
+        """Forward step: continue the paths before a header with the candidates of its prefix."""
+        candidates, at = self.candidates, prefix.start
+        for length in range(i64(1), prefix.longest_truncated + 1):
+            after_frame[at + length] += before * candidates.truncated(prefix, length)
+        full = candidates.whole(prefix) + candidates.bad_tail(prefix)
+        if full > 0.0:
+            after_frame[at + candidates.tables.length] += before * full
 
-    def _backward(self) -> None:
-        """The weights of all readings from each place on."""
-        to_end, size, window = self._to_end, self.size, self.window
-        for place in range(size + 1):
-            to_end[place] = noise_to_end(self.ending, size - place)
-        header: i64 = len(window.starts) - 1
-        number: i64 = len(window.marks) - 1
+    def _backward_pass(self) -> None:
+        backward, size, candidates = self._backward, self.size, self.candidates
+        for at in range(size + 1):
+            backward[at] = noise_to_end(self.ending, size - at)
+        header: i64 = len(candidates.prefixes) - 1
+        number: i64 = len(candidates.delimiters) - 1
         while number >= 0:
-            mark = window.marks[number]
+            delimiter = candidates.delimiters[number]
             number -= 1
-            if mark & AT_TAIL:
-                self._leave(window.stops[mark >> 1], header)
+            if delimiter & AT_TAIL:
+                self._leave_tail(candidates.ends[delimiter >> 1], header)
                 continue
-            front = window.starts[mark >> 1]
-            header = (mark >> 1) - 1
-            weight = self._at_header[mark >> 1] + self._from_header(front)
-            self._at_header[mark >> 1] = weight
-            place = front.place
-            to_end[place] += weight * window.meeting(place)
-            for at in range(place):
-                to_end[at] += weight * NOISE_TO_HEADER[place - at]
+            prefix = candidates.prefixes[delimiter >> 1]
+            header = (delimiter >> 1) - 1
+            score = self._from_header[delimiter >> 1] + self._sum_of_prefix(prefix)
+            self._from_header[delimiter >> 1] = score
+            start = prefix.start
+            backward[start] += score * candidates.contact_score(start)
+            for at in range(start):
+                backward[at] += score * NOISE_TO_HEADER[start - at]
 
-    def _leave(self, stop: CandidateEnd, header: i64) -> None:
-        """Lay what the readings from behind a tail weigh on all places from which it is reached;
-        `header` is the number of the last header before it."""
-        window, to_end, first = self.window, self._to_end, stop.first
-        data, weights, weight = window.data, stop.weights, to_end[stop.place]
-        for at in range(first, stop.place):
-            if MARKS[data[at]] != HEADER:
-                to_end[at] += weight * weights[at - first]
-        while header >= 0 and window.starts[header].place >= first:
-            at = window.starts[header].place
-            self._at_header[header] += weight * weights[at - first]
+    def _leave_tail(self, candidate_end: CandidateEnd, header: i64) -> None:
+        """Backward step: add the paths after a tail to every start that reaches it; `header` is the
+        number of the last header before the tail."""
+        candidates, backward, first = self.candidates, self._backward, candidate_end.first
+        delimiters, data, scores = (
+            candidates.tables.delimiters,
+            candidates.data,
+            candidate_end.scores,
+        )
+        after = backward[candidate_end.stop]
+        for at in range(first, candidate_end.stop):
+            if delimiters[data[at]] != HEADER:
+                backward[at] += after * scores[at - first]
+        while header >= 0 and candidates.prefixes[header].start >= first:
+            at = candidates.prefixes[header].start
+            self._from_header[header] += after * scores[at - first]
             header -= 1
 
-    def _from_header(self, front: PrefixScore) -> float:
-        """The weight of all readings that begin with a piece of the header's own."""
-        to_end, place, weight, window = self._to_end, front.place, 0.0, self.window
-        for length in range(i64(1), front.cut_to + 1):
-            weight += window.truncated(front, length) * to_end[place + length]
-        ten = window.whole(front) + window.bad_tail(front)
-        if ten > 0.0:
-            weight += ten * to_end[place + LENGTH]
-        return weight + self.cut_off(front)
+    def _sum_of_prefix(self, prefix: PrefixScore) -> float:
+        """The sum over the paths that start with a candidate of that prefix."""
+        backward, at, score, candidates = self._backward, prefix.start, 0.0, self.candidates
+        for length in range(i64(1), prefix.longest_truncated + 1):
+            score += candidates.truncated(prefix, length) * backward[at + length]
+        full = candidates.whole(prefix) + candidates.bad_tail(prefix)
+        if full > 0.0:
+            score += full * backward[at + candidates.tables.length]
+        return score + self.cut_off_score(prefix)
 
-    def _in_all(self, carry: BoundaryState) -> float:
-        """The weight of all readings, if this was before them."""
-        total, noise = 0.0, staying(self.size) * unending(self.ending)
-        known, to_end = carry.after_piece, self._to_end
-        for place in range(min(i64(len(known)), self.size + 1)):
-            total += known[place] * to_end[place]
-        for number, front in enumerate(self.window.starts):
-            weight = self._at_header[number]
-            noise += staying(front.place) * NOISE_ENDS * weight
-            if front.place < len(carry.after_noise):
-                total += carry.after_noise[front.place] * weight
-        return total + carry.in_noise * noise
+    def _sum_of_paths(self, state: BoundaryState) -> float:
+        """The sum over all paths from that state to the end."""
+        total, noise = 0.0, noise_continues(self.size) * noise_at_end(self.ending)
+        known, backward = state.after_frame, self._backward
+        for at in range(min(i64(len(known)), self.size + 1)):
+            total += known[at] * backward[at]
+        for number, prefix in enumerate(self.candidates.prefixes):
+            score = self._from_header[number]
+            noise += noise_continues(prefix.start) * NOISE_ENDS * score
+            if prefix.start < len(state.after_noise):
+                total += state.after_noise[prefix.start] * score
+        return total + state.in_noise * noise
 
-    def cut_off(self, front: PrefixScore) -> float:
-        """The weight of a frame that begins there and goes on behind the window's end."""
-        length = self.size - front.place
-        if length >= LENGTH or front.fit < length or self.ending == BOUNDARY:
+    def cut_off_score(self, prefix: PrefixScore) -> float:
+        """The score of a frame that starts there and continues after the end of the span."""
+        length, whole = self.size - prefix.start, self.candidates.tables.length
+        if length >= whole or prefix.fit < length or self.ending == BOUNDARY:
             return 0.0
-        left = front.head[length] * WHOLE
-        return left if self.ending == OPEN else left / float(LENGTH)
+        score = prefix.scores[length] * INTACT
+        return score if self.ending == OPEN else score / float(whole)
 
-    # What they tell
+    # Posterior probabilities
 
-    def probability(self, start: i64, stop: i64, weight: float) -> float:
-        """The probability (0-1) of a piece of that weight at `start`."""
-        return self._before(self._passed, start) * weight * self._to_end[stop] / self._total
+    def probability(self, start: i64, stop: i64, score: float) -> float:
+        """The probability (0-1) of a candidate with that score from `start` to `stop`."""
+        return self._sum_before(self._forward, start) * score * self._backward[stop] / self._total
 
-    def _before(self, passed: ForwardPass, place: i64) -> float:
-        """The weight of all readings of what is before a place at which a piece begins."""
-        meeting = self.window.meeting(place)
-        return passed.after_piece[place] * meeting + passed.after_noise[place]
+    def _sum_before(self, forward: ForwardPass, at: i64) -> float:
+        """The sum over all paths before an offset where a frame starts."""
+        contact = self.candidates.contact_score(at)
+        return forward.after_frame[at] * contact + forward.after_noise[at]
 
-    def boundary(self, place: i64) -> float:
-        """The probability (0-1) that no frame, whole or damaged, goes on over that place."""
-        before = self._passed.after_piece[place] + self._passed.after_noise[place]
-        return before * self._to_end[place] / self._total
+    def boundary_probability(self, at: i64) -> float:
+        """The probability (0-1) that no frame, whole or damaged, spans that offset."""
+        before = self._forward.after_frame[at] + self._forward.after_noise[at]
+        return before * self._backward[at] / self._total
 
-    def whole_frames(self) -> vec[float]:
-        """By header: how probable a whole frame there is (0-1); 0 where none can stand."""
-        return self._whole_frames(self._passed, self._total)
+    def frame_probabilities(self) -> vec[float]:
+        """By header: the probability (0-1) of a whole frame; 0 if a byte is illegal."""
+        return self._frame_probabilities(self._forward, self._total)
 
     @property
-    def behind_rows(self) -> bool:
-        """Whether it matters that rows so far are not taken for granted."""
-        return self._carried.ends_frame
+    def follows_frame(self) -> bool:
+        """Whether the last decided row is a frame that the boundary state does not trust."""
+        return self._state.ends_frame
 
-    def whole_frames_behind_rows(self) -> vec[float]:
-        """As `whole_frames`, if all rows so far are taken for granted."""
-        return self._whole_frames(self._forward(_TRUSTED, self.size), self._in_all(_TRUSTED))
+    def frame_probabilities_after_rows(self) -> vec[float]:
+        """`frame_probabilities` under the condition that all rows so far are right."""
+        forward = self._forward_pass(_CERTAIN, self.size)
+        return self._frame_probabilities(forward, self._sum_of_paths(_CERTAIN))
 
-    def _whole_frames(self, passed: ForwardPass, total: float) -> vec[float]:
-        window = self.window
-        probable = vec[float]([0.0] * len(window.starts))
-        for number, front in enumerate(window.starts):
-            if front.whole > 0.0:
-                weight = self._before(passed, front.place) * window.whole(front)
-                probable[number] = weight * self._to_end[front.place + LENGTH] / total
-        return probable
+    def _frame_probabilities(self, forward: ForwardPass, total: float) -> vec[float]:
+        candidates = self.candidates
+        probabilities = vec[float]([0.0] * len(candidates.prefixes))
+        for number, prefix in enumerate(candidates.prefixes):
+            if prefix.whole > 0.0:
+                score = self._sum_before(forward, prefix.start) * candidates.whole(prefix)
+                after = self._backward[prefix.start + candidates.tables.length]
+                probabilities[number] = score * after / total
+        return probabilities
 
-    def carry(self, place: i64, *, ends_frame: bool) -> BoundaryState:
-        """What the bytes before `place`, where a row ends, say of those behind it."""
-        passed = self._forward(self._carried, place)
-        total = passed.in_noise
-        for at in range(place, self.size + 1):
-            total += passed.after_piece[at] + passed.after_noise[at]
+    def boundary_state(self, at: i64, *, ends_frame: bool) -> BoundaryState:
+        """The state at the boundary `at`, where a row ends, for the bytes after it."""
+        forward = self._forward_pass(self._state, at)
+        total = forward.in_noise
+        for offset in range(at, self.size + 1):
+            total += forward.after_frame[offset] + forward.after_noise[offset]
         return BoundaryState(
-            _share(passed.after_piece, place, total),
-            _share(passed.after_noise, place, total),
-            passed.in_noise / total,
+            _shares(forward.after_frame, at, total),
+            _shares(forward.after_noise, at, total),
+            forward.in_noise / total,
             ends_frame,
         )
 
 
-def _fill(places: vec[float], known: vec[float]) -> None:
-    for place in range(min(i64(len(known)), i64(len(places)))):
-        places[place] = known[place]
+def _copy(source: vec[float], target: vec[float]) -> None:
+    for at in range(min(i64(len(source)), i64(len(target)))):
+        target[at] = source[at]
 
 
-def _gone_on(noise: float, after_piece: vec[float], start: i64, end: i64) -> float:
-    """The weight of long noise at `end`, where it may have begun at each place from `start` on."""
+def _long_noise(noise: float, after_frame: vec[float], start: i64, end: i64) -> float:
+    """The score of long noise at `end`, which may have begun at each offset from `start`."""
     for at in range(start, end):
-        noise = noise * NOISE_STAYS + NOISE_BEGINS * after_piece[at]
+        noise = noise * NOISE_CONTINUES + NOISE_BEGINS * after_frame[at]
     return noise
 
 
-def _junk_up_to(header: i64, end: i64, after_piece: vec[float]) -> float:
-    """What junk that begins before `end` lays on the place of a header."""
-    weight = 0.0
-    for at in range(max(i64(0), header - _JUNK_REACH), end):
-        weight += after_piece[at]
-    return weight * JUNK
+def _junk_to(header: i64, end: i64, after_frame: vec[float]) -> float:
+    """The score of junk that begins before `end` and ends at a header."""
+    score = 0.0
+    for at in range(max(i64(0), header - _LONGEST_JUNK), end):
+        score += after_frame[at]
+    return score * JUNK
 
 
-def _share(weights: vec[float], start: i64, total: float) -> vec[float]:
-    """The weights from `start` on, as shares of the total."""
-    shares = vec[float]([0.0] * (len(weights) - start))
-    for place in range(start, i64(len(weights))):
-        shares[place - start] = weights[place] / total
+def _shares(scores: vec[float], start: i64, total: float) -> vec[float]:
+    """The scores from `start` on, divided by `total`."""
+    shares = vec[float]([0.0] * (len(scores) - start))
+    for at in range(start, i64(len(scores))):
+        shares[at - start] = scores[at] / total
     return shares

@@ -1,25 +1,21 @@
-"""Precomputed lookup tables (header/command, fault sets)."""
+"""Lookup tables of a frame format: legal bytes, byte scores, delimiters, fault sets.
+
+`FrameTables` is the one value through which the framer knows the protocol. It is a pure function of
+a `FrameFormat` of `spec`: fixed length, header byte, CMD byte, NUM byte, payload, tail byte.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import Final
+from collections.abc import Iterable, Sequence
+from typing import Final, final
 
 from librt.vecs import vec
-from mypy_extensions import i64
+from mypy_extensions import i64, u8
 
-from fte_sniff.protocol.codec import HEADER_BYTES, frame_faults, legal_bytes
-from fte_sniff.protocol.framer.likelihood import KIND_SHARE, PLACE_WEIGHTS
-from fte_sniff.protocol.spec import (
-    FRAME_LENGTH,
-    KIND_BY_HEADER_AND_CMD,
-    KINDS,
-    MOTORS,
-    NUM_OFFSET,
-    TAIL,
-    Fault,
-    FrameKind,
-)
+from fte_sniff.protocol.framer import likelihood
+from fte_sniff.protocol.spec import FTE_FORMAT, NUM_OFFSET, Fault, FrameFormat, FrameKind
+
+# Fault sets
 
 _ORDER: Final = (
     Fault.UNKNOWN_CMD,
@@ -33,13 +29,13 @@ _ORDER: Final = (
     Fault.RESERVED_NONZERO,
     Fault.AMBIGUOUS,
 )
-"""As a row names them; what the framer does not give is missing."""
+"""The order of the faults in a row; the framer reports no others."""
 
 _BITS: Final = {fault: 1 << number for number, fault in enumerate(_ORDER)}
 
 
-def set_of(faults: Iterable[Fault]) -> int:
-    """The number of these faults."""
+def fault_set(faults: Iterable[Fault]) -> int:
+    """The faults as one number, an index of `FAULT_SETS`."""
     return sum(_BITS[fault] for fault in faults)
 
 
@@ -55,187 +51,224 @@ FAULT_SETS: Final[list[tuple[Fault, ...]]] = [
     tuple([fault for fault in _ORDER if number & _BITS[fault]])
     for number in range(1 << len(_ORDER))
 ]
-"""By number: the faults, in the order in which a row names them."""
+"""By number: the faults in the order of a row."""
 
+# Codes in the tables
 
-LENGTH: Final[i64] = FRAME_LENGTH
-"""Bytes in every frame."""
-
-COUNT: Final[i64] = len(KINDS)
-"""How many kinds there are."""
+HEADER: Final[u8] = 1
+"""In `FrameTables.delimiters`: the byte is a header."""
+TAIL: Final[u8] = 2
+"""In `FrameTables.delimiters`: the byte is the tail."""
 
 NO_KIND: Final[i64] = 255
-"""Stands in `KIND_OF` where header and CMD name no kind."""
+"""In `FrameTables.kind_of`: header and CMD name no kind."""
 
-# What a byte can be in a stream
+EXTRA: Final[i64] = likelihood.MOST_INSERTED
+"""Bytes by which a damaged frame is at most longer than a whole one."""
 
-HEADER: Final[i64] = 1
-ENDING: Final[i64] = 2
+_WORD: Final = 8
+"""Bytes that are tested at once."""
 
-MARKS: Final = bytes(
-    HEADER if value in HEADER_BYTES else ENDING if value == TAIL else 0 for value in range(256)
-)
-"""By byte: whether it is a header, the tail (`ENDING`), or neither (0)."""
+_LegalBytes = Sequence[bytes | None]
 
 
-def _kind_of() -> bytes:
-    numbers = {kind.name: number for number, kind in enumerate(KINDS)}
-    found = bytearray([NO_KIND]) * (1 << 16)
-    for (header, cmd), kind in KIND_BY_HEADER_AND_CMD.items():
-        found[header << 8 | cmd] = numbers[kind.name]
-    return bytes(found)
+def _set_of(values: Iterable[int]) -> bytes:
+    """By byte: 1 if it is in the set."""
+    members = set(values)
+    return bytes(byte in members for byte in range(256))
 
 
-KIND_OF: Final = _kind_of()
-"""By header * 256 + CMD: the kind that they name."""
+def _delimiters(frame_format: FrameFormat) -> bytes:
+    delimiters = bytearray(256)
+    for header in frame_format.headers.values():
+        delimiters[header] = HEADER
+    delimiters[frame_format.tail] = TAIL
+    return bytes(delimiters)
 
 
-def _cmds(kinds: Iterator[FrameKind]) -> bytes:
-    cmds = {cmd for kind in kinds for cmd in kind.cmds}
-    return bytes(value in cmds for value in range(256))
+def _kind_of(frame_format: FrameFormat) -> bytes:
+    numbers = bytearray([NO_KIND]) * (1 << 16)
+    for number, kind in enumerate(frame_format.kinds):
+        for cmd in kind.cmds:
+            numbers[frame_format.header(kind) << 8 | cmd] = number
+    return bytes(numbers)
 
 
-NAMES_CMD: Final = _cmds(kind for kind in KINDS)
-"""By byte: 1 where it is the CMD of a frame."""
-
-BRINGS_VALUES: Final = _cmds(kind for kind in KINDS if kind.fields)
-"""By byte: 1 where it is the CMD of a frame that brings values."""
-
-NAMES_MOTOR: Final = bytes(value == 0 or value in MOTORS for value in range(256))
-"""By byte: 1 where it can be the NUM behind a CMD: a motor, or 00."""
-
-# What fits where
+def _unused_num(kind: FrameKind, legal: _LegalBytes) -> bool:
+    """Whether NUM has no meaning in this kind and may be anything."""
+    return legal[NUM_OFFSET] is None and not kind.names_motor
 
 
-LEGAL: Final = b"".join(
-    bytes(legal is None or value in legal for value in range(256))
-    for kind in KINDS
-    for legal in legal_bytes(kind)
-)
-"""By (kind * 10 + place) * 256 + byte: 1 where the byte fits."""
-
-WEIGHTS: Final[vec[float]] = vec[float](
-    [weight for kind in KINDS for place in PLACE_WEIGHTS[kind.name] for weight in place]
-)
-"""By (kind * 10 + place) * 256 + byte: the weight of it if that kind was sent; 0 where it cannot
-be."""
-
-SHARES: Final[vec[float]] = vec[float]([KIND_SHARE[kind.name] for kind in KINDS])
-"""By kind: its share among all frames."""
-
-HEADERS: Final = bytes(kind.header for kind in KINDS)
-"""By kind: its header."""
+def _checked(kind: FrameKind, legal: _LegalBytes) -> list[int]:
+    """The offsets between CMD and tail where not every byte is legal."""
+    return [offset for offset in range(NUM_OFFSET, len(legal) - 1) if legal[offset]]
 
 
-def _free(kind: FrameKind) -> list[int]:
-    """The places of the payload that may be anything."""
-    legal = legal_bytes(kind)
-    return [place for place in range(NUM_OFFSET + 1, FRAME_LENGTH) if legal[place] is None]
+def _free(kind: FrameKind, legal: _LegalBytes) -> list[int]:
+    """The offsets of the payload where every byte is legal."""
+    start = NUM_OFFSET + _unused_num(kind, legal)
+    return [offset for offset in range(start, len(legal) - 1) if legal[offset] is None]
 
 
-def _rows(lists: Iterator[list[int]]) -> bytes:
-    """Lists of places, each on a row of ten; 0 is behind the last."""
-    return b"".join(bytes(places).ljust(FRAME_LENGTH, b"\0") for places in lists)
+def _word_test(legal: _LegalBytes) -> tuple[int, int, bool]:
+    """A test of all bytes from NUM to before the tail at once, as one little-endian number.
 
-
-CHECKED: Final = _rows(
-    [place for place in range(NUM_OFFSET, FRAME_LENGTH - 1) if legal_bytes(kind)[place]]
-    for kind in KINDS
-)
-"""By kind * 10: the places behind header and CMD, and before the tail, that must be something."""
-
-FREE: Final = _rows(_free(kind) for kind in KINDS)
-"""By kind * 10: the places of the payload that may be anything."""
-
-FREE_NUM: Final = bytes(legal_bytes(kind)[NUM_OFFSET] is None for kind in KINDS)
-"""By kind: 1 where NUM means nothing."""
-
-# The eight bytes from NUM to the tail as one number, the first byte the lowest
-
-
-def _bits_of(legal: bytes | None) -> tuple[int, int] | None:
-    """What to take from a byte, and which bits must not be set then, so that just these are left;
-    None where bits do not tell. (What is less borrows from the bytes behind, and is none of them.)
+    A frame fits if `(word - base) & forbidden` is 0. The last value is False if this cannot express
+    the legal bytes.
     """
-    if legal is None:
-        return 0, 0
-    first, used = min(legal), 0
-    for value in legal:
-        used |= value - first
-    mask = 0xFF ^ used
-    fitting = bytes(value for value in range(256) if (value - first) & 0xFF & mask == 0)
-    return (first, mask) if fitting == bytes(sorted(legal)) else None
-
-
-def _word_of(kind: FrameKind) -> tuple[int, int, int]:
-    """The same for all places from NUM to before the tail; and whether bits tell all of them."""
-    first = mask = 0
-    tells = 1
-    for number, legal in enumerate(legal_bytes(kind)[NUM_OFFSET:-1]):
-        bits = _bits_of(legal)
-        if bits is None:
-            tells = 0
+    base = forbidden = 0
+    exact = len(legal) == NUM_OFFSET + _WORD
+    for number, values in enumerate(legal[NUM_OFFSET:-1] if exact else ()):
+        if values is None:
             continue
-        first |= bits[0] << 8 * number
-        mask |= bits[1] << 8 * number
-    return first, mask, tells
-
-
-_WORDS: Final = [_word_of(kind) for kind in KINDS]
-WORD_FIRST: Final[vec[i64]] = vec[i64]([first for first, _, _ in _WORDS])
-"""By kind: what to take from that number,"""
-WORD_FORBIDDEN: Final[vec[i64]] = vec[i64]([mask for _, mask, _ in _WORDS])
-"""and which bits must not be set in what is left, if the frame fits;"""
-WORD_TELLS: Final = bytes(tells for _, _, tells in _WORDS)
-"""1 where it fits if none of them is."""
+        lowest, used = min(values), 0
+        for value in values:
+            used |= value - lowest
+        mask = 0xFF ^ used
+        fitting = [value for value in range(256) if (value - lowest) & 0xFF & mask == 0]
+        # A smaller byte borrows from the next one, and never fits itself.
+        exact = exact and fitting == sorted(values)
+        base |= lowest << 8 * number
+        forbidden |= mask << 8 * number
+    return base, forbidden, exact
 
 
 def _repeated(value: int) -> int:
-    """A byte in each place from NUM to before the tail."""
-    return int.from_bytes(bytes([value]) * (FRAME_LENGTH - 1 - NUM_OFFSET), "little")
-
-
-EVERY_LOW_BIT: Final[i64] = _repeated(0x01)
-EVERY_HIGH_BIT: Final[i64] = _repeated(0x80)
-HEADER_WORDS: Final[vec[i64]] = vec[i64]([_repeated(header) for header in HEADER_BYTES])
-"""Each header, in all of these places."""
-
-# How frames end
+    """A byte at every offset from NUM to before the tail, in a word."""
+    return int.from_bytes(bytes([value]) * (_WORD - 1), "little")
 
 
 def _usual_flags(kind: FrameKind) -> bytes:
-    """The flags that nearly every frame of a kind has, with which it ends; empty if it has none."""
+    """The default flags at the end of a kind's payload; empty without flags."""
     return bytes(field.default for field in kind.fields if field.default is not None)
 
 
-USUAL_FLAGS: Final = tuple({flags: None for kind in KINDS if (flags := _usual_flags(kind))})
-"""What nearly every frame with flags ends with, before its tail."""
+def _flag_ending(kind: FrameKind, legal: _LegalBytes) -> int:
+    """How far the payload of a kind can end with the usual flags of another kind.
 
-MAY_END_SO: Final = bytes(
-    0 if legal_bytes(kind)[-2] is not None else 1 if kind.names_motor else 2 for kind in KINDS
-)
-"""By kind: whether its payload can end with what are another one's flags: not at all (0), or it can
-and tells nothing (1), or it can and a NUM that is 00, as usual, speaks for the frame (2)."""
-
-# What is wrong with ten framed bytes
-
-
-def _fault_at(number: int, place: int) -> int:
-    """The fault that a frame has if what stands at that place does not fit."""
-    kind = KINDS[number]
-    sound = [0 if legal is None else legal[0] for legal in legal_bytes(kind)]
-    legal = legal_bytes(kind)[place]
-    if legal is None or len(legal) == 256:
+    0: it cannot; 1: it can; 2: it can, but an unused NUM of 00 is evidence for this kind.
+    """
+    if legal[-2] is not None:
         return 0
-    sound[place] = next(value for value in reversed(range(256)) if value not in legal)
-    return set_of(frame_faults(bytes(sound)))
+    return 1 if kind.names_motor else 2
 
 
-PLACE_FAULTS: Final[vec[i64]] = vec[i64](
-    [
-        _fault_at(number, place) if NUM_OFFSET <= place < FRAME_LENGTH - 1 else 0
-        for number in range(len(KINDS))
-        for place in range(FRAME_LENGTH)
-    ]
-)
-"""By kind * 10 + place: the faults of a frame in which that place does not fit."""
+def _offset_fault(kind: FrameKind, legal: _LegalBytes, offset: int) -> int:
+    """The fault of a frame with an illegal byte at that offset."""
+    if not NUM_OFFSET <= offset < len(legal) - 1 or legal[offset] is None:
+        return 0
+    if offset in kind.reserved:
+        return fault_set([Fault.RESERVED_NONZERO])
+    return fault_set(field.fault for field in kind.fields if field.start == offset and field.fault)
+
+
+@final
+class FrameTables:
+    """Everything that the framer knows of a frame format.
+
+    Tables "by kind" have one entry for each number of a kind, its index in the frame table; tables
+    "by kind and offset" have one entry for each offset in a frame, at `kind * length + offset`.
+    """
+
+    def __init__(self, frame_format: FrameFormat) -> None:
+        """Tables of that format. Pure: the same format gives the same tables."""
+        kinds, size = frame_format.kinds, frame_format.length
+        legal = [frame_format.legal_bytes(kind) for kind in kinds]
+        both = list(zip(kinds, legal, strict=True))
+        words = [_word_test(values) for values in legal]
+
+        self.length: i64 = size
+        """Bytes in every frame."""
+        self.longest: i64 = size + EXTRA
+        """Bytes in the longest damaged frame."""
+        self.kind_count: i64 = len(kinds)
+        self.lookahead: i64 = 2 * size
+        """Bytes after a framed segment with which it must be decided; also the bytes that stay
+        pending when `widest` is reached."""
+        self.deadline: i64 = 3 * size
+        """Bytes from the start of a framed segment to the offset where it must be decided."""
+        self.widest: i64 = 4 * size + EXTRA
+        """Bytes that are decoded at once, at most, while bytes keep coming."""
+        self.lead: i64 = 3 * size + 2
+        """Bytes before an anchor that are decoded after long noise."""
+
+        self.delimiters = vec[u8](_delimiters(frame_format))
+        """By byte: `HEADER`, `TAIL`, or 0."""
+        self.kind_of = vec[u8](_kind_of(frame_format))
+        """By header * 256 + CMD: the kind, or `NO_KIND`."""
+        self.is_cmd = vec[u8](_set_of(cmd for kind in kinds for cmd in kind.cmds))
+        """By byte: 1 if it is the CMD of a kind."""
+        self.is_value_cmd = vec[u8](
+            _set_of(cmd for kind in kinds if kind.fields for cmd in kind.cmds)
+        )
+        """By byte: 1 if it is the CMD of a kind with fields."""
+        motors = [own[NUM_OFFSET] or b"" for kind, own in both if kind.names_motor]
+        self.is_num = vec[u8](_set_of([0, *b"".join(motors)]))
+        """By byte: 1 if it is a usual NUM: 00, or a motor."""
+
+        every = range(256)
+        self.legal = vec[u8](
+            b"".join(_set_of(every if one is None else one) for own in legal for one in own)
+        )
+        """By (kind * length + offset) * 256 + byte: 1 if the byte is legal."""
+        self.checked = vec[u8](b"".join(bytes(_checked(*one)).ljust(size, b"\0") for one in both))
+        """By kind, `length` entries each: the offsets between CMD and tail where not every byte is
+        legal; then 0."""
+        self.free = vec[u8](b"".join(bytes(_free(*one)).ljust(size, b"\0") for one in both))
+        """By kind, `length` entries each: the payload offsets where every byte is legal; then 0."""
+        self.unused_num = vec[u8](bytes(_unused_num(*one) for one in both))
+        """By kind: 1 if NUM has no meaning."""
+        self.headers = vec[u8](bytes(frame_format.header(kind) for kind in kinds))
+        """By kind: the header."""
+        self.usual_flags = tuple({flags: None for kind in kinds if (flags := _usual_flags(kind))})
+        """The flags before the tail in nearly every frame that has flags."""
+        self.flag_ending = vec[u8](bytes(_flag_ending(*one) for one in both))
+        """By kind: whether the payload can end like the flags of another kind: 0 no, 1 yes, 2 yes,
+        but a NUM of 00 is evidence for this kind."""
+        self.offset_faults = vec[i64](
+            [_offset_fault(*one, offset) for one in both for offset in range(size)]
+        )
+        """By kind and offset: the fault set of a frame with an illegal byte there."""
+
+        # The eight bytes from NUM to the tail as one number, for frames of ten bytes
+        self.word_base = vec[i64]([base for base, _, _ in words])
+        """By kind: what to subtract from the number,"""
+        self.word_forbidden = vec[i64]([forbidden for _, forbidden, _ in words])
+        """and the bits that are 0 in the difference if the frame is legal."""
+        self.word_exact = vec[u8](bytes(exact for _, _, exact in words))
+        """By kind: 1 if this test is exact; 0 if the bytes must be tested one by one."""
+        self.low_bits: i64 = _repeated(0x01)
+        self.high_bits: i64 = _repeated(0x80)
+        self.header_words = vec[i64]([_repeated(h) for h in frame_format.headers.values()])
+        """Each header, repeated at every offset from NUM to before the tail."""
+
+        # Scores
+        self.byte_scores = vec[float](
+            [
+                score
+                for kind in kinds
+                for scores in likelihood.byte_scores(frame_format, kind)
+                for score in scores
+            ]
+        )
+        """By (kind * length + offset) * 256 + byte: the score of the byte in that kind."""
+        self.kind_shares = vec[float]([likelihood.kind_share(frame_format, kind) for kind in kinds])
+        """By kind: the share among all frames."""
+        self.header_score = likelihood.header_score(frame_format)
+        self.foreign_score = likelihood.FOREIGN * self.header_score * 256
+        """The score of a header, any bytes, and a tail at the right distance."""
+        lost = likelihood.truncation_scores(size)
+        self.truncation = vec[float](lost)
+        """By number of bytes left: the score of one given run of bytes lost."""
+        self.headless = vec[float](
+            [likelihood.BROKEN + score for score in lost] + [0.0] * (likelihood.MOST_INSERTED + 1)
+        )
+        """By number of bytes left, up to `longest`: the score of the first bytes lost."""
+        self.insertion = likelihood.insertion_score(size)
+        """The score of a given number of bytes inserted at a given offset."""
+        self.change = vec[float](likelihood.change_scores(size))
+        """By width: the score of that many adjacent bytes changed at a given offset."""
+
+
+FTE_TABLES: Final = FrameTables(FTE_FORMAT)
+"""The tables of this protocol's frames."""

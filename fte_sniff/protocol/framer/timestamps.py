@@ -1,13 +1,12 @@
-"""Arrival time and read delay for a byte offset.
+"""Arrival time and read delay of every byte; pauses and silence on the line.
 
-A chunk of n bytes was read at t. Its byte i is taken to have begun n - i byte times before t, but
-not before the read before it: `max(P, t - (n - i) * byte time)`, where P is the latest time at
-which bytes of this port were read before, and 1970 for the first. So times never fall, and they are
-the same however the bytes were cut into chunks, if a piece cut off earlier carries the
-correspondingly earlier time.
+A chunk of n bytes was read at t. Its byte i began at `max(P, t - (n - i) * byte time)`, where P is
+the latest time at which earlier bytes of this port were read, or 1970 for the first chunk. So times
+never fall, and they do not depend on how the bytes were cut into chunks, if an earlier chunk has
+the correspondingly earlier time.
 
-Silence before a chunk is what is left between P and its first byte. An empty chunk says that
-nothing came up to its time; it is silence too, but moves no byte.
+Silence is the time between P and the first byte of a chunk. An empty chunk reports that nothing
+arrived until its time: it is silence too, but moves no byte.
 """
 
 from __future__ import annotations
@@ -25,28 +24,28 @@ PAUSE_BYTES = 3.5
 """Byte times of silence that count as a pause."""
 
 SETTLING_NS = 20_000_000
-"""Silence that settles what is pending."""
+"""Silence after which pending bytes are decided."""
 
 
 @final
 class ArrivalTime:
-    """The bytes of one chunk in their port's stream, and when they were read."""
+    """Arrival time of the bytes of one chunk."""
 
     def __init__(
         self, start: i64, stop: i64, t_ns: int | None, floor_ns: int, byte_ns: int
     ) -> None:
         self.start = start
-        """Offset of the first byte."""
+        """Stream offset of the first byte."""
         self.stop = stop
-        """Offset behind the last byte."""
+        """Stream offset after the last byte."""
         self.t_ns = t_ns
-        """When they were read, nanoseconds since 1970 UTC."""
+        """Read time, nanoseconds since 1970 UTC."""
         self.floor_ns = floor_ns
-        """No byte of them began before this time."""
+        """Earliest time at which a byte can have begun."""
         self.byte_ns = byte_ns
 
     def time_and_delay(self, offset: i64) -> tuple[int | None, int | None]:
-        """When the byte at `offset` began on the wire, and how long before its read that was."""
+        """When the byte at `offset` began on the wire, and how long before it was read."""
         t_ns, floor_ns = self.t_ns, self.floor_ns
         if t_ns is None:
             return None, None
@@ -58,50 +57,50 @@ class ArrivalTime:
 
 @final
 class ArrivalTimes:
-    """The marks of one port's latest bytes, asked for from left to right."""
+    """Queue of the arrival times of one port's bytes, read from left to right."""
 
-    def __init__(self, marks: Iterable[ArrivalTime] = ()) -> None:
-        self._marks = deque(marks)
+    def __init__(self, times: Iterable[ArrivalTime] = ()) -> None:
+        self._times = deque(times)
 
-    def append(self, mark: ArrivalTime) -> None:
-        """The next bytes have this mark."""
-        self._marks.append(mark)
+    def append(self, time: ArrivalTime) -> None:
+        """Append the arrival time of the next bytes."""
+        self._times.append(time)
 
-    def mark(self, offset: i64) -> ArrivalTime:
-        """The mark of the byte at `offset`; earlier offsets must not be asked for again."""
-        while self._marks[0].stop <= offset:
-            self._marks.popleft()
-        return self._marks[0]
+    def at(self, offset: i64) -> ArrivalTime:
+        """The arrival time of the byte at `offset`; drops those of earlier chunks."""
+        while self._times[0].stop <= offset:
+            self._times.popleft()
+        return self._times[0]
 
     def before(self, offset: i64) -> list[ArrivalTime]:
-        """Those of all bytes before `offset`; they must not be asked for again."""
+        """The arrival times of all bytes before `offset`; drops those of complete chunks."""
         found: list[ArrivalTime] = []
-        while self._marks and self._marks[0].stop <= offset:
-            found.append(self._marks.popleft())
-        if self._marks and self._marks[0].start < offset:
-            found.append(self._marks[0])
+        while self._times and self._times[0].stop <= offset:
+            found.append(self._times.popleft())
+        if self._times and self._times[0].start < offset:
+            found.append(self._times[0])
         return found
 
 
 @final
 class ArrivalTimeline:
-    """How the times of one port's bytes go on, chunk by chunk."""
+    """Computes the arrival times of one port, chunk by chunk."""
 
     def __init__(self, byte_ns: int) -> None:
         self._byte_ns = byte_ns
-        self.marks = ArrivalTimes()
+        self.times = ArrivalTimes()
         self._size: i64 = 0
         self._floor = 0
         self._silent_since: int | None = None
 
-    def pace(self, byte_ns: int) -> None:
-        """Bytes of the chunks from now on take so long, nanoseconds."""
+    def set_byte_time(self, byte_ns: int) -> None:
+        """Set the byte time of the next chunks, nanoseconds."""
         self._byte_ns = byte_ns
 
-    def add(self, chunk: Chunk) -> int:
-        """Take a chunk with bytes; returns the silence before it, nanoseconds, 0 if unknown."""
+    def append(self, chunk: Chunk) -> int:
+        """Append a chunk with bytes; returns the silence before it, nanoseconds, 0 if unknown."""
         stop = self._size + len(chunk.data)
-        self.marks.append(ArrivalTime(self._size, stop, chunk.t_ns, self._floor, self._byte_ns))
+        self.times.append(ArrivalTime(self._size, stop, chunk.t_ns, self._floor, self._byte_ns))
         self._size = stop
         before, self._silent_since = self._silent_since, chunk.t_ns
         if chunk.t_ns is None:
@@ -111,12 +110,12 @@ class ArrivalTimeline:
             return 0
         return max(0, chunk.t_ns - len(chunk.data) * self._byte_ns - before)
 
-    def set_back(self) -> None:
-        """The clock was set: the next bytes may have begun before those read by now."""
+    def reset_clock(self) -> None:
+        """Let the next times be earlier than those so far: the clock was set."""
         self._floor, self._silent_since = 0, None
 
     def silence_at(self, t_ns: int | None) -> int:
-        """How long the line has been silent at `t_ns`, nanoseconds, 0 if unknown."""
+        """The silence up to `t_ns`, nanoseconds, 0 if unknown."""
         if t_ns is None or self._silent_since is None:
             return 0
         return max(0, t_ns - self._silent_since)
@@ -124,31 +123,31 @@ class ArrivalTimeline:
 
 @final
 class IdleTimes:
-    """Where the line paused, by the offset of the byte behind."""
+    """Pauses of the line, each as the offset of the byte after it."""
 
     def __init__(self, baud: int) -> None:
         self._offsets: list[i64] = []
         self.least_ns = 0
         """Silence that counts as a pause, nanoseconds."""
-        self.pace(baud)
+        self.set_baud(baud)
 
-    def pace(self, baud: int) -> None:
-        """The line has `baud` bits per second from now on."""
+    def set_baud(self, baud: int) -> None:
+        """Set the bits per second of the next bytes."""
         self.least_ns = min(SETTLING_NS, round(PAUSE_BYTES * byte_time_ns(baud)))
 
-    def add(self, offset: i64) -> None:
-        """The line paused before that byte."""
+    def append(self, offset: i64) -> None:
+        """Append a pause before the byte at `offset`."""
         self._offsets.append(offset)
 
-    def behind(self, offset: i64) -> bool:
-        """Whether there is a pause behind that byte."""
+    def any_after(self, offset: i64) -> bool:
+        """Whether there is a pause after the byte at `offset`."""
         return bool(self._offsets) and self._offsets[-1] > offset
 
     def within(self, start: i64, stop: i64) -> list[i64]:
-        """The pauses between those offsets, counted from `start`."""
+        """The pauses between two offsets, counted from `start`."""
         return [offset - start for offset in self._offsets if start < offset < stop]
 
     def forget(self, offset: i64) -> None:
-        """Pauses up to that byte are asked for no more."""
+        """Drop the pauses up to the byte at `offset`."""
         while self._offsets and self._offsets[0] <= offset:
             del self._offsets[0]

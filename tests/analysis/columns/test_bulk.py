@@ -12,9 +12,9 @@ from fte_sniff.row_batch import RowBatch
 
 def batch_of(data: bytes) -> RowBatch:
     framer = Framer("p")
-    framer.pour(Chunk("p", None, data))
-    framer.end()
-    return RowBatch.from_span(framer.take())
+    framer.push(Chunk("p", None, data))
+    framer.finish()
+    return RowBatch.from_span(framer.drain())
 
 
 @pytest.mark.parametrize(

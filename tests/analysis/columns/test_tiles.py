@@ -39,11 +39,11 @@ def kept(chunks: Sequence[Chunk], taken_after: int) -> list[DecidedSpan]:
     """The same in portions, each taken after so many chunks."""
     framer, found = Framer("p"), []
     for count, chunk in enumerate(chunks):
-        framer.pour(chunk)
+        framer.push(chunk)
         if count % taken_after == 0:
-            found.append(framer.take())
-    framer.end()
-    return [*found, framer.take()]
+            found.append(framer.drain())
+    framer.finish()
+    return [*found, framer.drain()]
 
 
 def told(rows: Sequence[Row]) -> list[tuple[object, ...]]:
@@ -98,4 +98,4 @@ def test_noise_goes_on_from_piece_to_piece() -> None:
 
 def test_nothing_decided_is_no_rows() -> None:
     framer = Framer("p")
-    assert list(packed_tiles(framer.take())) == framer.take().rows() == []
+    assert list(packed_tiles(framer.drain())) == framer.drain().rows() == []

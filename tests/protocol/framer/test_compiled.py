@@ -1,19 +1,54 @@
-"""What was compiled of the framer is of the present source, and both do the same."""
+"""The compiled framer is of the present source, and gives the same rows as the source.
+
+    python -m tests.protocol.framer.test_compiled --interpreted
+
+prints the rows of the interpreted source.
+"""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.framer_form import ROOM, SETUP, complaint
-from tests.protocol.framer.told_rows import told_rows
+from tests.framer_form import ROOM, SETUP, complaint, interpret
 
 ROOT = SETUP.parent
 BOUND_S = 300
+
+SHARES = {"ordinary": 0.2, "hostile": 0.5}
+"""By payload: the share of damaged frames."""
+FRAMES = 300
+
+
+def rows_as_text() -> list[str]:
+    """Every row of the named cases and of some damaged streams."""
+    from fte_sniff.protocol import Chunk, Framer
+
+    lines = []
+    for stream in _streams():
+        for size in (7, len(stream)):
+            framer = Framer("p")
+            rows = []
+            for number, at in enumerate(range(0, len(stream), size)):
+                t_ns = 10**18 + number * 4_000_000
+                rows += framer.feed(Chunk("p", t_ns, stream[at : at + size]))
+            lines += [repr(row) for row in rows + framer.flush()]
+    return lines
+
+
+def _streams() -> Iterator[bytes]:
+    from benchmarks.faults import damaged_stream
+    from tests.protocol.framer.test_framer import CASES
+
+    for case in CASES.values():
+        yield b"".join(bytes.fromhex(piece) for piece, _ in case)
+    for payload, share in SHARES.items():
+        yield damaged_stream(1, FRAMES, share, payload)[0]
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -25,11 +60,11 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_interpreted_source_gives_the_same_rows() -> None:
-    done = run("tests.protocol.framer.told_rows", "--interpreted")
+    done = run("tests.protocol.framer.test_compiled", "--interpreted")
     assert not done.returncode, done.stderr
     form, *rows = done.stdout.splitlines()
     assert form == "interpreted"
-    assert rows == told_rows()
+    assert rows == rows_as_text()
 
 
 def test_what_only_the_source_allows_is_tested_with_it() -> None:
@@ -63,3 +98,11 @@ def test_a_framer_that_is_not_compiled_is_refused_where_it_has_to_be(
     for name in [name for name in sys.modules if name.startswith(f"{ROOM}.sources_")]:
         monkeypatch.delitem(sys.modules, name)
     assert (complaint(environment) is not None) is refused
+
+
+if __name__ == "__main__":
+    if "--interpreted" in sys.argv:
+        interpret()
+    from fte_sniff.protocol.framer import COMPILED
+
+    print("compiled" if COMPILED else "interpreted", *rows_as_text(), sep="\n")

@@ -1,4 +1,4 @@
-"""The shapes that the framer finds are those that the regular expressions say."""
+"""The predicates agree with the regular expressions of the oracle; fault sets as numbers."""
 
 from __future__ import annotations
 
@@ -9,39 +9,41 @@ from itertools import product
 
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, TAIL, frame_faults
-from fte_sniff.protocol import codec as structure
-from fte_sniff.protocol.codec import HEADER_BYTES, LONGEST_OVERLONG
-from fte_sniff.protocol.framer import predicates as shapes
-from fte_sniff.protocol.framer.tables import FAULT_SETS
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, TAIL, Fault, frame_faults
+from fte_sniff.protocol.codec import HEADER_BYTES, legal_bytes
+from fte_sniff.protocol.framer import FTE_TABLES, FrameTables, predicates, tables
+from fte_sniff.protocol.framer.tables import FAULT_SETS, fault_set
 from fte_sniff.protocol.spec import CMD_OFFSET, KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 from tests.examples import examples
-from tests.protocol.framer import patterns
-from tests.protocol.framer.near_frames import near_frames, near_frames_of
+from tests.protocol import oracle
+from tests.protocol.streams import near_frames, near_frames_of
+
+LONGEST = FRAME_LENGTH + tables.EXTRA
 
 OFTEN = 10
-"""Each answer is given at least so many times, or the bytes are not what they should be."""
+"""Least number of times that each answer must occur."""
 
 Pattern = re.Pattern[bytes]
 
-OF_A_FRAME: dict[str, tuple[Callable[[bytes, int], bool], Pattern]] = {
-    "framed": (shapes.framed, patterns.FRAMED),
-    "strict": (shapes.strict, patterns.STRICT),
-    "undivided": (shapes.undivided, patterns.UNDIVIDED),
-    "plain": (shapes.plain, patterns.PLAIN),
-    "calm": (shapes.is_calm, patterns.CALM),
+OF_A_FRAME: dict[str, tuple[Callable[[FrameTables, bytes, int], bool], Pattern]] = {
+    "framed": (predicates.is_framed, oracle.FRAMED),
+    "strict": (predicates.is_strict, oracle.STRICT),
+    "unsplit": (predicates.is_unsplit, oracle.UNSPLIT),
+    "plain": (predicates.is_plain, oracle.PLAIN),
+    "clear": (predicates.is_clear, oracle.CLEAR),
 }
-UP_TO_AN_END: dict[str, tuple[Callable[[bytes, int, int], bool], Pattern]] = {
-    "firm": (shapes.is_firm, patterns.FIRM),
-    "doubtless": (shapes.is_doubtless, patterns.DOUBTLESS),
+UP_TO_AN_END: dict[str, tuple[Callable[[FrameTables, bytes, int, int], bool], Pattern]] = {
+    "isolated": (predicates.is_isolated, oracle.ISOLATED),
+    "unambiguous": (predicates.is_unambiguous, oracle.UNAMBIGUOUS),
 }
-SEARCHES: dict[str, tuple[Callable[[bytes, int, int], int], Pattern]] = {
-    "doubtless": (shapes.doubtless_frame, patterns.DOUBTLESS),
-    "framed": (shapes.framed_from, patterns.FRAMED),
-    "strict": (shapes.strict_from, patterns.STRICT),
+SEARCHES: dict[str, tuple[Callable[[FrameTables, bytes, int, int], int], Pattern]] = {
+    "unambiguous": (predicates.find_unambiguous, oracle.UNAMBIGUOUS),
+    "framed": (predicates.find_framed, oracle.FRAMED),
+    "strict": (predicates.find_strict, oracle.STRICT),
 }
-RUNS = {"plain": (False, patterns.PLAIN_RUN), "undivided": (True, patterns.UNDIVIDED_RUN)}
+RUNS = {"plain": (False, oracle.PLAIN_RUN), "unsplit": (True, oracle.UNSPLIT_RUN)}
 
 
 def _kind_named(data: bytes, at: int) -> str:
@@ -50,22 +52,20 @@ def _kind_named(data: bytes, at: int) -> str:
 
 
 def _on_all(same: Callable[[bytes], None]) -> None:
-    """Try it with all sorts of bytes: always with the same ones, and with some that nobody knew."""
+    """Check fixed and random near frames."""
     for seed in range(150):
         same(near_frames_of(seed))
     examples(100)(given(near_frames)(same))()
 
 
 ANYTHING = {
-    kind.name
-    for kind in KINDS
-    if all(legal is None for legal in structure.legal_bytes(kind)[NUM_OFFSET:-1])
+    kind.name for kind in KINDS if all(legal is None for legal in legal_bytes(kind)[NUM_OFFSET:-1])
 }
-"""Kinds that everything fits behind header and CMD."""
+"""Kinds for which every byte after header and CMD is legal."""
 
 
 def _all_kinds_often(answers: Counter[tuple[str, bool]], never: set[str] | None = None) -> None:
-    """Fails unless each kind was often called so, and, but for some, often was not."""
+    """Fail unless both answers occurred often for each kind; those in `never` have only one."""
     for kind in KINDS:
         assert answers[kind.name, True] > OFTEN, kind.name
         assert (answers[kind.name, False] > OFTEN) is (kind.name not in (never or ())), kind.name
@@ -79,8 +79,8 @@ def test_a_frame_has_the_shape_that_is_said(name: str) -> None:
     def same(data: bytes) -> None:
         for at in range(len(data) - FRAME_LENGTH + 1):
             expected = pattern.match(data, at) is not None
-            assert has(data, at) is expected
-            if data[at + FRAME_LENGTH - 1] == TAIL or name in ("framed", "calm"):
+            assert has(FTE_TABLES, data, at) is expected
+            if data[at + FRAME_LENGTH - 1] == TAIL or name in ("framed", "clear"):
                 answers[_kind_named(data, at), expected] += 1
 
     _on_all(same)
@@ -90,22 +90,22 @@ def test_a_frame_has_the_shape_that_is_said(name: str) -> None:
 @given(near_frames)
 def test_what_is_cut_off_is_no_calm_frame(data: bytes) -> None:
     for at in range(max(0, len(data) - FRAME_LENGTH + 1), len(data) + 2):
-        assert shapes.is_calm(data, at) is False
+        assert predicates.is_clear(FTE_TABLES, data, at) is False
 
 
 @pytest.mark.parametrize("name", UP_TO_AN_END)
-def test_a_frame_has_it_with_what_is_known_behind_it(name: str) -> None:
+def test_a_frame_has_it_with_what_is_known_after_it(name: str) -> None:
     has, pattern = UP_TO_AN_END[name]
     answers: Counter[tuple[str, bool]] = Counter()
 
     def same(data: bytes) -> None:
         for at in range(len(data) - FRAME_LENGTH + 1):
-            just = at + LONGEST_OVERLONG
+            just = at + LONGEST
             for end in {at, just - 1, just, len(data)}:
                 if end > len(data):
                     continue
                 expected = pattern.match(data, at, end) is not None
-                assert has(data, at, end) is expected
+                assert has(FTE_TABLES, data, at, end) is expected
                 if data[at + FRAME_LENGTH - 1] == TAIL and just <= end:
                     answers[_kind_named(data, at), expected] += 1
 
@@ -122,7 +122,7 @@ def test_the_next_such_frame_is_found(name: str) -> None:
         for start in range(len(data) + 2):
             for stop in (-5, start - 1, start + 9, start + 15, len(data) - 2, len(data), 10_000):
                 found = pattern.search(data, start, max(0, stop))
-                assert find(data, start, stop) == (found.start() if found else -1)
+                assert find(FTE_TABLES, data, start, stop) == (found.start() if found else -1)
                 answers[found is not None] += 1
 
     _on_all(same)
@@ -134,8 +134,10 @@ def test_the_next_anchor_is_found() -> None:
 
     def same(data: bytes) -> None:
         for start in range(len(data) + 2):
-            found = patterns.ANCHOR.search(data, start)
-            assert shapes.anchor_from(data, start) == (found.start() if found else -1)
+            found = oracle.ANCHOR.search(data, start)
+            assert predicates.find_anchor(FTE_TABLES, data, start) == (
+                found.start() if found else -1
+            )
             answers[found is not None] += 1
 
     _on_all(same)
@@ -143,10 +145,10 @@ def test_the_next_anchor_is_found() -> None:
 
 
 @given(near_frames, near_frames)
-def test_an_anchor_that_is_yet_to_come_begins_close_to_the_end(data: bytes, behind: bytes) -> None:
-    anchor = shapes.anchor_from(data + behind, 0)
-    if shapes.anchor_from(data, 0) < 0 <= anchor:
-        assert anchor >= len(data) - shapes.ANCHOR_REACH
+def test_an_incomplete_anchor_starts_close_to_the_end(data: bytes, after: bytes) -> None:
+    anchor = predicates.find_anchor(FTE_TABLES, data + after, 0)
+    if predicates.find_anchor(FTE_TABLES, data, 0) < 0 <= anchor:
+        assert anchor >= len(data) - (2 * FRAME_LENGTH - 1)
 
 
 @pytest.mark.parametrize("name", RUNS)
@@ -159,7 +161,7 @@ def test_a_run_ends_where_it_is_said(name: str) -> None:
             for end in {at, max(at, len(data) - 5), len(data)}:
                 found = pattern.match(data, at, end)
                 assert found
-                assert shapes.run_end(data, at, end, calm=calm) == found.end()
+                assert predicates.end_of_run(FTE_TABLES, data, at, end, calm=calm) == found.end()
                 lengths[(found.end() - at) // FRAME_LENGTH] += 1
 
     _on_all(same)
@@ -170,8 +172,8 @@ def test_a_run_may_be_as_long_as_it_is() -> None:
     frame = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
     data = frame * 5000 + b"\x12" + frame
     for calm in (False, True):
-        assert shapes.run_end(data, 0, len(data), calm=calm) == 50_000
-        assert shapes.run_end(data, 0, 33_333, calm=calm) == 33_330
+        assert predicates.end_of_run(FTE_TABLES, data, 0, len(data), calm=calm) == 50_000
+        assert predicates.end_of_run(FTE_TABLES, data, 0, 33_333, calm=calm) == 33_330
 
 
 def test_a_payload_divides_a_frame_where_it_is_said() -> None:
@@ -179,8 +181,8 @@ def test_a_payload_divides_a_frame_where_it_is_said() -> None:
 
     def same(data: bytes) -> None:
         for at in range(len(data) - 2):
-            expected = patterns.DIVIDING.match(data, at) is not None
-            assert shapes.dividing(data, at) is expected
+            expected = oracle.SPLITTING.match(data, at) is not None
+            assert predicates.can_split(FTE_TABLES, data, at) is expected
             answers[data[at] == TAIL, expected] += 1
 
     _on_all(same)
@@ -195,7 +197,7 @@ def test_ten_framed_bytes_have_the_faults_that_the_codec_names() -> None:
             header = data[at] if data[at] in HEADER_BYTES else HEADER_BYTES[at % len(HEADER_BYTES)]
             raw = bytes([header, *data[at + 1 : at + FRAME_LENGTH - 1], TAIL])
             named = frame_faults(raw)
-            assert FAULT_SETS[shapes.faults_of_framed(data[:at] + raw, at)] == named
+            assert FAULT_SETS[predicates.framed_faults(FTE_TABLES, data[:at] + raw, at)] == named
             answers[_kind_named(raw, 0), not named] += 1
 
     _on_all(same)
@@ -211,12 +213,35 @@ def test_bytes_fit_the_ends_of_a_kind_as_far_as_the_structure_says() -> None:
     def same(data: bytes) -> None:
         for at, length, (number, kind) in product(range(len(data)), lengths, enumerate(KINDS)):
             end = min(len(data), at + length)
-            head = patterns.head_fit(kind, data[at:end])
-            rest = patterns.rest_fit(kind, data[at:end])
-            assert shapes.head_fit(data, at, end, number) == head
-            assert shapes.rest_fit(data, at, end, number) == rest
+            head = oracle.prefix_fit(kind, data[at:end])
+            rest = oracle.suffix_fit(kind, data[at:end])
+            assert predicates.prefix_fit(FTE_TABLES, data, at, end, number) == head
+            assert predicates.suffix_fit(FTE_TABLES, data, at, end, number) == rest
             heads[head] += 1
             rests[rest] += 1
 
     _on_all(same)
     assert set(heads) == set(rests) == set(range(FRAME_LENGTH + 1))
+
+
+GIVEN = [fault for fault in Fault if fault is not Fault.LINE_ERROR]
+"""The framer gives all others."""
+
+
+def test_every_number_is_that_of_its_faults() -> None:
+    assert len(FAULT_SETS) == 2 ** len(GIVEN)
+    for number, faults in enumerate(FAULT_SETS):
+        assert fault_set(faults) == number
+    assert FAULT_SETS[0] == ()
+
+
+@given(st.lists(st.sampled_from(GIVEN), unique=True))
+def test_faults_have_one_number_in_whatever_order_they_come(faults: list[Fault]) -> None:
+    assert sorted(FAULT_SETS[fault_set(faults)]) == sorted(faults)
+    assert fault_set(faults) == fault_set(reversed(faults))
+
+
+def test_the_names_are_those_of_the_numbers() -> None:
+    for name in ("UNKNOWN_CMD", "BAD_HEADER", "BAD_TAIL", "TRUNCATED", "OVERLONG", "NOISE"):
+        assert FAULT_SETS[getattr(tables, name)] == (Fault[name],)
+    assert FAULT_SETS[tables.AMBIGUOUS] == (Fault.AMBIGUOUS,)

@@ -1,4 +1,4 @@
-"""When rows come out, what times they carry, and what silence settles."""
+"""When rows are returned, their times, and what silence decides."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def _byte_by_byte(framer: Framer, data: bytes) -> list[list[Row]]:
 
 
 @pytest.mark.parametrize("baud", [0, -115_200])
-def test_a_line_without_speed_is_refused(baud: int) -> None:
+def test_a_baud_below_1_is_refused(baud: int) -> None:
     with pytest.raises(ValueRangeError, match=f"baud {baud} is out of range"):
         Framer("p", baud)
     with pytest.raises(ValueRangeError, match=f"baud {baud} is out of range"):
-        Framer("p").pace(baud)
+        Framer("p").set_baud(baud)
 
 
-def test_on_a_calm_line_a_frame_is_out_with_its_last_byte() -> None:
+def test_on_a_calm_line_a_frame_is_returned_with_its_last_byte() -> None:
     framer = Framer("p")
     framer.feed(Chunk("p", None, SPEED * 60))
     out = _byte_by_byte(framer, SPEED * 5)
@@ -57,7 +57,7 @@ def test_a_line_is_calm_until_it_shows_damage() -> None:
     assert framer.flush()[0].raw == SPEED
 
 
-def test_behind_damage_a_frame_waits_for_what_could_make_it_overlong() -> None:
+def test_after_damage_a_frame_waits_for_the_end_of_an_overlong_one() -> None:
     framer = Framer("p")
     framer.feed(Chunk("p", None, SPEED * 3 + b"\x12\x34\x56" + SPEED * 3))
     out = _byte_by_byte(framer, SPEED + b"\x12\xee")
@@ -89,7 +89,7 @@ def test_no_frame_waits_for_more_than_two_further_ones(data: bytes) -> None:
             assert waited <= (2 * FRAME_LENGTH if isinstance(row, Frame) else 90)
 
 
-def test_a_disputed_frame_is_out_after_two_further_frames() -> None:
+def test_a_disputed_frame_is_returned_after_two_further_frames() -> None:
     framer = Framer("p")
     framer.feed(Chunk("p", None, SPEED * 3 + b"\x12\x34\x56" + SPEED * 3))
     framer.feed(Chunk("p", None, HOSTILE))
@@ -98,7 +98,7 @@ def test_a_disputed_frame_is_out_after_two_further_frames() -> None:
 
 
 @given(st.integers(1, 40), st.binary(max_size=20))
-def test_silence_of_20_ms_lets_the_last_frame_out(frames: int, junk: bytes) -> None:
+def test_silence_of_20_ms_decides_the_last_frame(frames: int, junk: bytes) -> None:
     framer = Framer("p")
     rows = framer.feed(Chunk("p", START, SPEED * frames + junk + SPEED))
     rows += framer.feed(Chunk("p", START + 20 * MS, b""))
@@ -113,14 +113,14 @@ def test_less_silence_does_not_settle_a_disputed_frame() -> None:
     assert HOSTILE not in [row.raw for row in rows]
 
 
-def test_noise_on_a_silent_line_comes_out() -> None:
+def test_silence_decides_noise() -> None:
     framer = Framer("p")
     assert framer.feed(Chunk("p", START, b"\x12\x34\x56")) == []
     (row,) = framer.feed(Chunk("p", START + 25 * MS, b""))
     assert (row.raw, row.faults) == (b"\x12\x34\x56", (Fault.NOISE,))
 
 
-def test_a_reader_that_was_held_up_tears_no_frame() -> None:
+def test_a_delayed_reader_cuts_no_frame() -> None:
     framer = Framer("p")
     rows = framer.feed(Chunk("p", START, SPEED * 3 + SPEED[:4]))
     rows += framer.feed(Chunk("p", START + 50 * MS, b""))
@@ -182,10 +182,10 @@ def test_memory_stays_bounded() -> None:
             assert held <= 1200
 
 
-def test_a_new_pace_dates_the_bytes_behind_it_and_no_others() -> None:
+def test_a_new_baud_dates_the_bytes_after_it_and_no_others() -> None:
     framer = Framer("p")
     rows = framer.feed(Chunk("p", START, SPEED))
-    framer.pace(9600)
+    framer.set_baud(9600)
     rows += framer.feed(Chunk("p", START + 100 * MS, SPEED))
     rows += framer.flush()
     slow = byte_time_ns(9600)

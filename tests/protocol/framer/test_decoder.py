@@ -1,0 +1,386 @@
+"""Scores, posterior probabilities and segments of disputed spans, against an independent oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import prod
+from random import Random
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
+from benchmarks.score import labels, score
+from fte_sniff.protocol import FRAME_LENGTH, Chunk, Fault, Frame, Framer, Row
+from fte_sniff.protocol.framer import FTE_TABLES, FrameTables
+from fte_sniff.protocol.framer.candidates import CandidateSet
+from fte_sniff.protocol.framer.decoder import (
+    DamagedSpan,
+    clear_damage,
+    decode,
+    decode_alone,
+    trust_calm_line,
+)
+from fte_sniff.protocol.framer.likelihood import (
+    BOUNDARY,
+    CLOSED,
+    JUNK,
+    LONGEST_JUNK,
+    NOISE_BEGINS,
+    NOISE_CONTINUES,
+    NOISE_ENDS,
+    OPEN,
+)
+from fte_sniff.protocol.framer.posterior import BoundaryState, ForwardBackward, after_certain_frame
+from fte_sniff.protocol.framer.predicates import find_unambiguous
+from fte_sniff.protocol.framer.segments import Segment
+from fte_sniff.protocol.framer.tables import FAULT_SETS
+from tests.examples import examples
+from tests.protocol import oracle
+from tests.protocol.streams import near_frames, unambiguous_frame
+
+
+class Part(NamedTuple):
+    """A segment in plain numbers and fault words."""
+
+    start: int
+    stop: int
+    framed: bool
+    faults: tuple[Fault, ...]
+
+    @property
+    def certain(self) -> bool:
+        return self.framed and not self.faults
+
+
+def parts_of(segments: Sequence[Segment]) -> list[Part]:
+    return [Part(one.start, one.stop, one.framed, FAULT_SETS[one.faults]) for one in segments]
+
+
+def whole_frames(data: bytes, state: BoundaryState, ending: int) -> dict[int, float]:
+    """The offsets where a whole frame can start in a span, with the probability (0-1) of each."""
+    posterior = ForwardBackward(CandidateSet(FTE_TABLES, data), state, ending)
+    probabilities = posterior.frame_probabilities()
+    return {
+        prefix.start: probabilities[number]
+        for number, prefix in enumerate(posterior.candidates.prefixes)
+        if prefix.whole > 0
+    }
+
+
+def decoded(
+    data: bytes,
+    state: BoundaryState,
+    ending: int,
+    *,
+    before_frame: bool = False,
+    calm: bool = False,
+) -> list[Part]:
+    """The segments of a span; `before_frame` if a frame is known to follow it."""
+    posterior = ForwardBackward(CandidateSet(FTE_TABLES, data), state, ending)
+    segments = decode(posterior, Segment(0, 10, True, 0, 1.0) if before_frame else None)
+    return parts_of(trust_calm_line(posterior, segments) if calm else segments)
+
+
+def candidate_scores(tables: FrameTables, data: bytes) -> dict[tuple[int, int], float]:
+    """The start, stop and score of each frame, whole or damaged, that a span can hold."""
+    candidates, length = CandidateSet(tables, data), tables.length
+    scores: dict[tuple[int, int], float] = {}
+
+    def count(start: int, stop: int, score: float) -> None:
+        if score > 0:
+            scores[start, stop] = scores.get((start, stop), 0.0) + score
+
+    for prefix in candidates.prefixes:
+        for cut in range(1, prefix.longest_truncated + 1):
+            count(prefix.start, prefix.start + cut, candidates.truncated(prefix, cut))
+        full = candidates.whole(prefix) or candidates.bad_tail(prefix)
+        count(prefix.start, prefix.start + length, full)
+    for end in candidates.ends:
+        for start in range(end.first, end.stop):
+            count(start, end.stop, end.scores[start - end.first])
+    return scores
+
+
+def damaged_span(data: bytes) -> list[Part]:
+    """The segments of a span in which no whole frame is shown."""
+    return parts_of(DamagedSpan(CandidateSet(FTE_TABLES, data), 0, len(data)).segments())
+
+
+def decoded_alone(data: bytes, end: int, *, calm: bool) -> list[Part] | None:
+    segments = decode_alone(FTE_TABLES, data, 0, end, calm=calm)
+    return None if segments is None else parts_of(segments)
+
+
+def clear_damage_at(data: bytes, at: int) -> Part | None:
+    segment = clear_damage(FTE_TABLES, data, at)
+    return None if segment is None else parts_of([segment])[0]
+
+
+def rows_of(stream: bytes) -> list[Row]:
+    framer = Framer("p")
+    return framer.feed(Chunk("p", None, stream)) + framer.flush()
+
+
+# Scores and segmentation
+
+some = st.one_of(
+    st.sampled_from([0xAA, 0x55, 0xEE, 0, 1, 2, 3, 4, 5, 0x0E, 0x0F, 0x10, 0x7F, 0xFE, 0xFF]),
+    st.integers(0, 255),
+)
+spans = st.one_of(
+    st.lists(some, min_size=1, max_size=40).map(bytes),
+    near_frames.map(lambda data: data[:40]),
+    st.integers(0, 10_000).map(lambda seed: damaged_stream(seed, 4, 0.9, "hostile")[0][:40]),
+).filter(bool)
+
+
+def oracle_scores(data: bytes) -> dict[tuple[int, int], float]:
+    return {
+        (start, candidate.stop): candidate.score
+        for start in range(len(data))
+        for candidate in oracle.candidates(data, start)
+    }
+
+
+@examples(150)
+@given(spans)
+def test_candidates_score_what_the_oracle_says(data: bytes) -> None:
+    assert candidate_scores(FTE_TABLES, data) == pytest.approx(oracle_scores(data), rel=1e-9, abs=0)
+
+
+def _noise(length: int) -> float:
+    """The score of a run of noise, as the likelier of junk and long noise."""
+    if length <= LONGEST_JUNK:
+        return JUNK
+    return NOISE_BEGINS * NOISE_ENDS * NOISE_CONTINUES ** (length - 1)
+
+
+def _best(data: bytes) -> float:
+    """The best score of these bytes as damaged frames and runs of noise."""
+    size = len(data)
+    best, noisy = [1.0, *[0.0] * size], [False] * (size + 1)
+
+    def reach(stop: int, score: float, noise: bool) -> None:
+        if score > best[stop]:
+            best[stop], noisy[stop] = score, noise
+
+    for start in range(size):
+        for candidate in oracle.candidates(data, start):
+            if not candidate.whole:
+                reach(candidate.stop, best[start] * candidate.score, False)
+        for stop in range(start + 1, size + 1):
+            if not noisy[start] and (stop == size or data[stop] in oracle.IS_HEADER):
+                reach(stop, best[start] * _noise(stop - start), True)
+    return best[size]
+
+
+@examples(150)
+@given(spans)
+def test_a_damaged_span_gets_its_best_segmentation(data: bytes) -> None:
+    if any(oracle.is_whole(data[at : at + FRAME_LENGTH]) for at in range(len(data))):
+        return
+    scores = oracle_scores(data)
+    parts = damaged_span(data)
+    assert [part.start for part in parts] == [0, *(part.stop for part in parts[:-1])]
+    assert parts[-1].stop == len(data)
+    total = prod(
+        # A damaged frame without a header, and not of ten bytes, is labelled noise too.
+        max(
+            scores.get((part.start, part.stop), 0.0),
+            _noise(part.stop - part.start) if part.faults == (Fault.NOISE,) else 0.0,
+        )
+        for part in parts
+    )
+    assert total == pytest.approx(_best(data))
+
+
+# Fast paths
+
+imitating = st.sampled_from([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03, 0x0F, 0x77])
+shorter_spans = st.one_of(
+    st.binary(min_size=1, max_size=30),
+    st.lists(imitating, min_size=1, max_size=30).map(bytes),
+    st.builds(
+        lambda seed, cut: damaged_stream(seed, 4, 0.9, "hostile")[0][cut : cut + 30],
+        st.integers(0, 10_000),
+        st.integers(0, 8),
+    ).filter(bool),
+)
+
+
+@examples(400)
+@given(shorter_spans, st.integers(0, 10_000), st.booleans())
+def test_a_span_decoded_alone_is_decoded_as_with_the_frame_after_it(
+    span: bytes, seed: int, calm: bool
+) -> None:
+    data = span + unambiguous_frame(seed)[:10]
+    parts = decoded_alone(data, len(span), calm=calm)
+    if parts is None:
+        return
+    segments = decoded(data, after_certain_frame(), BOUNDARY, before_frame=True, calm=calm)
+    assert segments.pop().certain
+    assert parts == segments
+
+
+@examples(400)
+@given(shorter_spans, st.integers(0, 10_000), st.binary(max_size=10))
+def test_bytes_after_an_unambiguous_frame_change_nothing_before_it(
+    span: bytes, seed: int, after: bytes
+) -> None:
+    data = span + unambiguous_frame(seed)
+    start = find_unambiguous(FTE_TABLES, data, 0, len(data))
+    assert start >= 0
+    upto = whole_frames(data[: start + 10], after_certain_frame(), BOUNDARY)
+    if upto[start] < 0.9995:
+        return
+    whole = whole_frames(data + after, after_certain_frame(), OPEN)
+    assert whole[start] > 0.999
+    for at, probability in upto.items():
+        assert whole[at] == pytest.approx(probability, abs=1e-3)
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_clear_damage_gives_the_rows_of_the_full_decoding(share: float) -> None:
+    stream, _ = damaged_stream(7, 3000, share, "ordinary")
+    taken = []
+    for before, row in pairwise(rows_of(stream)):
+        if not row.faults or before.faults or not isinstance(before, Frame):
+            continue
+        at = row.offset
+        part = clear_damage_at(stream, at)
+        taken.append(part is not None)
+        if part is None:
+            continue
+        assert (len(row.raw), isinstance(row, Frame), row.faults) == part[1:]
+        scored = decoded(stream[at : at + part.stop + 10], after_certain_frame(), BOUNDARY)
+        assert scored == [part, (part.stop, part.stop + 10, True, ())]
+    assert sum(taken) > len(taken) / 3
+
+
+@examples(400)
+@given(st.integers(0, 100_000), st.sampled_from(sorted(PAYLOADS)), st.integers(0, 10_000))
+def test_clear_damage_is_decoded_as_by_its_scores(seed: int, payload: str, after: int) -> None:
+    data = damaged_stream(seed, 1, 1.0, payload)[0] + unambiguous_frame(after)
+    part = clear_damage_at(data, 0)
+    if part is None:
+        return
+    first, *others = decoded(data[: part.stop + 10], after_certain_frame(), BOUNDARY)
+    assert [other.certain for other in others] == [True]
+    assert first == part
+
+
+FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
+
+
+@pytest.mark.parametrize(
+    ("damage", "fault"),
+    [
+        ("12 34", Fault.NOISE),
+        ("01 03 E8 00 00 00 EE", Fault.NOISE),
+        ("AA 01 01 03 E8 00", Fault.TRUNCATED),
+        ("AA 01 01 00 00 00 EE", Fault.TRUNCATED),
+        ("AA 01 01 03 E8 17 00 00 00 00 EE", Fault.OVERLONG),
+        ("12 01 01 03 E8 00 00 00 00 EE", Fault.BAD_HEADER),
+        ("AA 01 01 03 E8 00 00 00 00 12", Fault.BAD_TAIL),
+        ("AA 42 01 03 E8 00 00 00 00 EE", Fault.UNKNOWN_CMD),
+        ("AA 01 07 03 E8 00 00 00 00 EE", Fault.BAD_MOTOR),
+    ],
+)
+def test_plain_damage_is_clear(damage: str, fault: Fault) -> None:
+    raw = bytes.fromhex(damage)
+    framed = fault in (Fault.UNKNOWN_CMD, Fault.BAD_MOTOR)
+    part = clear_damage_at(FRAME + raw + FRAME * 2, len(FRAME))
+    assert part == (0, len(raw), framed, (fault,))
+    assert clear_damage_at(raw + FRAME + FRAME[:3], 0) is None
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "EE",
+        "34 EE",
+        "AA 01",
+        "12 AA 03 EE",
+        "55 77 12 34 56 78 EE",
+        "55 02 01 55 02",
+        "AA 02 04 FF 59 FF FE 00 0F EE",
+    ],
+)
+def test_doubtful_damage_is_left_to_the_scores(damage: str) -> None:
+    assert clear_damage_at(bytes.fromhex(damage) + FRAME * 2, 0) is None
+
+
+# Quality on damaged streams
+
+
+@pytest.mark.parametrize(
+    ("share", "payload", "found", "invented_ok", "doubted"),
+    [
+        (0.01, "ordinary", 1.0, 0, 0.001),
+        (0.2, "ordinary", 1.0, 1, 0.018),
+        (0.2, "hostile", 0.9997, 2, 0.022),
+        (0.5, "hostile", 0.9992, 5, 0.05),
+    ],
+)
+def test_frames_are_found_and_none_is_invented(
+    share: float, payload: str, found: float, invented_ok: int, doubted: float
+) -> None:
+    stream, sent = damaged_stream(1, 5000, share, payload)
+    judged = score(sent, rows_of(stream))
+    assert judged.found_share >= found
+    assert judged.invented_ok <= invented_ok
+    assert judged.doubted_share <= doubted
+
+
+def test_single_faults_are_named() -> None:
+    stream, sent = damaged_stream(2, 20_000, 0.15, "ordinary")
+    seen = labels(sent, rows_of(stream))
+    for done, label in {
+        "lost, header left": "truncated",
+        "inserted": "overlong",
+        "only the header changed": "bad_header",
+        "only the tail changed": "bad_tail",
+        "junk": "noise",
+    }.items():
+        named = {key: count for key, count in seen.items() if key[1] == done}
+        assert sum(named.values()) > 30
+        right = sum(count for key, count in named.items() if key[2] == label)
+        assert right >= 0.95 * sum(named.values()), done
+
+
+def test_joining_in_mid_stream_invents_nothing() -> None:
+    random = Random(5)
+    for _ in range(400):
+        frames = [draw_frame(random, PAYLOADS["ordinary"]) for _ in range(8)]
+        cut = random.randrange(1, 2 * FRAME_LENGTH)
+        first = -cut % FRAME_LENGTH
+        starts = [r.offset for r in rows_of(b"".join(frames)[cut:]) if isinstance(r, Frame)]
+        assert starts == list(range(first, 8 * FRAME_LENGTH - cut, FRAME_LENGTH))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_probabilities_of_a_span_are_the_oracles(seed: int) -> None:
+    stream, _ = damaged_stream(seed, 8, 0.5, "hostile")
+    stream = stream[:100]
+    probable = whole_frames(stream, after_certain_frame(), CLOSED)
+    assert probable == pytest.approx(oracle.probabilities(stream), rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_streaming_decides_as_the_oracle_does_on_the_whole(seed: int) -> None:
+    stream, _ = damaged_stream(seed, 60, 0.4, "hostile")
+    lead = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE") * 3
+    probable = oracle.probabilities(lead + stream)
+    rows = [row for row in rows_of(lead + stream) if isinstance(row, Frame)]
+    starts = {row.offset for row in rows}
+    assert {start for start, p in probable.items() if p > 0.98} <= starts
+    for row in rows:
+        if not row.faults:
+            assert probable[row.offset] > 0.5
+        if row.offset in probable and probable[row.offset] < 0.02:
+            assert row.faults
