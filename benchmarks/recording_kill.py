@@ -32,7 +32,7 @@ from benchmarks.recorded_rows import PORTS, rows_a_second, rows_of
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.retention import DEFAULT_MOST_INDEX, RecordingOptions
+from fte_sniff.recording.retention import DEFAULT_MAX_INDEX_BYTES, RecordingOptions
 
 _PACE_S = 0.02
 _LONGEST_S = 5.0
@@ -62,13 +62,13 @@ class Left:
         return max(0, self.told - self.found)
 
 
-def record(path: Path, every_s: float, most_index: int | None) -> None:
+def record(path: Path, every_s: float, max_index_bytes: int | None) -> None:
     """Record for ever; `every_s` 0 flushes after each write. Tells `w ROWS` and `f ROWS`."""
     a_second = rows_a_second()
     step = max(1, int(a_second * _PACE_S))
     ready = [rows_of(first, step) for first in range(0, a_second * 8, step)]
     ports = [PortFacts(port, 115_200) for port in PORTS]
-    writer = Recorder(path, ports, keeping=RecordingOptions(most_index=most_index))
+    writer = Recorder(path, ports, options=RecordingOptions(max_index_bytes=max_index_bytes))
     begun = flushed = time.monotonic()
     count = 0
     for rows in ready if every_s else _endless(step * 50):
@@ -168,7 +168,7 @@ def main() -> None:
     options = parser.parse_args()
     every_s = 0.0 if options.stress else options.every
     if options.record:
-        record(options.record, every_s, _SEAM_INDEX if options.seams else DEFAULT_MOST_INDEX)
+        record(options.record, every_s, _SEAM_INDEX if options.seams else DEFAULT_MAX_INDEX_BYTES)
         return
     rng = random.Random()
     with (

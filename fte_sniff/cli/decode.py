@@ -121,7 +121,7 @@ def _write_recording(output: Path | None, reading: InputReading, *, force: bool)
     from fte_sniff.recording.bulk_writer import write_recording
     from fte_sniff.recording.metadata import (
         LEFT_OUT_NAME,
-        OF_A_PART,
+        PART_FACTS,
         SELECTION_NAME,
         gap_to_metadata,
     )
@@ -131,10 +131,10 @@ def _write_recording(output: Path | None, reading: InputReading, *, force: bool)
     with file_output(output, OutputFormat.MCAP, force=force) as path:
         ports = [port for one in reading.inputs for port in one.ports]
         facts = {name: fact for one in reading.inputs for name, fact in one.facts.items()}
-        own = {name: fact for name, fact in facts.items() if name not in OF_A_PART}
+        own = {name: fact for name, fact in facts.items() if name not in PART_FACTS}
 
         def notes() -> Iterator[Note]:
             yield from ((LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in reading.gaps)
-            yield from ((SELECTION_NAME, one.told()) for one in reading.selections)
+            yield from ((SELECTION_NAME, one.to_metadata()) for one in reading.selections)
 
         write_recording(path, ports, (batch.columns(codebook) for batch in reading), own, notes)

@@ -15,10 +15,10 @@ import click
 from fte_sniff.cli.options import Seconds, parse_seconds, row_filter
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
-from fte_sniff.recording.output_file import Existing, is_outlet
+from fte_sniff.recording.output_file import Existing, is_stream
 from fte_sniff.recording.retention import (
     DEFAULT_FREE_BYTES,
-    DEFAULT_MOST_INDEX,
+    DEFAULT_MAX_INDEX_BYTES,
     OnFull,
     RecordingOptions,
     TriggerWindow,
@@ -119,7 +119,7 @@ def options_with(
         click.option(
             "--max-size",
             callback=_parsed_by(_size),
-            default=_compact(defaults.most_bytes),
+            default=_compact(defaults.max_bytes),
             show_default=True,
             metavar="SIZE",
             help="Limit the total size of this capture's files; none: no limit.",
@@ -170,7 +170,7 @@ def check_recording(output: Path | None) -> None:
     Raises:
         UsageError: it does.
     """
-    if output is None or is_outlet(output):
+    if output is None or is_stream(output):
         return
     if FORMAT_BY_SUFFIX.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
         mcap = output.with_suffix(".mcap")
@@ -207,12 +207,12 @@ def options_from(
     return RecordingOptions(
         flush_every_s=flush_every,
         rotate_bytes=rotate if isinstance(rotate, int) else None,
-        most_index=DEFAULT_MOST_INDEX if rotate is Rotate.AUTO else None,
+        max_index_bytes=DEFAULT_MAX_INDEX_BYTES if rotate is Rotate.AUTO else None,
         rotate_s=rotate if isinstance(rotate, float) else None,
         on_full=OnFull(on_full),
-        most_bytes=max_size,
-        free_bytes=min_free,
-        around=None if trigger is None else window,
+        max_bytes=max_size,
+        min_free_bytes=min_free,
+        trigger_window=None if trigger is None else window,
     )
 
 
@@ -235,7 +235,7 @@ def _check_sequence(output: Path | None, rotate: int | float | Rotate | None, fu
             "--on-full rotate-oldest deletes files of several; leave --rotate none out"
         )
     sequence = isinstance(rotate, int | float) or rotates_oldest
-    if sequence and output is not None and is_outlet(output):
+    if sequence and output is not None and is_stream(output):
         raise UsageError(f"{output} cannot be rotated: it is no file; leave --rotate out")
 
 
@@ -276,7 +276,7 @@ def plan_of(
         wiring=wiring,
         recording=None if no_record else output or _default_path(),
         existing=existing if output else Existing.NUMBER,
-        keeping=options_from(output, trigger=trigger, **recording),
+        recording_options=options_from(output, trigger=trigger, **recording),
         trigger=trigger,
         outlives_view=keep_recording,
         duration_s=duration,

@@ -56,7 +56,7 @@ def command(file: Path, output: Path | None, force: bool) -> None:
 
 def _nothing_lost(damage: FileDamage) -> bool:
     """True if every row and event is kept, even if bytes around them are damaged."""
-    return damage.missing == 0 or (not damage.gaps and not damage.least_missing)
+    return damage.lost_messages == 0 or (not damage.gaps and not damage.least_lost_messages)
 
 
 def _report_damage(damage: FileDamage) -> None:
@@ -70,14 +70,16 @@ def _report_damage(damage: FileDamage) -> None:
     if len(damage.gaps) > _MOST_GAPS:
         more = f"{len(damage.gaps) - _MOST_GAPS} more places"
         print_err(f"damaged: {more}, which held no rows" if whole else f"lost: {more}")
-    if damage.undescribed:
-        print_err(f"lost: {damage.undescribed} messages of ports that nothing describes any more")
+    if damage.undefined_messages:
+        print_err(
+            f"lost: {damage.undefined_messages} messages of ports that nothing describes any more"
+        )
 
 
 def _missing(damage: FileDamage) -> str:
     """How many messages are lost, as far as known."""
-    if damage.missing is not None:
-        return f"{damage.missing} are lost"
-    if damage.least_missing:
-        return f"at least {damage.least_missing} are lost"
+    if damage.lost_messages is not None:
+        return f"{damage.lost_messages} are lost"
+    if damage.least_lost_messages:
+        return f"at least {damage.least_lost_messages} are lost"
     return "how many came behind the damage is not known"

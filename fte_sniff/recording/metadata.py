@@ -14,10 +14,14 @@ from typing import Final
 from fte_sniff.protocol import Gap, GapKind, iso_time
 
 PROGRAM = "fte-sniff"
-"""This program's name, with which the library string of its files begins."""
+"""The program's name: the start of the header's library string, and the name of the file's own
+metadata record."""
 
-OF_A_PART = ("part", "previous")
-"""The names of what a file says of its place among the files of a capture."""
+PART_FACTS = ("part", "previous")
+"""The items that give a file's position in the sequence of a capture."""
+
+NEXT_NAME = f"{PROGRAM}.next"
+"""The metadata record that names the next file of the capture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,21 +29,21 @@ class PortFacts:
     """One port of a recording."""
 
     name: str
-    """As in the rows' `port`; may hold text from outside, so show it, never obey it."""
+    """As in the rows' `port`; may contain text from outside."""
     baud: int | None = None
-    """Bits per second on the line; None where nobody said."""
+    """Bits per second; None if unknown."""
 
 
 def library_name() -> str:
-    """Who writes the file, for its header: `fte-sniff 1.2.3`."""
+    """The library string of the header: `fte-sniff 1.2.3`."""
     return f"{PROGRAM} {version(PROGRAM)}"
 
 
 def host_facts(start_ns: int) -> dict[str, str]:
-    """The facts about this host and its clock that belong into a recording started at `start_ns`.
+    """Metadata about this host and its clock.
 
     Args:
-        start_ns: when the capture began, nanoseconds since 1970 UTC.
+        start_ns: start of the capture, nanoseconds since 1970 UTC.
     """
     clock = time.get_clock_info("time")
     return {
@@ -53,7 +57,7 @@ def host_facts(start_ns: int) -> dict[str, str]:
 
 
 def recording_facts(ports: tuple[PortFacts, ...], facts: Mapping[str, str]) -> dict[str, str]:
-    """The file's Metadata record: who wrote it, the caller's `facts`, and each port."""
+    """The file's own metadata record: its library, the caller's `facts`, and each port."""
     found = {"library": library_name(), **facts}
     for number, port in enumerate(ports, 1):
         found[f"port.{number}.name"] = port.name
@@ -62,23 +66,18 @@ def recording_facts(ports: tuple[PortFacts, ...], facts: Mapping[str, str]) -> d
 
 
 def is_next_part(before: Mapping[str, str], facts: Mapping[str, str]) -> bool:
-    """Whether a file is of the same capture as another, and the next that was recorded.
-
-    Args:
-        before: what the other says about itself.
-        facts: what it says.
-    """
-    same = all(before.get(name) == facts.get(name) for name in ("start", "host"))
-    first, second = before.get("part", "1"), facts.get("part", "1")
-    numbered = all(part.isascii() and part.isdecimal() for part in (first, second))
-    return bool(same and facts.get("start") and numbered and int(first) + 1 == int(second))
+    """Whether the file with `facts` follows the file with the facts `before` in one capture."""
+    if not facts.get("start") or any(before.get(n) != facts.get(n) for n in ("start", "host")):
+        return False
+    numbers = before.get("part", "1"), facts.get("part", "1")
+    return all(map(_is_number, numbers)) and int(numbers[0]) + 1 == int(numbers[1])
 
 
 GAP_NAME: Final = f"{PROGRAM}.gap"
-"""The name of the metadata record that tells which rows before this file were not recorded."""
+"""The metadata record of a gap before this file: rows that could not be recorded."""
 
 LEFT_OUT_NAME: Final = f"{PROGRAM}.left-out"
-"""The name of the metadata record that tells which rows came and are not in this file."""
+"""The metadata record of a gap in this file: rows that were left out."""
 
 _GAP_KINDS: Final = {GAP_NAME: GapKind.WRITE_ERROR, LEFT_OUT_NAME: GapKind.LEFT_OUT}
 _TIME: Final = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)\.(\d{9})Z", re.ASCII)
@@ -86,7 +85,7 @@ _MOST_DIGITS: Final = 18
 
 
 def gap_to_metadata(gap: Gap) -> dict[str, str]:
-    """The items of a gap's metadata record; the times of the gap are known."""
+    """The items of a gap's metadata record; both times must be known."""
     assert gap.start_ns is not None
     assert gap.end_ns is not None
     return {
@@ -98,7 +97,7 @@ def gap_to_metadata(gap: Gap) -> dict[str, str]:
 
 
 def gap_from_metadata(name: str, items: Mapping[str, str]) -> Gap | None:
-    """The gap in a metadata record; None if the record is of another sort or makes no sense."""
+    """The gap in a metadata record; None if the record is of another kind or invalid."""
     kind = _GAP_KINDS.get(name)
     rows, start, end = items.get("rows", ""), _ns(items.get("from")), _ns(items.get("to"))
     if kind is None or start is None or end is None or end < start:
@@ -124,28 +123,26 @@ def _ns(text: str | None) -> int | None:
 
 
 SELECTION_NAME: Final = f"{PROGRAM}.selection"
-"""The name of the metadata record that tells that the file is a selection."""
+"""The metadata record of a file with only the rows that pass a filter."""
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Only rows for which a filter holds are there; between them others came."""
+    """The filter that was applied to the rows of a file."""
 
     filter_text: str
-    """Text from the file, so show it, never obey it."""
+    """May contain text from outside."""
     rows: int
-    """How many rows there were before the filter."""
+    """Rows before the filter."""
 
-    def told(self) -> dict[str, str]:
-        """As a recording holds it."""
+    def to_metadata(self) -> dict[str, str]:
+        """The items of its metadata record."""
         return {"filter": self.filter_text, "rows": str(self.rows)}
 
 
-def selection_of(name: str, told: Mapping[str, str]) -> Selection | None:
-    """What a metadata record tells; None where it tells of no selection."""
-    text, rows = told.get("filter", ""), told.get("rows", "")
-    if name != SELECTION_NAME or not text:
-        return None
-    if not _is_number(rows):
+def selection_from_metadata(name: str, items: Mapping[str, str]) -> Selection | None:
+    """The selection in a metadata record; None if the record is of another kind or invalid."""
+    text, rows = items.get("filter", ""), items.get("rows", "")
+    if name != SELECTION_NAME or not text or not _is_number(rows):
         return None
     return Selection(text, int(rows))

@@ -25,7 +25,12 @@ from fte_sniff.recording.mcap.reader import RawRecord, RecordStream, Summary, re
 from fte_sniff.recording.mcap.records import MAGIC, RecordError, parse, records_in
 from fte_sniff.recording.mcap.salvage import next_chunk
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
-from fte_sniff.recording.metadata import PortFacts, Selection, gap_from_metadata, selection_of
+from fte_sniff.recording.metadata import (
+    PortFacts,
+    Selection,
+    gap_from_metadata,
+    selection_from_metadata,
+)
 from fte_sniff.recording.parallel import ParallelReader
 from fte_sniff.recording.row_ranges import EVERYTHING, Definitions, RecordScan, RowRange, TimeRange
 from fte_sniff.recording.sequential import SequentialReader, without_our_topics
@@ -113,7 +118,8 @@ class RecordingReader:
 
     def selections(self) -> list[Selection]:
         """The filters that selected the rows of the file, from its metadata; reads no chunk."""
-        found = [selection_of(one.name, one.metadata) for one in self._read_metadata()]
+        metadata = self._read_metadata()
+        found = [selection_from_metadata(one.name, one.metadata) for one in metadata]
         return [selection for selection in found if selection is not None]
 
     def __iter__(self) -> Iterator[Row]:

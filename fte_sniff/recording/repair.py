@@ -31,40 +31,38 @@ _Definition = TypeVar("_Definition", Schema, Channel)
 def trusted_definitions(
     inside: Descriptions, outside: Descriptions
 ) -> tuple[dict[int, Channel], dict[int, Schema]]:
-    """The channel and the schema of each number, and none that cannot be used.
+    """The usable channel and schema of each id.
 
-    What a chunk defines is guarded by its checksum; of the rest what was found most often is
-    believed first.
+    A chunk's checksum protects its definitions; of the others the most frequent one wins.
 
     Args:
-        inside: what whole chunks define.
-        outside: what stands outside of chunks.
+        inside: the definitions in intact chunks.
+        outside: the definitions between chunks and in the summary.
     """
     channels: dict[int, Channel] = {}
     schemas: dict[int, Schema] = {}
-    likely_schemas = _preferred(inside.schemas, outside.schemas)
-    for channel in _preferred(inside.channels, outside.channels):
+    candidates = _by_trust(inside.schemas, outside.schemas)
+    for channel in _by_trust(inside.channels, outside.channels):
         if channel.id in channels:
             continue
-        for schema in likely_schemas:
-            settled = schemas.get(schema.id, schema)
-            if schema.id == channel.schema_id and settled == schema and _usable(channel, schema):
+        for schema in candidates:
+            chosen = schemas.get(schema.id, schema)
+            if schema.id == channel.schema_id and chosen == schema and _usable(channel, schema):
                 channels[channel.id] = channel
                 schemas[schema.id] = schema
                 break
     return channels, schemas
 
 
-def _preferred(guarded: Sequence[_Definition], others: Sequence[_Definition]) -> list[_Definition]:
-    """The definitions, those to be believed most first."""
-    numbers = {one.id for one in guarded}
-    unguarded: list[_Definition] = [one for one in others if one.id not in numbers]
-    unguarded.sort(key=list(unguarded).count, reverse=True)
-    return list(guarded) + unguarded
+def _by_trust(inside: Sequence[_Definition], outside: Sequence[_Definition]) -> list[_Definition]:
+    ids = {one.id for one in inside}
+    others: list[_Definition] = [one for one in outside if one.id not in ids]
+    others.sort(key=list(others).count, reverse=True)
+    return list(inside) + others
 
 
 def _usable(channel: Channel, schema: Schema) -> bool:
-    """Whether messages of ours can be read by this channel and schema."""
+    """Whether our messages can be decoded with this channel and schema."""
     if channel.topic not in TOPIC_BY_NAME:
         return False
     try:
@@ -82,38 +80,38 @@ class UnpackedMessages:
     """Its data is the whole chunk."""
     sequences: NDArray[np.int64]
     stops: NDArray[np.int64]
-    """Where each message record ends."""
+    """The end of each message record."""
 
     @property
     def span(self) -> tuple[int, int]:
-        """First and last time, nanoseconds since 1970 UTC; there is a message at least."""
+        """First and last time, nanoseconds since 1970 UTC; there must be a message."""
         return int(self.batch.times.min()), int(self.batch.times.max())
 
-    def only(self, kept: NDArray[np.bool_]) -> McapBatch:
-        """The messages that are kept, packed anew."""
+    def select(self, kept: NDArray[np.bool_]) -> McapBatch:
+        """A copy with only the messages for which `kept` is true."""
         starts, stops = self.batch.starts[kept], self.stops[kept]
         data = [self.batch.data[a:b] for a, b in zip(starts, stops, strict=True)]
-        places = np.cumsum(stops - starts) - (stops - starts)
-        return McapBatch(b"".join(data), self.batch.channels[kept], self.batch.times[kept], places)
+        starts = np.cumsum(stops - starts) - (stops - starts)
+        return McapBatch(b"".join(data), self.batch.channels[kept], self.batch.times[kept], starts)
 
 
 def messages_of(records: bytes) -> UnpackedMessages:
-    """The messages of an unpacked chunk; what is too short to be one is left out."""
+    """The messages of an unpacked chunk, without records that are too short to be one."""
     found = []
-    place = 0
+    start = 0
     for opcode, body in records_in(records):
-        stop = place + HEAD.size + len(body)
+        stop = start + HEAD.size + len(body)
         if opcode == Opcode.MESSAGE and len(body) >= MESSAGE_HEAD:
-            _, _, channel, sequence, time, _ = MESSAGE.unpack_from(records, place)
-            found.append((channel, time, place, sequence, stop))
-        place = stop
+            _, _, channel, sequence, time, _ = MESSAGE.unpack_from(records, start)
+            found.append((channel, time, start, sequence, stop))
+        start = stop
     columns = np.array(found, np.uint64).reshape(-1, 5).astype(np.int64).T
-    channels, times, places, sequences, stops = columns
-    return UnpackedMessages(McapBatch(records, channels, times, places), sequences, stops)
+    channels, times, starts, sequences, stops = columns
+    return UnpackedMessages(McapBatch(records, channels, times, starts), sequences, stops)
 
 
 REPAIR_NAME = "fte-sniff.repair"
-"""The name of the metadata record that tells what was lost."""
+"""The metadata record of a repaired file: what was lost."""
 
 _SEQUENCES = 2**32
 
@@ -123,20 +121,19 @@ class FileDamage:
     """What was found in a damaged file."""
 
     gaps: list[Gap] = field(default_factory=list)
-    """What could not be read, in file order: the bytes as the reason, and the times of the last
-    message before them and the first one after them."""
+    """The bytes that could not be read, in file order. A gap's reason names the bytes; its times
+    are those of the last message before them and of the first one after them."""
     lost_bytes: int = 0
-    """Bytes that could not be read."""
     chunks: int = 0
-    """Whole chunks."""
+    """Intact chunks."""
     messages: int = 0
     """Messages (rows and port events) in them whose channel is defined."""
-    undescribed: int = 0
-    """Messages in them whose channel is not defined any more; they are lost too."""
-    missing: int | None = None
-    """Lost messages by the file's statistics; None if unknown."""
-    least_missing: int = 0
-    """Lost messages at least, by the gaps in the sequence numbers."""
+    undefined_messages: int = 0
+    """Messages in them whose channel has no definition left; they are lost too."""
+    lost_messages: int | None = None
+    """By the file's statistics; None if unknown."""
+    least_lost_messages: int = 0
+    """At least, by the gaps in the sequence numbers."""
 
     def lose(self, start: int, stop: int, start_ns: int | None, end_ns: int | None) -> None:
         """Note bytes that could not be read, between the times of two messages."""
@@ -155,48 +152,46 @@ def lost_text(gap: Gap) -> str:
 
 
 def is_whole(path: Path) -> bool:
-    """Whether nothing is wrong with a recording: its records, checksums, summary and end.
+    """Whether a recording is intact: its records, checksums, summary and end.
 
-    A file without summary is legal, but not every tool opens it, so it counts as not whole.
+    A file without summary is valid MCAP but not every tool opens it, so it is not intact.
 
     Raises:
         FileError: the file cannot be read.
     """
     try:
         with path.open("rb") as stream:
-            records, indexed = RecordStream(stream), False
+            records, is_indexed = RecordStream(stream), False
             for record in records:
                 if record.opcode == Opcode.CHUNK:
                     for _ in records_in(unpack(record.body)):
                         pass
                 elif record.opcode == Opcode.FOOTER:
-                    indexed = parse(Footer, record.body).summary_start > 0
+                    is_indexed = parse(Footer, record.body).summary_start > 0
     except RecordError:
         return False
     except OSError as error:
         raise unreadable(path, error) from error
-    return indexed and not records.ending and not records.losses
+    return is_indexed and not records.ending and not records.losses
 
 
 def repair(path: Path, output: Path, existing: Existing) -> FileDamage:
-    """Write all that is whole in `path` to `output`.
+    """Write everything intact in `path` to `output`.
 
     Raises:
-        FileError: the file cannot be read, nothing is left in it, or `output` cannot be written.
+        FileError: the file cannot be read, nothing in it is intact, or `output` cannot be written.
     """
     try:
         with path.open("rb") as stream:
-            mending = _Repair(path, Salvage(stream))
-            mending.look()
-            mending.write(output, existing)
-            return mending.damage
+            job = _RepairJob(path, Salvage(stream))
+            job.scan()
+            job.write(output, existing)
+            return job.damage
     except OSError as error:
         raise unreadable(path, error) from error
 
 
-class _Repair:
-    """One damaged file on its way to a whole one."""
-
+class _RepairJob:
     def __init__(self, path: Path, salvage: Salvage) -> None:
         self.damage = FileDamage()
         self._path = path
@@ -204,99 +199,90 @@ class _Repair:
         self._outside, self._inside = Descriptions(), Descriptions()
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
-        self._numbers: dict[int, tuple[int, int]] = {}
+        self._counts: dict[int, tuple[int, int]] = {}
+        """By channel id: the sequence number after the last message, and the messages found."""
 
-    def look(self) -> None:
-        """Learn what there is."""
+    def scan(self) -> None:
+        """Find the intact chunks and what is lost between them."""
         position = 0
-        after_ns: int | None = None
-        last_ns = 0
+        before_ns: int | None = None
         for found in self._salvage.chunks():
-            self._describe(found)
+            for opcode, body in records_in(found.records):
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._inside.update(opcode, body)
             messages = messages_of(found.records)
-            before_ns = after_ns
-            if len(messages.sequences):
-                before_ns, last_ns = messages.span
-            self._lose(position, found.position, after_ns, before_ns)
-            self._number(messages)
-            position = found.stop
-            after_ns = after_ns if before_ns is None else last_ns
+            first_ns, last_ns = messages.span if len(messages.sequences) else (before_ns, before_ns)
+            self._lose(position, found.position, before_ns, first_ns)
+            self._count(messages)
+            position, before_ns = found.stop, last_ns
             self.damage.chunks += 1
-        self._lose(position, self._salvage.size, after_ns, None)
+        self._lose(position, self._salvage.size, before_ns, None)
         if not self.damage.chunks:
             raise FileError(f"{self._path}: {self._salvage.why_empty()}")
         self._channels, self._schemas = trusted_definitions(self._inside, self._outside)
-        self._reckon()
+        self._sum_up()
 
     def write(self, output: Path, existing: Existing) -> None:
-        """Write the new file."""
-        place = OutputPath(output, existing)
+        """Write the intact chunks to a new file."""
+        target = OutputPath(output, existing)
         try:
-            file = self._begin(place)
+            file = self._begin(target)
             for found in self._salvage.chunks():
                 self._copy(found, file)
             file.close()
-            place.settle()
+            target.commit()
         except OSError as error:
-            place.discard()
+            target.discard()
             raise unwritable(output, error) from error
         except BaseException:
-            place.discard()
+            target.discard()
             raise
-        place.close()
+        target.close()
 
-    def _begin(self, place: OutputPath) -> McapFile:
-        told = {
+    def _begin(self, target: OutputPath) -> McapFile:
+        damage = self.damage
+        items = {
             "file": self._path.name,
             "library": library_name(),
-            "lost.bytes": str(self.damage.lost_bytes),
-            "lost.messages": "" if self.damage.missing is None else str(self.damage.missing),
+            "lost.bytes": str(damage.lost_bytes),
+            "lost.messages": "" if damage.lost_messages is None else str(damage.lost_messages),
         }
-        told |= {f"lost.{n}": lost_text(gap) for n, gap in enumerate(self.damage.gaps[:100], 1)}
+        items |= {f"lost.{n}": lost_text(gap) for n, gap in enumerate(damage.gaps[:100], 1)}
         header = self._outside.header
-        library = header.library if header else library_name()
         file = McapFile(
-            Stream(place.descriptor),
-            library,
-            Metadata(REPAIR_NAME, told),
+            Stream(target.descriptor),
+            header.library if header else library_name(),
+            Metadata(REPAIR_NAME, items),
             self._schemas.values(),
             self._channels.values(),
         )
-        file.write_metadata(_without_doubles(self._outside.metadata))
+        file.write_metadata(_without_duplicates(self._outside.metadata))
         return file
 
-    def _describe(self, found: FoundChunk) -> None:
-        for opcode, body in records_in(found.records):
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._inside.update(opcode, body)
+    def _lose(self, start: int, stop: int, before: int | None, after: int | None) -> None:
+        for first, end in self._salvage.between(start, stop, self._outside):
+            self.damage.lose(first, end, before, after)
 
-    def _lose(self, start: int, stop: int, after: int | None, before: int | None) -> None:
-        for lost, end in self._salvage.between(start, stop, self._outside):
-            self.damage.lose(lost, end, after, before)
-
-    def _number(self, messages: UnpackedMessages) -> None:
-        """Note how far each channel's messages are numbered, and how many of them there are."""
+    def _count(self, messages: UnpackedMessages) -> None:
         for channel in np.unique(messages.batch.channels).tolist():
             own = messages.batch.channels == channel
             last = int(messages.sequences[own].max())
-            known, count = self._numbers.get(channel, (0, 0))
-            self._numbers[channel] = (max(known, last + 1), count + int(own.sum()))
+            end, count = self._counts.get(channel, (0, 0))
+            self._counts[channel] = (max(end, last + 1), count + int(own.sum()))
 
-    def _reckon(self) -> None:
-        damage, channels = self.damage, self._channels
-        numbers = self._numbers
-        damage.messages = sum(count for id_, (_, count) in numbers.items() if id_ in channels)
-        damage.undescribed = sum(
-            count for id_, (_, count) in numbers.items() if id_ not in channels
-        )
-        gaps = sum(max(0, end - count) for end, count in numbers.values() if end < _SEQUENCES)
-        damage.least_missing = gaps + damage.undescribed
-        counted = _counted(self._outside.statistics)
-        if counted is not None and counted >= damage.messages:
-            damage.missing = counted - damage.messages
+    def _sum_up(self) -> None:
+        damage, counts = self.damage, self._counts
+        total = sum(count for _, count in counts.values())
+        damage.messages = sum(count for id_, (_, count) in counts.items() if id_ in self._channels)
+        damage.undefined_messages = total - damage.messages
+        skipped = sum(max(0, end - count) for end, count in counts.values() if end < _SEQUENCES)
+        damage.least_lost_messages = skipped + damage.undefined_messages
+        expected = _message_count(self._outside.statistics)
+        if expected is not None and expected >= damage.messages:
+            damage.lost_messages = expected - damage.messages
 
     def _copy(self, found: FoundChunk, file: McapFile) -> None:
-        """Write a chunk as it is, or what is described of it, if anything is."""
+        """Write a chunk, without the messages whose channel is not defined."""
         messages = messages_of(found.records)
         known = np.isin(messages.batch.channels, list(self._channels))
         if known.all() and len(known):
@@ -304,17 +290,16 @@ class _Repair:
             chunk = replace(found.chunk, message_start_time=first, message_end_time=last)
             file.write_chunk(indexed(chunk, messages.batch))
         elif known.any():
-            file.write_batch(messages.only(known))
+            file.write_batch(messages.select(known))
 
 
-def _counted(statistics: Statistics | None) -> int | None:
-    """How many messages there were, where the statistics do not contradict themselves."""
+def _message_count(statistics: Statistics | None) -> int | None:
+    """How many messages the file had; None if the statistics are missing or inconsistent."""
     if statistics is None:
         return None
-    each = sum(statistics.channel_message_counts.values())
-    return each if each == statistics.message_count else None
+    total = sum(statistics.channel_message_counts.values())
+    return total if total == statistics.message_count else None
 
 
-def _without_doubles(metadata: list[Metadata]) -> list[Metadata]:
-    """The records, those that say the same only once."""
-    return [one for place, one in enumerate(metadata) if one not in metadata[:place]]
+def _without_duplicates(metadata: list[Metadata]) -> list[Metadata]:
+    return [one for at, one in enumerate(metadata) if one not in metadata[:at]]

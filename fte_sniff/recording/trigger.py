@@ -9,44 +9,43 @@ from typing import TypeAlias
 from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
 from fte_sniff.recording.retention import TriggerWindow
 
-MOST_WAITING = 500_000
-"""Rows that wait at most, some 100 MB; the oldest are left out where there are more."""
+MAX_WAITING_ROWS = 500_000
+"""Rows that may wait for a trigger, about 100 MB; of more, the oldest are dropped."""
 
 Entry: TypeAlias = Row | PortEvent
-_NO_ROWS = Gap(GapKind.LEFT_OUT, 0, reason="the trigger did not ask for them")
-
 Select: TypeAlias = Callable[[Sequence[Row]], list[Row]]
-"""Picks rows: those of the given ones, themselves and in their order."""
+"""Selects rows: returns some of the given objects, in their order."""
+
+_EMPTY = Gap(GapKind.LEFT_OUT, 0, reason="the trigger did not ask for them")
 
 
 class Trigger:
-    """Decides of each row whether it is kept; `gaps` reports the others."""
+    """Selects the rows around those that match; `gaps` reports the others."""
 
-    def __init__(self, select: Select, around: TriggerWindow) -> None:
-        """Take what picks the rows, and how much is kept around each."""
-        self._select = select
-        self._before_ns = round(around.before_s * 1e9)
-        self._after_ns = round(around.after_s * 1e9)
+    def __init__(self, matches: Select, window: TriggerWindow) -> None:
+        self._matches = matches
+        self._before_ns = round(window.before_s * 1e9)
+        self._after_ns = round(window.after_s * 1e9)
         self._until_ns = -1
         self._waiting: deque[Entry] = deque()
-        self._rows_waiting = 0
-        self._gap = _NO_ROWS
+        self._waiting_rows = 0
+        self._gap = _EMPTY
         self._gaps: list[Gap] = []
-        self.taken = self.dropped = 0
-        """Rows that came, and those of them that were left out."""
+        self.seen = self.dropped = 0
+        """All rows, and those of them that were not kept."""
         self.events = 0
-        """How often it fired after it had kept nothing."""
+        """How often it fired while it kept nothing."""
 
-    def rows(self, rows: Sequence[Row]) -> list[Entry]:
-        """What is kept, now that these rows have come; older ones may be among it."""
+    def select(self, rows: Sequence[Row]) -> list[Entry]:
+        """The entries to keep now that these rows came; earlier ones may be among them."""
         kept: list[Entry] = []
-        self.taken += len(rows)
-        picked = iter(self._select(rows))
-        wanted = next(picked, None)
+        self.seen += len(rows)
+        matching = iter(self._matches(rows))
+        match = next(matching, None)
         for row in rows:
             t_ns = row.t_ns or 0
-            if row is wanted:
-                wanted = next(picked, None)
+            if row is match:
+                match = next(matching, None)
                 self._release(t_ns, kept)
                 self.events += t_ns > self._until_ns
                 self._until_ns = max(self._until_ns, t_ns + self._after_ns)
@@ -55,12 +54,12 @@ class Trigger:
                 kept.append(row)
             else:
                 self._waiting.append(row)
-                self._rows_waiting += 1
+                self._waiting_rows += 1
                 self._expire(t_ns - self._before_ns, kept)
         return kept
 
-    def event(self, event: PortEvent) -> list[Entry]:
-        """What is kept, now that this event has come."""
+    def select_event(self, event: PortEvent) -> list[Entry]:
+        """The entries to keep now that this event came."""
         if event.t_ns <= self._until_ns:
             return [event]
         self._waiting.append(event)
@@ -68,12 +67,12 @@ class Trigger:
         self._expire(event.t_ns - self._before_ns, kept)
         return kept
 
-    def end(self) -> list[Entry]:
-        """The events that waited; the rows that did are left out."""
+    def flush(self) -> list[Entry]:
+        """The events that still wait; the rows that wait are dropped."""
         kept: list[Entry] = []
         while self._waiting:
             self._drop(kept)
-        self._close()
+        self._close_gap()
         return kept
 
     def gaps(self) -> list[Gap]:
@@ -82,29 +81,30 @@ class Trigger:
         return gaps
 
     def _release(self, t_ns: int, kept: list[Entry]) -> None:
-        """Give out what waited and is not too old for a row at `t_ns`."""
+        """Keep what waits and is in the window before a match at `t_ns`."""
         self._expire(t_ns - self._before_ns, kept)
         kept += self._waiting
         self._waiting.clear()
-        self._rows_waiting = 0
-        self._close()
+        self._waiting_rows = 0
+        self._close_gap()
 
     def _expire(self, oldest_ns: int, kept: list[Entry]) -> None:
         while self._waiting and (
-            self._rows_waiting > MOST_WAITING or (self._waiting[0].t_ns or 0) < oldest_ns
+            self._waiting_rows > MAX_WAITING_ROWS or (self._waiting[0].t_ns or 0) < oldest_ns
         ):
             self._drop(kept)
 
     def _drop(self, kept: list[Entry]) -> None:
+        """Drop the oldest entry that waits; events are kept all the same."""
         entry = self._waiting.popleft()
         if isinstance(entry, PortEvent):
             kept.append(entry)
             return
-        self._rows_waiting -= 1
+        self._waiting_rows -= 1
         self.dropped += 1
         self._gap = self._gap.including(entry.t_ns or 0)
 
-    def _close(self) -> None:
+    def _close_gap(self) -> None:
         if self._gap.rows:
             self._gaps.append(self._gap)
-            self._gap = _NO_ROWS
+            self._gap = _EMPTY

@@ -1,15 +1,15 @@
 """RecordingWriter: rows to one file.
 
-Rows of several ports arrive a little out of order, a read at a time. They are kept until the chunk
-ends and put in order of time then, so a message's log time is its row's time. Only where a row
-comes later than its chunk, or its port's clock fell back, is the log time raised to what was
-written last; the message then tells the row's own time too, so nothing is lost. The rows of one
-port are never put in another order than they came in.
+Rows of several ports come a little out of order, a read at a time. They wait until the chunk ends
+and are sorted by time, so a message's log time is its row's time. Only if a row comes after its
+chunk, or its port's clock fell back, is the log time raised to the last one written; the message
+then holds the row's own time too. Rows of one port always keep their order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -24,13 +24,18 @@ from fte_sniff.recording.messages.codec import plain
 from fte_sniff.recording.messages.packer import Channels, ColumnPacker
 from fte_sniff.recording.messages.schema import Topic
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, library_name, recording_facts
-from fte_sniff.recording.output_file import Existing, opened, stopped, taken_away
+from fte_sniff.recording.output_file import (
+    Existing,
+    open_output,
+    stopped_by_error,
+    stopped_by_removal,
+)
 
 METADATA_NAME = PROGRAM
 """The name of the file's metadata record."""
 
-MOST_PENDING = 16_384
-"""Rows that wait for the end of their chunk at most; then the chunk ends by itself."""
+MAX_PENDING = 16_384
+"""Rows that may wait for the end of their chunk; then the chunk ends by itself."""
 
 _LAST_TIME = 2**63 - 1
 
@@ -38,10 +43,9 @@ _LAST_TIME = 2**63 - 1
 class RecordingWriter:
     """Writes one recording.
 
-    What is written stands in the file after `flush`, and stays there whatever happens afterwards:
-    the file is complete between any two flushes. Once a write has failed the recording has
-    stopped: that call and every later one raise the same FileError, and the file holds what was
-    flushed before.
+    Flushed rows are in the file whatever happens afterwards: the file is valid after each flush.
+    When a write fails, that call and every later one raise the same FileError, and the file holds
+    what was flushed before.
     """
 
     def __init__(
@@ -55,18 +59,18 @@ class RecordingWriter:
         """Create the file, with the schemas and channels of all ports in it.
 
         Args:
-            path: the file; nothing but a regular file is ever replaced, and that only when the
-                new one has its head. `-`, a pipe or a device is written in sequence.
-            ports: the ports whose rows will come; rows of others are taken too.
-            facts: what else the file is to say about itself, e.g. `host_facts(now)`.
-            existing: what to do if the file is there already.
+            path: the file; only a regular file is replaced, once the new one has its head. `-`, a
+                pipe or a device is written in sequence.
+            ports: the ports whose rows will come; rows of others are accepted too.
+            facts: further items for the file's metadata, e.g. `host_facts(now)`.
+            existing: what to do if the file exists.
 
         Raises:
             FileError: the file exists, another program records to it, its folder does not exist,
-                or the system refuses it. Nothing has changed on the disk then.
+                or the system refuses it. The disk is unchanged then.
         """
         self._failure: FileError | None = None
-        self._gone = False
+        self._is_gone = False
         self._pending: list[tuple[int, Row | PortEvent]] = []
         self._rows = self._flushed_rows = 0
         self._span: tuple[int, int] | None = None
@@ -75,35 +79,35 @@ class RecordingWriter:
         self._packer = ColumnPacker(self._channel_id)
         self._channels = Channels()
         channels = [channel for port in ports for channel in self._channels.of_port(port)]
-        self._notes: list[Metadata] = []
-        self._place, growing = opened(path, existing)
+        self._metadata: list[Metadata] = []
+        self._output, target = open_output(path, existing)
         self._closed = False
         try:
             self._file = McapFile(
-                growing,
+                target,
                 library_name(),
                 Metadata(METADATA_NAME, _plain_items(recording_facts(tuple(ports), facts or {}))),
                 self._channels.schemas(),
                 channels,
             )
-            self._place.settle()
+            self._output.commit()
         except OSError as error:
-            self._place.discard()
+            self._output.discard()
             raise unwritable(path, error) from error
 
     @property
     def path(self) -> Path:
-        """Where the recording lies."""
-        return self._place.path
+        """The file's name."""
+        return self._output.path
 
     @property
     def rows(self) -> int:
-        """Rows taken so far, flushed or not."""
+        """Rows written so far, flushed or not."""
         return self._rows
 
     @property
     def flushed_rows(self) -> int:
-        """Rows that stand in the file."""
+        """Rows in the file."""
         return self._flushed_rows
 
     @property
@@ -113,80 +117,78 @@ class RecordingWriter:
 
     @property
     def index_length(self) -> int:
-        """Bytes of the index behind the data, which each flush writes anew."""
+        """Bytes of the index after the data, which each flush writes again."""
         return self._file.index_length
 
     @property
     def unflushed(self) -> list[Row | PortEvent]:
-        """What was taken and does not stand in the file; all that was, after a failure."""
-        return [taken for _, taken in self._pending]
+        """The entries that are not in the file, also those of a `write` that failed."""
+        return [entry for _, entry in self._pending]
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """First and last time of what was taken, nanoseconds since 1970 UTC; None before that."""
+        """First and last time of the entries, nanoseconds since 1970 UTC; None without any."""
         return self._span
 
     @property
-    def gone(self) -> bool:
-        """Whether the file was taken away, with all that stands in it."""
-        return self._gone
+    def is_gone(self) -> bool:
+        """Whether the file was deleted, moved or replaced."""
+        return self._is_gone
 
     @property
     def failure(self) -> FileError | None:
-        """Why the recording has stopped; None while it goes on."""
+        """Why the recording stopped; None while it goes on."""
         return self._failure
 
     def write(self, entries: Iterable[Row | PortEvent]) -> None:
-        """Take rows, each port's in the order of its stream, and events among them.
-
-        They are in the file after `flush`.
+        """Write rows, each port's in the order of its stream, and events; `flush` stores them.
 
         Raises:
-            FileError: one has no time that a recording can hold, or writing failed.
+            FileError: an entry has no time that a recording can hold, or writing failed.
         """
         self._check()
-        coming = iter(entries)
+        remaining = iter(entries)
         try:
-            for entry in coming:
-                self._take(entry)
-                if len(self._pending) >= MOST_PENDING:
+            for entry in remaining:
+                self._append(entry)
+                if len(self._pending) >= MAX_PENDING:
                     self.flush()
         finally:
             if self._failure is not None:
-                # Not one of them is forgotten: whoever goes on elsewhere asks for `unflushed`.
-                self._pending += [(entry.t_ns or 0, entry) for entry in coming]
+                # `unflushed` has them all, for the next file.
+                self._pending += [(entry.t_ns or 0, entry) for entry in remaining]
 
     def write_event(self, event: PortEvent) -> None:
-        """Take one port event, as `write` does."""
+        """Write one port event."""
         self.write([event])
 
-    def note(self, metadata: Metadata) -> None:
-        """Take one more metadata record; it is in the file after the next chunk, or the end."""
-        self._notes.append(metadata)
+    def write_metadata(self, metadata: Metadata) -> None:
+        """Write one more metadata record; the next chunk, or `close`, stores it."""
+        self._metadata.append(metadata)
 
     def flush(self) -> None:
         """End the chunk and push it to the disk. Call it at least once a second.
 
         Raises:
-            FileError: the disk is full or failed, and what was flushed before is in the file; or
-                the file was deleted or moved away.
+            FileError: the disk is full or failed; or the file was deleted, moved or replaced.
         """
         self._check()
         if self._pending:
-            self._pending.sort(key=_time_of)
+            self._pending.sort(key=itemgetter(0))
             try:
-                self._file.write_batch(self._batch(self._pending), self._notes)
+                self._file.write_batch(self._batch(self._pending), self._metadata)
             except OSError as error:
                 raise self._stop(error) from error
-            self._pending, self._notes = [], []
+            self._pending, self._metadata = [], []
             self._flushed_rows = self._rows
         try:
-            left, deleted = self._place.left, self._place.deleted
+            is_gone, is_deleted = self._output.is_gone, self._output.is_deleted
         except OSError as error:
             raise self._stop(error) from error
-        if left:
-            self._gone = True
-            self._failure = taken_away(self.path, self._flushed_rows, deleted=deleted)
+        if is_gone:
+            self._is_gone = True
+            rows = self._flushed_rows
+            self._failure = stopped_by_removal(self.path, rows, deleted=is_deleted)
             raise self._failure
 
     def close(self) -> None:
@@ -200,18 +202,18 @@ class RecordingWriter:
         try:
             if self._failure is None:
                 self.flush()
-                self._file.write_metadata(self._notes)
+                self._file.write_metadata(self._metadata)
                 self._file.close()
         except OSError as error:
             raise self._stop(error) from error
         finally:
             self._closed = True
-            self._let_go()
+            self._close_output()
 
-    def _let_go(self) -> None:
+    def _close_output(self) -> None:
         try:
-            self._place.close()
-        except OSError as error:  # some network file systems tell only now what they could not keep
+            self._output.close()
+        except OSError as error:  # some network file systems report write errors only now
             raise self._stop(error) from error
 
     def __enter__(self) -> Self:
@@ -232,13 +234,13 @@ class RecordingWriter:
             raise ValueError(f"{self.path} is closed already")
 
     def _stop(self, error: OSError) -> FileError:
-        self._failure = stopped(self.path, error, self._flushed_rows)
+        self._failure = stopped_by_error(self.path, error, self._flushed_rows)
         return self._failure
 
-    def _take(self, taken: Row | PortEvent) -> None:
-        time, port = taken.t_ns, taken.port
+    def _append(self, entry: Row | PortEvent) -> None:
+        time, port = entry.t_ns, entry.port
         if time is None or not 0 <= time <= _LAST_TIME:
-            where = taken.kind if isinstance(taken, PortEvent) else f"offset {taken.offset}"
+            where = entry.kind if isinstance(entry, PortEvent) else f"offset {entry.offset}"
             raise FileError(
                 f"{self.path} cannot hold {plain(port)!r}, {where}: it has no time since 1970, "
                 "and a recording needs one; write another format"
@@ -248,25 +250,21 @@ class RecordingWriter:
             time = last
         else:
             self._last_of_port[port] = time
-        self._rows += type(taken) is not PortEvent
+        self._rows += type(entry) is not PortEvent
         first, last = self._span or (time, time)
         self._span = (min(first, time), max(last, time))
-        self._pending.append((time, taken))
+        self._pending.append((time, entry))
 
     def _batch(self, pending: list[tuple[int, Row | PortEvent]]) -> McapBatch:
         own = np.array([time for time, _ in pending], np.int64)
         times = np.maximum(own, self._last_time)
         self._last_time = int(times[-1])
-        return self._packer.pack_entries([taken for _, taken in pending], times)
+        return self._packer.pack_entries([entry for _, entry in pending], times)
 
     def _channel_id(self, port: str, topic: Topic) -> int:
         for channel in self._channels.of_port(PortFacts(port)):
             self._file.add_channel(channel)
         return self._channels.id_of(port, topic)
-
-
-def _time_of(waiting: tuple[int, Row | PortEvent]) -> int:
-    return waiting[0]
 
 
 def _plain_items(facts: Mapping[str, str]) -> dict[str, str]:

@@ -157,7 +157,7 @@ class CaptureLoop:
         self._wiring = WiringWatch(names)
         self._remaining = plan.count
         self._started = self._leftover_reported = False
-        self._flush_every_ns = round(plan.keeping.flush_every_s * 1e9)
+        self._flush_every_ns = round(plan.recording_options.flush_every_s * 1e9)
         self._flush_ns = 0
         self._lost: PortEvent | None = None
 
@@ -373,7 +373,7 @@ def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder | None:
         ports,
         facts,
         existing=plan.existing,
-        keeping=plan.keeping,
+        options=plan.recording_options,
         select=select,
     )
 

@@ -185,7 +185,7 @@ class CapturePlan:
     """Path of the recording; None to record nothing."""
     existing: Existing = Existing.REFUSE
     """What to do if the file exists."""
-    keeping: RecordingOptions = field(default_factory=RecordingOptions)
+    recording_options: RecordingOptions = field(default_factory=RecordingOptions)
     """Rotation, size limits and trigger window."""
     trigger: str | None = None
     """A filter: only rows around matching rows are recorded; None to record all."""

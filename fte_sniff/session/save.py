@@ -400,9 +400,9 @@ class RecordingSink:
         facts = [PortFacts(port, origin.bauds.get(port)) for port in origin.ports]
         self._writer = RecordingWriter(path, facts, existing=Existing.REPLACE)
         for gap in origin.gaps:
-            self._writer.note(Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)))
+            self._writer.write_metadata(Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)))
         for selection in origin.selections:
-            self._writer.note(Metadata(SELECTION_NAME, selection.told()))
+            self._writer.write_metadata(Metadata(SELECTION_NAME, selection.to_metadata()))
 
     def write(self, rows: Sequence[Row]) -> None:
         """Record the rows."""

@@ -543,7 +543,7 @@ def triggered(path: Path) -> Path:
     recorder = Recorder(
         path,
         [PortFacts("p")],
-        keeping=RecordingOptions(around=TriggerWindow(0, 0)),
+        options=RecordingOptions(trigger_window=TriggerWindow(0, 0)),
         select=lambda given: [row for row in given if row.values["rpm"] // 100 % 2 == 0],
     )
     recorder.write(rows_of(0, 500))

@@ -38,12 +38,12 @@ def _parse(decorator: Decorator, *arguments: str) -> tuple[RecordingOptions, str
 def test_options_that_are_not_given_have_the_defaults_of_a_recording() -> None:
     assert _parse(recording_options)[0] == RecordingOptions()
     triggered, _ = _parse(recording_options, "--trigger", "error > 0")
-    assert triggered == RecordingOptions(around=TriggerWindow())
+    assert triggered == RecordingOptions(trigger_window=TriggerWindow())
 
 
 def test_other_defaults_of_a_recording_are_those_of_the_options() -> None:
     defaults = RecordingOptions(
-        flush_every_s=2.5, most_bytes=3_000_000_000, on_full=OnFull.ROTATE_OLDEST
+        flush_every_s=2.5, max_bytes=3_000_000_000, on_full=OnFull.ROTATE_OLDEST
     )
     found, shown = _parse(options_with(defaults))
     assert found == defaults

@@ -309,7 +309,7 @@ def with_gaps(path: Path, rows: list[fte_sniff.Row]) -> None:
     recorder = Recorder(
         path,
         [PortFacts("p")],
-        keeping=RecordingOptions(around=around),
+        options=RecordingOptions(trigger_window=around),
         select=lambda given: [row for row in given if row.values["rpm"] // 100 % 2 == 0],
     )
     recorder.write(rows)

@@ -34,7 +34,7 @@ from fte_sniff.errors import (
 )
 from fte_sniff.protocol import LineErrorCounts, PortEvent, PortEventKind
 from fte_sniff.protocol.dissect import dissect, explain
-from fte_sniff.recording.output_file import bound_reached, stopped, taken_away
+from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, stopped_by_removal
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.help import help_text
@@ -209,9 +209,9 @@ def test_the_end_of_a_feed_is_told_in_chinese(feed: Any) -> None:
         port_error("p", "/dev/full", OSError(errno.EACCES, "denied")),
         port_error("p", "/dev/full", OSError(errno.EIO, "broken")),
         port_error("socket://h:1", None, OSError(errno.ECONNREFUSED, "refused")),
-        stopped("a.mcap", OSError(errno.ENOSPC, "full"), 7),
-        taken_away("a.mcap", 7, deleted=True),
-        bound_reached(
+        stopped_by_error("a.mcap", OSError(errno.ENOSPC, "full"), 7),
+        stopped_by_removal("a.mcap", 7, deleted=True),
+        stopped_by_limit(
             "a.mcap", TranslatableText("its files have reached {size} (--max-size)", size="1 GB"), 7
         ),
         unwritable("a.mcap", OSError(errno.ENOSPC, "full")),

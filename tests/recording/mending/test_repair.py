@@ -130,9 +130,9 @@ def test_a_flipped_bit_anywhere_costs_no_more_than_its_chunk(
         # A bit that nothing depends on leaves the chunk as good as it was.
         assert rows in (_untouched(spans, place, place + 1), everything), place
         lost = len(everything) - len(rows)
-        assert damage.missing in (None, lost)
-        if damage.missing is None:
-            assert damage.least_missing <= lost
+        assert damage.lost_messages in (None, lost)
+        if damage.lost_messages is None:
+            assert damage.least_lost_messages <= lost
 
 
 def test_statistics_that_contradict_themselves_count_nothing(
@@ -147,7 +147,7 @@ def test_statistics_that_contradict_themselves_count_nothing(
         flipped[place + bit // 8] ^= 1 << bit % 8
         left = _mended(tmp_path, bytes(flipped))
         assert left is not None
-        assert left[1].missing in (None, 0)
+        assert left[1].lost_messages in (None, 0)
 
 
 def test_a_flipped_bit_anywhere_is_noticed(tmp_path: Path, small: tuple[bytes, Spans]) -> None:
@@ -174,8 +174,8 @@ def test_what_was_lost_is_told_in_bytes_times_and_messages(
     (gap,) = damage.gaps
     assert gap.reason == f"bytes {start} to {stop} ({stop - start} bytes)"
     assert (gap.start_ns, gap.end_ns) == (spans[1][2][-1].t_ns, spans[3][2][0].t_ns)
-    assert (damage.missing, damage.chunks) == (len(rows), 3)
-    assert damage.least_missing >= 1
+    assert (damage.lost_messages, damage.chunks) == (len(rows), 3)
+    assert damage.least_lost_messages >= 1
     with (tmp_path / "mended.mcap").open("rb") as file:
         told = {one.name: one.metadata for one in make_reader(file).iter_metadata()}
     assert told["fte-sniff"]["host"] == "bench"
@@ -206,8 +206,8 @@ def test_chunks_missing_from_the_middle_are_counted_by_their_numbers(
     left = _mended(tmp_path, content[: spans[1][0]] + content[spans[2][0] : spans[3][1]])
     assert left is not None
     assert left[0] == [row for n in (0, 2, 3) for row in spans[n][2]]
-    assert left[1].missing is None
-    assert 0 < left[1].least_missing <= CHUNK_ROWS
+    assert left[1].lost_messages is None
+    assert 0 < left[1].least_lost_messages <= CHUNK_ROWS
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -331,7 +331,7 @@ def test_events_are_kept_too(
     damage = repair(path, tmp_path / "mended.mcap", Existing.REFUSE)
     reader = RecordingReader(tmp_path / "mended.mcap")
     assert list(reader.events()) == events
-    assert (damage.messages, damage.missing) == (len(rows) + len(events), 0)
+    assert (damage.messages, damage.lost_messages) == (len(rows) + len(events), 0)
 
 
 def test_a_file_is_not_mended_over_another_unless_asked(

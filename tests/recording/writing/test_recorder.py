@@ -22,19 +22,20 @@ from fte_sniff.recording import recorder as gaps
 from fte_sniff.recording.metadata import (
     GAP_NAME,
     LEFT_OUT_NAME,
+    NEXT_NAME,
     PortFacts,
     gap_from_metadata,
     gap_to_metadata,
 )
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.recorder import NEXT_NAME, Recorder
+from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindow
 from tests.examples import examples
 from tests.recording.conftest import START, STEP, some_rows
 
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
-ALL = RecordingOptions(free_bytes=0)
+ALL = RecordingOptions(min_free_bytes=0)
 
 
 def _metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
@@ -69,8 +70,8 @@ def _record(recorder: Recorder, batches: Sequence[Sequence[Row]]) -> None:
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Attempts to record again follow at once."""
-    monkeypatch.setattr(gaps, "AGAIN_S", 0.0)
-    monkeypatch.setattr(gaps, "AGAIN_MOST_S", 0.0)
+    monkeypatch.setattr(gaps, "RETRY_S", 0.0)
+    monkeypatch.setattr(gaps, "MAX_RETRY_S", 0.0)
 
 
 @examples(25)
@@ -89,11 +90,11 @@ def test_no_row_is_lost_or_doubled_at_a_seam(
 ) -> None:
     folder = tmp_path_factory.mktemp("seams")
     what, bound = rotate
-    keeping = replace(ALL, rotate_bytes=int(bound) if what == "bytes" else None)
-    keeping = replace(keeping, rotate_s=bound if what == "s" else None)
-    keeping = replace(keeping, most_index=int(bound) if what == "index" else None)
+    options = replace(ALL, rotate_bytes=int(bound) if what == "bytes" else None)
+    options = replace(options, rotate_s=bound if what == "s" else None)
+    options = replace(options, max_index_bytes=int(bound) if what == "index" else None)
     streams = [some_rows(sum(sizes), f"port{n}", START + n) for n in range(ports)]
-    recorder = Recorder(folder / "x.mcap", [PORT], keeping=keeping)
+    recorder = Recorder(folder / "x.mcap", [PORT], options=options)
     start = 0
     for size in sizes:
         _record(recorder, [[row for stream in streams for row in stream[start : start + size]]])
@@ -118,7 +119,7 @@ def test_no_row_is_lost_or_doubled_at_a_seam(
 
 
 def test_a_capture_without_rotation_is_one_file_of_the_given_name(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=ALL)
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], options=ALL)
     _record(recorder, [some_rows(30)])
     recorder.close()
     recorder.close()
@@ -127,14 +128,14 @@ def test_a_capture_without_rotation_is_one_file_of_the_given_name(tmp_path: Path
 
 
 def test_a_sequence_that_is_there_is_not_mixed_with_another(tmp_path: Path) -> None:
-    keeping = replace(ALL, rotate_bytes=1)
+    options = replace(ALL, rotate_bytes=1)
     (tmp_path / "x_00002.mcap").write_bytes(b"precious")
     with pytest.raises(FileError, match=r"x_00002\.mcap exists already"):
-        Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping)
-    numbered = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping, existing=Existing.NUMBER)
+        Recorder(tmp_path / "x.mcap", [PORT], options=options)
+    numbered = Recorder(tmp_path / "x.mcap", [PORT], options=options, existing=Existing.NUMBER)
     numbered.close()
     assert numbered.path.name == "x-2_00001.mcap"
-    replacing = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping, existing=Existing.REPLACE)
+    replacing = Recorder(tmp_path / "x.mcap", [PORT], options=options, existing=Existing.REPLACE)
     _record(replacing, [some_rows(5)])
     replacing.close()
     assert (tmp_path / "x_00002.mcap").read_bytes() != b"precious"
@@ -154,7 +155,7 @@ def test_a_file_that_may_not_grow_is_followed_by_another_and_no_row_is_lost(
     tmp_path: Path,
 ) -> None:
     rows = some_rows(2000)
-    recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=ALL)
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], options=ALL)
     _record(recorder, [rows[:1500]])
     with _files_no_larger_than((tmp_path / "x.mcap").stat().st_size + 100):
         _record(recorder, [rows[1500:1600]])
@@ -174,7 +175,7 @@ def test_a_file_that_is_taken_away(tmp_path: Path, way: str) -> None:
     folder = tmp_path / "here"
     folder.mkdir()
     rows = some_rows(60)
-    recorder = Recorder(folder / "x.mcap", [PORT], keeping=ALL)
+    recorder = Recorder(folder / "x.mcap", [PORT], options=ALL)
     _record(recorder, [rows[:20]])
     if way == "deleted":
         (folder / "x.mcap").unlink()
@@ -225,7 +226,7 @@ def test_a_full_disk_leaves_whole_files_and_recording_goes_on_when_there_is_room
     with _small_disk(tmp_path / "small", "300k") as folder:
         ballast = folder / "ballast"
         ballast.write_bytes(bytes(150_000))
-        recorder = Recorder(folder / "x.mcap", [PORT], keeping=ALL)
+        recorder = Recorder(folder / "x.mcap", [PORT], options=ALL)
         _record(recorder, batches[:10])
         stopped = recorder.changes()
         assert "the disk is full" in str(stopped[0].failure)
@@ -251,10 +252,10 @@ def test_the_oldest_of_our_own_files_makes_room_and_nobody_elses(tmp_path: Path)
     with _small_disk(tmp_path / "small", "400k") as folder:
         for name in ("w_00001.mcap", "x_0.mcap", "y.mcap"):
             (folder / name).write_bytes(b"precious")
-        keeping = replace(
-            ALL, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=60_000, free_bytes=120_000
+        options = replace(
+            ALL, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=60_000, min_free_bytes=120_000
         )
-        recorder = Recorder(folder / "x.mcap", [PORT], keeping=keeping)
+        recorder = Recorder(folder / "x.mcap", [PORT], options=options)
         _record(recorder, batches)
         recorder.close()
         assert recorder.failure is None
@@ -270,10 +271,10 @@ def test_the_oldest_of_our_own_files_makes_room_and_nobody_elses(tmp_path: Path)
 
 
 def test_a_file_that_took_the_place_of_ours_is_not_deleted(tmp_path: Path) -> None:
-    keeping = RecordingOptions(
-        free_bytes=0, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=1, most_bytes=100_000
+    options = RecordingOptions(
+        min_free_bytes=0, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=1, max_bytes=100_000
     )
-    recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping)
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], options=options)
     _record(recorder, [some_rows(300)])
     first = tmp_path / "x_00001.mcap"
     first.unlink()
@@ -287,9 +288,9 @@ def test_a_file_that_took_the_place_of_ours_is_not_deleted(tmp_path: Path) -> No
 
 
 def test_the_bound_of_all_files_stops_the_recording_and_is_told(tmp_path: Path) -> None:
-    keeping = RecordingOptions(free_bytes=0, most_bytes=60_000)
+    options = RecordingOptions(min_free_bytes=0, max_bytes=60_000)
     batches = [some_rows(300, start=START + n * 300 * STEP) for n in range(8)]
-    recorder = Recorder(tmp_path / "x.mcap", [PORT], keeping=keeping)
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], options=options)
     _record(recorder, batches)
     recorder.close()
     (change,) = recorder.changes()
@@ -302,7 +303,7 @@ def test_the_bound_of_all_files_stops_the_recording_and_is_told(tmp_path: Path) 
 
 def test_a_disk_without_room_is_told_before_anything_is_made(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="--min-free"):
-        Recorder(tmp_path / "x.mcap", [PORT], keeping=RecordingOptions(free_bytes=2**60))
+        Recorder(tmp_path / "x.mcap", [PORT], options=RecordingOptions(min_free_bytes=2**60))
     assert _files(tmp_path) == []
 
 
@@ -318,7 +319,7 @@ def test_whatever_a_disk_refuses_the_file_stays_whole(
     for nth in range(1, 8):
         folder = tmp_path / str(nth)
         folder.mkdir()
-        recorder = Recorder(folder / "x.mcap", [PORT], keeping=ALL)
+        recorder = Recorder(folder / "x.mcap", [PORT], options=ALL)
         _record(recorder, [rows[:30]])
         calls = 0
 
@@ -360,9 +361,9 @@ def test_a_trigger_keeps_exactly_what_surrounds_its_rows(
     path = tmp_path_factory.mktemp("trigger") / "x.mcap"
     rows = some_rows(sum(sizes))
     around = TriggerWindow(before * STEP / 1e9, after * STEP / 1e9)
-    keeping = replace(ALL, around=around)
+    options = replace(ALL, trigger_window=around)
     event = PortEvent(START, PORT.name, PortEventKind.OPENED, "")
-    with_event = Recorder(path, [PORT], keeping=keeping, select=_picks)
+    with_event = Recorder(path, [PORT], options=options, select=_picks)
     with_event.write_event(event)
     start = 0
     for size in sizes:
@@ -384,13 +385,13 @@ def test_a_trigger_keeps_exactly_what_surrounds_its_rows(
 def test_what_waits_for_a_trigger_is_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fte_sniff.recording.trigger.MOST_WAITING", 50)
+    monkeypatch.setattr("fte_sniff.recording.trigger.MAX_WAITING_ROWS", 50)
     rows = some_rows(400)
-    keeping = replace(ALL, around=TriggerWindow(1e6, 0))
+    options = replace(ALL, trigger_window=TriggerWindow(1e6, 0))
     recorder = Recorder(
         tmp_path / "x.mcap",
         [PORT],
-        keeping=keeping,
+        options=options,
         select=lambda given: [row for row in given if row is rows[300]],
     )
     _record(recorder, [rows])

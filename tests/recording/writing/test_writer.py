@@ -21,9 +21,9 @@ from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.recording.mcap import writer as mcap_file
 from fte_sniff.recording.messages.schema import TOPICS
 from fte_sniff.recording.metadata import PortFacts, host_facts
-from fte_sniff.recording.output_file import stopped
+from fte_sniff.recording.output_file import stopped_by_error
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.writer import MOST_PENDING, Existing, RecordingWriter
+from fte_sniff.recording.writer import MAX_PENDING, Existing, RecordingWriter
 from tests.recording.privilege import unprivileged
 
 Rows = Callable[..., list[Row]]
@@ -166,11 +166,11 @@ def test_close_can_be_repeated_and_writing_afterwards_is_a_mistake(
 
 
 def test_many_rows_make_chunks_by_themselves(tmp_path: Path, make_rows: Rows) -> None:
-    rows = make_rows(MOST_PENDING + 5)
+    rows = make_rows(MAX_PENDING + 5)
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PORT]) as writer:
         writer.write(rows)
-        assert writer.flushed_rows == MOST_PENDING
+        assert writer.flushed_rows == MAX_PENDING
     assert _statistics(path).chunk_count == 2
     assert list(RecordingReader(path)) == rows
 
@@ -256,7 +256,7 @@ def test_a_folder_that_forbids_writing(tmp_path: Path) -> None:
 )
 def test_why_a_recording_stopped_is_told_in_one_line(number: int, words: str) -> None:
     error = OSError(number, os.strerror(number))
-    for told in (stopped(Path("x.mcap"), error, 5), unwritable(Path("x.mcap"), error)):
+    for told in (stopped_by_error(Path("x.mcap"), error, 5), unwritable(Path("x.mcap"), error)):
         assert words in str(told)
         assert "x.mcap" in str(told)
         assert "\n" not in str(told)
