@@ -16,7 +16,7 @@ from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.session.pipeline import InputReading
 
 if TYPE_CHECKING:
-    from fte_sniff.recording.bulk_writer import Note
+    from fte_sniff.recording.bulk_writer import NamedFacts
 
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -133,8 +133,8 @@ def _write_recording(output: Path | None, reading: InputReading, *, force: bool)
         facts = {name: fact for one in reading.inputs for name, fact in one.facts.items()}
         own = {name: fact for name, fact in facts.items() if name not in PART_FACTS}
 
-        def notes() -> Iterator[Note]:
+        def metadata() -> Iterator[NamedFacts]:
             yield from ((LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in reading.gaps)
             yield from ((SELECTION_NAME, one.to_metadata()) for one in reading.selections)
 
-        write_recording(path, ports, (batch.columns(codebook) for batch in reading), own, notes)
+        write_recording(path, ports, (batch.columns(codebook) for batch in reading), own, metadata)

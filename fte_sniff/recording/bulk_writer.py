@@ -1,7 +1,7 @@
-"""Batch writer with packing in a worker.
+"""Write a recording from batches of rows, in the given order; threads compress the chunks.
 
-Rows come in the order in which they are to stand. A log time never falls: a row that is earlier
-than the one before it gets that one's, and its message tells its own time beside.
+Log times never fall: a row that is earlier than the previous one gets the same log time, and its
+message holds its own time.
 """
 
 from __future__ import annotations
@@ -18,11 +18,10 @@ import numpy as np
 from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
-from fte_sniff.protocol import PortEvent
 from fte_sniff.recording.mcap.append_file import Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile, PackedChunk, packed
-from fte_sniff.recording.messages.codec import plain
+from fte_sniff.recording.messages.codec import encodable_items
 from fte_sniff.recording.messages.packer import Channels, ColumnPacker
 from fte_sniff.recording.messages.schema import Topic
 from fte_sniff.recording.metadata import PortFacts, library_name, recording_facts
@@ -31,25 +30,25 @@ from fte_sniff.row_batch import Array, RowBatch
 
 
 class BackgroundPacker:
-    """Adds chunks to a file; when it is left all of them are there, unless an error ended it."""
+    """Compresses chunks in threads and writes them in order; on exit all are written."""
 
     def __init__(self, file: McapFile) -> None:
-        """Take the file, to which nobody else may add chunks meanwhile."""
+        """Take the file; it must not be written otherwise meanwhile."""
         self._file = file
-        self._threads = ThreadPoolExecutor(cores(), "packs chunks")
+        self._threads = ThreadPoolExecutor(cores(), "compresses chunks")
         self._under_way: deque[Future[PackedChunk]] = deque()
-        self._most = cores() + 1
+        self._most_under_way = cores() + 1
 
     def __enter__(self) -> Self:
         return self
 
-    def add(self, batch: McapBatch) -> None:
-        """Add a chunk; waits while enough of them are under way.
+    def write(self, batch: McapBatch) -> None:
+        """Write a chunk; blocks while enough chunks are under way.
 
         Raises:
-            OSError: this chunk or one before cannot be written; nothing more can be added then.
+            OSError: a chunk cannot be written; the file must not be written after that.
         """
-        while len(self._under_way) >= self._most:
+        while len(self._under_way) >= self._most_under_way:
             self._write_first()
         definitions = self._file.definitions_for(batch)
         self._under_way.append(self._threads.submit(packed, definitions, batch))
@@ -70,12 +69,12 @@ class BackgroundPacker:
         self._file.write_chunk(self._under_way.popleft().result())
 
 
-Note = tuple[str, Mapping[str, str]]
-"""The name of a metadata record, and what it tells."""
+NamedFacts = tuple[str, Mapping[str, str]]
+"""Name and content of a metadata record."""
 
 CHUNK_ROWS = 32_768
-"""Rows in a chunk: some 3 MB unpacked, so that what a chunk costs by itself is next to nothing, and
-no more than other writers put into one."""
+"""Rows in a chunk: about 3 MB unpacked, so that the cost per chunk is negligible, and the chunk no
+larger than those of other writers."""
 
 
 def write_recording(
@@ -83,16 +82,16 @@ def write_recording(
     ports: Sequence[PortFacts],
     batches: Iterable[RowBatch],
     facts: Mapping[str, str] | None = None,
-    notes: Callable[[], Iterable[Note]] = tuple,
+    metadata: Callable[[], Iterable[NamedFacts]] = tuple,
 ) -> None:
-    """Write a recording; a file that is there already is replaced.
+    """Write a recording; an existing file is replaced.
 
     Args:
         path: the file.
-        ports: the ports whose rows come, as far as they are known; rows of others are taken too.
+        ports: the known ports; rows of other ports are accepted too.
         batches: the rows and events.
-        facts: what the file is to say about itself beside the ports.
-        notes: gives what else it is to say; asked for once all batches have come.
+        facts: further content of the file's first metadata record.
+        metadata: gives further metadata records; called after the last batch.
 
     Raises:
         FileError: the file cannot be written, or what the batches raise.
@@ -104,7 +103,7 @@ def write_recording(
     try:
         writer = _Writer(descriptor, ports, facts or {})
         writer.write_all(batches)
-        writer.finish(notes())
+        writer.close(metadata())
     except OSError as error:
         raise unwritable(path, error) from error
     finally:
@@ -124,30 +123,29 @@ class _Writer:
         self._file = McapFile(
             Stream(descriptor),
             library_name(),
-            Metadata(METADATA_NAME, {plain(key): plain(value) for key, value in about.items()}),
+            Metadata(METADATA_NAME, encodable_items(about)),
             self._channels.schemas(),
             [channel for port in known.values() for channel in self._channels.of_port(port)],
         )
 
     def write_all(self, batches: Iterable[RowBatch]) -> None:
-        with BackgroundPacker(self._file) as ahead:
-            for columns in batches:
-                _check_times(columns)
-                for chunk in _chunks(columns):
+        with BackgroundPacker(self._file) as packer:
+            for rows in batches:
+                _check_times(rows)
+                for chunk in _chunks(rows):
                     if len(chunk) or chunk.events:
-                        ahead.add(self._messages(chunk))
+                        packer.write(self._messages(chunk))
 
-    def finish(self, notes: Iterable[Note]) -> None:
+    def close(self, metadata: Iterable[NamedFacts]) -> None:
         self._file.write_metadata(
-            Metadata(name, {key: plain(value) for key, value in told.items()})
-            for name, told in notes
+            Metadata(name, encodable_items(facts)) for name, facts in metadata
         )
         self._file.close()
 
     def _messages(self, chunk: RowBatch) -> McapBatch:
         times = self._log_times(chunk.t_ns)
         event_times = self._log_times(np.array([event.t_ns for event in chunk.events], np.int64))
-        # Each event stands before the first row that is later.
+        # Each event comes before the first later row.
         at = np.searchsorted(times, event_times, "right")
         times = np.insert(times, at, event_times)
         self._last_time = int(times[-1])
@@ -172,17 +170,12 @@ def _check_times(rows: RowBatch) -> None:
         )
 
 
-def _chunks(columns: RowBatch) -> Iterator[RowBatch]:
-    """The columns by so many rows as a chunk holds, events with the rows that follow them."""
-    events = sorted(columns.events, key=_time_of)
-    for start in range(0, max(len(columns), 1), CHUNK_ROWS):
-        part = columns[start : start + CHUNK_ROWS]
-        last = start + CHUNK_ROWS >= len(columns)
-        end = 2**63 if last else int(part.t_ns[-1])
-        own = tuple(event for event in events if event.t_ns <= end)
+def _chunks(rows: RowBatch) -> Iterator[RowBatch]:
+    """The rows of each chunk, with the events until its last row."""
+    events = sorted(rows.events, key=lambda event: event.t_ns)
+    for start in range(0, max(len(rows), 1), CHUNK_ROWS):
+        stop = start + CHUNK_ROWS
+        end_ns = 2**63 if stop >= len(rows) else int(rows.t_ns[stop - 1])
+        own = tuple(event for event in events if event.t_ns <= end_ns)
         events = events[len(own) :]
-        yield columns.select(slice(start, start + CHUNK_ROWS), own)
-
-
-def _time_of(event: PortEvent) -> int:
-    return event.t_ns
+        yield rows.select(slice(start, stop), own)

@@ -20,7 +20,7 @@ from mcap.records import Metadata
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile
-from fte_sniff.recording.messages.codec import plain
+from fte_sniff.recording.messages.codec import encodable, encodable_items
 from fte_sniff.recording.messages.packer import Channels, ColumnPacker
 from fte_sniff.recording.messages.schema import Topic
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, library_name, recording_facts
@@ -86,7 +86,9 @@ class RecordingWriter:
             self._file = McapFile(
                 target,
                 library_name(),
-                Metadata(METADATA_NAME, _plain_items(recording_facts(tuple(ports), facts or {}))),
+                Metadata(
+                    METADATA_NAME, encodable_items(recording_facts(tuple(ports), facts or {}))
+                ),
                 self._channels.schemas(),
                 channels,
             )
@@ -242,7 +244,7 @@ class RecordingWriter:
         if time is None or not 0 <= time <= _LAST_TIME:
             where = entry.kind if isinstance(entry, PortEvent) else f"offset {entry.offset}"
             raise FileError(
-                f"{self.path} cannot hold {plain(port)!r}, {where}: it has no time since 1970, "
+                f"{self.path} cannot hold {encodable(port)!r}, {where}: it has no time since 1970, "
                 "and a recording needs one; write another format"
             )
         last = self._last_of_port.get(port, 0)
@@ -265,7 +267,3 @@ class RecordingWriter:
         for channel in self._channels.of_port(PortFacts(port)):
             self._file.add_channel(channel)
         return self._channels.id_of(port, topic)
-
-
-def _plain_items(facts: Mapping[str, str]) -> dict[str, str]:
-    return {plain(key): plain(value) for key, value in facts.items()}

@@ -1,9 +1,12 @@
-"""One row to one message and back."""
+"""One row to one message by protobuf, and back.
+
+Reads the messages of any schema with the fields of a row; writes the rows and events that have no
+fixed layout.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import nan
 from typing import Any
@@ -19,7 +22,6 @@ from fte_sniff.protocol import (
     TAIL,
     Damage,
     Fault,
-    Field,
     Frame,
     PortEvent,
     PortEventKind,
@@ -42,7 +44,7 @@ from fte_sniff.recording.messages.schema import (
 from fte_sniff.recording.messages.wire_layout import WireLayouts
 
 _GREATEST = 2**63 - 1
-"""The largest offset and time that the columns of any tool can hold."""
+"""The largest offset and time: 64-bit columns hold no larger one."""
 
 _INTEGERS = (
     FieldDescriptor.CPPTYPE_UINT64,
@@ -51,27 +53,27 @@ _INTEGERS = (
     FieldDescriptor.CPPTYPE_INT32,
 )
 _TEXT = (FieldDescriptor.CPPTYPE_STRING,)
-"""Of text and of bytes: protobuf has one for both."""
+"""Protobuf has one C++ type for text and bytes."""
 _ENUM = (FieldDescriptor.CPPTYPE_ENUM,)
 _ROW_NEEDS = {"offset": _INTEGERS, "read_delay_ns": _INTEGERS, "raw": _TEXT, "faults": _ENUM}
 _EVENT_NEEDS = {"kind": _ENUM, "detail": _TEXT}
-"""What messages must have to be read, and of which type."""
+"""The fields that a message must have, and their types."""
 
 
 class MessageReader:
-    """Reads the messages of one channel by the schema that the file gives them."""
+    """Reads the messages of one channel with the schema in the file."""
 
     def __init__(self, topic: str, port: str, schema: str, data: bytes) -> None:
         """Take the schema.
 
         Args:
             topic: the channel's topic, for error messages.
-            port: the port that the channel's rows belong to.
+            port: the port of the channel's rows.
             schema: the full name of the message.
             data: the serialized FileDescriptorSet.
 
         Raises:
-            FileError: the schema cannot be used, or its messages do not hold what rows are made of.
+            FileError: the schema is unusable, or its messages lack fields of a row.
         """
         self.topic = topic
         self.port = port
@@ -84,10 +86,10 @@ class MessageReader:
                 why=reason_in(error),
             ) from error
         fields = self._message.DESCRIPTOR.fields_by_name
-        self._tells_framed = "framed" in fields
-        self._tells_time = "time_ns" in fields
-        self._tells_order = "order_uncertain" in fields
-        self._tells_count = "count" in fields
+        self._has_framed = "framed" in fields
+        self._has_time = "time_ns" in fields
+        self._has_order = "order_uncertain" in fields
+        self._has_count = "count" in fields
         needed = _EVENT_NEEDS if topic == EVENTS.name else _ROW_NEEDS
         lacking = sorted(
             name
@@ -106,21 +108,21 @@ class MessageReader:
             )
         is_event = topic == EVENTS.name
         self.layouts = None if is_event else _layouts_of(schema, data)
-        """How messages can be read many at once; None where they must be read one by one."""
-        self._words = _words_of(fields["kind" if is_event else "faults"])
+        """The fixed layouts of the messages; None for port events."""
+        self._names = _names_by_number(fields["kind" if is_event else "faults"])
         self.entry: Callable[[bytes, int], Row | PortEvent] = self.event if is_event else self.row
-        """Reads one message: `event` on the topic of port events, `row` on any other."""
+        """Reads one message with its log time: `event` on the topic of port events, else `row`."""
 
     def row(self, data: bytes, log_time: int) -> Row:
         """The row of one message.
 
         Raises:
-            ValueError: the message does not fit its schema or makes no row.
+            ValueError: the message does not fit its schema or is no row.
         """
         message = self._parse(data)
         faults = message.faults
         delay = message.read_delay_ns if message.HasField("read_delay_ns") else None
-        made: type[Row] = Damage if self._tells_framed and not message.framed else Frame
+        made: type[Row] = Damage if self._has_framed and not message.framed else Frame
         raw = message.raw
         if not (_is_framed(raw) if made is Frame else raw):
             what = TranslatableText("no frame") if made is Frame else TranslatableText("no damage")
@@ -140,26 +142,26 @@ class MessageReader:
             self._time(message, log_time),
             tuple(map(self.fault, faults)) if faults else (),
             delay,
-            self._tells_order and message.order_uncertain,
+            self._has_order and message.order_uncertain,
         )
 
     def fault(self, number: int) -> Fault:
-        """The fault that the file's schema gives this number.
+        """The fault with this number in the file's schema.
 
         Raises:
             ValueError: this version does not know it.
         """
-        return Fault(self._word(number))
+        return Fault(self._name(number))
 
     def event(self, data: bytes, log_time: int) -> PortEvent:
         """The port event of one message.
 
         Raises:
-            ValueError: the message does not fit its schema or makes no event.
+            ValueError: the message does not fit its schema or is no event.
         """
         message = self._parse(data)
-        kind = PortEventKind(self._word(message.kind))
-        count = message.count if self._tells_count else 0
+        kind = PortEventKind(self._name(message.kind))
+        count = message.count if self._has_count else 0
         return PortEvent(self._time(message, log_time), self.port, kind, message.detail, count)
 
     def _parse(self, data: bytes) -> Any:
@@ -169,25 +171,25 @@ class MessageReader:
             raise ValueError(TranslatableText("a message that does not fit its schema")) from error
 
     def _time(self, message: Any, log_time: int) -> int:
-        own = self._tells_time and message.HasField("time_ns")
+        own = self._has_time and message.HasField("time_ns")
         time = int(message.time_ns) if own else log_time
         if time > _GREATEST:
             raise ValueError(TranslatableText("time {time} ns is past the year 2262", time=time))
         return time
 
-    def _word(self, number: int) -> str:
-        word = self._words.get(number)
-        if word is None:
+    def _name(self, number: int) -> str:
+        name = self._names.get(number)
+        if name is None:
             raise ValueError(
                 TranslatableText(
                     "a word that this version does not know (number {number})", number=number
                 )
             )
-        return word
+        return name
 
 
 def reason_in(error: ValueError) -> str:
-    """Why a message or a schema cannot be read, to be said in any language where it can be."""
+    """Why a message or a schema cannot be read, translatable if possible."""
     text = error.args[0] if error.args else ""
     return text if isinstance(text, TranslatableText) else str(error)
 
@@ -201,17 +203,15 @@ def _is_framed(raw: bytes) -> bool:
     return len(raw) == FRAME_LENGTH and raw[0] in HEADERS.values() and raw[-1] == TAIL
 
 
-def _words_of(field: Any) -> dict[int, str]:
-    """The words of this version by the numbers that the file's schema gives them."""
+def _names_by_number(field: Any) -> dict[int, str]:
+    """The faults or event kinds of this version, by their numbers in the file's schema."""
     if field.enum_type is None:
         return {}
     enum = "PortEventKind" if field.name == "kind" else "Fault"
     known = PortEventKind if enum == "PortEventKind" else Fault
-    word_of = {enum_value_name(enum, word): str(word) for word in known}
+    names = {enum_value_name(enum, one): str(one) for one in known}
     return {
-        value.number: word_of[value.name]
-        for value in field.enum_type.values
-        if value.name in word_of
+        value.number: names[value.name] for value in field.enum_type.values if value.name in names
     }
 
 
@@ -225,30 +225,12 @@ def class_of(topic: Topic) -> Any:
     return message_class(schema_name(topic), schema_data(topic.schema))
 
 
-_CLASS_OF_MALFORMED = class_of(MALFORMED)
-_CLASS_OF_EVENT = class_of(EVENTS)
-
-
-@dataclass(frozen=True, slots=True)
-class _Form:
-    """How frames of one kind become messages of one topic."""
-
-    message: Any
-    fixed: Mapping[str, float]
-    """Whatever is the same in all of them."""
-    read: tuple[tuple[str, Field], ...]
-    """Whatever is to be read from each frame."""
-
-
 @cache
-def _form_of(topic_name: str, kind_name: str) -> _Form:
-    topic, kind = TOPIC_BY_NAME[topic_name], KIND_BY_NAME[kind_name]
-    absent = {field.name: nan for field in value_fields(topic) if kind.field(field.name) is None}
-    return _Form(
-        class_of(topic),
-        {"kind": enum_number("Kind", kind.name), **absent},
-        tuple((field.name, field) for field in kind.fields),
-    )
+def _constants(topic_name: str, kind_name: str) -> dict[str, float]:
+    """The kind, and NaN for the topic's fields that frames of the kind lack."""
+    kind, fields = KIND_BY_NAME[kind_name], value_fields(TOPIC_BY_NAME[topic_name])
+    absent = {field.name: nan for field in fields if kind.field(field.name) is None}
+    return {"kind": enum_number("Kind", kind.name), **absent}
 
 
 def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
@@ -269,39 +251,37 @@ def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
     if row.faults:
         values["faults"] = [_FAULT_NUMBER[fault] for fault in row.faults]
     values["status"] = _STATUS_NUMBER[row.status]
-    if topic is MALFORMED:
-        return _encode_malformed(row, values)
-    assert isinstance(row, Frame)
-    kind = row.kind
-    assert kind is not None
-    form = _form_of(topic.name, kind.name)
-    values.update(form.fixed)
-    values["cmd"] = row.cmd
-    for name, field in form.read:
-        values[name] = field.read(row.raw)
-    return bytes(form.message(**values).SerializeToString())
-
-
-def _encode_malformed(row: Row, values: dict[str, Any]) -> bytes:
     kind = row.kind if isinstance(row, Frame) else None
-    values["kind"] = 0 if kind is None else enum_number("Kind", kind.name)
-    values["framed"] = isinstance(row, Frame)
-    values["length"] = len(row.raw)
-    return bytes(_CLASS_OF_MALFORMED(**values).SerializeToString())
+    if topic is MALFORMED:
+        values["kind"] = 0 if kind is None else enum_number("Kind", kind.name)
+        values["framed"] = isinstance(row, Frame)
+        values["length"] = len(row.raw)
+    else:
+        assert isinstance(row, Frame)
+        assert kind is not None
+        values |= _constants(topic.name, kind.name)
+        values["cmd"] = row.cmd
+        values |= {field.name: field.read(row.raw) for field in kind.fields}
+    return bytes(class_of(topic)(**values).SerializeToString())
 
 
 def encode_event(event: PortEvent, log_time: int) -> bytes:
-    """The message of a port event; its own time is told where `log_time` differs from it."""
+    """The message of a port event; it holds the event's own time if `log_time` differs."""
     values: dict[str, Any] = {
         "kind": _EVENT_NUMBER[event.kind],
-        "detail": plain(event.detail),
+        "detail": encodable(event.detail),
         "count": event.count,
     }
     if event.t_ns != log_time:
         values["time_ns"] = event.t_ns
-    return bytes(_CLASS_OF_EVENT(**values).SerializeToString())
+    return bytes(class_of(EVENTS)(**values).SerializeToString())
 
 
-def plain(text: str) -> str:
-    """Text that UTF-8 can hold: undecodable bytes of file names and the like as backslash codes."""
+def encodable(text: str) -> str:
+    """Text for UTF-8: undecodable bytes (of file names, for example) as backslash escapes."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def encodable_items(facts: Mapping[str, str]) -> dict[str, str]:
+    """Names and values for UTF-8."""
+    return {encodable(name): encodable(value) for name, value in facts.items()}

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Frame, PortEvent, Row
 from fte_sniff.protocol.spec import CMD_OFFSET, NUM_OFFSET
 from fte_sniff.recording.mcap.writer import McapBatch
-from fte_sniff.recording.messages.codec import class_of, encode_event, encode_row, plain
+from fte_sniff.recording.messages.codec import class_of, encodable, encode_event, encode_row
 from fte_sniff.recording.messages.schema import (
     EVENTS,
     MALFORMED,
@@ -312,7 +312,7 @@ class Channels:
         """Add a port, and return a channel for each topic; none if the port is known."""
         if (port.name, TOPICS[0].name) in self._ids:
             return []
-        metadata = {"port": plain(port.name)}
+        metadata = {"port": encodable(port.name)}
         if port.baud is not None:
             metadata["baud"] = str(port.baud)
         channels = []
