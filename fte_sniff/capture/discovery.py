@@ -19,13 +19,10 @@ from fte_sniff.errors import TranslatableText, printable
 
 _BY_ID = Path("/dev/serial/by-id")
 _SYS_TTY = Path("/sys/class/tty")
-_SERIAL_BASE = "serial-base"
-"""A bus of Linux between a port and its device; its drivers are not the device's."""
-_NO_DESCRIPTION = "n/a"
-"""pyserial's description of a device without one."""
+_SERIAL_BASE = "serial-base"  # a bus between a port and its device, with drivers of its own
+_NO_DESCRIPTION = "n/a"  # in pyserial
 _SYS_CHAR = Path("/sys/dev/char")
-_PTY_MAJORS = range(136, 144)
-"""Device numbers of pseudo-terminals, which are not in /sys."""
+_PTY_MAJORS = range(136, 144)  # pseudo-terminals, which are not in /sys
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ _PTY_FOLDER = "/dev/pts/"
 
 
 class PseudoTerminal:
-    """A raw terminal device for other programs; `descriptor` is this program's end."""
+    """A raw terminal device for other programs; `descriptor` is the non-blocking other end."""
 
     def __init__(self, link: Path | None = None) -> None:
         """Create the device, and optionally a `link` to it.
@@ -46,7 +46,6 @@ class PseudoTerminal:
             # First, because a new device often reuses the number that a stale link points to.
             _remove_stale(link)
         self.descriptor, theirs = os.openpty()
-        """This program's end; non-blocking."""
         os.set_blocking(self.descriptor, False)
         # Raw, so that nothing is echoed. Closed, so that POLLHUP shows whether a program uses it.
         tty.setraw(theirs)
@@ -156,10 +155,8 @@ class HostEnd:
     def write(self, data: bytes) -> int:
         """Write what the host program can take now, and buffer the rest; never blocks.
 
-        Call it regularly, also with `b""`, to write buffered bytes.
-
-        Returns:
-            Number of bytes dropped because the buffer is full.
+        Returns the number of bytes dropped because the buffer is full. Call it regularly, also with
+        `b""`, to write buffered bytes.
         """
         with self._write_lock:
             if not self.in_use:

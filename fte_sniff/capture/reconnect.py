@@ -27,8 +27,8 @@ FIRST_WAIT_S = 0.25
 LONGEST_WAIT_S = 1.0
 """Longest time between two attempts; each wait is twice the one before."""
 
+# The refused attempt that is reported; at the first, udev may just not be finished.
 _REPORTED_REFUSAL = 2
-"""The refused attempt that is reported; the first may only mean that udev is not finished."""
 
 _PTY_FOLDER = "/dev/pts/"
 

@@ -33,7 +33,7 @@ from fte_sniff.errors import PortError, TranslatableText, ValueRangeError
 from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
 
 READ_TIMEOUT_S = 0.01
-"""How long a read of an open port waits for bytes, seconds."""
+"""Timeout of a read."""
 
 BAUD_RANGE = (50, 12_000_000)
 """Lowest and highest baud that is passed to a driver."""
@@ -337,20 +337,12 @@ def request_capabilities(port: serial.Serial) -> PortCapabilities:
     )
 
 
-HOST_NS = 1_000_000
-"""Until this program runs after bytes have arrived, on a machine that is not overloaded."""
-
-USB_FRAME_NS = 1_000_000
-"""Polling interval of a full-speed USB host."""
-
-USB_UNKNOWN_NS = 16_000_000
-"""For an adapter without a readable latency timer: the usual value."""
-
-NETWORK_NS = 20_000_000
-"""For a port server on a healthy local network."""
-
-FIFO_BYTES = 16
-"""Byte times that an on-board UART holds bytes: until its FIFO is full, or four pass unused."""
+# Parts of the largest latency:
+HOST_NS = 1_000_000  # until this program runs after bytes have arrived
+USB_FRAME_NS = 1_000_000  # polling interval of a full-speed USB host
+USB_UNKNOWN_NS = 16_000_000  # usual latency timer, for an adapter where it cannot be read
+NETWORK_NS = 20_000_000  # a port server on a healthy local network
+FIFO_BYTES = 16  # byte times that an on-board UART holds bytes: FIFO full, or four unused
 
 _SYS_TTY = Path("/sys/class/tty")
 

@@ -114,9 +114,8 @@ _FEEDBACK_KIND_BY_CMD = {
 def wheel_speeds(vx_cm_s: float, vy_cm_s: float, wz_mrad_s: float) -> tuple[float, ...]:
     """The RPM of motors 1 to 4 for a motion of the mecanum chassis.
 
-    Positive is forward, left and counter-clockwise. The protocol does not define the positions of
-    the motors; here 1 to 4 are front left, front right, rear left, rear right, and a positive speed
-    turns every wheel forward.
+    Positive is forward, left and counter-clockwise. The protocol does not define where the motors
+    are; here: front left, front right, rear left, rear right, all forward with a positive speed.
     """
     turn_cm_s = wz_mrad_s / 1000 * HALF_TRACK_PLUS_HALF_BASE_CM
     wheels_cm_s = (

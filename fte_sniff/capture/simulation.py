@@ -24,11 +24,8 @@ from fte_sniff.capture.sim_model import Controller, SimulatedHost
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, MOTORS, Direction, byte_time_ns, encode
 
-MOST_DROPPED = 4
-"""Limit of adjacent bytes lost in one fault."""
-
-MOST_NOISE = 8
-"""Largest number of random bytes between two frames."""
+MOST_DROPPED = 4  # adjacent bytes lost in one fault, at most
+MOST_NOISE = 8  # random bytes between two frames, at most
 
 
 class Faults:

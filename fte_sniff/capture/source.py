@@ -129,8 +129,7 @@ class ItemQueue(Protocol):
         ...
 
 
-_SILENCE_INTERVAL_S = 0.05
-"""Interval between empty chunks while a lost port is awaited."""
+_SILENCE_INTERVAL_S = 0.05  # between empty chunks while a lost port is awaited
 
 
 class ThreadedSource(ABC):
@@ -245,7 +244,6 @@ class ThreadedSource(ABC):
         )
 
     def _first_wait_s(self) -> float:
-        """Seconds before the first attempt to reopen a lost port."""
         return FIRST_WAIT_S
 
     def _finish(self, end: SourceEnd, kind: PortEventKind, detail: str) -> None:
@@ -253,7 +251,6 @@ class ThreadedSource(ABC):
         self._put_event(kind, detail)
 
     def _close_port(self) -> None:
-        """Close the port; also called when it is closed already, or gone."""
         with suppress(OSError):
             self._port.close()
 

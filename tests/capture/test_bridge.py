@@ -104,13 +104,13 @@ def test_every_byte_is_passed_on_both_ways_and_kept_as_two_wires(bridges, pty, u
         ]
         for writer in writers:
             writer.start()
-        heard = []
-        reader = threading.Thread(target=lambda: heard.append(host.read(len(back))))
+        received = []
+        reader = threading.Thread(target=lambda: received.append(host.read(len(back))))
         reader.start()
         assert from_far(pty, len(there)) == there
         for thread in (*writers, reader):
             thread.join(BOUND_S)
-        assert heard == [back]
+        assert received == [back]
     kept.end()
     assert kept.data(HOST) == there
     assert kept.data(pty.device) == back
@@ -439,10 +439,10 @@ def bridged(tmp_path):
 def talk(bridged, pty):
     with serial.Serial(str(bridged.link), 57600, timeout=BOUND_S) as host:
         host.write(b"there")
-        heard = b""
-        while len(heard) < 5:
-            heard += pty.arrived(BOUND_S)
-        assert heard == b"there"
+        received = b""
+        while len(received) < 5:
+            received += pty.arrived(BOUND_S)
+        assert received == b"there"
         assert speed_of(pty.near) == 57600
         pty.send(b"back")
         assert host.read(4) == b"back"

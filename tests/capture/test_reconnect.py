@@ -59,7 +59,7 @@ def opened():
         source.close()
 
 
-class Heard:
+class Received:
     """What came from a source so far."""
 
     def __init__(self, source):
@@ -80,7 +80,7 @@ class Heard:
                 self.events.append(item)
 
     def until_event(self, kind):
-        self.until(lambda heard: heard.events and heard.events[-1].kind is kind)
+        self.until(lambda received: received.events and received.events[-1].kind is kind)
         return self.events[-1]
 
     def rest(self):
@@ -91,25 +91,25 @@ def test_an_adapter_that_comes_back_under_another_name_goes_on(new_pty, adapter,
     first, second = new_pty(), new_pty()
     adapter.plug(first)
     source = opened(adapter.name)
-    heard = Heard(source)
+    received = Received(source)
     first.send(b"before")
-    heard.until(lambda h: h.data == b"before")
+    received.until(lambda h: h.data == b"before")
     adapter.pull(first)
-    lost = heard.until_event(PortEventKind.LOST)
+    lost = received.until_event(PortEventKind.LOST)
     assert lost.detail.endswith("waiting for it to come back")
     assert source.end is None
     second.send(b"not yet")
     adapter.plug(second)
-    found = heard.until_event(PortEventKind.FOUND_AGAIN)
+    found = received.until_event(PortEventKind.FOUND_AGAIN)
     assert found.detail.endswith(f" s as {second.device}")
     assert float(found.detail.split()[1]) == pytest.approx((found.t_ns - lost.t_ns) / 1e9, abs=0.1)
     second.send(b" and after")
     # What came before it was opened again is not the wire's any more.
-    heard.until(lambda h: h.data.endswith(b"after"))
-    assert heard.data == b"before and after"
-    assert heard.times == sorted(heard.times)
+    received.until(lambda h: h.data.endswith(b"after"))
+    assert received.data == b"before and after"
+    assert received.times == sorted(received.times)
     source.stop()
-    assert [event.kind for event in heard.rest()] == [PortEventKind.CLOSED]
+    assert [event.kind for event in received.rest()] == [PortEventKind.CLOSED]
     assert source.end is SourceEnd.STOPPED
 
 
@@ -117,17 +117,17 @@ def test_it_comes_back_as_often_as_it_goes(new_pty, adapter, opened):
     pty = new_pty()
     adapter.plug(pty)
     source = opened(adapter.name)
-    heard = Heard(source)
+    received = Received(source)
     for number in range(3):
         sent = b"%d" % number
         pty.send(sent)
-        heard.until(lambda h, sent=sent: h.data.endswith(sent))
+        received.until(lambda h, sent=sent: h.data.endswith(sent))
         adapter.pull(pty)
-        heard.until_event(PortEventKind.LOST)
+        received.until_event(PortEventKind.LOST)
         pty = new_pty()
         adapter.plug(pty)
-        heard.until_event(PortEventKind.FOUND_AGAIN)
-    assert heard.data == b"012"
+        received.until_event(PortEventKind.FOUND_AGAIN)
+    assert received.data == b"012"
     assert source.bytes_read == 3
 
 
@@ -135,15 +135,15 @@ def test_time_goes_on_while_it_is_waited_for_and_stop_ends_it_at_once(new_pty, a
     pty = new_pty()
     adapter.plug(pty)
     source = opened(adapter.name)
-    heard = Heard(source)
+    received = Received(source)
     adapter.pull(pty)
-    lost = heard.until_event(PortEventKind.LOST)
-    heard.until(lambda h: h.times[-1] > lost.t_ns + 200_000_000)
-    beats = [t_ns for t_ns in heard.times if t_ns > lost.t_ns]
+    lost = received.until_event(PortEventKind.LOST)
+    received.until(lambda h: h.times[-1] > lost.t_ns + 200_000_000)
+    beats = [t_ns for t_ns in received.times if t_ns > lost.t_ns]
     assert len(beats) < 20
     start = monotonic()
     source.stop()
-    assert [event.kind for event in heard.rest()] == [PortEventKind.CLOSED]
+    assert [event.kind for event in received.rest()] == [PortEventKind.CLOSED]
     assert monotonic() - start < 5
     assert source.end is SourceEnd.STOPPED
 
@@ -152,17 +152,17 @@ def test_a_server_that_comes_back_is_found_again(opened):
     with socket.create_server(("127.0.0.1", 0), reuse_port=True) as server:
         host, number = server.getsockname()
         source = opened(f"socket://{host}:{number}")
-        heard = Heard(source)
+        received = Received(source)
         connection, _ = server.accept()
         connection.sendall(b"one")
         connection.close()
-        assert "hung up" in heard.until_event(PortEventKind.LOST).detail
+        assert "hung up" in received.until_event(PortEventKind.LOST).detail
         # It connects again by itself.
         connection, _ = server.accept()
-        found = heard.until_event(PortEventKind.FOUND_AGAIN)
+        found = received.until_event(PortEventKind.FOUND_AGAIN)
         assert " as " not in found.detail
         connection.sendall(b"two")
-        heard.until(lambda h: h.data == b"onetwo")
+        received.until(lambda h: h.data == b"onetwo")
         connection.close()
 
 
@@ -175,12 +175,12 @@ def test_a_server_that_hangs_up_at_once_is_asked_slowly(opened):
 
         serving = threading.Thread(target=serve)
         serving.start()
-        heard = Heard(opened(f"socket://127.0.0.1:{server.getsockname()[1]}"))
+        received = Received(opened(f"socket://127.0.0.1:{server.getsockname()[1]}"))
         kinds = [PortEventKind.LOST, PortEventKind.FOUND_AGAIN]
-        heard.until(lambda h: [e.kind for e in h.events[1:]] == kinds * 3)
+        received.until(lambda h: [e.kind for e in h.events[1:]] == kinds * 3)
         serving.join()
-    lost = [event.t_ns for event in heard.events if event.kind is PortEventKind.LOST]
-    found = [event.t_ns for event in heard.events if event.kind is PortEventKind.FOUND_AGAIN]
+    lost = [event.t_ns for event in received.events if event.kind is PortEventKind.LOST]
+    found = [event.t_ns for event in received.events if event.kind is PortEventKind.FOUND_AGAIN]
     waits_s = [(after - before) / 1e9 for before, after in zip(lost, found, strict=True)]
     assert waits_s[0] > FIRST_WAIT_S - 0.01
     assert min(waits_s[1:]) > LONGEST_WAIT_S - 0.01
@@ -192,13 +192,13 @@ def test_a_server_that_takes_no_connection_does_not_hold_up_the_end(opened):
         server.listen(0)
         host, number = server.getsockname()
         source = opened(f"socket://{host}:{number}")
-        heard = Heard(source)
+        received = Received(source)
         connection, _ = server.accept()
         with socket.create_connection((host, number)):
             # The queue is full now: to connect again would last long.
             connection.close()
-            lost = heard.until_event(PortEventKind.LOST)
-            heard.until(lambda h: h.times[-1] > lost.t_ns + 400_000_000)
+            lost = received.until_event(PortEventKind.LOST)
+            received.until(lambda h: h.times[-1] > lost.t_ns + 400_000_000)
             start = monotonic()
             source.close()
             assert monotonic() - start < 2
@@ -207,37 +207,37 @@ def test_a_server_that_takes_no_connection_does_not_hold_up_the_end(opened):
 def test_a_link_left_behind_does_not_open_somebodys_terminal(new_pty, adapter, opened):
     pty = new_pty()
     adapter.plug(pty)
-    heard = Heard(opened(adapter.name))
+    received = Received(opened(adapter.name))
     adapter.pull(pty)
-    lost = heard.until_event(PortEventKind.LOST)
+    lost = received.until_event(PortEventKind.LOST)
     theirs = new_pty()
     with subprocess.Popen(
         [sys.executable, "-c", "import sys; sys.stdin.read()"], stdin=theirs.near
     ) as user:
         before = theirs.attributes()
         adapter.plug(theirs)
-        refused = heard.until_event(PortEventKind.NOT_OPENED)
+        refused = received.until_event(PortEventKind.NOT_OPENED)
         assert refused.detail.startswith("it is back, but ")
         assert f"(pid {user.pid}) has it open; close that" in refused.detail
         # Once is enough.
-        heard.until(lambda h: h.times[-1] > lost.t_ns + 4_000_000_000)
-        assert heard.events[-1] is refused
+        received.until(lambda h: h.times[-1] > lost.t_ns + 4_000_000_000)
+        assert received.events[-1] is refused
         assert theirs.attributes() == before
         user.terminate()
-    heard.until_event(PortEventKind.FOUND_AGAIN)
+    received.until_event(PortEventKind.FOUND_AGAIN)
 
 
 def test_a_port_that_is_back_but_busy_is_told(new_pty, adapter, opened):
     pty, again = new_pty(), new_pty()
     adapter.plug(pty)
-    heard = Heard(opened(adapter.name))
+    received = Received(opened(adapter.name))
     adapter.pull(pty)
-    heard.until_event(PortEventKind.LOST)
+    received.until_event(PortEventKind.LOST)
     holder = open_port(again.device)
     adapter.plug(again)
-    assert " is busy: " in heard.until_event(PortEventKind.NOT_OPENED).detail
+    assert " is busy: " in received.until_event(PortEventKind.NOT_OPENED).detail
     holder.close()
-    heard.until_event(PortEventKind.FOUND_AGAIN)
+    received.until_event(PortEventKind.FOUND_AGAIN)
 
 
 def test_a_port_that_cannot_return_ends(pty):

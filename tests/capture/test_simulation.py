@@ -33,7 +33,7 @@ ANY_PARAMETERS = st.builds(
 )
 
 
-def heard(count, **asked):
+def received(count, **asked):
     return list(itertools.islice(simulate(SimulationParameters(**asked)), count))
 
 
@@ -46,12 +46,12 @@ def test_the_same_parameters_give_the_same_bytes_at_the_same_times(parameters):
 
 def test_the_bytes_of_a_seed_are_the_same_everywhere():
     # Samples are made from seeds: a change here changes them, and must be meant.
-    all_bytes = b"".join(item.data for item in heard(5000, seed=1, drop=0.1, flip=0.1, noise=0.1))
+    all_bytes = b"".join(i.data for i in received(5000, seed=1, drop=0.1, flip=0.1, noise=0.1))
     assert hashlib.sha256(all_bytes).hexdigest()[:16] == "9e0681b5cf48c715"
 
 
 def test_other_seeds_give_other_bytes():
-    assert len({tuple(item.data for item in heard(400, seed=seed)) for seed in range(8)}) == 8
+    assert len({tuple(item.data for item in received(400, seed=seed)) for seed in range(8)}) == 8
 
 
 @examples(30)
@@ -67,7 +67,7 @@ def test_nothing_overlaps_on_the_wire_and_every_byte_takes_its_time(parameters, 
 
 def test_without_faults_all_is_legal_and_in_step():
     framer = Framer("sim")
-    items = heard(3000, seed=3)
+    items = received(3000, seed=3)
     rows = [row for item in items for row in framer.feed(Chunk("sim", item.t_ns, item.data))]
     rows += framer.flush()
     assert [row.raw for row in rows] == [item.sent for item in items]
@@ -92,7 +92,7 @@ def is_expected(count):
 
 
 def test_a_flip_is_one_bit_and_as_frequent_as_asked():
-    damaged = [item for item in heard(FRAMES, flip=0.1) if item.data != item.sent]
+    damaged = [item for item in received(FRAMES, flip=0.1) if item.data != item.sent]
     assert is_expected(len(damaged))
     for item in damaged:
         changed = int.from_bytes(item.data, "big") ^ int.from_bytes(item.sent, "big")
@@ -100,7 +100,7 @@ def test_a_flip_is_one_bit_and_as_frequent_as_asked():
 
 
 def test_a_drop_loses_adjacent_bytes_and_is_as_frequent_as_asked():
-    damaged = [item for item in heard(FRAMES, drop=0.1) if item.data != item.sent]
+    damaged = [item for item in received(FRAMES, drop=0.1) if item.data != item.sent]
     assert is_expected(len(damaged))
     for item in damaged:
         lost = 10 - len(item.data)
@@ -117,8 +117,8 @@ def test_noise_stands_between_frames_and_is_as_frequent_as_asked():
 
 
 def test_one_kind_of_fault_leaves_the_others_where_they_are():
-    plain = heard(2000, flip=0.2)
-    noisy = [item for item in heard(4000, flip=0.2, noise=0.3) if item.sent][:2000]
+    plain = received(2000, flip=0.2)
+    noisy = [item for item in received(4000, flip=0.2, noise=0.3) if item.sent][:2000]
     assert [item.data for item in plain] == [item.data for item in noisy]
 
 
@@ -137,7 +137,7 @@ def test_the_two_wires_together_are_the_bus():
 
 
 def test_without_a_host_there_are_no_commands_and_nothing_moves():
-    frames = [Frame("", 0, item.sent, None) for item in heard(1000, host="off")]
+    frames = [Frame("", 0, item.sent, None) for item in received(1000, host="off")]
     assert {frame.direction for frame in frames} == {Direction.FEEDBACK}
     assert {frame.values["rpm"] for frame in frames} == {0}
 
@@ -148,11 +148,11 @@ def test_frames_asked_for_are_all_there_are():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_host_shows_every_kind_of_command_within_half_a_minute_and_pauses(seed):
-    frames = [Frame("", 0, i.sent, None) for i in heard(1200, seed=seed, wire="control")]
+    frames = [Frame("", 0, i.sent, None) for i in received(1200, seed=seed, wire="control")]
     kinds = [frame.kind.name for frame in frames]
     assert kinds[0] == "reset"
     assert set(kinds) == {"reset", "speed", "position", "mecanum"}
-    times = [item.begins_ns for item in heard(1200, seed=seed, wire="control")]
+    times = [item.begins_ns for item in received(1200, seed=seed, wire="control")]
     assert max(b - a for a, b in itertools.pairwise(times)) > 10**9
 
 

@@ -172,7 +172,7 @@ def test_the_lines_of_a_simulated_port_can_be_set_and_asked(opened):
 def test_a_line_where_nobody_is_ever_heard_is_open_and_silent(opened, frames):
     port = opened(f"host=off&wire=control&frames={frames}", timeout=0.02)
     assert (port.read(1), port.in_waiting) == (b"", 0)
-    # What is written is obeyed, and not heard here either.
+    # What is written is obeyed, and not received here either.
     port.write(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100}))
     assert port.read(1) == b""
 
