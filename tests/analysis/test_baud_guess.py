@@ -1,3 +1,5 @@
+"""Diagnosis of simulated lines: baud rate, polarity, and everything that is not our protocol."""
+
 from random import Random
 
 import pytest
@@ -38,10 +40,10 @@ def test_a_slower_line_is_recognised_with_its_baud_and_polarity(baud, traffic, a
             1, frames(1, TRAFFIC[traffic]), baud, DEFAULT_BAUD, inverted=inverted,
             after_error=after_error,
         )  # fmt: skip
-        verdict = diagnose(data, DEFAULT_BAUD)
+        found = diagnose(data, DEFAULT_BAUD)
         expected = LineCondition.INVERTED if inverted else LineCondition.WRONG_BAUD
-        assert (verdict.condition, verdict.share) == (expected, 0.0)
-        assert verdict.guesses[0][0] == LineSetting(baud, inverted)
+        assert (found.condition, found.share) == (expected, 0.0)
+        assert found.guesses[0][0] == LineSetting(baud, inverted)
 
 
 @pytest.mark.parametrize("after_error", AfterError)
@@ -51,19 +53,19 @@ def test_swapped_polarity_is_recognised_at_its_own_baud(baud, traffic, after_err
     data = received_by_hardware(
         2, frames(2, TRAFFIC[traffic]), baud, baud, inverted=True, after_error=after_error
     )
-    verdict = diagnose(data, baud)
-    assert verdict.condition is LineCondition.INVERTED
-    assert verdict.guesses[0][0] == LineSetting(baud, True)
-    assert verdict.guesses[0][1] > 0.9
+    found = diagnose(data, baud)
+    assert found.condition is LineCondition.INVERTED
+    assert found.guesses[0][0] == LineSetting(baud, True)
+    assert found.guesses[0][1] > 0.9
 
 
 @pytest.mark.parametrize("baud", [230_400, 460_800, 921_600, 2_000_000])
 @pytest.mark.parametrize("traffic", TRAFFIC)
-def test_a_faster_line_is_never_taken_for_a_sound_one(baud, traffic):
+def test_a_faster_line_is_never_diagnosed_as_sound(baud, traffic):
     data = received_by_hardware(3, frames(3, TRAFFIC[traffic], 200), baud, DEFAULT_BAUD)
-    verdict = diagnose(data, DEFAULT_BAUD)
-    assert verdict.share < 0.1
-    assert verdict.condition in (
+    found = diagnose(data, DEFAULT_BAUD)
+    assert found.share < 0.1
+    assert found.condition in (
         LineCondition.WRONG_BAUD,
         LineCondition.FOREIGN,
         LineCondition.INVERTED,
@@ -71,7 +73,7 @@ def test_a_faster_line_is_never_taken_for_a_sound_one(baud, traffic):
 
 
 @pytest.mark.parametrize("baud", [b for b in COMMON_BAUDS if b < DEFAULT_BAUD / 8])
-def test_a_far_slower_line_looks_held_low(baud):
+def test_a_far_slower_line_is_diagnosed_as_held_low(baud):
     data = received_by_hardware(4, frames(4, count=20), baud, DEFAULT_BAUD)
     assert diagnose(data, DEFAULT_BAUD).condition is LineCondition.LOW
 
@@ -80,16 +82,16 @@ def test_a_far_slower_line_looks_held_low(baud):
 @pytest.mark.parametrize("baud", COMMON_BAUDS)
 def test_at_the_right_baud_a_line_is_sound(baud, traffic):
     data = received_by_hardware(5, frames(5, TRAFFIC[traffic], 20), baud, baud)
-    verdict = diagnose(data, baud)
-    assert (verdict.condition, verdict.share) == (LineCondition.SOUND, 1.0)
+    found = diagnose(data, baud)
+    assert (found.condition, found.share) == (LineCondition.SOUND, 1.0)
     kinds = {"control": {Direction.CONTROL}, "all": set(Direction)}.get(
         traffic, {Direction.FEEDBACK}
     )
-    assert verdict.directions == kinds
+    assert found.directions == kinds
 
 
 @pytest.mark.parametrize(("share", "condition"), [(0.02, "sound"), (0.4, "damaged")])
-def test_a_bad_wire_is_the_right_line_all_the_same(share, condition):
+def test_a_damaged_stream_has_the_right_baud(share, condition):
     data, _ = damaged_stream(7, 300, share, "ordinary")
     assert diagnose(data, DEFAULT_BAUD).condition == condition
 
@@ -106,17 +108,17 @@ def test_a_bad_wire_is_the_right_line_all_the_same(share, condition):
         (frames(1)[0], LineCondition.SOUND),
     ],
 )
-def test_what_else_a_line_can_be(data, condition):
+def test_other_conditions(data, condition):
     assert diagnose(data, DEFAULT_BAUD).condition == condition
 
 
 @given(st.binary(max_size=200), st.sampled_from(COMMON_BAUDS))
-def test_any_bytes_get_a_verdict_that_adds_up(data, baud):
-    verdict = diagnose(data, baud)
-    assert verdict.size == len(data)
-    assert 0 <= verdict.share <= 1
-    assert sum(probability for _, probability in verdict.guesses) <= 1 + 1e-9
-    assert LineSetting(baud, False) not in dict(verdict.guesses)
+def test_any_bytes_get_a_consistent_diagnosis(data, baud):
+    found = diagnose(data, baud)
+    assert found.size == len(data)
+    assert 0 <= found.share <= 1
+    assert sum(probability for _, probability in found.guesses) <= 1 + 1e-9
+    assert LineSetting(baud, False) not in dict(found.guesses)
 
 
 @given(
@@ -124,12 +126,12 @@ def test_any_bytes_get_a_verdict_that_adds_up(data, baud):
     st.integers(0, 40),
     st.sampled_from(Resync),
 )
-def test_at_its_own_baud_a_uart_hears_what_was_sent(pieces, idle, resync):
+def test_at_the_same_baud_the_modelled_uart_receives_what_was_sent(pieces, idle, resync):
     levels = line_levels([*pieces, b""], [idle, 40])
     bits = levels + b"\1" * 20
     assert received(bits, falling_edges(bits, 0), 0, 1.0, resync, 1000) == b"".join(pieces)
 
 
 @given(st.binary(max_size=100), st.sampled_from(COMMON_BAUDS))
-def test_hardware_hears_what_was_sent_though_its_clock_is_off(data, baud):
+def test_the_simulated_hardware_receives_what_was_sent_despite_clock_error(data, baud):
     assert received_by_hardware(1, [data], baud, baud) == data

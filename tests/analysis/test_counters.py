@@ -26,7 +26,7 @@ SLOT_TIMES = st.lists(
 
 
 @given(st.lists(st.integers(0, 10**15), min_size=1, max_size=200), st.integers(0, 200))
-def test_percentiles_are_right_in_three_digits(durations: list[int], cut: int) -> None:
+def test_percentiles_are_exact_to_three_digits(durations: list[int], cut: int) -> None:
     found = Durations()
     for part in (durations[:cut], durations[cut:]):
         found.update(np.array(part, np.int64), np.arange(len(part)))
@@ -41,7 +41,7 @@ def test_percentiles_are_right_in_three_digits(durations: list[int], cut: int) -
 
 
 @given(st.lists(st.integers(1, 1023), min_size=1, max_size=50))
-def test_few_nanoseconds_are_told_exactly(durations: list[int]) -> None:
+def test_durations_below_an_octave_of_single_bins_are_exact(durations: list[int]) -> None:
     found = Durations()
     found.update(np.array(durations), np.arange(len(durations)))
     for percent in (1, 50, 99):
@@ -50,7 +50,7 @@ def test_few_nanoseconds_are_told_exactly(durations: list[int]) -> None:
 
 
 @given(st.integers(0, 2**53))
-def test_a_single_duration_is_told_exactly(duration: int) -> None:
+def test_a_single_duration_is_exact(duration: int) -> None:
     found = Durations()
     found.update(np.array([duration]), np.array([0]))
     assert found.percentile_ns(50) == duration
@@ -68,7 +68,7 @@ def test_memory_is_bounded_by_the_octaves_there_are() -> None:
     ]
 
 
-def test_the_longest_is_told_with_its_end_and_nothing_without_any() -> None:
+def test_the_longest_duration_has_an_end_and_no_durations_have_no_percentile() -> None:
     found = Durations()
     assert found.percentile_ns(50) is None
     assert found.longest_ns is None
@@ -102,7 +102,7 @@ SECOND = 1_000_000_000
 
 
 @given(st.lists(st.lists(st.integers(-(2**60), 2**60), max_size=9), max_size=6))
-def test_the_latest_are_kept_in_order(batches: list[list[int]]) -> None:
+def test_the_latest_values_are_kept_in_order(batches: list[list[int]]) -> None:
     recent = RecentValues(10)
     for batch in batches:
         recent.update(np.array(batch, np.int64))
@@ -125,7 +125,7 @@ def test_the_latest_are_kept_in_order(batches: list[list[int]]) -> None:
         ([1.0, 2.0, 3.0, 4.0], 30.0, 0.0),
     ],
 )
-def test_a_rate_is_none_before_two_came_and_0_after_the_last(
+def test_a_rate_is_none_before_two_values_and_0_after_the_last(
     times: list[float], now: float, rate: float | None
 ) -> None:
     recent = RecentValues()
@@ -137,7 +137,7 @@ ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
 
 
 @given(ROWS)
-def test_counts_are_what_one_counts_by_hand(rows: list[Row]) -> None:
+def test_a_tally_equals_a_count_by_hand(rows: list[Row]) -> None:
     tally = Tally()
     tally.update(rows)
     times = [row.t_ns for row in rows if row.t_ns is not None]
@@ -159,7 +159,7 @@ def test_counts_are_what_one_counts_by_hand(rows: list[Row]) -> None:
 
 
 @given(ROWS, st.data())
-def test_adding_in_parts_is_adding_at_once(rows: list[Row], data: st.DataObject) -> None:
+def test_batches_of_any_size_give_the_same_tally(rows: list[Row], data: st.DataObject) -> None:
     cut = data.draw(st.integers(0, len(rows)))
     once, parts = Tally(), Tally()
     once.update(rows)

@@ -1,4 +1,4 @@
-"""How people write times: each form, and what is none."""
+"""Times and durations in every accepted form, and in forms that are refused."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_time(text: str, t_ns: int | None) -> None:
 
 
 @given(st.integers(-(2**62), 2**62))
-def test_a_time_that_the_program_writes_it_reads(t_ns: int) -> None:
+def test_a_formatted_time_parses_to_itself(t_ns: int) -> None:
     assert time_ns(iso_time(t_ns)) == t_ns
 
 
@@ -76,7 +76,7 @@ def test_a_time_of_day(text: str, ns: int | None) -> None:
         ("07:00Z", CHINA, "2026-01-31T07:00:00Z", "2026-02-01T07:00:00Z"),
     ],
 )
-def test_a_time_of_day_is_of_the_day_in_its_zone(
+def test_a_time_of_day_uses_the_day_of_its_zone(
     text: str, zone: tzinfo, same: str, after: str
 ) -> None:
     late = NOON_NS + 8 * 3600 * SECOND_NS  # 20:00 in UTC, and 04:00 the day after in China
@@ -86,7 +86,7 @@ def test_a_time_of_day_is_of_the_day_in_its_zone(
     assert clock.on_day_after(late, zone) == time_ns(after)
 
 
-def test_a_day_on_which_clocks_are_put_forward_has_its_own_noon() -> None:
+def test_noon_on_the_day_of_a_change_to_summer_time() -> None:
     morning = time_ns("2026-03-29T00:30Z")
     noon = clock_time("12:00")
     assert morning is not None
@@ -95,7 +95,7 @@ def test_a_day_on_which_clocks_are_put_forward_has_its_own_noon() -> None:
 
 
 @pytest.mark.parametrize("text", ["2026-01-31 20:00", "2026-01-31T20:00:00"])
-def test_a_time_that_names_no_zone_is_of_the_one_agreed(text: str) -> None:
+def test_a_time_without_a_zone_uses_the_default_zone(text: str) -> None:
     assert time_ns(text, CHINA) == NOON_NS
     assert time_ns(f"{text}Z", CHINA) == NOON_NS + 8 * 3600 * SECOND_NS
 
@@ -118,5 +118,5 @@ def test_a_time_that_names_no_zone_is_of_the_one_agreed(text: str) -> None:
         ("", None),
     ],
 )
-def test_a_length(text: str, ns: int | None) -> None:
+def test_a_duration(text: str, ns: int | None) -> None:
     assert duration_ns(text) == ns

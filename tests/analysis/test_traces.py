@@ -1,4 +1,4 @@
-"""What an envelope promises: no spike is lost, and nothing is shown where nothing was."""
+"""Envelopes: no spike is lost, and times without values are empty."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def filled(times: list[int], values: list[int], cuts: list[int], **sizes: int) -
 
 
 @given(st.data(), TIMES, st.lists(st.integers(0, 60), max_size=4), st.integers(1, 50))
-def test_no_spike_is_lost_however_it_came_and_however_it_is_drawn(
+def test_no_spike_is_lost_at_any_resolution(
     data: st.DataObject, times: list[int], cuts: list[int], columns: int
 ) -> None:
     values = data.draw(st.lists(VALUES, min_size=len(times), max_size=len(times)))
@@ -44,7 +44,7 @@ def test_no_spike_is_lost_however_it_came_and_however_it_is_drawn(
 
 
 @given(st.data(), TIMES, st.lists(st.integers(0, 60), max_size=4))
-def test_it_makes_no_difference_where_batches_are_cut(
+def test_batches_of_any_size_give_the_same_envelope(
     data: st.DataObject, times: list[int], cuts: list[int]
 ) -> None:
     values = data.draw(st.lists(VALUES, min_size=len(times), max_size=len(times)))
@@ -57,7 +57,7 @@ def test_it_makes_no_difference_where_batches_are_cut(
 
 
 @given(st.integers(1, 40), st.permutations(range(30)))
-def test_times_that_fall_within_reach_are_sorted_in(columns: int, order: list[int]) -> None:
+def test_falling_times_in_a_batch_are_sorted(columns: int, order: list[int]) -> None:
     times, values = [10 * place for place in order], list(order)
     envelope = filled(times, values, [7, 19], finest_ns=4, levels=2, buckets=1000)
     spans = envelope.resample(0, 300, columns)
@@ -65,7 +65,7 @@ def test_times_that_fall_within_reach_are_sorted_in(columns: int, order: list[in
     assert np.nanmax(spans.high) == 29
 
 
-def test_what_the_finest_level_has_forgotten_comes_from_the_next() -> None:
+def test_values_that_left_the_finest_level_come_from_the_next() -> None:
     times = list(range(0, 10_000, 10))
     envelope = filled(times, times, [], finest_ns=10, levels=3, buckets=100)
     late = envelope.resample(9_500, 10_000, 50)
@@ -75,7 +75,7 @@ def test_what_the_finest_level_has_forgotten_comes_from_the_next() -> None:
     np.testing.assert_array_equal(early.high, early.low + 70)
 
 
-def test_where_nothing_was_told_there_is_nothing() -> None:
+def test_times_without_values_are_nan() -> None:
     envelope = filled([0, 900], [5, 7], [], finest_ns=10, levels=1, buckets=100)
     spans = envelope.resample(0, 1000, 10)
     assert np.isnan(spans.low[1:9]).all()

@@ -38,7 +38,7 @@ CLOCK, TIME = "'12:00:00.250'", "'2026-01-31T12:00:00.250000007Z'"
         ("port > '1", 7, ()),
     ],
 )
-def test_a_time_goes_on_with_the_one_to_go_by(
+def test_a_time_is_completed_from_the_suggested_one(
     text: str, start: int, choices: tuple[str, ...]
 ) -> None:
     found = completions(text, t_ns=1_769_860_800_250_000_007)
@@ -71,17 +71,17 @@ def test_a_time_goes_on_with_the_one_to_go_by(
         ("", 0, (*COLUMN_BY_NAME, "NOT")),
     ],
 )
-def test_a_word_goes_on(text: str, start: int, choices: tuple[str, ...]) -> None:
+def test_a_word_is_completed(text: str, start: int, choices: tuple[str, ...]) -> None:
     found = completions(text)
     assert (found.start, found.choices[: len(choices) or None]) == (start, choices)
 
 
-def test_the_word_before_the_cursor_goes_on() -> None:
+def test_the_word_before_the_cursor_is_completed() -> None:
     assert completions("mo = 1 AND rpm > 5", 2).choices == ("motor",)
 
 
 @given(st.text(max_size=20) | st.sampled_from([text for text, _ in EXAMPLES]), st.integers(-3, 60))
-def test_any_text_can_be_asked(text: str, cursor: int) -> None:
+def test_any_text_and_cursor_are_accepted(text: str, cursor: int) -> None:
     found = completions(text, cursor)
     assert 0 <= found.start <= len(text)
 
@@ -107,7 +107,7 @@ ROWS = st.one_of(FRAMES, DAMAGE)
 
 
 @given(ROWS, ROWS)
-def test_a_row_is_among_those_alike_and_every_other_is_on_one_side(row: Row, other: Row) -> None:
+def test_a_cell_filter_keeps_its_row_and_the_opposite_drops_it(row: Row, other: Row) -> None:
     for cell in cell_filters(row):
         only, without = RowFilter.parse(cell.only), RowFilter.parse(cell.without)
         assert only.select([row]) == [row]
@@ -117,13 +117,13 @@ def test_a_row_is_among_those_alike_and_every_other_is_on_one_side(row: Row, oth
 
 
 @given(ROWS)
-def test_a_row_without_faults_can_be_filtered_by_that_and_one_with_faults_by_each(row: Row) -> None:
-    told = [cell.only for cell in cell_filters(row) if cell.column == "faults"]
-    assert told == ([f"faults = '{fault}'" for fault in row.faults] or ["faults IS NULL"])
+def test_a_row_has_a_filter_for_each_fault_or_for_none(row: Row) -> None:
+    found = [cell.only for cell in cell_filters(row) if cell.column == "faults"]
+    assert found == ([f"faults = '{fault}'" for fault in row.faults] or ["faults IS NULL"])
 
 
 @pytest.mark.parametrize(
-    ("standing", "added", "made"),
+    ("current", "added", "made"),
     [
         ("", "motor = 1", "motor = 1"),
         ("motor = 1", "motor = 1", "motor = 1"),
@@ -134,6 +134,6 @@ def test_a_row_without_faults_can_be_filtered_by_that_and_one_with_faults_by_eac
         ("port = 'OR'", "rpm = 2", "(port = 'OR') AND rpm = 2"),
     ],
 )
-def test_filters_are_joined(standing: str, added: str, made: str) -> None:
-    assert both(standing, added) == made
+def test_filters_are_joined(current: str, added: str, made: str) -> None:
+    assert both(current, added) == made
     RowFilter.parse(made)

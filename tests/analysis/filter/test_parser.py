@@ -151,7 +151,7 @@ def _short(text: str) -> str:
 @pytest.mark.parametrize(
     ("text", "fragments"), MISTAKES, ids=[_short(text) for text, _ in MISTAKES]
 )
-def test_a_mistake_is_told_with_its_place_and_the_way_out(
+def test_a_mistake_is_reported_with_its_position_and_a_fix(
     text: str, fragments: tuple[str, ...]
 ) -> None:
     with pytest.raises(FilterError) as caught:
@@ -178,7 +178,7 @@ def test_a_mistake_is_told_with_its_place_and_the_way_out(
     ],
     ids=_short,
 )
-def test_what_is_within_the_limits_works(text: str) -> None:
+def test_filters_within_the_limits_work(text: str) -> None:
     assert len(RowFilter.parse(text).mask(row_frame(ROWS))) == len(ROWS)
 
 
@@ -274,7 +274,7 @@ def test_a_chain_keeps_its_order_and_stays_shallow(count: int, operator: str) ->
     assert 8**joined.depth < 8 * max(count, 2)
 
 
-def test_a_term_reads_what_its_parts_read_and_stands_where_the_first_does() -> None:
+def test_a_combined_term_has_the_columns_of_all_and_the_position_of_the_first() -> None:
     parts = [
         Term(TermType.NUMBER, "a", 7, "a", depth=2, names=frozenset(["rpm"])),
         Term(TermType.NUMBER, "b", 3, "b", names=frozenset(["pulses"])),
@@ -287,6 +287,6 @@ def test_a_term_reads_what_its_parts_read_and_stands_where_the_first_does() -> N
 @pytest.mark.parametrize(
     ("sql", "depth"), [("(deep)", MAX_DEPTH), ("(" + "x" * MAX_SQL + ")", 0)], ids=["deep", "large"]
 )
-def test_what_polars_would_not_read_is_refused(sql: str, depth: int) -> None:
+def test_sql_that_polars_cannot_parse_is_refused(sql: str, depth: int) -> None:
     with pytest.raises(FilterError, match=r"too deep or too large.*take it apart"):
         COMPILER.combine(sql, [Term(TermType.TRUTH, "c", 0, "c", depth=depth)])

@@ -1,4 +1,4 @@
-"""Which rows a filter wants: a table of filters, and any condition against three-valued logic."""
+"""Filters: a table of filters with their rows, and random conditions against SQL logic."""
 
 from __future__ import annotations
 
@@ -208,19 +208,19 @@ WANTED: list[tuple[str, set[str]]] = [
 
 
 @pytest.mark.parametrize(("text", "names"), WANTED, ids=[text[:40] for text, _ in WANTED])
-def test_a_filter_wants_these_rows(text: str, names: set[str]) -> None:
+def test_a_filter_keeps_these_rows(text: str, names: set[str]) -> None:
     assert _wanted(text) == names
 
 
 @pytest.mark.parametrize(("text", "names"), WANTED[::7])
-def test_selecting_is_masking(text: str, names: set[str]) -> None:
+def test_select_equals_mask(text: str, names: set[str]) -> None:
     assert RowFilter.parse(text).select(list(ROWS.values())) == [
         row for name, row in ROWS.items() if name in names
     ]
 
 
 TOKENS = st.one_of(st.just("%"), st.text("019AF_", min_size=2, max_size=2))
-"""Pieces of a pattern of bytes: any bytes, or one."""
+"""Tokens of a byte pattern: any bytes, or one byte."""
 
 RAWS = st.lists(
     st.sampled_from(bytes.fromhex("00 09 0A 10 19 90 99 9A A0 AA AF F0 FF")), min_size=1
@@ -228,7 +228,7 @@ RAWS = st.lists(
 
 
 def _matches(tokens: Sequence[str], raw: bytes) -> bool:
-    """Whether the bytes are as the tokens say, byte by byte."""
+    """Match a byte pattern byte by byte."""
     if not tokens:
         return not raw
     first, *rest = tokens
@@ -244,7 +244,7 @@ def _matches(tokens: Sequence[str], raw: bytes) -> bool:
 @example(["%", "AA", "01", "%"], [bytes.fromhex("AA 02 02 0A A0 10 00 00 00 EE")])
 @example(["%", "FF", "FF", "%"], [bytes.fromhex("0F FF F0"), bytes.fromhex("00 FF FF 00")])
 @example(["%", "01", "%", "01", "%"], [bytes.fromhex("00 10 01"), bytes.fromhex("01 01")])
-def test_a_pattern_of_bytes_is_never_found_between_them(
+def test_a_byte_pattern_matches_only_at_byte_boundaries(
     tokens: list[str], raws: list[bytes]
 ) -> None:
     rows = [Damage("p", 0, raw, None, (Fault.NOISE,)) for raw in raws]
@@ -256,7 +256,7 @@ def test_a_pattern_of_bytes_is_never_found_between_them(
 
 
 @pytest.mark.parametrize("text", ["motor = 1", "TRUE", "noise"])
-def test_no_rows_are_no_rows(text: str) -> None:
+def test_no_rows_give_no_rows(text: str) -> None:
     wanted = RowFilter.parse(text)
     assert wanted.select([]) == []
     assert wanted.mask(row_frame([])).to_list() == []
@@ -278,10 +278,10 @@ def test_the_help_names_every_field_and_its_examples_work() -> None:
         assert text in FILTER_HELP
 
 
-# Any condition, against the three-valued logic of SQL spelled out in Python
+# Random conditions, against the three-valued logic of SQL in Python
 
 Truth: TypeAlias = bool | None
-Judge: TypeAlias = Callable[[Mapping[str, Value]], Truth]
+Predicate: TypeAlias = Callable[[Mapping[str, Value]], Truth]
 NUMBERS = [column.name for column in COLUMNS if column.type is ColumnType.INT]
 SIGNS: dict[str, Callable[[int, int], bool]] = {
     "=": operator.eq,
@@ -295,40 +295,42 @@ SIGNS: dict[str, Callable[[int, int], bool]] = {
 }
 
 
-def _comparison(name: str, sign: str, value: int) -> tuple[str, Judge]:
-    def judge(row: Mapping[str, Value]) -> Truth:
+def _comparison(name: str, sign: str, value: int) -> tuple[str, Predicate]:
+    def predicate(row: Mapping[str, Value]) -> Truth:
         found = row[name]
         return SIGNS[sign](found, value) if isinstance(found, int) else None
 
-    return f"{name} {sign} {value}", judge
+    return f"{name} {sign} {value}", predicate
 
 
-def _membership(word: Fault) -> tuple[str, Judge]:
-    def judge(row: Mapping[str, Value]) -> Truth:
+def _membership(word: Fault) -> tuple[str, Predicate]:
+    def predicate(row: Mapping[str, Value]) -> Truth:
         faults = row["faults"]
         return isinstance(faults, list) and word in faults
 
-    return f"faults = '{word}'", judge
+    return f"faults = '{word}'", predicate
 
 
-def _negation(inner: tuple[str, Judge]) -> tuple[str, Judge]:
-    def judge(row: Mapping[str, Value]) -> Truth:
+def _negation(inner: tuple[str, Predicate]) -> tuple[str, Predicate]:
+    def predicate(row: Mapping[str, Value]) -> Truth:
         found = inner[1](row)
         return None if found is None else not found
 
-    return f"NOT ({inner[0]})", judge
+    return f"NOT ({inner[0]})", predicate
 
 
-def _joined(joint: str, left: tuple[str, Judge], right: tuple[str, Judge]) -> tuple[str, Judge]:
+def _joined(
+    joint: str, left: tuple[str, Predicate], right: tuple[str, Predicate]
+) -> tuple[str, Predicate]:
     decisive = joint in ("OR", "||")
 
-    def judge(row: Mapping[str, Value]) -> Truth:
+    def predicate(row: Mapping[str, Value]) -> Truth:
         both = {left[1](row), right[1](row)}
         if decisive in both:
             return decisive
         return None if None in both else not decisive
 
-    return f"({left[0]}) {joint} ({right[0]})", judge
+    return f"({left[0]}) {joint} ({right[0]})", predicate
 
 
 CONDITIONS = st.recursive(
@@ -348,9 +350,9 @@ CONDITIONS = st.recursive(
 
 
 @given(CONDITIONS)
-def test_any_condition_is_what_sql_says(condition: tuple[str, Judge]) -> None:
-    text, judge = condition
-    expected = [judge(record(row)) is True for row in ROWS.values()]
+def test_any_condition_follows_three_valued_logic(condition: tuple[str, Predicate]) -> None:
+    text, predicate = condition
+    expected = [predicate(record(row)) is True for row in ROWS.values()]
     assert RowFilter.parse(text).mask(row_frame(list(ROWS.values()))).to_list() == expected
 
 
