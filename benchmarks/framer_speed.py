@@ -22,7 +22,7 @@ from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_ma
 from fte_sniff.analysis.fields import field_values, kind_codes
 from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Chunk, Framer, byte_time_ns
 from fte_sniff.row_batch import RowBatch
-from fte_sniff.session.inputs import PORTION, decided
+from fte_sniff.session.inputs import SPAN_BYTES, decided_spans
 
 SLOW_PART = 200_000
 """Bytes that the slow decoders get."""
@@ -64,8 +64,9 @@ def speed(decode: Callable[[bytes], object], data: bytes, times: int = 3) -> flo
 
 def in_bulk(data: bytes) -> None:
     """Frame the bytes, and decode the kind and the fields of every row."""
-    pieces = (Chunk("bench", None, data[at : at + PORTION]) for at in range(0, len(data), PORTION))
-    for span in decided(pieces, "bench", lambda _: None, lambda: False):
+    starts = range(0, len(data), SPAN_BYTES)
+    pieces = (Chunk("bench", None, data[at : at + SPAN_BYTES]) for at in starts)
+    for span in decided_spans(pieces, "bench", lambda _: None, lambda: False):
         rows = RowBatch.from_span(span)
         kinds = kind_codes(rows.raw, rows.framed)
         for field in VALUE_FIELDS:

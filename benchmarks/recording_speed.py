@@ -36,7 +36,7 @@ from fte_sniff.recording.mcap.reader import RecordStream
 from fte_sniff.recording.mcap.records import unpack
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.row_batch import Codebook, RowBatch, packed_rows
+from fte_sniff.row_batch import Codebook, RowBatch
 
 RUST = Path(__file__).parent / "rust_reader"
 BATCH = 1 << 18
@@ -105,7 +105,7 @@ def survey(path: Path) -> None:
     numbers = StatisticsSummary(LineSetup())
     numbers.begin(str(path), {})
     for columns in RecordingReader(path).batches():
-        numbers.observe(packed_rows(columns), columns.events)
+        numbers.observe(columns, columns.events)
 
 
 def read_messages(path: Path) -> None:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from fte_sniff.analysis.fields import Ints, kind_codes
 from fte_sniff.protocol import KINDS, Fault, Frame, Row, Status, status_of
-from fte_sniff.row_batch import PackedRows, SideBySide
+from fte_sniff.row_batch import RowBatch
 
 PER_OCTAVE: Final = 1024
 """Bins in an octave."""
@@ -275,8 +275,8 @@ class Tally(RowCount):
 
     def update(self, rows: Sequence[Row]) -> None:
         """Count rows."""
-        if isinstance(rows, PackedRows):
-            self.update_columns(rows)
+        if isinstance(rows, RowBatch):
+            self._update_batch(rows)
             return
         times = [row.t_ns for row in rows if row.t_ns is not None]
         first_last = (min(times), max(times)) if times else None
@@ -288,8 +288,7 @@ class Tally(RowCount):
         self.frames += len(frames)
         self.by_kind.update(kind.name for frame in frames if (kind := frame.kind))
 
-    def update_columns(self, rows: SideBySide) -> None:
-        """Count rows by their columns."""
+    def _update_batch(self, rows: RowBatch) -> None:
         timed, codebook = rows.timed, rows.codebook
         times = rows.t_ns if timed.all() else rows.t_ns[timed]
         self.count(len(timed), int(rows.length.sum(dtype=np.int64)), extent(times))

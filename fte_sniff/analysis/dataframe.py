@@ -31,7 +31,7 @@ from fte_sniff.protocol import (
     status_of,
 )
 from fte_sniff.protocol.spec import CMD_OFFSET
-from fte_sniff.row_batch import Array, Codebook, Packed, PackedRows, SideBySide, pack
+from fte_sniff.row_batch import Array, RowBatch
 
 _NO_DIRECTION: Final = len(Direction)
 
@@ -77,33 +77,17 @@ TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
 """The polars type of every column of the row contract, in its order."""
 
 
-def table_frame(rows: SideBySide, names: Collection[str] | None = None) -> pl.DataFrame:
+def table_frame(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
     """The rows as a frame of `TABLE_SCHEMA`.
 
     Args:
-        rows: the rows.
-        names: only these columns, where not all are needed.
+        rows: of any ports, in any order.
+        names: only these columns; None for all.
     """
-    maker = _Maker(rows)
+    batch = rows if isinstance(rows, RowBatch) else RowBatch.from_rows(rows)
+    maker = _Maker(batch)
     wanted = (name for name in COLUMN_BY_NAME if names is None or name in names)
     return pl.DataFrame([maker.series(name) for name in wanted])
-
-
-def packed_table(
-    packed: Packed,
-    long: Mapping[int, bytes],
-    codebook: Codebook,
-    names: Collection[str] | None = None,
-) -> pl.DataFrame:
-    """The same from packed rows; `long` holds the bytes of long rows by place in `packed`."""
-    return table_frame(PackedRows(packed, long, codebook), names)
-
-
-def rows_table(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
-    """The same from rows that come as objects, of any ports, in any order."""
-    codebook = Codebook()
-    packed, long = pack(rows, codebook)
-    return packed_table(packed, long, codebook, names)
 
 
 def _direction_codes() -> Codes:
@@ -123,7 +107,7 @@ _HEX_PAIRS: Final = np.frombuffer(
 class _Maker:
     """Makes the columns of some rows, each when it is asked for."""
 
-    def __init__(self, rows: SideBySide) -> None:
+    def __init__(self, rows: RowBatch) -> None:
         self._rows = rows
         self._bytes: Array = np.ascontiguousarray(rows.raw)
         self._kinds: Codes | None = None
@@ -236,20 +220,5 @@ def wide(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def row_frame(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
-    """The rows as a frame with the contract's names and types, in the contract's order.
-
-    Args:
-        rows: any rows, of any ports, in any order.
-        names: only these columns, where not all are needed.
-    """
-    return wide(rows_table(rows, names))
-
-
-def packed_frame(
-    packed: Packed,
-    long: Mapping[int, bytes],
-    codebook: Codebook,
-    names: Collection[str] | None = None,
-) -> pl.DataFrame:
-    """The same from packed rows; `long` holds the bytes of long rows by place in `packed`."""
-    return wide(packed_table(packed, long, codebook, names))
+    """`table_frame` in the types of `SCHEMA`."""
+    return wide(table_frame(rows, names))

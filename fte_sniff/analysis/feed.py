@@ -12,7 +12,7 @@ import numpy as np
 
 from fte_sniff.analysis.fields import Ints
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
-from fte_sniff.row_batch import Codebook, PackedRows, pack
+from fte_sniff.row_batch import RowBatch
 
 GAP_EVENTS: Final = frozenset(
     {PortEventKind.LOST, PortEventKind.FOUND_AGAIN, PortEventKind.OVERRUN}
@@ -134,8 +134,7 @@ def _edges(gap: Gap) -> Iterator[int]:
 
 def _rising_times(rows: Sequence[Row]) -> Ints:
     """By row, the latest time up to it."""
-    t_ns = rows.t_ns if isinstance(rows, PackedRows) else pack(rows, Codebook())[0]["t_ns"]
-    return np.asarray(np.maximum.accumulate(t_ns.astype(np.int64)))
+    return np.asarray(np.maximum.accumulate(RowBatch.from_rows(rows).t_ns))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Direction, Field, FrameKind
 from fte_sniff.protocol.spec import CMD_OFFSET, NUM_OFFSET
-from fte_sniff.row_batch import FRAMED, TIMED, Packed
+from fte_sniff.row_batch import RowBatch
 
 Array: TypeAlias = npt.NDArray[Any]
 Bools: TypeAlias = npt.NDArray[np.bool_]
@@ -65,23 +65,10 @@ def kind_codes(raw: Array, framed: Bools) -> Codes:
     return kinds
 
 
-def kinds_of(packed: Packed) -> Codes:
-    """The same of packed rows."""
-    return kind_codes(packed["raw"], (packed["form"] & FRAMED).astype(np.bool_))
-
-
-def timed(packed: Packed) -> Bools:
-    """Which rows have a time."""
-    return (packed["form"] & TIMED).astype(np.bool_)
-
-
-def raised(packed: Packed) -> Bools:
-    """Which rows are frames with a flag byte that tells something else than that all is in order.
-
-    It is `Field.raised` for many rows at once.
-    """
-    raw, kinds = np.ascontiguousarray(packed["raw"]), kinds_of(packed)
-    found: Bools = np.zeros(len(packed), np.bool_)
+def raised(rows: RowBatch) -> Bools:
+    """Which rows are frames with a flag byte that is not in order; `Field.raised` for a batch."""
+    raw, kinds = np.ascontiguousarray(rows.raw), kind_codes(rows.raw, rows.framed)
+    found: Bools = np.zeros(len(rows), np.bool_)
     for field in VALUE_FIELDS:
         if field.defined_bits is not None:
             values, known = field_values(raw, kinds, field.name)
@@ -113,22 +100,22 @@ def read_place(raw: Array, start: int, size: int, signed: bool) -> Array:
 
 
 class Decoded:
-    """Some packed rows, taken apart."""
+    """A batch with the columns that the models read."""
 
-    def __init__(self, packed: Packed) -> None:
-        self.packed = packed
-        self.raw: npt.NDArray[np.uint8] = np.ascontiguousarray(packed["raw"])
+    def __init__(self, rows: RowBatch) -> None:
+        self.rows = rows
+        self.raw: npt.NDArray[np.uint8] = np.ascontiguousarray(rows.raw)
         """The first ten bytes of every row."""
-        self.kinds = kinds_of(packed)
-        """The place in `KINDS` of every row's kind, `NO_KIND` where it has none."""
-        self.has_time = timed(packed)
-        self.t_ns: Ints = np.where(self.has_time, packed["t_ns"], NO_TIME)
+        self.kinds = kind_codes(self.raw, rows.framed)
+        """The index in `KINDS` of every row's kind; `NO_KIND` for rows without one."""
+        self.has_time: Bools = rows.timed
+        self.t_ns: Ints = np.where(rows.timed, rows.t_ns, NO_TIME)
         """Nanoseconds since 1970 UTC, or `NO_TIME`."""
         self.cmds = np.ascontiguousarray(self.raw[:, CMD_OFFSET])
         self.nums = np.ascontiguousarray(self.raw[:, NUM_OFFSET])
 
     def __len__(self) -> int:
-        return len(self.packed)
+        return len(self.rows)
 
     def value(self, name: str, place: int) -> int:
         """One field of the row at that place, which has it."""

@@ -13,7 +13,7 @@ from operator import attrgetter
 from typing import Final
 
 from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.fields import Decoded, timed
+from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motor_stats import FlagCounts
 from fte_sniff.analysis.motors import Motors, motor_rows
 from fte_sniff.analysis.row_store import RowStore
@@ -69,8 +69,8 @@ class LiveModels:
             stop = min(end, (self._next // self._checkpoint_rows + 1) * self._checkpoint_rows)
             if self._applied < len(self._changes):
                 stop = min(stop, self._changes[self._applied].index)
-            for packed in self._store.packed(self._next, stop):
-                rows = Decoded(packed)
+            for batch in self._store.batches(self._next, stop):
+                rows = Decoded(batch)
                 found = motor_rows(rows)
                 self.motors.observe(rows, found)
                 self.flags.observe(rows, found)
@@ -137,8 +137,8 @@ class LiveModels:
         return motors
 
     def _replay(self, model: Motors | Traces, start: int, end: int) -> None:
-        for packed in self._store.packed(start, end):
-            model.observe(Decoded(packed))
+        for batch in self._store.batches(start, end):
+            model.observe(Decoded(batch))
 
     def traces_at(self, index: int, from_ns: int) -> Traces:
         """The traces from a time up to a row.
@@ -159,7 +159,7 @@ class LiveModels:
         first = max(self._store.first, index + 1 - MOST_TRACED_ROWS)
         while start > first:
             at = max(first, start - self._checkpoint_rows)
-            times = [p["t_ns"][timed(p)] for p in self._store.packed(at, start)]
+            times = [batch.t_ns[batch.timed] for batch in self._store.batches(at, start)]
             if any(len(t_ns) and t_ns[0] < from_ns for t_ns in times):
                 return at
             start = at

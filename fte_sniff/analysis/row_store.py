@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import accumulate
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from fte_sniff.analysis.fields import raised
 from fte_sniff.protocol import Row
-from fte_sniff.row_batch import ROW_TYPE, Codebook, Packed, pack, unpack
+from fte_sniff.row_batch import Codebook, RowBatch
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -29,11 +29,11 @@ Places: TypeAlias = npt.NDArray[np.int64]
 class Block:
     """So many rows in sequence; `start` is the index of the first."""
 
-    def __init__(self, start: int, room: int) -> None:
+    def __init__(self, start: int, room: int, codebook: Codebook) -> None:
         self.start = start
         self.capacity = room
         """Rows that fit into it."""
-        self.rows: Packed = np.empty(room, ROW_TYPE)
+        self.rows = RowBatch.allocate(codebook, room)
         self.dropped = False
         """Whether its rows are not in memory; all else of it stays."""
         self.count = 0
@@ -41,8 +41,6 @@ class Block:
         """Whether any of its rows has a fault; known also while they are not in memory."""
         self.raised = False
         """The same of a flag byte that tells something else than that all is in order."""
-        self.long: dict[int, bytes] = {}
-        """The bytes of rows longer than ten, by place in the block."""
         self.judged = 0
         """Rows that the filter has seen, from the start."""
         self.places: npt.NDArray[np.uint16] = np.empty(0, np.uint16)
@@ -59,39 +57,33 @@ class Block:
         """Index behind the last row."""
         return self.start + self.count
 
-    def append(self, packed: Packed, long: dict[int, bytes], skipped: int) -> None:
-        """Take rows; `long` counts places from `skipped` before them."""
-        end = self.count + len(packed)
-        self.rows[self.count : end] = packed
-        shift = self.count - skipped
-        self.long.update(
-            (at + shift, raw) for at, raw in long.items() if self.count <= at + shift < end
-        )
-        self.count = end
+    def append(self, rows: RowBatch) -> None:
+        """Store rows after those that are there."""
+        self.rows.assign(self.count, rows)
+        self.count += len(rows)
 
     def drop(self) -> None:
-        """Let go of the rows; their number and what the filter said of them stays."""
-        self.rows, self.long, self.dropped = np.empty(0, ROW_TYPE), {}, True
+        """Free the rows; their number and the filter's results stay."""
+        self.rows, self.dropped = RowBatch.allocate(self.rows.codebook, 0), True
 
-    def restore(self, rows: Packed, long: Mapping[int, bytes]) -> None:
-        """Take the rows back.
+    def restore(self, rows: RowBatch) -> None:
+        """Store the rows again after `drop`.
 
         Raises:
-            ValueError: they are not so many as there were.
+            ValueError: there are more or fewer than before.
         """
         if len(rows) != self.count:
             raise ValueError(f"{len(rows)} rows came back of {self.count}")
-        self.rows, self.long, self.dropped = rows, dict(long), False
+        self.rows, self.dropped = rows, False
 
     def forget(self) -> None:
         """No row has been judged."""
         self.judged = self.wanted = 0
 
-    def judge(self, row_filter: RowFilter, codebook: Codebook) -> int:
-        """Let the filter see the rows that it has not seen; how many those were."""
+    def judge(self, row_filter: RowFilter) -> int:
+        """Apply the filter to the rows that it has not seen; return how many those were."""
         start, end = self.judged, self.count
-        long = {at - start: raw for at, raw in self.long.items() if at >= start}
-        found = np.flatnonzero(row_filter.of_packed(self.rows[start:end], long, codebook)) + start
+        found = np.flatnonzero(row_filter.matches(self.rows[start:end])) + start
         if len(self.places) < self.capacity:
             self.places = np.empty(self.capacity, np.uint16)
         self.places[self.wanted : self.wanted + len(found)] = found
@@ -100,15 +92,6 @@ class Block:
         if not self.room:
             self.places = self.places[: self.wanted].copy()
         return end - start
-
-    def part(self, places: Places) -> tuple[Packed, dict[int, bytes]]:
-        """The rows at these places, which rise, as `pack` gives them."""
-        long = {}
-        for place, raw in self.long.items() if len(places) else ():
-            at = int(np.searchsorted(places, place))
-            if at < len(places) and places[at] == place:
-                long[at] = raw
-        return self.rows[places], long
 
     def wanted_before(self, place: int) -> int:
         """How many wanted rows stand before a place of the block."""
@@ -122,10 +105,8 @@ MOST_BLOCKS: Final = 128
 class BlockSource(Protocol):
     """Gives rows again that a store has seen before."""
 
-    def load(
-        self, start: int, count: int, codebook: Codebook
-    ) -> tuple[Packed, Mapping[int, bytes]]:
-        """The rows from index `start` on, exactly `count`, as `pack` gives them.
+    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
+        """The rows from index `start` on, exactly `count`.
 
         Args:
             start: index of the first: how many rows came before it since the store began.
@@ -168,8 +149,7 @@ class BlockCache:
         if self._source is None:
             return block
         if block.dropped:
-            rows, long = self._source.load(block.start, block.count, self._codebook)
-            block.restore(rows, long)
+            block.restore(self._source.load(block.start, block.count, self._codebook))
         if not block.room:
             self._held.pop(block.start, None)
             self._held[block.start] = block
@@ -267,14 +247,13 @@ class RowRun:
 
     def append(self, rows: Sequence[Row]) -> Sequence[Block]:
         """Take rows in; tells which blocks they went to, those that have left again among them."""
-        packed, long = pack(rows, self.codebook)
-        done, grown = 0, []
-        clean = self.codebook.fault_code(())
-        while done < len(packed):
+        batch, done = RowBatch.from_rows(rows, self.codebook), 0
+        grown = []
+        while done < len(batch):
             block = self._tail()
-            piece = packed[done : done + block.room]
-            block.append(piece, long, done)
-            block.faulty |= bool((piece["faults"] != clean).any())
+            piece = batch[done : done + block.room]
+            block.append(piece)
+            block.faulty |= bool((piece.faults != self.codebook.fault_code(())).any())
             block.raised = block.raised or bool(raised(piece).any())
             grown.append(self._pages.bring(block))
             done += len(piece)
@@ -284,7 +263,7 @@ class RowRun:
 
     def _tail(self) -> Block:
         if not self._blocks or not self._blocks[-1].room:
-            self._blocks.append(Block(self._next, min(self._block_rows, self.bound)))
+            self._blocks.append(Block(self._next, min(self._block_rows, self.bound), self.codebook))
         return self._blocks[-1]
 
     def _drop_oldest(self) -> None:
@@ -306,11 +285,11 @@ class RowRun:
         """The rows of the indices from `start` up to `end`, as far as they are kept."""
         found: list[Row] = []
         for block, place, stop in self._pieces(start, end):
-            found += unpack(block.rows[place:stop], block.long, self.codebook, place)
+            found += block.rows[place:stop]
         return found
 
-    def packed(self, start: int, end: int) -> Iterator[Packed]:
-        """The same as `rows`, packed and in pieces, to be read at once and never written."""
+    def batches(self, start: int, end: int) -> Iterator[RowBatch]:
+        """The same as `rows`, in batches that are views of the store: use at once, never write."""
         for block, place, stop in self._pieces(start, end):
             yield block.rows[place:stop]
 
@@ -368,7 +347,7 @@ class FilteredView:
         """Judge some of the rows that wait, about `budget_rows` of them; True when none is left."""
         while self._filter and self._pending and budget_rows > 0:
             block = self._run.in_memory(self._pending.pop())
-            budget_rows -= block.judge(self._filter, self._run.codebook)
+            budget_rows -= block.judge(self._filter)
             self._sums = None
         return not self._pending
 
@@ -381,7 +360,7 @@ class FilteredView:
             return
         for block in grown:
             if block.end > first and block not in self._pending:
-                self._run.in_memory(block).judge(self._filter, self._run.codebook)
+                self._run.in_memory(block).judge(self._filter)
 
     # What it leaves
 

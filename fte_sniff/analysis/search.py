@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, TypeAlias
 
@@ -14,7 +14,7 @@ from fte_sniff.analysis.fields import raised
 from fte_sniff.analysis.row_store import Block, Places, RowStore
 from fte_sniff.errors import InputTextError, printable
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, Row
-from fte_sniff.row_batch import Codebook, Packed, unpack
+from fte_sniff.row_batch import RowBatch
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -25,8 +25,8 @@ SELECT_ROWS: Final = 4096
 
 Bools: TypeAlias = npt.NDArray[np.bool_]
 
-RowTest: TypeAlias = Callable[[Packed, Mapping[int, bytes], Codebook], Bools]
-"""Says of packed rows which of them pass; the mapping holds the bytes of long ones by place."""
+RowTest: TypeAlias = Callable[[RowBatch], Bools]
+"""Whether each row of a batch passes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ def find_step(store: RowStore, test: RowTest, index: int, by: int) -> SearchStep
 
     Args:
         store: the rows.
-        test: says of packed rows which of them pass; it may be asked of any of the block's.
+        test: says which rows of a batch pass; it may be asked of any of the block's.
         index: the first row to look at; where it is not kept, the nearest that is.
         by: 1 to look at later rows after it, -1 at earlier ones.
     """
@@ -57,8 +57,7 @@ def find_step(store: RowStore, test: RowTest, index: int, by: int) -> SearchStep
     places = places[places >= here] if by > 0 else places[places <= here]
     passing = places
     if len(places):
-        part = store.in_memory(block).part(places)
-        passing = places[test(*part, store.codebook)]
+        passing = places[test(store.in_memory(block).rows.select(places))]
     if len(passing):
         return SearchStep(block.start + int(passing[0 if by > 0 else -1]), None)
     onward = block.end if by > 0 else block.start - 1
@@ -72,8 +71,8 @@ def find_fault(store: RowStore, index: int, by: int) -> int | None:
     """
     clean = store.codebook.fault_code(())
 
-    def faulty(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
-        return np.asarray(packed["faults"] != clean)
+    def faulty(rows: RowBatch) -> Bools:
+        return np.asarray(rows.faults != clean)
 
     return _find_in(store, faulty, lambda block: block.faulty, index, by)
 
@@ -81,8 +80,8 @@ def find_fault(store: RowStore, index: int, by: int) -> int | None:
 def find_raised(store: RowStore, index: int, by: int) -> int | None:
     """The same of the nearest shown row with a flag byte that is not in order."""
 
-    def flagged(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
-        return raised(packed)
+    def flagged(rows: RowBatch) -> Bools:
+        return raised(rows)
 
     return _find_in(store, flagged, lambda block: block.raised, index, by)
 
@@ -111,9 +110,9 @@ def find_byte(store: RowStore, port: str, offset: int) -> int | None:
     """Index of the first shown row that holds that byte of a port's stream, or None."""
     code = store.codebook.port_code(port)
 
-    def holds(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> Bools:
-        behind = offset - packed["offset"]
-        return np.asarray((packed["port"] == code) & (behind >= 0) & (behind < packed["length"]))
+    def holds(rows: RowBatch) -> Bools:
+        behind = offset - rows.offset
+        return np.asarray((rows.port == code) & (behind >= 0) & (behind < rows.length))
 
     step = SearchStep(None, store.first)
     while step.found is None and step.onward is not None:
@@ -135,8 +134,8 @@ def select_rows(
     end = min(end, block.end, start + SELECT_ROWS)
     places: Places = np.arange(start - block.start, end - block.start)
     if row_filter is not None:
-        places = places[row_filter.of_packed(*block.part(places), store.codebook)]
-    return unpack(*block.part(places), store.codebook), end
+        places = places[row_filter.matches(block.rows.select(places))]
+    return list(block.rows.select(places)), end
 
 
 HEX: Final = "hex:"
@@ -191,45 +190,41 @@ class Search:
 
     def mask(
         self,
-        packed: Packed,
-        long: Mapping[int, bytes],
-        codebook: Codebook,
+        rows: RowBatch,
         columns: Collection[str] = COLUMN_BY_NAME,
     ) -> Bools:
-        """For every packed row whether it has what is looked for.
+        """Whether each row has what is looked for.
 
         Args:
-            packed: the rows.
-            long: their bytes where they are too many for a packed row, by place.
-            codebook: the words of packed rows.
+            rows: the rows.
             columns: those that a table has; a port, time or offset that no column tells is not
                 looked at. Kind, values, faults and bytes are told in any.
         """
-        found: Bools = np.zeros(len(packed), np.bool_)
+        found: Bools = np.zeros(len(rows), np.bool_)
         if self.nibbles:
-            found |= self._has_bytes(packed, long)
+            found |= self._has_bytes(rows)
         if self.text:
             if "port" in columns:
-                found |= self._told(codebook.ports)[packed["port"]]
-            found |= self._told([",".join(faults) for faults in codebook.faults])[packed["faults"]]
+                found |= self._told(rows.codebook.ports)[rows.port]
+            found |= self._told([",".join(faults) for faults in rows.codebook.faults])[rows.faults]
             # It needs polars, which takes long to load; a screen begins without a search.
             from fte_sniff.analysis.search_frame import tell
 
-            found |= tell(self.text, columns, packed, long, codebook)
+            found |= tell(self.text, columns, rows)
         return found
 
     def _told(self, texts: Sequence[str]) -> Bools:
         return np.array([self.text in printable(text).lower() for text in texts], np.bool_)
 
-    def _has_bytes(self, packed: Packed, long: Mapping[int, bytes]) -> Bools:
+    def _has_bytes(self, rows: RowBatch) -> Bools:
         wanted, care = _byte_pattern(self.nibbles)
-        raw, found = packed["raw"], np.zeros(len(packed), np.bool_)
+        raw, found = rows.raw, np.zeros(len(rows), np.bool_)
         size = len(wanted)
         for start in range(FRAME_LENGTH - size + 1):
             same = ((raw[:, start : start + size] ^ wanted) & care == 0).all(axis=1)
-            found |= same & (packed["length"] >= start + size)
+            found |= same & (rows.length >= start + size)
         expression = re.compile(_bytes_expression(self.nibbles), re.DOTALL)
-        for place, whole in long.items():
+        for place, whole in rows.long.items():
             found[place] = expression.search(whole) is not None
         return found
 
@@ -286,7 +281,7 @@ class HitCounter:
 
         Args:
             store: the rows.
-            test: says of packed rows which of them pass.
+            test: says which rows of a batch pass.
         """
         self._store, self._test = store, test
         self._counted: dict[int, _Counted] = {}
@@ -305,7 +300,7 @@ class HitCounter:
         places = self._store.shown.places(block)
         places = places[(places >= counted.seen) & (places < stop)]
         if len(places):
-            passing = places[self._test(*block.part(places), self._store.codebook)]
+            passing = places[self._test(block.rows.select(places))]
             counted.places = np.concatenate((counted.places, passing))
         counted.seen = stop
 

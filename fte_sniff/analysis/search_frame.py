@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from fte_sniff.analysis.dataframe import packed_frame
+from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.fields import VALUE_FORMS, short_feedback, value_heads
 from fte_sniff.protocol import KINDS, Field, FrameKind
-from fte_sniff.row_batch import Codebook, Packed
+from fte_sniff.row_batch import RowBatch
 
 _HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
 
@@ -21,20 +21,15 @@ _HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
 def tell(
     text: str,
     columns: Collection[str],
-    packed: Packed,
-    long: Mapping[int, bytes],
-    codebook: Codebook,
+    rows: RowBatch,
 ) -> npt.NDArray[np.bool_]:
-    """For every packed row whether it tells the text in these columns, or in any.
-
-    Bytes of long rows stand in `long` by place in `packed`.
-    """
-    found = np.zeros(len(packed), np.bool_)
+    """Whether each row has the text in one of these columns."""
+    found = np.zeros(len(rows), np.bool_)
     for part in _PARTS:
         if found.all():
             break
         if part.signs.issuperset(text) and (part.column is None or part.column in columns):
-            frame = packed_frame(packed, long, codebook, part.names)
+            frame = row_frame(rows, part.names)
             has = part.text.str.contains(text, literal=True).fill_null(False)
             found |= frame.select(has=has)["has"].to_numpy()
     return found

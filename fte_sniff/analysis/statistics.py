@@ -39,7 +39,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     status_of,
 )
-from fte_sniff.row_batch import FRAMED, Codebook
+from fte_sniff.row_batch import Codebook
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +72,8 @@ class FaultCounts:
     def update(self, rows: Decoded, codebook: Codebook) -> None:
         """Count the next rows, whose ports and faults are codes of the codebook."""
         sets = len(codebook.faults)
-        keys = rows.packed["port"].astype(np.int64) * sets + rows.packed["faults"]
-        lengths = rows.packed["length"].astype(np.int64)
+        keys = rows.rows.port.astype(np.int64) * sets + rows.rows.faults
+        lengths = rows.rows.length.astype(np.int64)
         for key in np.flatnonzero(np.bincount(keys)).tolist():
             own = keys == key
             port, faults = divmod(key, sets)
@@ -330,7 +330,7 @@ class _Streams:
 
     def update(self, rows: Decoded) -> None:
         """Count the next rows."""
-        of_port = rows.packed["port"].astype(np.int64) * (_NO_STREAM + 1)
+        of_port = rows.rows.port.astype(np.int64) * (_NO_STREAM + 1)
         keys = of_port + _STREAM_CODES[rows.kinds, rows.nums]
         # A small integer type makes numpy use a radix sort.
         order = np.argsort(keys.astype(np.min_scalar_type(int(keys.max()))), kind="stable")
@@ -430,8 +430,8 @@ class Statistics:
         return self._ports[name]
 
     def _observe_ports(self, rows: Decoded) -> None:
-        codes, lengths = rows.packed["port"], rows.packed["length"].astype(np.int64)
-        framed = (rows.packed["form"] & FRAMED).astype(np.bool_)
+        codes, lengths = rows.rows.port, rows.rows.length.astype(np.int64)
+        framed = rows.rows.framed
         for code in np.flatnonzero(np.bincount(codes)).tolist():
             own, port = codes == code, self._port(self._names[code])
             port.update(lengths[own], rows.t_ns[own], rows.raw[own & framed, 0])
@@ -441,7 +441,7 @@ class Statistics:
 
     def _observe_faults(self, rows: Decoded, codebook: Codebook) -> None:
         self.fault_counts.update(rows, codebook)
-        codes = rows.packed["faults"]
+        codes = rows.rows.faults
         for number, fault in enumerate(_FAULTS):
             having = np.array([fault in faults for faults in codebook.faults])
             if having.any():

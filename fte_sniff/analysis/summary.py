@@ -21,7 +21,7 @@ from fte_sniff.analysis.statistics import (
     StreamStats,
 )
 from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
-from fte_sniff.row_batch import Codebook, Packed, pack
+from fte_sniff.row_batch import Codebook, RowBatch
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +60,13 @@ class StatisticsSummary:
 
     def observe(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> None:
         """Add the next rows and the port events among them."""
-        packed = pack(rows, self._codebook)[0]
+        batch = RowBatch.from_rows(rows, self._codebook)
         start = 0
         for change in self._gaps.changes(rows, events):
-            self._observe(packed[start : change.index])
+            self._observe(batch[start : change.index])
             self._observe_change(change.what)
             start = change.index
-        self._observe(packed[start:])
+        self._observe(batch[start:])
         self._statistics.observe_events(events)
 
     def interrupt(self) -> None:
@@ -78,11 +78,11 @@ class StatisticsSummary:
         if isinstance(change, Gap):
             self._answers.interrupt()
 
-    def _observe(self, packed: Packed) -> None:
-        if not len(packed):
+    def _observe(self, batch: RowBatch) -> None:
+        if not len(batch):
             return
-        rows = Decoded(packed)
-        length = int(packed["length"].sum(dtype=np.int64))
+        rows = Decoded(batch)
+        length = int(batch.length.sum(dtype=np.int64))
         self.sources[-1].count.count(len(rows), length, extent(rows.t_ns[rows.has_time]))
         self._statistics.observe(rows, self._codebook)
         found = motor_rows(rows)

@@ -13,7 +13,7 @@ from fte_sniff.cli.options import FileName, filter_option, row_filter, span_opti
 from fte_sniff.cli.output import file_output, format_for, format_option, summary, text_output
 from fte_sniff.cli.streams import print_err
 from fte_sniff.formats.writers import OutputFormat, row_writer
-from fte_sniff.session.pipeline import InputReading
+from fte_sniff.session.pipeline import InputReading, write_rows
 
 if TYPE_CHECKING:
     from fte_sniff.recording.bulk_writer import NamedFacts
@@ -76,11 +76,11 @@ def command(
 
 def _write(form: OutputFormat, output: Path | None, reading: InputReading, *, force: bool) -> None:
     if form is OutputFormat.PARQUET:
-        from fte_sniff.analysis.dataframe import TABLE_SCHEMA
+        from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
         from fte_sniff.formats.parquet import write_parquet
 
         with file_output(output, form, force=force) as path:
-            write_parquet((batch.frame() for batch in reading), path, dict(TABLE_SCHEMA))
+            write_parquet((table_frame(batch.rows) for batch in reading), path, dict(TABLE_SCHEMA))
     elif form is OutputFormat.MCAP:
         _write_recording(output, reading, force=force)
     elif form is OutputFormat.RAW:
@@ -89,7 +89,7 @@ def _write(form: OutputFormat, output: Path | None, reading: InputReading, *, fo
         with text_output(output, force=force) as stream:
             writer = row_writer(form, stream, ports=len(reading.inputs) > 1)
             for batch in reading:
-                batch.write_to(writer)
+                write_rows(writer, batch.rows)
                 # A reader of the pipe gets each batch at once.
                 stream.flush()
             writer.close()
@@ -102,7 +102,7 @@ def _write_raw(output: Path | None, reading: InputReading, *, force: bool) -> No
         sink = RawSink(path, UNKNOWN)
         try:
             for batch in reading:
-                sink.write(batch.sequence())
+                sink.write(batch.rows)
         finally:
             sink.end()
     if len(sink.ports) > 1:
@@ -125,9 +125,8 @@ def _write_recording(output: Path | None, reading: InputReading, *, force: bool)
         SELECTION_NAME,
         gap_to_metadata,
     )
-    from fte_sniff.row_batch import Codebook
+    from fte_sniff.row_batch import RowBatch
 
-    codebook = Codebook()
     with file_output(output, OutputFormat.MCAP, force=force) as path:
         ports = [port for one in reading.inputs for port in one.ports]
         facts = {name: fact for one in reading.inputs for name, fact in one.facts.items()}
@@ -137,4 +136,5 @@ def _write_recording(output: Path | None, reading: InputReading, *, force: bool)
             yield from ((LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in reading.gaps)
             yield from ((SELECTION_NAME, one.to_metadata()) for one in reading.selections)
 
-        write_recording(path, ports, (batch.columns(codebook) for batch in reading), own, metadata)
+        batches = (RowBatch.from_rows(batch.rows, events=batch.events) for batch in reading)
+        write_recording(path, ports, batches, own, metadata)

@@ -108,9 +108,9 @@ def _summarize(reading: InputReading, baud: int | None) -> StatisticsSummary:
         if not one.follows(before):
             summary.interrupt()
         for batch in reading.of(one):
-            if batch.after_loss:
+            if batch.after_gap:
                 summary.interrupt()
-            summary.observe(batch.sequence(), batch.events)
+            summary.observe(batch.rows, batch.events)
         if one.losses:
             summary.interrupt()
         before = one

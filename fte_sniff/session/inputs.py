@@ -1,4 +1,4 @@
-"""Open any input (MCAP, log, raw, stdin) as batches."""
+"""Inputs: recordings, logs, raw bytes and standard input, each read as batches of rows."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import IO, TYPE_CHECKING, Final, Protocol, Self
+from typing import IO, TYPE_CHECKING, Final, Protocol, TypeAlias, Union
 
 from fte_sniff.errors import FileError, FteSniffError, UsageError
 from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
-from fte_sniff.formats.writers import FrameWriter, RowWriter
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     Chunk,
@@ -25,187 +24,89 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.framer.segments import DecidedSpan
 
 if TYPE_CHECKING:
-    import polars as pl
-
-    from fte_sniff.analysis.counters import Tally
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.recording.metadata import PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
     from fte_sniff.recording.row_ranges import TimeRange
-    from fte_sniff.row_batch import Codebook, PackedRows, RowBatch, SideBySide
+    from fte_sniff.row_batch import RowBatch
 
+Rows: TypeAlias = Union[list[Row], "RowBatch"]
+"""A list where rows are few, so that numpy need not be loaded for them."""
 
-class InputBatch(Protocol):
-    """Some rows, in their order."""
+SPAN_BYTES: Final = 1 << 19
+"""Bytes that are framed before their rows are yielded, unless a reader waits for them."""
 
-    def __len__(self) -> int: ...
+FEW: Final = 20_000
+"""Rows of an input that come as lists, before numpy and polars are loaded for the others."""
 
-    def count(self, tally: Tally) -> None:
-        """Add them to a tally."""
-        ...
-
-    def wanted(self, row_filter: RowFilter) -> Self:
-        """Only those that the filter wants."""
-        ...
-
-    def first(self, count: int) -> Self:
-        """Only so many of them."""
-        ...
-
-    def rows(self) -> list[Row]:
-        """As objects."""
-        ...
-
-    def sequence(self) -> Sequence[Row]:
-        """For a view: objects, or what takes their place and is cheaper."""
-        ...
-
-    @property
-    def events(self) -> Sequence[PortEvent]:
-        """What happened to ports among them."""
-        ...
-
-    @property
-    def after_loss(self) -> bool:
-        """Whether rows before them could not be read."""
-        ...
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """Time of the first of them, and the latest; None where one has none, or there is none."""
-        ...
-
-    def write_to(self, writer: RowWriter) -> None:
-        """Write them, in the way that is fastest."""
-        ...
-
-    def frame(self) -> pl.DataFrame:
-        """As a frame of `analysis.table.TABLE_SCHEMA`."""
-        ...
-
-    def columns(self, codebook: Codebook) -> RowBatch:
-        """Side by side; only rows that have a time can be."""
-        ...
-
-
-class LogBatch(InputBatch, Protocol):
-    """Some rows of a log, which may have no times."""
-
-    @property
-    def timed(self) -> bool:
-        """Whether each has a time."""
-        ...
-
-    def within(self, span: TimeRange) -> Self:
-        """Only those that lie in the span."""
-        ...
+_FEWEST: Final = 100
+"""Spans of fewer rows become lists; for them numpy is slower."""
 
 
 @dataclass(frozen=True, slots=True)
-class ListBatch:
-    """Rows as objects."""
+class InputBatch:
+    """Consecutive rows of an input, with what is known beside them."""
 
-    held: Sequence[Row]
-
-    def __len__(self) -> int:
-        return len(self.held)
-
-    def count(self, tally: Tally) -> None:
-        """Add them to a tally."""
-        tally.update(self.held)
-
-    def wanted(self, row_filter: RowFilter) -> ListBatch:
-        """Only those that the filter wants."""
-        return ListBatch(row_filter.select(self.held))
-
-    def first(self, count: int) -> ListBatch:
-        """Only so many of them."""
-        return ListBatch(self.held[:count])
-
-    def rows(self) -> list[Row]:
-        """As objects."""
-        return list(self.held)
-
-    @property
-    def timed(self) -> bool:
-        """Whether each has a time."""
-        return all(row.t_ns is not None for row in self.held)
-
-    def within(self, span: TimeRange) -> ListBatch:
-        """Only those that lie in the span."""
-        return ListBatch([row for row in self.held if span.contains(row)])
-
-    def sequence(self) -> Sequence[Row]:
-        """The objects."""
-        return self.held
-
-    @property
-    def events(self) -> Sequence[PortEvent]:
-        """None: a log tells of no port."""
-        return ()
-
-    @property
-    def after_loss(self) -> bool:
-        """Never: a log is read whole, or not at all."""
-        return False
+    rows: Rows
+    events: Sequence[PortEvent] = ()
+    """Port events between the rows."""
+    after_gap: bool = False
+    """Whether rows before these could not be read."""
+    reload: Callable[[], RowBatch] | None = None
+    """Reads the same rows again; None if that is impossible."""
 
     @property
     def times(self) -> tuple[int, int] | None:
-        """Time of the first, and the latest."""
-        times = [row.t_ns for row in self.held if row.t_ns is not None]
-        return (times[0], max(times)) if times and len(times) == len(self.held) else None
+        """Time of the first row and the latest time; None if a row has none, or without rows."""
+        if not isinstance(self.rows, list):
+            return self.rows.times
+        times = [row.t_ns for row in self.rows if row.t_ns is not None]
+        return (times[0], max(times)) if times and len(times) == len(self.rows) else None
 
-    def write_to(self, writer: RowWriter) -> None:
-        """Write them one by one."""
-        writer.write(self.held)
+    def select(self, row_filter: RowFilter) -> InputBatch:
+        """The same with only the rows that match the filter."""
+        rows = self.rows
+        if isinstance(rows, list):
+            return replace(self, rows=row_filter.select(rows))
+        return replace(self, rows=rows.select(row_filter.matches(rows)), reload=None)
 
-    def frame(self) -> pl.DataFrame:
-        """As a frame of `analysis.table.TABLE_SCHEMA`."""
-        from fte_sniff.analysis.dataframe import rows_table
-
-        return rows_table(self.held)
-
-    def columns(self, codebook: Codebook) -> RowBatch:
-        """Side by side; only rows that have a time can be."""
-        from fte_sniff.row_batch import RowBatch
-
-        return RowBatch.from_rows(self.held, codebook)
-
-
-PORTION: Final = 1 << 19
-"""Bytes that are handed on at once, more or less, where nobody waits for them."""
+    def first(self, count: int) -> InputBatch:
+        """The same with at most `count` rows."""
+        if count >= len(self.rows):
+            return self
+        return replace(self, rows=self.rows[:count], reload=None)
 
 
-def decided(
+def decided_spans(
     chunks: Iterable[Chunk], name: str, note: Callable[[str], None], drained: Callable[[], bool]
 ) -> Iterator[DecidedSpan]:
-    """All that the chunks hold, portion by portion.
+    """Frame all chunks, about `SPAN_BYTES` at a time.
 
     Args:
         chunks: of one port; their times may fall.
         name: the port.
-        note: is told where they end within a frame.
-        drained: whether the chunk behind the latest has to be waited for.
+        note: called with a message if the input ends within a frame.
+        drained: whether the next chunk has to be waited for, so that rows are not held back.
 
     Raises:
         FileError: there is no chunk.
-        FteSniffError: what the chunks raise; what stood before is not lost with it.
+        FteSniffError: raised by the chunks, after the rows before it.
     """
     framer = Framer(name)
-    gathered, some = 0, False
+    size, empty = 0, True
     try:
         for chunk in at_own_times(chunks, framer):
-            some = True
+            empty = False
             framer.push(chunk)
-            gathered += len(chunk.data)
-            if gathered >= PORTION or drained():
-                gathered = 0
+            size += len(chunk.data)
+            if size >= SPAN_BYTES or drained():
+                size = 0
                 yield framer.drain()
     except FteSniffError:
         framer.finish()
         yield framer.drain()
         raise
-    if not some:
+    if empty:
         raise FileError(f"{name}: is empty; there is nothing to decode")
     framer.finish()
     last = framer.drain()
@@ -222,175 +123,18 @@ def _note_cut_frame(last: DecidedSpan, name: str, note: Callable[[str], None]) -
         note(f"{name}: ends in the middle of a frame ({size} of {FRAME_LENGTH} bytes)")
 
 
-@dataclass(frozen=True, slots=True)
-class PackedBatch:
-    """Rows packed, with or without times."""
-
-    held: PackedRows
-
-    def __len__(self) -> int:
-        return len(self.held)
-
-    def count(self, tally: Tally) -> None:
-        """Add them to a tally."""
-        tally.update_columns(self.held)
-
-    def wanted(self, row_filter: RowFilter) -> PackedBatch:
-        """Only those that the filter wants."""
-        return PackedBatch(self.held.select(row_filter.among(self.held).to_numpy()))
-
-    def first(self, count: int) -> PackedBatch:
-        """Only so many of them."""
-        return self if count >= len(self) else PackedBatch(self.held.select(slice(count)))
-
-    def rows(self) -> list[Row]:
-        """As objects."""
-        return list(self.held)
-
-    @property
-    def timed(self) -> bool:
-        """Whether each has a time."""
-        return bool(self.held.timed.all())
-
-    def within(self, span: TimeRange) -> PackedBatch:
-        """Only those that lie in the span."""
-        return PackedBatch(self.held.select(span.mask(self.held.t_ns) & self.held.timed))
-
-    def sequence(self) -> Sequence[Row]:
-        """As they are."""
-        return self.held
-
-    @property
-    def events(self) -> Sequence[PortEvent]:
-        """None: a log tells of no port."""
-        return ()
-
-    @property
-    def after_loss(self) -> bool:
-        """A log is read from its first row on."""
-        return False
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """Time of the first, and the latest."""
-        t_ns = self.held.t_ns
-        return (int(t_ns[0]), int(t_ns.max())) if len(t_ns) and self.timed else None
-
-    def write_to(self, writer: RowWriter) -> None:
-        """Write them at once where the format can."""
-        _write(self, writer)
-
-    def frame(self) -> pl.DataFrame:
-        """As a frame of `analysis.table.TABLE_SCHEMA`."""
-        return _frame(self.held)
-
-    def columns(self, codebook: Codebook) -> RowBatch:
-        """In the columns of a recording; only rows that have a time can be."""
-        from fte_sniff.row_batch import row_columns
-
-        return row_columns(codebook, self.held)
-
-
-@dataclass(frozen=True, slots=True)
-class ColumnBatch:
-    """Rows in the columns of a recording."""
-
-    held: RowBatch
-    again: Callable[[], RowBatch] | None = None
-    """Reads the same rows again, where that can be done."""
-    after_loss: bool = False
-    """Whether rows before them could not be read."""
-
-    def __len__(self) -> int:
-        return len(self.held)
-
-    def count(self, tally: Tally) -> None:
-        """Add them to a tally."""
-        tally.update_columns(self.held)
-
-    def wanted(self, row_filter: RowFilter) -> ColumnBatch:
-        """Only those that the filter wants."""
-        mask = row_filter.among(self.held).to_numpy()
-        return replace(self, held=self.held.select(mask, self.held.events), again=None)
-
-    def first(self, count: int) -> ColumnBatch:
-        """Only so many of them."""
-        if count >= len(self):
-            return self
-        held = self.held.select(slice(count), self.held.events)
-        return replace(self, held=held, again=None)
-
-    def rows(self) -> list[Row]:
-        """As objects."""
-        return list(self.held)
-
-    def sequence(self) -> Sequence[Row]:
-        """Packed."""
-        from fte_sniff.row_batch import packed_rows
-
-        return packed_rows(self.held)
-
-    @property
-    def events(self) -> Sequence[PortEvent]:
-        """What happened to ports among them."""
-        return self.held.events
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """Time of the first, and the latest."""
-        t_ns = self.held.t_ns
-        return (int(t_ns[0]), int(t_ns.max())) if len(t_ns) else None
-
-    def write_to(self, writer: RowWriter) -> None:
-        """Write them at once where the format can."""
-        _write(self, writer)
-
-    def frame(self) -> pl.DataFrame:
-        """As a frame of `analysis.table.TABLE_SCHEMA`."""
-        return _frame(self.held)
-
-    def columns(self, codebook: Codebook) -> RowBatch:
-        """As they are: their words are their own."""
-        return self.held
-
-
-def _write(batch: PackedBatch | ColumnBatch, writer: RowWriter) -> None:
-    if isinstance(writer, FrameWriter) and not (writer.shows_order and batch.held.unordered.any()):
-        writer.write_frame(batch.frame())
-    else:
-        writer.write(batch.rows())
-
-
-def _frame(rows: SideBySide) -> pl.DataFrame:
-    from fte_sniff.analysis.dataframe import table_frame
-
-    return table_frame(rows)
-
-
-FEW: Final = 20_000
-"""Fewer rows are read one by one before what takes many at once is loaded."""
-
-_FEWEST: Final = 100
-"""Fewer rows are never taken at once."""
-
-
-def log_batches(portions: Iterable[DecidedSpan], few: int = FEW) -> Iterator[LogBatch]:
-    """The rows of all that was decided, in the form that is quickest.
-
-    Args:
-        portions: as they come.
-        few: so many rows come as objects, whatever is behind them.
-    """
+def rows_of_spans(spans: Iterable[DecidedSpan], few: int = FEW) -> Iterator[Rows]:
+    """The rows of each span; the first `few` rows come as lists."""
     count = 0
-    for portion in portions:
-        rows = len(portion)
+    for span in spans:
+        rows = len(span)
         count += rows
         if count < few or rows < min(few, _FEWEST):
-            yield ListBatch(portion.rows())
+            yield span.rows()
             continue
-        from fte_sniff.row_batch import packed_tiles
+        from fte_sniff.row_batch import RowBatch
 
-        yield PackedBatch(packed_tiles(portion))
+        yield RowBatch.from_span(span)
 
 
 STDIN_NAME = "stdin"
@@ -543,13 +287,13 @@ class RecordingInput:
 
         troubles: Counter[PortEventKind] = Counter()
         some = False
-        for passage, columns in self.reader.ranges(span=span or EVERYTHING):
-            troubles.update(event.kind for event in columns.events)
-            some = some or bool(len(columns))
-            self.ends.update(columns.end_offsets())
-            if len(columns) or columns.events or passage.after_loss:
-                again = partial(self.reader.read, passage)
-                yield ColumnBatch(columns, again, passage.after_loss)
+        for passage, rows in self.reader.ranges(span=span or EVERYTHING):
+            troubles.update(event.kind for event in rows.events)
+            some = some or bool(len(rows))
+            self.ends.update(rows.end_offsets())
+            if len(rows) or rows.events or passage.after_loss:
+                reload = partial(self.reader.read, passage)
+                yield InputBatch(rows, rows.events, passage.after_loss, reload)
         for kind in TROUBLES:
             if troubles[kind]:
                 times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
@@ -611,36 +355,37 @@ class LogInput:
 
     def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
         """Its rows, some thousands at once; see `Input`."""
-        portions = decided(self.chunks, self.name, note, self.drained)
+        spans = decided_spans(self.chunks, self.name, note, self.drained)
         if isinstance(self.chunks, HexLog):
-            portions = _compared(portions, self.chunks, note)
-        batches = log_batches(portions)
-        yield from batches if span is None else self._spanned(batches, span, note)
+            spans = _compared(spans, self.chunks, note)
+        rows = rows_of_spans(spans)
+        yield from map(InputBatch, rows if span is None else self._within(span, rows, note))
 
-    def _spanned(
-        self, batches: Iterable[LogBatch], span: TimeRange, note: Note
-    ) -> Iterator[LogBatch]:
-        """Only rows of the span; where there is none, which there are is told."""
+    def _within(self, span: TimeRange, batches: Iterable[Rows], note: Note) -> Iterator[Rows]:
+        """Only rows of the span; without any, a note names the times that the input has."""
         from fte_sniff.analysis.counters import Tally
 
-        tally, some = Tally(), False
-        for batch in batches:
-            if not batch.timed:
+        tally, found = Tally(), 0
+        for rows in batches:
+            if len(rows) and InputBatch(rows).times is None:
                 raise UsageError(f"{self.name} has no times; --from and --to need a recording")
-            batch.count(tally)
-            found = batch.within(span)
-            some = some or bool(len(found))
-            yield found
-        if not some and tally.first_ns is not None and tally.last_ns is not None:
+            tally.update(rows)
+            if isinstance(rows, list):
+                inside: Rows = [row for row in rows if span.contains(row)]
+            else:
+                inside = span.select(rows)
+            found += len(inside)
+            yield inside
+        if not found and tally.first_ns is not None and tally.last_ns is not None:
             held = f"{tally.rows:,} rows"
             note(f"{self.name}: {_none_in_span(held, tally.first_ns, tally.last_ns)}")
 
 
-def _compared(portions: Iterable[DecidedSpan], log: HexLog, note: Note) -> Iterator[DecidedSpan]:
+def _compared(spans: Iterable[DecidedSpan], log: HexLog, note: Note) -> Iterator[DecidedSpan]:
     """The same rows; what the log says of them, and they of the log, is told in the end."""
-    for portion in portions:
-        log.compare(portion.headers())
-        yield portion
+    for span in spans:
+        log.compare(span.headers())
+        yield span
     for doubt in (*log.doubts, *log.about_times):
         note(f"{log.name}: {doubt}")
 

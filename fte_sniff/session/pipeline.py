@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from fte_sniff.analysis.feed import GapDetector
+from fte_sniff.formats.writers import FrameWriter, RowWriter
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.recording.row_ranges import TimeRange
-from fte_sniff.session.inputs import ColumnBatch, Input, InputBatch
+from fte_sniff.session.inputs import Input, InputBatch, Rows
 from fte_sniff.session.replay import Read, RecordingPages
 from fte_sniff.session.save import ExportSource
 
@@ -93,15 +94,15 @@ class InputReading:
             self._detector.interrupt(*ANOTHER)
         self._before = one
         for batch in one.batches(self._span, self.notes.append):
-            if batch.after_loss:
+            if batch.after_gap:
                 self._detector.interrupt(*DAMAGED)
             if gap := self._detector.observe(batch.times):
                 self._found.append(gap)
-            batch.count(self.tally)
-            found = batch if self._wanted is None else batch.wanted(self._wanted)
+            self.tally.update(batch.rows)
+            found = batch if self._wanted is None else batch.select(self._wanted)
             if self._limit is not None:
                 found = found.first(self._limit - self.written)
-            self.written += len(found)
+            self.written += len(found.rows)
             if self._limit is not None and found.times is not None:
                 self._last_ns = max(self._last_ns or 0, found.times[1])
             yield found
@@ -158,14 +159,13 @@ class Viewing:
         if not follows:
             changes.append(self._detector.interrupt(*ANOTHER))
         for batch in one.batches(self._span, self._note):
-            if batch.after_loss:
+            if batch.after_gap:
                 changes.append(self._detector.interrupt(*DAMAGED))
             if gap := self._detector.observe(batch.times):
                 self._gaps.append(gap)
             self._learn(batch)
-            rows = batch.sequence()
-            changes += self._detector.changes(rows, batch.events)
-            yield Read(rows, batch.events, (), changes)
+            changes += self._detector.changes(batch.rows, batch.events)
+            yield Read(batch.rows, batch.events, (), changes)
             changes = []
         if one.losses:
             changes.append(self._detector.interrupt(*DAMAGED))
@@ -173,10 +173,24 @@ class Viewing:
             yield Read((), (), one.losses, changes)
 
     def _learn(self, batch: InputBatch) -> None:
-        if self._pages is not None and isinstance(batch, ColumnBatch) and batch.again is not None:
-            self._pages.add(batch.again, len(batch))
+        if self._pages is not None and batch.reload is not None:
+            self._pages.add(batch.reload, len(batch.rows))
 
 
 def _bauds(inputs: Sequence[Input]) -> dict[str, int]:
     """Bits per second by port, as the inputs tell."""
     return {port.name: port.baud for one in inputs for port in one.ports if port.baud}
+
+
+def write_rows(writer: RowWriter, rows: Rows) -> None:
+    """Write rows; a batch is written at once if the format allows it."""
+    if (
+        isinstance(rows, list)
+        or not isinstance(writer, FrameWriter)
+        or (writer.shows_order and rows.unordered.any())
+    ):
+        writer.write(rows)
+    else:
+        from fte_sniff.analysis.dataframe import table_frame
+
+        writer.write_frame(table_frame(rows))

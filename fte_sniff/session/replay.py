@@ -5,16 +5,14 @@ from __future__ import annotations
 import queue
 import threading
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
-
-import numpy as np
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange, shifted
 from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.row_batch import Codebook, Packed, PackedRows, RowBatch, pack, packed_rows
+from fte_sniff.row_batch import Codebook, RowBatch
 
 MOST_BATCHES_AHEAD = 6
 """Batches that are read ahead of the view at most."""
@@ -164,30 +162,21 @@ def _damaged(losses: Sequence[str]) -> str | None:
 
 def _has_room(taken: list[Read]) -> bool:
     rows = sum(len(read.rows) for read in taken)
-    loose = sum(len(read.rows) for read in taken if not isinstance(read.rows, PackedRows))
+    loose = sum(len(read.rows) for read in taken if not isinstance(read.rows, RowBatch))
     return rows < MOST_PACKED_A_POLL and loose < MOST_ROWS_A_POLL
 
 
 def _joined(taken: list[Sequence[Row]]) -> Sequence[Row]:
     taken = [rows for rows in taken if len(rows)]
-    if any(isinstance(rows, PackedRows) for rows in taken):
-        return PackedRows.concat([_packed(rows) for rows in taken])
+    if any(isinstance(rows, RowBatch) for rows in taken):
+        # A few loose rows become a batch sooner than many packed ones become objects.
+        return RowBatch.concat([RowBatch.from_rows(rows) for rows in taken])
     return [row for rows in taken for row in rows]
-
-
-def _packed(rows: Sequence[Row]) -> PackedRows:
-    """A few rows that came as objects are packed sooner than many are made objects."""
-    if isinstance(rows, PackedRows):
-        return rows
-    codebook = Codebook()
-    return PackedRows(*pack(rows, codebook), codebook)
 
 
 MOST_HELD: Final = 4
 """Batches that stay unpacked: a filter works from the cursor up and down, and rows of one block
 may stand in two batches."""
-
-_Held = tuple[Packed, Mapping[int, bytes]]
 
 
 class RecordingPages:
@@ -198,7 +187,7 @@ class RecordingPages:
         self._again: list[Callable[[], RowBatch]] = []
         self._starts: list[int] = []
         self._rows = 0
-        self._held: dict[int, _Held] = {}
+        self._held: dict[int, RowBatch] = {}
         self._codebook: Codebook | None = None
 
     def add(self, again: Callable[[], RowBatch], rows: int) -> None:
@@ -209,37 +198,28 @@ class RecordingPages:
             self._starts.append(self._rows)
             self._rows += rows
 
-    def load(
-        self, start: int, count: int, codebook: Codebook
-    ) -> tuple[Packed, Mapping[int, bytes]]:
+    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
         """The rows from index `start` on; see `BlockSource`.
 
         Raises:
             FileError: they cannot be read any more, or are others by now.
         """
-        pieces: list[Packed] = []
-        long: dict[int, bytes] = {}
-        done = 0
+        # A copy, so that a block does not keep whole batches in memory.
+        rows, done = RowBatch.allocate(codebook, count), 0
         while done < count:
             number = bisect_right(self._starts, start + done) - 1
-            packed, own = self._batch(number, codebook)
             first = start + done - self._starts[number]
-            piece = packed[first : first + count - done]
-            shift = done - first
-            long.update(
-                (at + shift, raw) for at, raw in own.items() if first <= at < first + len(piece)
-            )
-            pieces.append(piece)
+            piece = self._batch(number, codebook)[first : first + count - done]
+            rows.assign(done, piece)
             done += len(piece)
-        # A copy, so that a block does not keep a whole batch alive.
-        return np.concatenate(pieces), long
+        return rows
 
-    def _batch(self, number: int, codebook: Codebook) -> _Held:
+    def _batch(self, number: int, codebook: Codebook) -> RowBatch:
         if codebook is not self._codebook:
             self._codebook, self._held = codebook, {}
         held = self._held.pop(number, None)
         if held is None:
-            held = packed_rows(self._again[number]()).packed_for(codebook)
+            held = self._again[number]().recoded(codebook)
         self._held[number] = held
         while len(self._held) > MOST_HELD:
             self._held.pop(next(iter(self._held)))

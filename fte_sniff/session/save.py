@@ -101,9 +101,9 @@ class RawSink:
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows' bytes."""
-        from fte_sniff.row_batch import PackedRows
+        from fte_sniff.row_batch import RowBatch
 
-        if isinstance(rows, PackedRows):
+        if isinstance(rows, RowBatch):
             self.ports.update(rows.codebook.ports[code] for code in set(rows.port.tolist()))
             self._stream.write(rows.tobytes())
             return
@@ -346,10 +346,10 @@ class ParquetSink:
 
     def write(self, rows: Sequence[Row]) -> None:
         """Take the rows."""
-        from fte_sniff.analysis.dataframe import rows_table
+        from fte_sniff.analysis.dataframe import table_frame
 
         if rows:
-            self._put(rows_table(rows))
+            self._put(table_frame(rows))
 
     def end(self) -> None:
         """Wait until all is written."""

@@ -16,7 +16,7 @@ from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import KIND_BY_NAME, Direction, Frame, Gap, GapKind, Row, encode
-from fte_sniff.row_batch import Codebook, pack
+from fte_sniff.row_batch import Codebook, RowBatch
 
 MILLISECOND = 1_000_000
 
@@ -32,7 +32,7 @@ def _rows(count: int) -> list[Row]:
 
 def _motors(rows: Sequence[Row]) -> Motors:
     motors = Motors()
-    motors.observe(Decoded(pack(rows, Codebook())[0]))
+    motors.observe(Decoded(RowBatch.from_rows(rows)))
     return motors
 
 
@@ -138,7 +138,7 @@ def test_nothing_is_measured_across_a_gap(
         for row in range(look + 1):
             if row in places:
                 expected.interrupt()
-            expected.observe(Decoded(pack(rows[row : row + 1], codebook)[0]))
+            expected.observe(Decoded(RowBatch.from_rows(rows[row : row + 1], codebook)))
         motors = following.motors_at(look)
         assert motors is not None
         assert motors.states(rows[look].t_ns) == expected.states(rows[look].t_ns)

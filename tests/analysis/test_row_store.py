@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pytest
 from hypothesis import strategies as st
@@ -11,7 +9,7 @@ from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Bools, find_byte, find_fault, find_step, select_rows
 from fte_sniff.protocol import Damage, Fault, Frame, Row
-from fte_sniff.row_batch import Codebook, Packed, pack
+from fte_sniff.row_batch import Codebook, RowBatch
 from tests.examples import examples
 
 ROW = st.from_type(Frame) | st.from_type(Damage)
@@ -28,9 +26,9 @@ class Again:
         self.rows = rows
         self.loads = 0
 
-    def load(self, start: int, count: int, codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
+    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
         self.loads += 1
-        return pack(self.rows[start : start + count], codebook)
+        return RowBatch.from_rows(self.rows[start : start + count], codebook)
 
 
 class StoreMachine(RuleBasedStateMachine):
@@ -140,8 +138,8 @@ class StoreMachine(RuleBasedStateMachine):
 def _walked(store: RowStore, index: int, by: int) -> int | None:
     """The nearest row that is longer than ten bytes, told by the bytes that stand aside."""
 
-    def is_long(packed: Packed, long: Mapping[int, bytes], _: Codebook) -> Bools:
-        return np.array([at in long for at in range(len(packed))], np.bool_)
+    def is_long(rows: RowBatch) -> Bools:
+        return np.array([at in rows.long for at in range(len(rows))], np.bool_)
 
     step = find_step(store, is_long, index, by)
     while step.onward is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ from fte_sniff.protocol import (
     encode,
     spaced_hex,
 )
-from fte_sniff.row_batch import Codebook, Packed, pack
+from fte_sniff.row_batch import Codebook, RowBatch
 
 NOON_NS = 1_769_860_800_000_000_000
 
@@ -45,8 +45,7 @@ ROWS: Sequence[Row] = (
 
 
 def found(typed: str, rows: Sequence[Row] = ROWS) -> list[int]:
-    codebook = Codebook()
-    mask = Search.parse(typed).mask(*pack(rows, codebook), codebook)
+    mask = Search.parse(typed).mask(RowBatch.from_rows(rows))
     return [int(at) for at in np.flatnonzero(mask)]
 
 
@@ -99,20 +98,18 @@ def test_what_is_seen_is_found(typed: str, rows: list[int]) -> None:
     ],
 )
 def test_what_no_column_tells_is_not_looked_at(typed: str, column: str, rows: list[int]) -> None:
-    codebook = Codebook()
-    packed = pack(ROWS, codebook)
+    batch = RowBatch.from_rows(ROWS)
     search = Search.parse(typed)
     others = set(COLUMN_BY_NAME) - {column}
-    assert search.mask(*packed, codebook, {column}).nonzero()[0].tolist() == rows
-    assert not search.mask(*packed, codebook, others).any()
+    assert search.mask(batch, {column}).nonzero()[0].tolist() == rows
+    assert not search.mask(batch, others).any()
 
 
 @pytest.mark.parametrize("typed", ["motor=1", "speed", "noise", "aa 01"])
 def test_kind_values_faults_and_bytes_are_looked_at_in_any_columns(typed: str) -> None:
-    codebook = Codebook()
-    packed = pack(ROWS, codebook)
+    batch = RowBatch.from_rows(ROWS)
     search = Search.parse(typed)
-    assert (search.mask(*packed, codebook, ()) == search.mask(*packed, codebook)).all()
+    assert (search.mask(batch, ()) == search.mask(batch)).all()
 
 
 @pytest.mark.parametrize("typed", ["hex:", "hex:A", "hex:zz", "hex:A A", "hex:aa0"])
@@ -224,8 +221,8 @@ def rows_between(start: int, stop: int) -> Sequence[Row]:
     return [Frame("p", 10 * at, raw, at) for at, raw in enumerate(raws, start)]
 
 
-def third(packed: Packed, _: Mapping[int, bytes], __: Codebook) -> npt.NDArray[np.bool_]:
-    return np.asarray(packed["offset"] % 30 == 0)
+def third(rows: RowBatch) -> npt.NDArray[np.bool_]:
+    return np.asarray(rows.offset % 30 == 0)
 
 
 def counter_of(store: RowStore) -> HitCounter:
@@ -270,10 +267,8 @@ def test_what_is_not_counted_yet_is_behind() -> None:
 
 
 class Again:
-    def load(
-        self, start: int, count: int, codebook: Codebook
-    ) -> tuple[Packed, Mapping[int, bytes]]:
-        return pack(rows_between(start, start + count), codebook)
+    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
+        return RowBatch.from_rows(rows_between(start, start + count), codebook)
 
 
 def test_rows_that_left_memory_before_they_were_counted_are_left_out_and_said_to_be() -> None:

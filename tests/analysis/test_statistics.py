@@ -32,7 +32,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     encode,
 )
-from fte_sniff.row_batch import Codebook, pack
+from fte_sniff.row_batch import Codebook, RowBatch
 
 SECOND = 1_000_000_000
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=15)
@@ -42,7 +42,7 @@ BENCH = LineSetup()
 def statistics_of(rows: list[Row], cut: int = 0) -> Statistics:
     found, codebook = Statistics(BENCH), Codebook()
     for part in (rows[:cut], rows[cut:]):
-        found.observe(Decoded(pack(part, codebook)[0]), codebook)
+        found.observe(Decoded(RowBatch.from_rows(part, codebook)), codebook)
     return found
 
 
@@ -248,7 +248,7 @@ def test_directions_and_ranges_are_what_one_counts(rows: list[Row]) -> None:
 def test_answers_are_those_of_the_motors_pane(rows: list[Row], cut: int) -> None:
     survey = survey_of(rows[:cut], rows[cut:])
     motors = Motors()
-    motors.observe(Decoded(pack(rows, Codebook())[0]))
+    motors.observe(Decoded(RowBatch.from_rows(rows)))
     for found, state in zip(survey.answers(), motors.states(None), strict=True):
         assert (found.motor, found.commands, found.feedback, found.answered, found.unanswered) == (
             state.motor,

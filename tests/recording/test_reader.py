@@ -34,7 +34,7 @@ from fte_sniff.recording.parallel import JOB
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.row_batch import Codebook, RowBatch, RowBuffer
+from fte_sniff.row_batch import RowBatch
 from tests.examples import examples
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
@@ -361,19 +361,6 @@ def test_a_channel_that_a_chunk_defines_is_known_when_the_chunk_is_passed_over(
     batches = list(reader.batches(span=TimeRange(rows[45].t_ns or 0)))
     assert [row for batch in batches for row in batch] == rows[45:]
     assert reader.losses == ()
-
-
-def test_a_buffer_is_one_batch_only_if_all_that_was_reserved_fits() -> None:
-    buffer = RowBuffer(Codebook(), 10)
-    for start, end in ((0, 4), (4, 10)):
-        taken = buffer.reserve(end - start)
-        taken.t_ns[:] = range(start, end)
-    whole = buffer.filled()
-    assert whole is not None
-    assert whole.t_ns.tolist() == list(range(10))
-    assert len(buffer.reserve(3)) == 3
-    assert buffer.filled() is None
-    assert whole.t_ns.tolist() == list(range(10))
 
 
 def _rewritten(source: Path, target: Path, *, port: bool = True, **options: object) -> None:

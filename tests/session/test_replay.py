@@ -24,7 +24,7 @@ from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.row_ranges import EVERYTHING, TimeRange
-from fte_sniff.row_batch import Codebook, RowBatch, packed_rows, unpack
+from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.session.replay import MOST_BATCHES_AHEAD, Read, RecordingPages, ReplaySession
 from tests.examples import examples
 
@@ -171,10 +171,10 @@ def test_stop_ends_the_reading() -> None:
     assert not session._thread.is_alive()
 
 
-def test_packed_rows_come_in_order_and_tell_how_far_they_are() -> None:
+def test_batches_come_in_order_and_tell_how_far_they_are() -> None:
     rows: list[Row] = [Frame("f", place * 10, FRAME, place) for place in range(1000)]
     parts = [RowBatch.from_rows(rows[at : at + 100]) for at in range(0, 1000, 100)]
-    session = ReplaySession((Read(packed_rows(part)) for part in parts), "file", 1000)
+    session = ReplaySession((Read(part) for part in parts), "file", 1000)
     found: list[Row] = []
     told = []
     deadline = monotonic() + 60
@@ -251,9 +251,7 @@ def noted(files: list[Path], span: TimeRange = EVERYTHING) -> tuple[RecordingPag
 
 
 def loaded(pages: RecordingPages, start: int, count: int) -> list[Row]:
-    codebook = Codebook()
-    packed, long = pages.load(start, count, codebook)
-    return unpack(packed, long, codebook)
+    return list(pages.load(start, count, Codebook()))
 
 
 def test_any_rows_come_again_as_they_were(files: list[Path], rows: list[Row]) -> None:
@@ -265,8 +263,7 @@ def test_any_rows_come_again_as_they_were(files: list[Path], rows: list[Row]) ->
     @given(st.integers(0, len(rows) - 1), st.integers(1, 3000))
     def check(start: int, count: int) -> None:
         count = min(count, len(rows) - start)
-        packed, long = pages.load(start, count, codebook)
-        assert unpack(packed, long, codebook) == rows[start : start + count]
+        assert list(pages.load(start, count, codebook)) == rows[start : start + count]
 
     check()
     assert loaded(pages, COUNT - 100, 200) == rows[COUNT - 100 : COUNT + 100]
@@ -304,7 +301,7 @@ def test_a_store_of_few_blocks_holds_every_row(files: list[Path], rows: list[Row
         rows[75_000],
         rows[-1],
     ]
-    assert sum(len(packed) for packed in store.packed(0, len(rows))) == len(rows)
+    assert sum(len(batch) for batch in store.batches(0, len(rows))) == len(rows)
     assert find_fault(store, 0, 1) == 997
     assert find_fault(store, COUNT - 1, -1) == (COUNT - 1) // 997 * 997
 

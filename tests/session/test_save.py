@@ -12,7 +12,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from fte_sniff.analysis.dataframe import TABLE_SCHEMA, rows_table
+from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.input_kind import raw_chunks
 from fte_sniff.formats.logs.hex_log import HexLog
@@ -71,7 +71,7 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             found = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
             assert [one["time"] for one in found] == [iso_time(row.t_ns or 0) for row in taken]
         case ".parquet":
-            assert pl.read_parquet(path).equals(rows_table(taken))
+            assert pl.read_parquet(path).equals(table_frame(taken))
             assert pl.read_parquet_schema(path) == TABLE_SCHEMA
         case ".mcap":
             assert list(RecordingReader(path).entries()) == taken

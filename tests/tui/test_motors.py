@@ -13,7 +13,7 @@ from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.traces import EnvelopeColumns, Traces
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
-from fte_sniff.row_batch import Codebook, pack
+from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.panes.motors import SECOND_NS, MotorsView, grid
 from fte_sniff.tui.panes.plot import Curves, Strokes, dots_across, plot
 from fte_sniff.tui.table.theme import DARK
@@ -28,7 +28,7 @@ def _row(name: str, at_s: float | None, **values: int) -> Row:
 
 
 def _look(rows: Sequence[Row], at_s: float | None, bench: LineSetup | None = None) -> MotorsView:
-    decoded = Decoded(pack(rows, Codebook())[0])
+    decoded = Decoded(RowBatch.from_rows(rows))
     motors, traces = Motors(), Traces()
     motors.observe(decoded)
     traces.observe(decoded)
@@ -93,7 +93,7 @@ def test_a_target_is_told_since_its_first_command_wherever_batches_are_cut(cut: 
     ]
     motors = Motors()
     for start in range(0, len(rows), cut):
-        motors.observe(Decoded(pack(rows[start : start + cut], Codebook())[0]))
+        motors.observe(Decoded(RowBatch.from_rows(rows[start : start + cut])))
     first, second, *_ = motors.states(NOON_NS + 5 * SECOND_NS)
     assert first.target is not None
     assert second.target is not None

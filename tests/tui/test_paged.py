@@ -12,7 +12,7 @@ from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
-from fte_sniff.row_batch import Codebook, Packed, pack
+from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.tui import options as opening
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.panes import switcher as panes
@@ -28,11 +28,11 @@ class Rereading:
         self.gone = False
         self.starts: list[int] = []
 
-    def load(self, start: int, count: int, codebook: Codebook) -> tuple[Packed, dict[int, bytes]]:
+    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
         if self.gone:
             raise FileError("run.mcap: there is no such file any more")
         self.starts.append(start)
-        return pack(self.rows[start : start + count], codebook)
+        return RowBatch.from_rows(self.rows[start : start + count], codebook)
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
-from fte_sniff.row_batch import Codebook, pack
+from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.tui.panes.statistics import ALL_IN_ORDER, StatisticsText, page
 from fte_sniff.tui.table.theme import DARK
 
@@ -31,10 +31,10 @@ Rows = Callable[..., list[Row]]
 
 def _told(rows: Sequence[Row], now_ns: int | None = NOON_NS, behind: int = 0) -> StatisticsText:
     statistics, codebook = Statistics(LineSetup()), Codebook()
-    packed, _ = pack(rows, codebook)
-    statistics.observe(Decoded(packed), codebook)
+    decoded = Decoded(RowBatch.from_rows(rows, codebook))
+    statistics.observe(decoded, codebook)
     flags = FlagCounts()
-    flags.observe(Decoded(packed), motor_rows(Decoded(packed)))
+    flags.observe(decoded, motor_rows(decoded))
     return StatisticsText(statistics, flags.stats(), now_ns, behind, 0)
 
 

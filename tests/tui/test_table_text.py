@@ -25,7 +25,7 @@ from fte_sniff.protocol import (
     encode,
     record,
 )
-from fte_sniff.row_batch import Codebook, pack
+from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.panes.detail import Width, detail_text
 from fte_sniff.tui.table.columns import MARKS, ORDER, VALUES, TableView, layout_for
 from fte_sniff.tui.table.painter import CellPosition, Painter
@@ -291,10 +291,10 @@ def test_values_are_told_in_the_longest_form_that_fits(width: int, text: str) ->
 @given(KIND_FRAMES, st.integers(0, 60))
 def test_values_are_found_in_whatever_form_they_are_told(row: Frame, width: int) -> None:
     assert row.kind is not None
-    text, codebook = values_text(row, width), Codebook()
+    text = values_text(row, width)
     short = kind_text(row.kind.name, max(width, 11))
     for typed in filter(None, (text, short)):
-        assert Search.parse(typed).mask(*pack([row], codebook), codebook).all()
+        assert Search.parse(typed).mask(RowBatch.from_rows([row])).all()
 
 
 @pytest.mark.parametrize(

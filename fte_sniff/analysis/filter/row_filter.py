@@ -18,19 +18,18 @@ damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
 from typing import Final
 
 import polars as pl
 
-from fte_sniff.analysis.dataframe import packed_frame, row_frame, table_frame, wide
+from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.fields import Bools
 from fte_sniff.analysis.filter.parser import parse
 from fte_sniff.errors import FilterError, printable
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
-from fte_sniff.row_batch import Codebook, Packed, SideBySide
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,28 +74,17 @@ class RowFilter:
             found = found.new_from_index(0, frame.height)
         return found.fill_null(False)
 
-    def among(self, rows: SideBySide) -> pl.Series:
-        """For every one of the rows, which lie side by side, whether it is wanted; never null.
+    def matches(self, rows: Sequence[Row]) -> Bools:
+        """Whether each row is wanted.
 
         Raises:
             FilterError: the filter cannot be computed for these rows.
         """
-        return self.mask(wide(table_frame(rows, self.names or ("offset",))))
-
-    def of_packed(self, packed: Packed, long: Mapping[int, bytes], codebook: Codebook) -> Bools:
-        """For every packed row whether it is wanted; `long` by place in `packed`.
-
-        Raises:
-            FilterError: the filter cannot be computed for these rows.
-        """
-        frame = packed_frame(packed, long, codebook, self.names or ("offset",))
-        return self.mask(frame).to_numpy()
+        return self.mask(row_frame(rows, self.names or ("offset",))).to_numpy()
 
     def select(self, rows: Sequence[Row]) -> list[Row]:
         """The rows that are wanted, in their order."""
-        if not rows:
-            return []
-        return list(compress(rows, self.mask(row_frame(rows, self.names or ("offset",)))))
+        return list(compress(rows, self.matches(rows))) if rows else []
 
 
 def _refused(error: BaseException) -> FilterError:

@@ -27,7 +27,7 @@ from fte_sniff.protocol import (
     frame_faults,
     record,
 )
-from fte_sniff.row_batch import Codebook, pack
+from fte_sniff.row_batch import RowBatch
 
 NOON = 1_767_268_800_000_000_000
 """2026-01-01T12:00:00Z."""
@@ -251,8 +251,7 @@ def test_a_byte_pattern_matches_only_at_byte_boundaries(
     wanted = RowFilter.parse(f"raw LIKE '{' '.join(tokens)}'")
     expected = [_matches(tokens, raw) for raw in raws]
     assert wanted.mask(row_frame(rows)).to_list() == expected
-    codebook = Codebook()
-    assert wanted.of_packed(*pack(rows, codebook), codebook).tolist() == expected
+    assert wanted.matches(RowBatch.from_rows(rows)).tolist() == expected
 
 
 @pytest.mark.parametrize("text", ["motor = 1", "TRUE", "noise"])

@@ -1,4 +1,4 @@
-"""Rows one by one, packed and in columns: every command sees and writes the same."""
+"""Rows in a list and in a batch: every command sees and writes the same."""
 
 import io
 from dataclasses import replace
@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.counters import Tally
-from fte_sniff.analysis.dataframe import TABLE_SCHEMA
+from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FileError
 from fte_sniff.formats.parquet import write_parquet
@@ -18,8 +18,9 @@ from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
 from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.row_ranges import TimeRange
-from fte_sniff.row_batch import Codebook, PackedRows, RowBatch, pack
-from fte_sniff.session.inputs import ColumnBatch, InputBatch, ListBatch, PackedBatch
+from fte_sniff.row_batch import RowBatch
+from fte_sniff.session.inputs import InputBatch
+from fte_sniff.session.pipeline import write_rows
 
 PORTS = [
     "/dev/ttyUSB0",
@@ -55,55 +56,31 @@ UNTIMED = st.lists(
 )
 
 
-def both(rows: list[Row]) -> tuple[ListBatch, ColumnBatch]:
-    return ListBatch(rows), ColumnBatch(RowBatch.from_rows(rows))
-
-
-def packed(rows: list[Row]) -> PackedBatch:
-    codebook = Codebook()
-    return PackedBatch(PackedRows(*pack(rows, codebook), codebook))
-
-
-def each(rows: list[Row]) -> tuple[ListBatch, ColumnBatch, PackedBatch]:
-    return (*both(rows), packed(rows))
+def both(rows: list[Row]) -> tuple[InputBatch, InputBatch]:
+    return InputBatch(rows), InputBatch(RowBatch.from_rows(rows))
 
 
 def written(batch: InputBatch, form: OutputFormat) -> str:
     stream = io.StringIO()
     writer = row_writer(form, stream, ports=True)
-    batch.write_to(writer)
+    write_rows(writer, batch.rows)
     writer.close()
     return stream.getvalue()
 
 
 @pytest.mark.parametrize("form", [*TEXT_FORMATS, OutputFormat.HEX])
-@given(rows=ROWS)
+@given(rows=ROWS | UNTIMED)
 def test_the_text_is_the_same_byte_for_byte(form: OutputFormat, rows: list[Row]) -> None:
-    one_by_one, *others = each(rows)
+    one_by_one, at_once = both(rows)
     if rows:
-        for batch in others:
-            assert written(batch, form) == written(one_by_one, form)
+        assert written(at_once, form) == written(one_by_one, form)
 
 
-@pytest.mark.parametrize("form", [*TEXT_FORMATS, OutputFormat.HEX])
-@given(rows=UNTIMED)
-def test_also_where_rows_have_no_times(form: OutputFormat, rows: list[Row]) -> None:
-    assert written(packed(rows), form) == written(ListBatch(rows), form)
-
-
-@given(ROWS)
+@given(ROWS | UNTIMED)
 def test_the_count_is_the_same(rows: list[Row]) -> None:
-    tallies = Tally(), Tally(), Tally()
-    for tally, batch in zip(tallies, each(rows), strict=True):
-        batch.count(tally)
-    assert tallies[0] == tallies[1] == tallies[2]
-
-
-@given(UNTIMED)
-def test_also_without_times(rows: list[Row]) -> None:
     one_by_one, at_once = Tally(), Tally()
-    ListBatch(rows).count(one_by_one)
-    packed(rows).count(at_once)
+    for tally, batch in zip((one_by_one, at_once), both(rows), strict=True):
+        tally.update(batch.rows)
     assert at_once == one_by_one
 
 
@@ -126,51 +103,47 @@ def test_also_without_times(rows: list[Row]) -> None:
 )
 def test_a_filter_wants_the_same(rows: list[Row], text: str) -> None:
     wanted = RowFilter.parse(text)
-    one_by_one, *others = each(rows)
-    for batch in others:
-        assert batch.wanted(wanted).rows() == one_by_one.wanted(wanted).rows()
+    one_by_one, at_once = both(rows)
+    assert list(at_once.select(wanted).rows) == one_by_one.select(wanted).rows
 
 
 @given(ROWS, st.integers(0, 14))
 def test_the_first_rows_are_the_same(rows: list[Row], count: int) -> None:
-    assert all(batch.first(count).rows() == rows[:count] for batch in each(rows))
+    assert all(list(batch.first(count).rows) == rows[:count] for batch in both(rows))
 
 
-@given(UNTIMED, st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1))
+@given(ROWS | UNTIMED)
+def test_the_times_are_the_same(rows: list[Row]) -> None:
+    one_by_one, at_once = both(rows)
+    assert at_once.times == one_by_one.times
+
+
+@given(ROWS, st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1))
 def test_a_span_holds_the_same(rows: list[Row], first_ns: int, end_ns: int) -> None:
     span = TimeRange(first_ns, end_ns)
-    one_by_one, at_once = ListBatch(rows), packed(rows)
-    assert at_once.timed == one_by_one.timed
-    assert at_once.within(span).rows() == one_by_one.within(span).rows()
-
-
-@given(ROWS)
-def test_the_columns_of_a_recording_are_the_same(rows: list[Row]) -> None:
-    for batch in each(rows):
-        assert list(batch.columns(Codebook())) == rows
+    inside = [row for row in rows if span.contains(row)]
+    assert list(span.select(RowBatch.from_rows(rows))) == inside
 
 
 @given(UNTIMED.filter(lambda rows: any(row.t_ns is None for row in rows)))
 def test_a_recording_takes_no_row_without_time(
     tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
 ) -> None:
-    for batch in (ListBatch(rows), packed(rows)):
-        with pytest.raises(FileError, match="has no time since 1970"):
-            write_recording(tmp_path_factory.getbasetemp() / "x", [], [batch.columns(Codebook())])
+    with pytest.raises(FileError, match="has no time since 1970"):
+        write_recording(tmp_path_factory.getbasetemp() / "x", [], [RowBatch.from_rows(rows)])
 
 
 @given(ROWS)
 def test_the_frame_is_the_same(rows: list[Row]) -> None:
-    one_by_one, *others = each(rows)
-    for batch in others:
-        assert batch.frame().equals(one_by_one.frame())
-        assert batch.frame().schema == TABLE_SCHEMA
+    one_by_one, at_once = (table_frame(batch.rows) for batch in both(rows))
+    assert at_once.equals(one_by_one)
+    assert at_once.schema == one_by_one.schema == TABLE_SCHEMA
 
 
 def test_parquet_is_the_frames_one_behind_the_other(tmp_path: Path) -> None:
     rows: list[Row] = [Damage("p", at, b"x", at, (Fault.NOISE,)) for at in range(100)]
     batches = [both(rows[:30])[0], both(rows[30:])[1]]
     path = tmp_path / "rows.parquet"
-    write_parquet((batch.frame() for batch in batches), path, dict(TABLE_SCHEMA))
+    write_parquet((table_frame(batch.rows) for batch in batches), path, dict(TABLE_SCHEMA))
     found = pl.read_parquet(path)
-    assert found.equals(both(rows)[1].frame())
+    assert found.equals(table_frame(rows))

@@ -1,4 +1,4 @@
-"""Logs in portions: the framer's rows, and nothing waits for what has not come."""
+"""Logs in spans: the framer's rows, and nothing waits for what has not come."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.protocol import Chunk, Framer, Row
 from fte_sniff.recording.row_ranges import TimeRange
-from fte_sniff.session.inputs import FEW, PORTION, LogInput, decided, log_batches
+from fte_sniff.session.inputs import FEW, SPAN_BYTES, LogInput, decided_spans, rows_of_spans
 from tests.protocol.streams import raw_bytes
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
@@ -20,7 +20,7 @@ CUT = ["f: ends in the middle of a frame (4 of 10 bytes)"]
 
 
 def rows_of(log: LogInput, notes: list[str], span: TimeRange | None = None) -> list[list[Row]]:
-    return [list(batch.sequence()) for batch in log.batches(span, notes.append)]
+    return [list(batch.rows) for batch in log.batches(span, notes.append)]
 
 
 @settings(max_examples=30, deadline=None)
@@ -35,17 +35,17 @@ def test_rows_are_the_framers(data: bytes, repeated: int, waiting: bool, start_n
     expected = [row for chunk in chunks for row in framer.feed(chunk)] + framer.flush()
     if data:
         for few in (0, 1000, FEW):
-            portions = decided(chunks, "f", lambda _: None, lambda: waiting)
-            found = [row for batch in log_batches(portions, few) for row in batch.rows()]
+            spans = decided_spans(chunks, "f", lambda _: None, lambda: waiting)
+            found = [row for rows in rows_of_spans(spans, few) for row in rows]
             assert found == expected
 
 
-def test_portions_are_bounded() -> None:
-    chunks = (Chunk("f", None, FRAME) for _ in range(PORTION // 4))
+def test_spans_are_bounded() -> None:
+    chunks = (Chunk("f", None, FRAME) for _ in range(SPAN_BYTES // 4))
     notes: list[str] = []
     sizes = [len(rows) for rows in rows_of(LogInput(chunks, "f"), notes)]
-    assert sum(sizes) == PORTION // 4
-    assert max(sizes) <= PORTION // len(FRAME) + 1
+    assert sum(sizes) == SPAN_BYTES // 4
+    assert max(sizes) <= SPAN_BYTES // len(FRAME) + 1
 
 
 def test_what_has_come_is_handed_on_before_more_is_waited_for() -> None:
@@ -58,7 +58,7 @@ def test_what_has_come_is_handed_on_before_more_is_waited_for() -> None:
 
     handed: list[tuple[int, int]] = []
     for batch in LogInput(chunks(), "f", lambda: True).batches(None, lambda _: None):
-        handed.append((len(asked), len(batch)))
+        handed.append((len(asked), len(batch.rows)))
     assert handed == [(1, 5), (2, 5), (3, 5), (3, 0)]
 
 
@@ -77,7 +77,7 @@ def test_rows_before_an_error_are_not_lost() -> None:
         raise InputTextError("no hex")
 
     batches = LogInput(chunks(), "f").batches(None, lambda _: None)
-    assert [len(row.raw) for row in next(batches).sequence()] == [10, 10, 10, 4]
+    assert [len(row.raw) for row in next(batches).rows] == [10, 10, 10, 4]
     with pytest.raises(InputTextError):
         next(batches)
 
@@ -100,6 +100,6 @@ def test_a_large_file_is_read_in_pieces(tmp_path: Path) -> None:
     path = tmp_path / "large.bin"
     path.write_bytes(FRAME * 200_000)
     (one,) = open_inputs([path], ReadOptions())
-    sizes = [len(batch) for batch in one.batches(None, lambda _: None)]
+    sizes = [len(batch.rows) for batch in one.batches(None, lambda _: None)]
     assert sum(sizes) == 200_000
-    assert max(sizes) <= PORTION // len(FRAME) + 1
+    assert max(sizes) <= SPAN_BYTES // len(FRAME) + 1

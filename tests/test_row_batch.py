@@ -1,0 +1,223 @@
+"""A batch holds the rows it is made of, whether from rows or from the framer's spans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import compress
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.faults import damaged_stream
+from fte_sniff.analysis.counters import Tally
+from fte_sniff.analysis.fields import NO_KIND, field_values, kind_codes
+from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Damage, Fault, Frame, Framer, Row
+from fte_sniff.protocol.framer.segments import DecidedSpan
+from fte_sniff.row_batch import COLUMNS, Codebook, RowBatch, RowBuffer
+from tests.protocol.streams import raw_bytes
+
+ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
+INDEX = st.integers(-13, 13)
+
+
+def facts(rows: Sequence[Row]) -> list[tuple[object, ...]]:
+    """All facts of rows, also those that equality ignores."""
+    return [(type(row), row, row.read_delay_ns, row.order_uncertain) for row in rows]
+
+
+@given(ROWS, st.data())
+def test_a_batch_is_a_sequence_of_its_rows(rows: list[Row], data: st.DataObject) -> None:
+    batch = RowBatch.from_rows(rows)
+    assert facts(batch) == facts(rows)
+    assert len(batch) == len(rows)
+    start, end = data.draw(INDEX), data.draw(INDEX)
+    assert facts(batch[start:end]) == facts(rows[start:end])
+    if rows:
+        at = data.draw(st.integers(-len(rows), len(rows) - 1))
+        assert facts([batch[at]]) == facts([rows[at]])
+
+
+@given(ROWS, ROWS)
+def test_batches_are_concatenated_and_recoded(one: list[Row], two: list[Row]) -> None:
+    whole = RowBatch.concat([RowBatch.from_rows(one), RowBatch.from_rows(two)])
+    assert facts(whole) == facts(one + two)
+    codebook = Codebook()
+    codebook.port_code("another first")
+    codebook.fault_code(tuple(Fault))
+    recoded = RowBatch.from_rows(whole, codebook)
+    assert recoded.codebook is codebook
+    assert facts(recoded) == facts(one + two)
+
+
+@given(ROWS, st.data())
+def test_rows_are_selected_by_slice_mask_and_index(rows: list[Row], data: st.DataObject) -> None:
+    batch = RowBatch.from_rows(rows)
+    mask = data.draw(st.lists(st.booleans(), min_size=len(rows), max_size=len(rows)))
+    assert list(batch.select(np.array(mask, np.bool_))) == list(compress(rows, mask))
+    if rows:
+        indices = data.draw(st.lists(st.integers(0, len(rows) - 1), max_size=5))
+        assert list(batch.select(np.array(indices, np.int64))) == [rows[at] for at in indices]
+    start, end = data.draw(INDEX), data.draw(INDEX)
+    assert list(batch.select(slice(start, end))) == rows[start:end]
+
+
+@given(ROWS, ROWS)
+def test_allocated_rows_are_filled_in(one: list[Row], two: list[Row]) -> None:
+    codebook = Codebook()
+    batch = RowBatch.allocate(codebook, len(one) + len(two))
+    batch.assign(0, RowBatch.from_rows(one, codebook))
+    for at, row in enumerate(two, len(one)):
+        batch.put(at, row)
+    assert facts(batch) == facts(one + two)
+
+
+def test_a_buffer_is_one_batch_only_if_all_that_was_reserved_fits() -> None:
+    buffer = RowBuffer(Codebook(), 10)
+    for start, end in ((0, 4), (4, 10)):
+        buffer.reserve(end - start).t_ns[:] = range(start, end)
+    whole = buffer.filled()
+    assert whole is not None
+    assert whole.t_ns.tolist() == list(range(10))
+    assert len(buffer.reserve(3)) == 3
+    assert buffer.filled() is None
+    assert whole.t_ns.tolist() == list(range(10))
+
+
+@given(ROWS)
+def test_the_bytes_of_a_batch_are_those_of_its_rows(rows: list[Row]) -> None:
+    batch = RowBatch.from_rows(rows)
+    assert batch.tobytes() == b"".join(row.raw for row in rows)
+    assert batch[1:].tobytes() == b"".join(row.raw for row in rows[1:])
+
+
+@given(ROWS)
+def test_a_batch_is_counted_as_its_rows_are(rows: list[Row]) -> None:
+    found, expected = Tally(), Tally()
+    found.update(RowBatch.from_rows(rows))
+    expected.update(rows)
+    assert found == expected
+
+
+@given(ROWS)
+def test_times_are_the_first_and_the_latest(rows: list[Row]) -> None:
+    times = [row.t_ns for row in rows]
+    known = [time for time in times if time is not None]
+    expected = (known[0], max(known)) if times and len(known) == len(times) else None
+    assert RowBatch.from_rows(rows).times == expected
+
+
+def test_a_row_and_its_index_under_a_filter_take_no_more_than_48_bytes() -> None:
+    batch = RowBatch.allocate(Codebook(), 1)
+    assert sum(getattr(batch, name).nbytes for name in COLUMNS) + 2 <= 48
+
+
+# Spans of the framer
+
+TIMES = st.none() | st.integers(0, 2**62) | st.integers(10**18, 10**18 + 10**9)
+
+
+def pieces(data: bytes, sizes: Sequence[int]) -> list[bytes]:
+    """The data cut into pieces of these sizes, again and again."""
+    found: list[bytes] = []
+    at = turn = 0
+    while at < len(data):
+        size = sizes[turn % len(sizes)]
+        found.append(data[at : at + size])
+        at, turn = at + size, turn + 1
+    return found
+
+
+def one_by_one(chunks: Sequence[Chunk]) -> list[Row]:
+    framer = Framer("p")
+    fed = [framer.feed(chunk) for chunk in chunks]
+    return [row for rows in fed for row in rows] + framer.flush()
+
+
+def spans_of(chunks: Sequence[Chunk], taken_after: int) -> list[DecidedSpan]:
+    """The spans of the same chunks, one for every `taken_after` of them."""
+    framer, found = Framer("p"), []
+    for count, chunk in enumerate(chunks):
+        framer.push(chunk)
+        if count % taken_after == 0:
+            found.append(framer.drain())
+    framer.finish()
+    return [*found, framer.drain()]
+
+
+def check(chunks: Sequence[Chunk], taken_after: int) -> None:
+    expected = facts(one_by_one(chunks))
+    spans = spans_of(chunks, taken_after)
+    assert facts([row for span in spans for row in span.rows()]) == expected
+    batches = [RowBatch.from_span(span) for span in spans]
+    assert [len(span) for span in spans] == [len(batch) for batch in batches]
+    assert facts([row for batch in batches for row in batch]) == expected
+    assert facts(RowBatch.concat(batches)) == expected
+
+
+@settings(deadline=None)
+@given(raw_bytes, st.lists(st.integers(1, 120), min_size=1, max_size=4), st.integers(1, 5))
+def test_spans_give_the_rows(data: bytes, sizes: list[int], taken_after: int) -> None:
+    check([Chunk("p", None, piece) for piece in pieces(data, sizes)], taken_after)
+
+
+@settings(deadline=None)
+@given(
+    raw_bytes,
+    st.lists(st.integers(1, 60), min_size=1, max_size=4),
+    st.lists(TIMES, min_size=1, max_size=20),
+    st.integers(1, 5),
+)
+def test_and_their_times(
+    data: bytes, sizes: list[int], times: list[int | None], taken_after: int
+) -> None:
+    cut = pieces(data, sizes)
+    chunks = [Chunk("p", times[at % len(times)], piece) for at, piece in enumerate(cut)]
+    check(chunks, taken_after)
+
+
+@pytest.mark.parametrize("size", [1 << 12, 99_991, 1 << 20])
+@pytest.mark.parametrize(
+    ("share", "payload"), [(0.0, "ordinary"), (0.001, "ordinary"), (0.2, "hostile")]
+)
+def test_large_pieces_give_the_rows(size: int, share: float, payload: str) -> None:
+    stream, _ = damaged_stream(3, 20_000 if share < 0.1 else 2000, share, payload)
+    check([Chunk("p", None, piece) for piece in pieces(stream, [size])], 1)
+
+
+def test_noise_goes_on_from_piece_to_piece() -> None:
+    noise = Random(1).randbytes(10_000)
+    check([Chunk("p", None, piece) for piece in pieces(noise, [7, 4000])], 1)
+
+
+@pytest.mark.parametrize("data", [None, b""])
+def test_nothing_decided_is_no_rows(data: bytes | None) -> None:
+    framer = Framer("p")
+    if data is not None:
+        framer.push(Chunk("p", None, data))
+        framer.finish()
+    assert list(RowBatch.from_span(framer.drain())) == framer.drain().rows() == []
+
+
+@pytest.mark.parametrize(
+    ("share", "payload"), [(0.0, "ordinary"), (0.01, "ordinary"), (0.2, "hostile")]
+)
+def test_columns_have_the_values_of_the_rows(share: float, payload: str) -> None:
+    stream, _ = damaged_stream(3, 3000, share, payload)
+    chunk = Chunk("p", None, stream)
+    rows = one_by_one([chunk])
+    batch = RowBatch.concat([RowBatch.from_span(span) for span in spans_of([chunk], 1)])
+    assert batch.offset.tolist() == [row.offset for row in rows]
+    assert batch.length.tolist() == [len(row.raw) for row in rows]
+    assert batch.framed.tolist() == [isinstance(row, Frame) for row in rows]
+    assert [batch.codebook.faults[code] for code in batch.faults] == [row.faults for row in rows]
+    kind_of_row = kind_codes(batch.raw, batch.framed)
+    kinds = [row.kind if isinstance(row, Frame) else None for row in rows]
+    assert kind_of_row.tolist() == [KINDS.index(k) if k else NO_KIND for k in kinds]
+    for field in VALUE_FIELDS:
+        values, known = field_values(batch.raw, kind_of_row, field.name)
+        expected = [row.values.get(field.name) if isinstance(row, Frame) else None for row in rows]
+        got = [int(v) if k else None for v, k in zip(values, known, strict=True)]
+        assert got == expected
