@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, VALUE_FIELDS, Direction, Field, FrameKind
-from fte_sniff.protocol.spec import CMD_OFFSET, NUM_OFFSET
+from fte_sniff.protocol.spec import CMD_OFFSET, FTE_FORMAT, NUM_OFFSET
 from fte_sniff.row_batch import RowBatch
 
 Array: TypeAlias = npt.NDArray[Any]
@@ -26,14 +26,6 @@ NO_TIME: Final = -(2**63)
 """Stands for the time of a row that has none."""
 
 
-def _kind_codes() -> Codes:
-    codes = np.full(1 << 16, NO_KIND, np.uint8)
-    for code, kind in enumerate(KINDS):
-        for cmd in kind.cmds:
-            codes[kind.header | cmd << 8] = code
-    return codes
-
-
 def _field_places() -> dict[str, dict[tuple[int, int, bool], Bools]]:
     """For every row name: where kinds keep it (start, size, signed), and which kinds those are."""
     places: dict[str, dict[tuple[int, int, bool], Bools]] = {}
@@ -47,9 +39,7 @@ def _field_places() -> dict[str, dict[tuple[int, int, bool], Bools]]:
     return places
 
 
-KIND_OF: Final = _kind_codes()
-"""By header and CMD, read as one little-endian number: the kind's place in `KINDS`."""
-
+_KIND_CODES: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
 _FIELD_PLACES: Final = _field_places()
 
 
@@ -60,7 +50,9 @@ def kind_codes(raw: Array, framed: Bools) -> Codes:
         raw: the first ten bytes of every row.
         framed: which rows are frames.
     """
-    kinds: Codes = KIND_OF.take(raw[:, 0] | raw[:, CMD_OFFSET].astype(np.uint16) << np.uint16(8))
+    kinds: Codes = _KIND_CODES.take(
+        raw[:, 0].astype(np.uint16) << np.uint16(8) | raw[:, CMD_OFFSET]
+    )
     kinds[~framed] = NO_KIND
     return kinds
 

@@ -345,6 +345,14 @@ class FrameFormat:
                 legal[field.start] = bytes(byte for byte in range(256) if field.is_legal(byte))
         return legal
 
+    def kind_codes(self, no_kind: int) -> bytes:
+        """By header * 256 + CMD: the index in `kinds`; `no_kind` if they name none."""
+        codes = bytearray([no_kind]) * (1 << 16)
+        for code, kind in enumerate(self.kinds):
+            for cmd in kind.cmds:
+                codes[self.header(kind) << 8 | cmd] = code
+        return bytes(codes)
+
 
 FTE_FORMAT = FrameFormat(FRAME_LENGTH, HEADERS, TAIL, KINDS)
 """The frame table of this protocol as one value."""

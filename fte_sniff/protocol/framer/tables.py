@@ -86,14 +86,6 @@ def _delimiters(frame_format: FrameFormat) -> bytes:
     return bytes(delimiters)
 
 
-def _kind_of(frame_format: FrameFormat) -> bytes:
-    numbers = bytearray([NO_KIND]) * (1 << 16)
-    for number, kind in enumerate(frame_format.kinds):
-        for cmd in kind.cmds:
-            numbers[frame_format.header(kind) << 8 | cmd] = number
-    return bytes(numbers)
-
-
 def _unused_num(kind: FrameKind, legal: _LegalBytes) -> bool:
     """Whether NUM has no meaning in this kind and may be anything."""
     return legal[NUM_OFFSET] is None and not kind.names_motor
@@ -194,7 +186,7 @@ class FrameTables:
 
         self.delimiters = vec[u8](_delimiters(frame_format))
         """By byte: `HEADER`, `TAIL`, or 0."""
-        self.kind_of = vec[u8](_kind_of(frame_format))
+        self.kind_of = vec[u8](frame_format.kind_codes(NO_KIND))
         """By header * 256 + CMD: the kind, or `NO_KIND`."""
         self.is_cmd = vec[u8](_set_of(cmd for kind in kinds for cmd in kind.cmds))
         """By byte: 1 if it is the CMD of a kind."""
