@@ -1,4 +1,4 @@
-"""Measures how well the framer finds frames, invents none, doubts few, and names damage.
+"""Measures the framer's quality: frames found, invented, ambiguous; labels of damage.
 
     python -m benchmarks.framer_quality [--frames 100000] [--seeds 1 2 3] [--joins 100000]
 
@@ -25,7 +25,7 @@ def rows_of(stream: bytes) -> list[Row]:
 
 
 def quality(seed: int, frames: int) -> Counter[tuple[Harm, str, str]]:
-    """Print the table for one seed; returns what single faults were called."""
+    """Print the table for one seed; returns the labels of single faults."""
     named: Counter[tuple[Harm, str, str]] = Counter()
     for share, payload in LINES:
         stream, sent = damaged_stream(seed, frames, share, payload)
@@ -45,11 +45,11 @@ def quality(seed: int, frames: int) -> Counter[tuple[Harm, str, str]]:
 
 
 def print_confusion(named: Counter[tuple[Harm, str, str]]) -> None:
-    """Print the confusion table: a line for whatever can be told apart in what was done."""
+    """Print the confusion table: one line for each kind of damage."""
     for done in dict.fromkeys(done for _, done, _ in sorted(named)):
         row: Counter[str] = Counter()
-        for (_, told, label), count in named.items():
-            row[label] += count if told == done else 0
+        for (_, kind, label), count in named.items():
+            row[label] += count if kind == done else 0
         total = row.total()
         shown = [(label, count) for label, count in row.most_common() if count]
         text = ", ".join(f"{label} {count / total:.2%}" for label, count in shown)
@@ -82,7 +82,7 @@ def main() -> None:
     named: Counter[tuple[Harm, str, str]] = Counter()
     for seed in chosen.seeds:
         named += quality(seed, chosen.frames)
-    print("what single faults between intact neighbours are called:")
+    print("labels of single faults between intact neighbours:")
     print_confusion(named)
     if chosen.joins:
         joins(chosen.seeds[0], chosen.joins)

@@ -1,7 +1,7 @@
-"""Owns the decoders that the framer's speed is compared with: what people write or take instead.
+"""Other decoders, for speed comparisons: construct, Kaitai Struct, a plain state machine.
 
-Each takes bytes and gives columns (lists by name). None of them knows of damage: where a frame does
-not fit they go on at the next byte. They must not take anything from the framer.
+Each one turns bytes into columns (lists by name). None of them handles damage: where no frame can
+be parsed, they continue at the next byte.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""Shows the rows of damaged streams that are invented and called `ok`, with what the oracle says.
+"""Lists invented rows with status `ok` in damaged streams, with the oracle's probability.
 
     python -m benchmarks.undecidable [--seeds 201 202] [--frames 100000] [--share 0.2]
                                      [--payload ordinary]
 
-For each such row: where it is, its bytes with `|` where one sent frame's ended and the next one's
-began, and how probable the oracle of the tests calls the frame, which weighs all readings of six
-frames on either side, with all the time it wants. A row that the oracle believes too cannot be told
-from a frame that was sent, by these bytes and this cost model.
+For each such row: its offset, its bytes with `|` at the boundaries of the sent frames, and the
+probability that the oracle of the tests computes from six frames on either side. A row that the
+oracle trusts too cannot be told from a sent frame, with these bytes and this model.
 """
 
 from __future__ import annotations
@@ -23,21 +22,21 @@ from fte_sniff.protocol.framer.likelihood import CERTAIN
 from tests.protocol import oracle
 
 NEIGHBOURS = 6
-"""Frames on either side that the oracle sees."""
+"""Frames on either side that the oracle uses."""
 
 
 def probability(stream: bytes, sent: Sequence[Sent], row: Frame) -> float:
-    """How probable the oracle calls the frame that this row shows."""
+    """The oracle's probability of the frame in this row."""
     number = bisect_right([frame.start for frame in sent], row.offset) - 1
     first, behind = max(0, number - NEIGHBOURS), number + NEIGHBOURS
     begin = sent[first].start - sent[first].before
     end = sent[behind].start - sent[behind].before if behind < len(sent) else len(stream)
-    told: dict[int, float] = oracle.probabilities(stream[begin:end])
-    return told.get(row.offset - begin, 0.0)
+    probabilities: dict[int, float] = oracle.probabilities(stream[begin:end])
+    return probabilities.get(row.offset - begin, 0.0)
 
 
 def divided(sent: Sequence[Sent], row: Frame) -> str:
-    """The row's bytes, with a mark where those of one sent frame end."""
+    """The row's bytes, with `|` at the boundaries of the sent frames."""
     begins = {frame.start for frame in sent} | {frame.start - frame.before for frame in sent}
     parts = [
         ("| " if row.offset + place in begins and place else "") + f"{byte:02X}"
@@ -60,7 +59,7 @@ def main() -> None:
             probable = probability(stream, sent, row)
             shown, doubtful = shown + 1, doubtful + (probable < CERTAIN)
             print(f"{seed:5} {row.offset:8}  {divided(sent, row):33} {probable:.7f}", flush=True)
-    print(f"{shown} rows, of which the oracle believes {shown - doubtful}")
+    print(f"{shown} rows, of which the oracle trusts {shown - doubtful}")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 
 from tests.examples import HOUSE
-from tests.framer_form import INTERPRETED, complaint, interpret
+from tests.framer_form import INTERPRETED, form_error, interpret
 from tests.pseudo_terminals import new_pty, pty, until  # noqa: F401
 
 # Tests of full disks limit the size of files. What is first loaded under such a limit would be
@@ -41,7 +41,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--interpreted"):
         interpret()
     elif not hasattr(config, "workerinput"):
-        wrong = complaint(os.environ)
+        wrong = form_error(os.environ)
         if wrong is not None:
             raise pytest.UsageError(wrong)
 

@@ -1,13 +1,12 @@
-"""Owns the coverage-guided search for input that breaks the framer's promises.
+"""Coverage-guided fuzzing of the framer's promises.
 
     python tests/fuzz/fuzz_framer.py [corpus folder] [-max_total_time=300]
 
-It needs atheris, and the framer interpreted (`FTE_SNIFF_COMPILED=0 pip install -e .`): the search
-is not guided by what is compiled. The input is read as: one byte that says how to cut, then the
-stream. Broken is: an exception, rows that do not tile the stream, rows that depend on how the
-stream was cut, a frame that is not ten bytes between a header and a tail, a frame called `ok` that
-does not fit its kind, a frame that waited for more than two further ones, or columns that are not
-the rows.
+Needs atheris and the interpreted framer (`FTE_SNIFF_COMPILED=0 pip install -e .`), because compiled
+code gives no coverage. The first byte of the input selects how the stream, the other bytes, is cut.
+Failures are: an exception, rows that do not cover the stream, rows that depend on the chunks, a
+frame that is not ten bytes between a header and a tail, a frame with status `ok` that is illegal, a
+frame that waited for more than two further ones, or columns that differ from the rows.
 """
 
 from __future__ import annotations

@@ -119,13 +119,13 @@ class ForwardBackward:
         self.size = candidates.size
         self.ending = ending
         self._state = state.with_suffixes(candidates) if state.within_frame else state
-        self._forward = self._forward_pass(self._state, self.size)
-        self._backward = vec[float]([0.0] * (self.size + 1))
+        self.forward = self._forward_pass(self._state, self.size)
+        self.backward = vec[float]([0.0] * (self.size + 1))
         """By offset: the sum over all paths from there to the end."""
         self._from_header = vec[float]([0.0] * len(candidates.prefixes))
         """By header: the sum over the paths that start with a frame there."""
         self._backward_pass()
-        self._total = self._sum_of_paths(self._state)
+        self.total = self._sum_of_paths(self._state)
 
     # The two passes
 
@@ -176,7 +176,7 @@ class ForwardBackward:
             after_frame[at + candidates.tables.length] += before * full
 
     def _backward_pass(self) -> None:
-        backward, size, candidates = self._backward, self.size, self.candidates
+        backward, size, candidates = self.backward, self.size, self.candidates
         for at in range(size + 1):
             backward[at] = noise_to_end(self.ending, size - at)
         header: i64 = len(candidates.prefixes) - 1
@@ -199,7 +199,7 @@ class ForwardBackward:
     def _leave_tail(self, candidate_end: CandidateEnd, header: i64) -> None:
         """Backward step: add the paths after a tail to every start that reaches it; `header` is the
         number of the last header before the tail."""
-        candidates, backward, first = self.candidates, self._backward, candidate_end.first
+        candidates, backward, first = self.candidates, self.backward, candidate_end.first
         delimiters, data, scores = (
             candidates.tables.delimiters,
             candidates.data,
@@ -216,7 +216,7 @@ class ForwardBackward:
 
     def _sum_of_prefix(self, prefix: PrefixScore) -> float:
         """The sum over the paths that start with a candidate of that prefix."""
-        backward, at, score, candidates = self._backward, prefix.start, 0.0, self.candidates
+        backward, at, score, candidates = self.backward, prefix.start, 0.0, self.candidates
         for length in range(i64(1), prefix.longest_truncated + 1):
             score += candidates.truncated(prefix, length) * backward[at + length]
         full = candidates.whole(prefix) + candidates.bad_tail(prefix)
@@ -227,7 +227,7 @@ class ForwardBackward:
     def _sum_of_paths(self, state: BoundaryState) -> float:
         """The sum over all paths from that state to the end."""
         total, noise = 0.0, noise_continues(self.size) * noise_at_end(self.ending)
-        known, backward = state.after_frame, self._backward
+        known, backward = state.after_frame, self.backward
         for at in range(min(i64(len(known)), self.size + 1)):
             total += known[at] * backward[at]
         for number, prefix in enumerate(self.candidates.prefixes):
@@ -249,7 +249,7 @@ class ForwardBackward:
 
     def probability(self, start: i64, stop: i64, score: float) -> float:
         """The probability (0-1) of a candidate with that score from `start` to `stop`."""
-        return self._sum_before(self._forward, start) * score * self._backward[stop] / self._total
+        return self._sum_before(self.forward, start) * score * self.backward[stop] / self.total
 
     def _sum_before(self, forward: ForwardPass, at: i64) -> float:
         """The sum over all paths before an offset where a frame starts."""
@@ -258,12 +258,12 @@ class ForwardBackward:
 
     def boundary_probability(self, at: i64) -> float:
         """The probability (0-1) that no frame, whole or damaged, spans that offset."""
-        before = self._forward.after_frame[at] + self._forward.after_noise[at]
-        return before * self._backward[at] / self._total
+        before = self.forward.after_frame[at] + self.forward.after_noise[at]
+        return before * self.backward[at] / self.total
 
     def frame_probabilities(self) -> vec[float]:
         """By header: the probability (0-1) of a whole frame; 0 if a byte is illegal."""
-        return self._frame_probabilities(self._forward, self._total)
+        return self._frame_probabilities(self.forward, self.total)
 
     @property
     def follows_frame(self) -> bool:
@@ -281,7 +281,7 @@ class ForwardBackward:
         for number, prefix in enumerate(candidates.prefixes):
             if prefix.whole > 0.0:
                 score = self._sum_before(forward, prefix.start) * candidates.whole(prefix)
-                after = self._backward[prefix.start + candidates.tables.length]
+                after = self.backward[prefix.start + candidates.tables.length]
                 probabilities[number] = score * after / total
         return probabilities
 

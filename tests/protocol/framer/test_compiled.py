@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.framer_form import ROOM, SETUP, complaint, interpret
+from tests.framer_form import PACKAGE, SETUP, form_error, interpret
 
 ROOT = SETUP.parent
 BOUND_S = 300
@@ -67,7 +67,7 @@ def test_the_interpreted_source_gives_the_same_rows() -> None:
     assert rows == rows_as_text()
 
 
-def test_what_only_the_source_allows_is_tested_with_it() -> None:
+def test_tests_that_replace_functions_run_with_the_source() -> None:
     folder = str(Path(__file__).parent)
     own = ("-n", "0", "-p", "no:cacheprovider", "--no-header")
     done = run("pytest", "-q", "--interpreted", "-m", "interpreted", *own, folder)
@@ -76,11 +76,11 @@ def test_what_only_the_source_allows_is_tested_with_it() -> None:
 
 
 def test_a_compiled_framer_of_another_source_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.startswith(f"{ROOM}.sources_")]:
+    for name in [name for name in sys.modules if name.startswith(f"{PACKAGE}.sources_")]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, f"{ROOM}.sources_0__mypyc", sys)
-    told = complaint({})
-    assert told == "the compiled framer is of another source: pip install -e . mends it"
+    monkeypatch.setitem(sys.modules, f"{PACKAGE}.sources_0__mypyc", sys)
+    error = form_error({})
+    assert error == "the compiled framer is of another source: run: pip install -e ."
 
 
 @pytest.mark.parametrize(
@@ -95,9 +95,9 @@ def test_a_compiled_framer_of_another_source_is_refused(monkeypatch: pytest.Monk
 def test_a_framer_that_is_not_compiled_is_refused_where_it_has_to_be(
     environment: dict[str, str], refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in [name for name in sys.modules if name.startswith(f"{ROOM}.sources_")]:
+    for name in [name for name in sys.modules if name.startswith(f"{PACKAGE}.sources_")]:
         monkeypatch.delitem(sys.modules, name)
-    assert (complaint(environment) is not None) is refused
+    assert (form_error(environment) is not None) is refused
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import prod
+from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
@@ -27,6 +28,7 @@ from fte_sniff.protocol.framer.decoder import (
 from fte_sniff.protocol.framer.likelihood import (
     BOUNDARY,
     CLOSED,
+    INTACT,
     JUNK,
     LONGEST_JUNK,
     NOISE_BEGINS,
@@ -384,3 +386,57 @@ def test_streaming_decides_as_the_oracle_does_on_the_whole(seed: int) -> None:
             assert probable[row.offset] > 0.5
         if row.offset in probable and probable[row.offset] < 0.02:
             assert row.faults
+
+
+# The worked example of docs/framer.md
+
+EXAMPLE = bytes.fromhex(
+    "AA 01 01 03 E8 AA 02 01 03 E8 00 00 00 0F EE 55 01 01 03 E8 00 00 00 0F EE"
+)
+"""A frame that lost its last five bytes, and two whole frames."""
+
+PAGE = Path(__file__).parents[3] / "docs" / "framer.md"
+
+
+def example_blocks() -> Iterator[str]:
+    """The blocks of numbers that the page shows, in its order."""
+    posterior = ForwardBackward(CandidateSet(FTE_TABLES, EXAMPLE), after_certain_frame(), BOUNDARY)
+    score, lines = INTACT * FTE_TABLES.kind_shares[2], []
+    for offset, byte in enumerate(EXAMPLE[5:15]):
+        factor = FTE_TABLES.byte_scores[(2 * FRAME_LENGTH + offset) * 256 + byte]
+        score *= factor
+        lines.append(f"{byte:02X}  {factor:8.4f}   {score:.3g}")
+    yield "\n".join(lines)
+    scores = candidate_scores(FTE_TABLES, EXAMPLE)
+    yield "\n".join(
+        f"{start:2}-{stop:2}  {EXAMPLE[start:stop].hex(' ').upper():29}  {score:7.1e}  {p:.4f}"
+        for (start, stop), score in sorted(scores.items())
+        if (p := posterior.probability(start, stop, score)) >= 0.0005
+    )
+    forward, backward = posterior.forward, posterior.backward
+    yield "\n".join(
+        f"{at:2}   {forward.after_frame[at]:7.1e}   {forward.after_noise[at]:7.1e}"
+        f"   {backward[at]:7.1e}   {posterior.boundary_probability(at):.4f}"
+        for at in (0, 4, 5, 7, 15, 25)
+    )
+    yield "\n".join(
+        f"{part.start:2}-{part.stop:2}  {'frame' if part.framed else 'damage'}"
+        f"  {', '.join(part.faults)}".rstrip()
+        for part in decoded(EXAMPLE, after_certain_frame(), BOUNDARY)
+    )
+
+
+def test_the_page_about_the_framer_shows_the_numbers_of_the_code() -> None:
+    page = PAGE.read_text("utf-8")
+    assert EXAMPLE[:5].hex(" ").upper() in page
+    for block in example_blocks():
+        assert f"\n{block}\n" in page
+
+
+def test_the_framer_gives_the_rows_of_the_worked_example() -> None:
+    frame = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
+    rows = rows_of(frame * 3 + EXAMPLE + frame * 3)[3:-3]
+    parts = decoded(EXAMPLE, after_certain_frame(), BOUNDARY)
+    assert [(row.offset - 30, isinstance(row, Frame), row.faults) for row in rows] == [
+        (part.start, part.framed, part.faults) for part in parts
+    ]
