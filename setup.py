@@ -1,11 +1,9 @@
-"""Owns how the framer is compiled when fte-sniff is installed: by mypyc, from its Python source.
+"""Compile the framer with mypyc at installation; all other settings are in pyproject.toml.
 
-It must not know what stands in the framer, nor anything else of the package: `pyproject.toml` does.
-
-The source is the only implementation. What was compiled lies beside it, where it is found first,
-and stands on one library, `sources_HASH__mypyc`, whose name says of which sources it was made.
-Where there is no C compiler, no Python.h or no mypy, nothing is compiled, and the source itself is
-run. With FTE_SNIFF_COMPILED=0 nothing is compiled anyway; with 1 it is an error where that fails.
+The Python source is the only implementation. The compiled modules are next to it, where Python
+finds them first; they load one library, `sources_HASH__mypyc`, named after the hash of the sources.
+Without a C compiler, Python.h or mypy, nothing is compiled and the source is interpreted.
+FTE_SNIFF_COMPILED=0 skips the compilation; with 1 a failed compilation is an error.
 """
 
 from __future__ import annotations
@@ -27,18 +25,17 @@ CHOICE = "FTE_SNIFF_COMPILED"
 NOTHING_BUILT = {"egg_info", "dist_info", "sdist", "clean"}
 """Commands that need no extension."""
 FLAGS = ("-Wno-error", "-fvisibility=hidden", "-fno-semantic-interposition")
-"""For the C compiler: warnings are none of the user's business; and since no other library calls
-the functions, one may be put into another."""
+"""Flags of the C compiler: warnings are no errors; functions are private, so it may inline them."""
 IN_PLACE = {"editable_wheel", "develop", "--inplace", "-i"}
 
 
 def sources() -> list[Path]:
-    """What is compiled. `__init__` is not: the library could not lie within its package then."""
+    """Modules to compile. Not `__init__`: the library has to be inside its package."""
     return sorted(path for path in (ROOT / FRAMER).glob("*.py") if path.name != "__init__.py")
 
 
 def library() -> str:
-    """The full name of the module that holds what is compiled of the present sources."""
+    """Full name of the library module for the present sources."""
     told = sha256()
     for path in sources():
         told.update(b"%b\0%b\0" % (path.name.encode(), path.read_bytes()))
@@ -46,16 +43,16 @@ def library() -> str:
 
 
 def forget(folder: Path) -> None:
-    """Remove what this Python would load of an earlier build."""
+    """Remove the compiled modules of an earlier build."""
     for path in folder.glob(f"*{get_config_var('EXT_SUFFIX')}"):
         path.unlink()
 
 
 def interpreted(reason: object) -> None:
-    """Say that nothing is compiled.
+    """Report that nothing is compiled.
 
     Raises:
-        SystemExit: it has to be.
+        SystemExit: FTE_SNIFF_COMPILED=1 demands it.
     """
     why = shorten(str(reason), 150, placeholder=" ...")
     if os.environ.get(CHOICE) == "1":
@@ -65,7 +62,7 @@ def interpreted(reason: object) -> None:
 
 
 def extensions() -> list[Extension]:
-    """One for the library, and one for each module; none if they cannot be translated to C."""
+    """Extensions of the library and each module; empty if mypyc cannot translate them."""
     if os.environ.get(CHOICE) == "0":
         return []
     try:
@@ -89,13 +86,13 @@ def extensions() -> list[Extension]:
 
 
 def build() -> None:
-    """Hand all that to setuptools."""
+    """Run setuptools."""
     from setuptools import setup
     from setuptools.command.build_ext import build_ext
     from setuptools.errors import BaseError, CCompilerError
 
     class AllOrNothing(build_ext):
-        """Modules without their library could not be loaded, so one failure takes all."""
+        """Drops all extensions if one fails: modules cannot be loaded without their library."""
 
         def build_extensions(self) -> None:
             try:

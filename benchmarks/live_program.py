@@ -1,7 +1,4 @@
-"""Owns the real program with its screen in a terminal, and what its processes take.
-
-It must not know what is measured with it.
-"""
+"""The real program with its screen in a terminal, and the resources of its processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Owns the figure for start-up: wall time of short commands against `python -c pass`, in one run.
+"""Start-up: wall time of short commands relative to `python -c pass`, in one run.
 
 python -m benchmarks.startup
 """

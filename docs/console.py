@@ -1,10 +1,10 @@
-"""Owns the outputs in the README files: each is what its command really prints.
+"""Keep the command outputs in the README files current.
 
-    python docs/console.py            run every command in a `console` block, write what it prints
-    python docs/console.py --check    say which outputs are not current; exit 1 if any
+    python docs/console.py            run every command in a `console` block, insert its output
+    python docs/console.py --check    report outputs that are not current; exit 1 if any
 
-A command is a line that begins with `$ `; it runs in the top folder, without a terminal, and what
-it prints on either stream stands below it until the next command or the end of the block.
+A command is a line that begins with `$ `. It runs in the top folder, without a terminal. Its output
+on both streams follows until the next command or the end of the block.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ BLOCK = re.compile(r"(?<=^```console\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
 
 
 def output_of(command: str) -> str:
-    """What a command prints, with lines that end in no spaces."""
+    """The output of a command, without trailing spaces."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(
         ["bash", "-c", command],
@@ -37,7 +37,7 @@ def output_of(command: str) -> str:
 
 
 def refreshed(page: str) -> str:
-    """The page with the output of every command as it is now."""
+    """The page with the current output of every command."""
 
     def run(block: re.Match[str]) -> str:
         commands = [line for line in block.group().splitlines() if line.startswith("$ ")]
@@ -47,7 +47,7 @@ def refreshed(page: str) -> str:
 
 
 def main() -> int:
-    """Refresh the pages, or check them; the exit code."""
+    """Refresh or check the pages; returns the exit code."""
     if sys.argv[1:] not in ([], ["--check"]):
         print(__doc__, file=sys.stderr)
         return 2

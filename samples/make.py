@@ -1,11 +1,11 @@
-"""Owns the sample files: made from the simulator with fixed seeds, so that anyone gets the same.
+"""Make the sample files with the simulator; fixed seeds make them reproducible.
 
     python samples/make.py            make every sample and its expected output again
-    python samples/make.py --check    say which are not current; exit 1 if any
+    python samples/make.py --check    report samples that are not current; exit 1 if any
 
-Each sample stands here three times, as a recording, as raw bytes and as hex text, and
-`expected/NAME.txt` is what `fte-sniff decode samples/NAME` prints of it. A recording is compared by
-what is in it, since another release of the compressor may pack the same chunks into other bytes.
+Each sample exists as a recording, as raw bytes and as hex text. `expected/NAME.txt` is the output
+of `fte-sniff decode samples/NAME`. Recordings are compared by content, because another release of
+the compressor may produce other bytes.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class Sample:
     name: str
     story: str
     query: str
-    """What is asked of sim://."""
+    """The parameters of sim://."""
     skip: int = 0
-    """Bytes that went by before the listener came."""
+    """Bytes before the first one that is captured."""
 
     @property
     def port(self) -> str:
@@ -55,7 +55,7 @@ class Sample:
         return f"sim://?{self.query}"
 
     def chunks(self) -> list[Chunk]:
-        """What was read, with its times."""
+        """The reads, with their times."""
         found, skip = [], self.skip
         for timed in simulate(parse_parameters(self.query)):
             data = timed.data[skip:]
@@ -83,7 +83,7 @@ SAMPLES = (
 
 
 def make(folder: Path) -> None:
-    """Make every sample, and what is expected of it, in `folder`."""
+    """Make every sample and its expected output in `folder`."""
     (folder / "expected").mkdir(parents=True, exist_ok=True)
     for sample in SAMPLES:
         chunks = sample.chunks()
@@ -133,7 +133,7 @@ def _decode(folder: Path, name: str, form: str, expected: str) -> None:
 
 
 def stale() -> list[str]:
-    """The files here that are not what `make` makes."""
+    """The files here that differ from what `make` makes."""
     with tempfile.TemporaryDirectory() as scratch:
         fresh = Path(scratch) / FOLDER.name
         make(fresh)
@@ -159,7 +159,7 @@ def _content(path: Path) -> object:
 
 
 def main() -> int:
-    """Make the samples, or check them; the exit code."""
+    """Make or check the samples; returns the exit code."""
     if sys.argv[1:] not in ([], ["--check"]):
         print(__doc__, file=sys.stderr)
         return 2
