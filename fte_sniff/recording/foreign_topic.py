@@ -1,12 +1,12 @@
-"""Read an MCAP topic written by other tools.
+"""Serial bytes in MCAP topics of other tools.
 
-What a message holds, its encoding tells:
+By the encoding of the message, the bytes are:
 
-    cdr, with a schema          its one array of bytes: std_msgs/UInt8MultiArray, or any message of
-                                numbers, texts, a Header and one uint8[]
-    protobuf, with a schema     its one field of bytes
-    json                        its one text of base64, or its one list of numbers from 0 to 255
-    any other, or none at all   the message itself
+    cdr, with a schema        its one byte array: std_msgs/UInt8MultiArray, or any message of
+                              numbers, strings, a Header and one uint8[]
+    protobuf, with a schema   its one field of type bytes
+    json                      its one base64 string, or its one list of numbers from 0 to 255
+    other or none             the message itself
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from fte_sniff.recording.mcap.records import RecordError, parse, records_in, unp
 from fte_sniff.recording.messages.schema import message_class
 
 Payload = Callable[[bytes], bytes]
-"""Takes a message and gives the serial bytes in it; raises ValueError where there are none."""
+"""Extracts the serial bytes from a message; raises ValueError if there are none."""
 
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _END_NS = 2**63
-"""In 2262: a table's times are 64 bits; what says to be later has no time that can be kept."""
+"""The year 2262: a later time does not fit 64-bit columns, and is dropped."""
 _CDR_HEAD = 4
 _COUNT = 4
 _BYTE_ARRAYS = ("uint8[]", "byte[]", "octet[]", "char[]", "sequence<uint8>", "sequence<octet>")
 
 
 def topic_chunks(path: Path, topic: str) -> Iterator[Chunk]:
-    """The bytes of a topic, a chunk for each message, in file order, with their log times.
+    """The bytes of a topic, a chunk for each message with its log time, in file order.
 
     Args:
-        path: an MCAP file of any writer.
-        topic: the topic's name; it is the port's name too.
+        path: the MCAP file.
+        topic: the topic, which is also the name of the port.
 
     Raises:
         FileError: the file cannot be read, lacks the topic, or a message holds no bytes.
@@ -137,13 +137,13 @@ def _protobuf(schema: Schema) -> Payload:
 
 
 def _cdr(schema: Schema) -> Payload:
-    """The one array of bytes of a message whose other fields can be passed over."""
+    """Extractor of the one byte array, for messages whose other fields can be skipped."""
     text = schema.data.decode("utf-8", "replace").split("=" * 20)[0]
     lines = [line.split("#")[0].split() for line in text.splitlines()]
-    kinds = [words[0] for words in lines if len(words) >= 2 and "=" not in "".join(words[1:])]
+    kinds = [line[0] for line in lines if len(line) >= 2 and "=" not in "".join(line[1:])]
     _only([kind for kind in kinds if kind in _BYTE_ARRAYS], schema.name)
     for kind in kinds[: next(at for at, kind in enumerate(kinds) if kind in _BYTE_ARRAYS)]:
-        if kind not in _PASSED:
+        if kind not in _SKIPPED:
             raise ValueError(f"{schema.name} has a {kind} before its bytes, and cannot be read")
 
     def payload(data: bytes) -> bytes:
@@ -151,8 +151,8 @@ def _cdr(schema: Schema) -> Payload:
         for kind in kinds:
             if kind in _BYTE_ARRAYS:
                 return reader.sized()
-            for part in _PASSED[kind]:
-                reader.skip(part)
+            for simple in _SKIPPED[kind]:
+                reader.skip(simple)
         raise AssertionError("there is one array of bytes")
 
     return payload
@@ -168,7 +168,7 @@ _TEXT, _DIMENSIONS = "string", "dimensions"
 _TIME = ("int32", "uint32")
 _HEADER = (*_TIME, _TEXT)
 _LAYOUT = (_DIMENSIONS, "uint32")
-_PASSED: dict[str, tuple[str, ...]] = {
+_SKIPPED: dict[str, tuple[str, ...]] = {
     **{kind: (kind,) for kind in (*_NUMBERS, _TEXT)},
     **dict.fromkeys(("builtin_interfaces/Time", "builtin_interfaces/msg/Time"), _TIME),
     **dict.fromkeys(("std_msgs/Header", "std_msgs/msg/Header", "Header"), _HEADER),
@@ -176,43 +176,43 @@ _PASSED: dict[str, tuple[str, ...]] = {
         ("std_msgs/MultiArrayLayout", "std_msgs/msg/MultiArrayLayout", "MultiArrayLayout"), _LAYOUT
     ),
 }
-"""What stands in a message for each kind of field that can be passed over."""
+"""The simple types in each type of field that can be skipped."""
 
 
 class _Cdr:
-    """Goes through a CDR message: four bytes of head, then numbers at multiples of their size."""
+    """Reader of a CDR message: four bytes of head, then numbers aligned to their size."""
 
     def __init__(self, data: bytes) -> None:
         if len(data) < _CDR_HEAD:
             raise ValueError("a message without its head")
         self._data = memoryview(data)[_CDR_HEAD:]
         self._order: Literal["little", "big"] = "little" if data[1] & 1 else "big"
-        self._place = 0
+        self._offset = 0
 
-    def skip(self, part: str) -> None:
-        """Go behind one part."""
-        if part == _TEXT:
+    def skip(self, kind: str) -> None:
+        """Skip a value of a simple type."""
+        if kind == _TEXT:
             self.sized()
-        elif part == _DIMENSIONS:
+        elif kind == _DIMENSIONS:
             for _ in range(self._count()):
                 for inner in (_TEXT, "uint32", "uint32"):
                     self.skip(inner)
         else:
-            self._take(_NUMBERS[part], _NUMBERS[part])
+            self._next(_NUMBERS[kind], _NUMBERS[kind])
 
     def sized(self) -> bytes:
-        """As many bytes as the count before them says."""
-        return bytes(self._take(self._count(), 1))
+        """A count, and that many bytes."""
+        return bytes(self._next(self._count(), 1))
 
     def _count(self) -> int:
-        return int.from_bytes(self._take(_COUNT, _COUNT), self._order)
+        return int.from_bytes(self._next(_COUNT, _COUNT), self._order)
 
-    def _take(self, size: int, alignment: int) -> memoryview:
-        start = self._place + -self._place % alignment
+    def _next(self, size: int, alignment: int) -> memoryview:
+        start = self._offset + -self._offset % alignment
         if size > len(self._data) - start:
             raise ValueError("a message that is shorter than it says")
-        self._place = start + size
-        return self._data[start : self._place]
+        self._offset = start + size
+        return self._data[start : self._offset]
 
 
 def _json(data: bytes) -> bytes:

@@ -1,18 +1,17 @@
-"""Protobuf schemas, topics, channel metadata.
+"""Topics and protobuf schemas.
 
-All messages of sound frames of one schema are equally long on the wire, whatever their values:
-numbers are fixed32, fixed64, float or double, enum numbers take one byte, and every field has
-presence, so that zeros are written too. Only a row with faults, without read delay, with a time of
-its own or of uncertain order is longer or shorter.
+All messages of fault-free frames of one schema are equally long: numbers are fixed32, fixed64,
+float or double, enum numbers take one byte, and every field has presence, so that zeros are written
+too. Only faults, a missing read delay, a time other than the log time, and an uncertain order
+change the length.
 
-A value that is in every message of its schema is an integer; one that may not apply is a float
-(double beyond two bytes), and NaN where it does not apply: plotters skip NaN, but draw an absent
-field as 0.
+A value that every frame of the schema has is an integer. Another value is a float (double beyond
+two bytes), and NaN in the frames without it: plotters skip NaN, but draw an absent field as 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from types import MappingProxyType
@@ -49,20 +48,20 @@ class Topic:
 
     name: str
     schema: str
-    """The name of its messages' schema, without the package."""
+    """Name of the schema, without the package."""
     kinds: tuple[FrameKind, ...] = ()
-    """The kinds of frame that its messages hold; none for damage and events."""
+    """The kinds of its frames; none for port events."""
 
 
 MALFORMED = Topic("/fte/malformed", "Malformed", KINDS)
-"""Every Damage, and every Frame that the protocol does not know."""
+"""Every `Damage`, and every `Frame` of an unknown kind or with a malformed fault."""
 
 EVENTS = Topic("/fte/port", "PortEvent")
-"""What happened to the port itself."""
+"""Port events."""
 
 
-def _place(kind: FrameKind) -> tuple[str, tuple[str, ...]]:
-    """The schema of a kind's messages, and the last part of each topic that it may go to."""
+def _schema_and_topics(kind: FrameKind) -> tuple[str, tuple[str, ...]]:
+    """The schema of a kind, and the last component of each of its topics."""
     if kind.names_motor:
         motors = tuple(f"motor{motor}" for motor in MOTORS)
         return f"Motor{kind.direction.capitalize()}", motors
@@ -74,9 +73,9 @@ def _place(kind: FrameKind) -> tuple[str, tuple[str, ...]]:
 def _frame_topics() -> Iterator[Topic]:
     kinds_of: dict[tuple[str, str], list[FrameKind]] = {}
     for kind in KINDS:
-        schema, ends = _place(kind)
-        for end in ends:
-            kinds_of.setdefault((schema, f"/fte/{kind.direction}/{end}"), []).append(kind)
+        schema, names = _schema_and_topics(kind)
+        for name in names:
+            kinds_of.setdefault((schema, f"/fte/{kind.direction}/{name}"), []).append(kind)
     for (schema, name), kinds in kinds_of.items():
         yield Topic(name, schema, tuple(kinds))
 
@@ -89,17 +88,17 @@ TOPIC_BY_NAME: Mapping[str, Topic] = MappingProxyType({topic.name: topic for top
 
 def _topics_of_kinds() -> Iterator[tuple[tuple[str, int | None], Topic]]:
     for kind in KINDS:
-        _, ends = _place(kind)
+        _, names = _schema_and_topics(kind)
         nums = MOTORS if kind.names_motor else (None,)
-        for num, end in zip(nums, ends, strict=True):
-            yield (kind.name, num), TOPIC_BY_NAME[f"/fte/{kind.direction}/{end}"]
+        for num, name in zip(nums, names, strict=True):
+            yield (kind.name, num), TOPIC_BY_NAME[f"/fte/{kind.direction}/{name}"]
 
 
 _TOPIC_BY_KIND_AND_MOTOR = MappingProxyType(dict(_topics_of_kinds()))
 
 
 def topic_of(row: Row) -> Topic:
-    """Where a row goes: to its kind's topic if it can be believed, else to `MALFORMED`."""
+    """The topic of a row: that of its kind and motor, or `MALFORMED`."""
     if not isinstance(row, Frame) or (row.faults and row.status is Status.MALFORMED):
         return MALFORMED
     return _topic_of_head(row.raw[: NUM_OFFSET + 1])
@@ -107,7 +106,7 @@ def topic_of(row: Row) -> Topic:
 
 @lru_cache(maxsize=1024)
 def _topic_of_head(head: bytes) -> Topic:
-    """Where frames go whose kind is not in doubt, by their bytes up to NUM."""
+    """The topic of a frame without malformed fault, by its bytes up to NUM."""
     kind = KIND_BY_HEADER_AND_CMD.get((head[0], head[CMD_OFFSET]))
     if kind is None:
         return MALFORMED
@@ -146,35 +145,30 @@ _DAMAGE_FIELDS: tuple[tuple[str, int | str], ...] = (
     ("length", _TYPE.TYPE_FIXED32),
 )
 REPEATED = frozenset({"faults"})
-"""The fields that hold any number of values."""
+"""The repeated fields."""
 
 
-def enum_value_name(enum: str, word: str) -> str:
-    """The name of a word's enum value, unique within its message: `KIND_SPEED`."""
+def enum_value_name(enum: str, value: str) -> str:
+    """The name of an enum value, unique within its message: `KIND_SPEED`."""
     prefix = "".join(f"_{letter}" if letter.isupper() else letter for letter in enum).lstrip("_")
-    return f"{prefix}_{word}".upper()
+    return f"{prefix}_{value}".upper()
 
 
-def enum_number(enum: str, word: str) -> int:
-    """The number of a word's enum value; 0 is `..._NONE`."""
-    return _ENUMS[enum].index(word) + 1
+def enum_number(enum: str, value: str) -> int:
+    """The number of an enum value; 0 is `..._NONE`."""
+    return _ENUMS[enum].index(value) + 1
 
 
 def value_fields(topic: Topic) -> tuple[Field, ...]:
-    """The table's fields that messages of this topic hold, each name once; none for damage."""
+    """The frame fields that messages of this topic hold, each once; none for `MALFORMED`."""
     if topic is MALFORMED:
         return ()
     names = {field.name for kind in topic.kinds for field in kind.fields}
     return tuple(field for field in VALUE_FIELDS if field.name in names)
 
 
-def may_not_apply(field: Field, kinds: Iterable[FrameKind]) -> bool:
-    """Whether some of these kinds has no field of that name."""
-    return any(kind.field(field.name) is None for kind in kinds)
-
-
 def _value_type(field: Field, topic: Topic) -> int:
-    if may_not_apply(field, topic.kinds):
+    if any(kind.field(field.name) is None for kind in topic.kinds):
         return _TYPE.TYPE_FLOAT if field.size <= 2 else _TYPE.TYPE_DOUBLE
     return _TYPE.TYPE_SFIXED32 if field.signed else _TYPE.TYPE_FIXED32
 
@@ -210,8 +204,8 @@ def _add_field(message: DescriptorProto, name: str, number: int, kind: int | str
 
 def _add_enum(message: DescriptorProto, enum: str) -> None:
     added = message.enum_type.add(name=enum)
-    for number, word in enumerate(("none", *_ENUMS[enum])):
-        added.value.add(name=enum_value_name(enum, word), number=number)
+    for number, value in enumerate(("none", *_ENUMS[enum])):
+        added.value.add(name=enum_value_name(enum, value), number=number)
 
 
 def _file(topic: Topic) -> FileDescriptorProto:
@@ -233,17 +227,17 @@ def schema_name(topic: Topic) -> str:
 
 @cache
 def schema_data(schema: str) -> bytes:
-    """The serialized FileDescriptorSet of a schema, as MCAP wants it."""
+    """The serialized FileDescriptorSet of a schema: the schema data of an MCAP file."""
     topic = next(topic for topic in TOPICS if topic.schema == schema)
     return FileDescriptorSet(file=[_file(topic)]).SerializeToString(deterministic=True)
 
 
 @lru_cache(maxsize=64)
 def message_class(name: str, data: bytes) -> Any:
-    """The message class `name` that a serialized FileDescriptorSet describes.
+    """The message class with this name in a serialized FileDescriptorSet.
 
     Raises:
-        ValueError: the data is no FileDescriptorSet, contradicts itself or lacks the message.
+        ValueError: the data is invalid or lacks the message.
     """
     pool = DescriptorPool()
     try:
