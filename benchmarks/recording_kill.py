@@ -2,13 +2,13 @@
 
 python -m benchmarks.recording_kill [--kills 200] [--every 1.0] [--folder FOLDER]
 python -m benchmarks.recording_kill --stress        flush after flush, without a rest
-python -m benchmarks.recording_kill --stress --seams        and a new file every few flushes
+python -m benchmarks.recording_kill --stress --rotate        and a new file every few flushes
 
 A child records two wires at full line rate, and tells each flush after it returned. It is killed at
 a random moment once it has begun. Then the file must open as it is in the mcap package's
 seeking reader, all checksums checked, and hold every row whose flush was told; what it lacks of the
 rows that were written is at most what came since. `--beside` runs so many children at once.
-With `--seams` all files of the sequence must open so, and hold those rows together.
+With `--rotate` all files of the sequence must open so, and hold those rows together.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from fte_sniff.recording.retention import DEFAULT_MAX_INDEX_BYTES, RecordingOpti
 
 _PACE_S = 0.02
 _LONGEST_S = 5.0
-_SEAM_INDEX = 9_000
+_ROTATE_INDEX = 9_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +91,10 @@ def _endless(step: int) -> Iterator[list[object]]:
         first += step
 
 
-def kill_one(path: Path, every_s: float, after_s: float, *, seams: bool = False) -> Left:
+def kill_one(path: Path, every_s: float, after_s: float, *, rotates: bool = False) -> Left:
     """Let a child record to `path`, kill it `after_s` seconds after its first rows, and look."""
     command = [sys.executable, "-m", "benchmarks.recording_kill", "--record", str(path)]
-    command += ["--seams"] if seams else []
+    command += ["--rotate"] if rotates else []
     with subprocess.Popen(
         [*command, "--every", str(every_s)], stdout=subprocess.PIPE, text=True
     ) as child:
@@ -161,14 +161,16 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--every", type=float, default=1.0)
     parser.add_argument("--stress", action="store_true")
-    parser.add_argument("--seams", action="store_true")
+    parser.add_argument("--rotate", action="store_true")
     parser.add_argument("--beside", type=int, default=8)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--record", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     every_s = 0.0 if options.stress else options.every
     if options.record:
-        record(options.record, every_s, _SEAM_INDEX if options.seams else DEFAULT_MAX_INDEX_BYTES)
+        record(
+            options.record, every_s, _ROTATE_INDEX if options.rotate else DEFAULT_MAX_INDEX_BYTES
+        )
         return
     rng = random.Random()
     with (
@@ -181,7 +183,7 @@ def main() -> None:
                 Path(name) / f"{number}.mcap",
                 every_s,
                 rng.uniform(0, 0.3 if options.stress else _LONGEST_S),
-                seams=options.seams,
+                rotates=options.rotate,
             )
             for number in range(options.kills)
         ]

@@ -35,7 +35,7 @@ from fte_sniff.session.doctor import (
     verdict_finding,
     virtual_usb_findings,
 )
-from tests.recording.privilege import unprivileged
+from tests.recording.conftest import unprivileged
 
 AT_57600 = (LineSetting(57_600, False), 0.99)
 

@@ -1,13 +1,17 @@
-"""Where a recording lies: held by one program alone, put in place whole, missed when it is gone."""
+"""Output files and streams: locks, names, replaced and removed files, pipes."""
 
-import resource
+import os
 import socket
 import stat
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
@@ -15,6 +19,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
+from tests.recording.conftest import file_size_limit
 
 Rows = Callable[..., list[Row]]
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
@@ -32,17 +37,6 @@ def refused(path: Path, existing: Existing = Existing.REFUSE) -> str:
     return str(caught.value)
 
 
-@contextmanager
-def no_room() -> Iterator[None]:
-    """In this context no file can become longer than 100 bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 def test_what_is_being_recorded_to_is_not_replaced(tmp_path: Path, make_rows: Rows) -> None:
     path = tmp_path / "x.mcap"
     rows = make_rows(20)
@@ -50,8 +44,8 @@ def test_what_is_being_recorded_to_is_not_replaced(tmp_path: Path, make_rows: Ro
         with RecordingWriter(path, [PORT], existing=existing) as writer:
             writer.write(rows[:10])
             writer.flush()
-            told = refused(path, Existing.REPLACE)
-            assert "is being recorded to by another program; name another file" in told
+            message = refused(path, Existing.REPLACE)
+            assert "is being recorded to by another program; name another file" in message
             writer.write(rows[10:])
         assert list(RecordingReader(path)) == rows
     with RecordingWriter(path, [PORT], existing=Existing.REPLACE):
@@ -61,12 +55,12 @@ def test_what_is_being_recorded_to_is_not_replaced(tmp_path: Path, make_rows: Ro
 
 
 @pytest.mark.parametrize("existing", Existing)
-def test_a_start_that_fails_leaves_all_as_it_was(tmp_path: Path, existing: Existing) -> None:
+def test_a_start_that_fails_changes_nothing(tmp_path: Path, existing: Existing) -> None:
     path = tmp_path / "x.mcap"
     if existing is Existing.REPLACE:
         path.write_bytes(b"precious")
     before = files_in(tmp_path)
-    with no_room():
+    with file_size_limit(100):
         assert "cannot be written" in refused(path, existing)
     assert files_in(tmp_path) == before
     if existing is Existing.REPLACE:
@@ -75,7 +69,7 @@ def test_a_start_that_fails_leaves_all_as_it_was(tmp_path: Path, existing: Exist
             pass  # nothing holds the old file any more
 
 
-def test_who_replaces_a_file_keeps_its_permissions(tmp_path: Path) -> None:
+def test_a_replaced_file_passes_on_its_permissions(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(b"old")
     path.chmod(0o640)
@@ -103,7 +97,7 @@ def test_the_next_number_is_taken_where_that_was_asked_for(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("existing", Existing)
-def test_what_is_no_file_of_its_own_cannot_be_recorded(tmp_path: Path, existing: Existing) -> None:
+def test_a_path_that_is_no_regular_file_is_refused(tmp_path: Path, existing: Existing) -> None:
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "socket"))
     (tmp_path / "target").write_bytes(b"precious")
@@ -128,7 +122,7 @@ def replaces(path: Path) -> None:
     path.write_bytes(b"another")
 
 
-def takes_the_folder(path: Path) -> None:
+def deletes_the_folder(path: Path) -> None:
     path.unlink()
     path.parent.rmdir()
 
@@ -137,13 +131,13 @@ def takes_the_folder(path: Path) -> None:
     ("happens", "words"),
     [
         (deletes, "was deleted while it was being written; the 5 rows in it are lost"),
-        (takes_the_folder, "was deleted while it was being written; the 5 rows in it are lost"),
+        (deletes_the_folder, "was deleted while it was being written; the 5 rows in it are lost"),
         (moves, "was moved or replaced"),
         (replaces, "was moved or replaced"),
     ],
 )
 @pytest.mark.parametrize("at_the_end", [False, True])
-def test_a_file_that_is_taken_away_is_missed(
+def test_a_file_that_is_deleted_or_moved_is_detected(
     tmp_path: Path, make_rows: Rows, happens: Callable[[Path], None], words: str, at_the_end: bool
 ) -> None:
     path = tmp_path / "sub" / "x.mcap"
@@ -161,3 +155,76 @@ def test_a_file_that_is_taken_away_is_missed(
     moved = path.with_name("moved.mcap")
     if moved.exists():
         assert list(RecordingReader(moved)) == rows
+
+
+Rows = Callable[..., list[Row]]
+
+
+def _record(path: Path, rows: list[Row]) -> None:
+    with RecordingWriter(path, [PortFacts(rows[0].port)]) as writer:
+        for start in range(0, len(rows), 20):
+            writer.write(rows[start : start + 20])
+            writer.flush()
+
+
+def test_a_named_pipe_brings_a_whole_recording(tmp_path: Path, make_rows: Rows) -> None:
+    rows = make_rows(60)
+    pipe, copy = tmp_path / "pipe", tmp_path / "copy.mcap"
+    os.mkfifo(pipe)
+    writing = threading.Thread(target=_record, args=(pipe, rows))
+    writing.start()
+    content = pipe.read_bytes()
+    writing.join()
+    copy.write_bytes(content)
+    reader = RecordingReader(copy)
+    assert list(reader) == rows
+    assert (reader.ending, reader.losses) == ("", ())
+    package = make_reader(BytesIO(content), validate_crcs=True)
+    summary = package.get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) == 3
+    assert sum(1 for _ in package.iter_messages()) == 60
+
+
+STANDARD = """
+import sys
+from pathlib import Path
+from tests.recording.conftest import some_rows
+from tests.recording.test_output_file import _record
+_record(Path(sys.argv[1]), some_rows(60))
+"""
+
+
+@pytest.mark.parametrize("name", ["-", "/dev/stdout"])
+def test_standard_output_into_a_pipe(tmp_path: Path, make_rows: Rows, name: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", STANDARD, name], stdout=subprocess.PIPE, check=True, timeout=60
+    )
+    (tmp_path / "copy.mcap").write_bytes(done.stdout)
+    assert list(RecordingReader(tmp_path / "copy.mcap")) == make_rows(60)
+
+
+def test_a_pipe_without_reader_ends_in_one_line(tmp_path: Path, make_rows: Rows) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    writer = RecordingWriter(pipe, [PortFacts("p")])
+    os.close(reader)
+    writer.write(make_rows(5))
+    with pytest.raises(
+        FileError, match=r"pipe: its reader is gone; .* ended after 0 rows"
+    ) as caught:
+        writer.flush()
+    assert "\n" not in str(caught.value)
+    writer.close()
+    assert pipe.is_fifo()
+
+
+def test_a_terminal_is_refused() -> None:
+    far, near = os.openpty()
+    try:
+        with pytest.raises(FileError, match="is a terminal"):
+            RecordingWriter(Path(os.ttyname(near)), [PortFacts("p")])
+    finally:
+        os.close(far)
+        os.close(near)

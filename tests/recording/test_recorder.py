@@ -1,8 +1,7 @@
-"""One capture in one file or in many: rotation, trouble, bounds, triggers."""
+"""One capture in one file or many: rotation, write errors, limits, triggers."""
 
 import errno
 import os
-import resource
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +17,7 @@ from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
-from fte_sniff.recording import recorder as gaps
+from fte_sniff.recording import recorder as recorder_module
 from fte_sniff.recording.metadata import (
     GAP_NAME,
     LEFT_OUT_NAME,
@@ -32,7 +31,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import OnFull, RecordingOptions, TriggerWindow
 from tests.examples import examples
-from tests.recording.conftest import START, STEP, some_rows
+from tests.recording.conftest import START, STEP, file_size_limit, some_rows
 
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
 ALL = RecordingOptions(min_free_bytes=0)
@@ -48,7 +47,7 @@ def _named(path: Path, name: str) -> list[dict[str, str]]:
 
 
 def _rows(path: Path) -> list[Row]:
-    """The rows of a file that is whole, also for the mcap package."""
+    """The rows of a file that is valid for the mcap package too."""
     with path.open("rb") as file:
         assert make_reader(file, validate_crcs=True).get_summary() is not None
     reader = RecordingReader(path)
@@ -68,10 +67,10 @@ def _record(recorder: Recorder, batches: Sequence[Sequence[Row]]) -> None:
 
 
 @pytest.fixture
-def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Attempts to record again follow at once."""
-    monkeypatch.setattr(gaps, "RETRY_S", 0.0)
-    monkeypatch.setattr(gaps, "MAX_RETRY_S", 0.0)
+def no_backoff(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next attempt to record is made at once."""
+    monkeypatch.setattr(recorder_module, "RETRY_S", 0.0)
+    monkeypatch.setattr(recorder_module, "MAX_RETRY_S", 0.0)
 
 
 @examples(25)
@@ -82,17 +81,17 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     ),
     ports=st.integers(1, 2),
 )
-def test_no_row_is_lost_or_doubled_at_a_seam(
+def test_no_row_is_lost_or_doubled_by_rotation(
     tmp_path_factory: pytest.TempPathFactory,
     sizes: list[int],
     rotate: tuple[str, float],
     ports: int,
 ) -> None:
-    folder = tmp_path_factory.mktemp("seams")
-    what, bound = rotate
-    options = replace(ALL, rotate_bytes=int(bound) if what == "bytes" else None)
-    options = replace(options, rotate_s=bound if what == "s" else None)
-    options = replace(options, max_index_bytes=int(bound) if what == "index" else None)
+    folder = tmp_path_factory.mktemp("rotation")
+    what, limit = rotate
+    options = replace(ALL, rotate_bytes=int(limit) if what == "bytes" else None)
+    options = replace(options, rotate_s=limit if what == "s" else None)
+    options = replace(options, max_index_bytes=int(limit) if what == "index" else None)
     streams = [some_rows(sum(sizes), f"port{n}", START + n) for n in range(ports)]
     recorder = Recorder(folder / "x.mcap", [PORT], options=options)
     start = 0
@@ -114,7 +113,7 @@ def test_no_row_is_lost_or_doubled_at_a_seam(
         assert _named(before, NEXT_NAME) == [{"file": after.name}]
         (facts,) = _named(after, "fte-sniff")
         assert facts["previous"] == before.name
-    if bound == 1:
+    if limit == 1:
         assert len(files) == len(sizes) + 1
 
 
@@ -141,23 +140,13 @@ def test_a_sequence_that_is_there_is_not_mixed_with_another(tmp_path: Path) -> N
     assert (tmp_path / "x_00002.mcap").read_bytes() != b"precious"
 
 
-@contextmanager
-def _files_no_larger_than(size: int) -> Iterator[None]:
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 def test_a_file_that_may_not_grow_is_followed_by_another_and_no_row_is_lost(
     tmp_path: Path,
 ) -> None:
     rows = some_rows(2000)
     recorder = Recorder(tmp_path / "x.mcap", [PORT], options=ALL)
     _record(recorder, [rows[:1500]])
-    with _files_no_larger_than((tmp_path / "x.mcap").stat().st_size + 100):
+    with file_size_limit((tmp_path / "x.mcap").stat().st_size + 100):
         _record(recorder, [rows[1500:1600]])
     _record(recorder, [rows[1600:]])
     recorder.close()
@@ -169,9 +158,9 @@ def test_a_file_that_may_not_grow_is_followed_by_another_and_no_row_is_lost(
     assert _rows(tmp_path / "x.mcap") + _rows(tmp_path / "x_00002.mcap") == rows
 
 
-@pytest.mark.usefixtures("hurried")
+@pytest.mark.usefixtures("no_backoff")
 @pytest.mark.parametrize("way", ["deleted", "moved", "folder"])
-def test_a_file_that_is_taken_away(tmp_path: Path, way: str) -> None:
+def test_a_file_that_is_deleted_or_moved_leaves_a_gap(tmp_path: Path, way: str) -> None:
     folder = tmp_path / "here"
     folder.mkdir()
     rows = some_rows(60)
@@ -218,8 +207,8 @@ def _small_disk(folder: Path, size: str) -> Iterator[Path]:
         subprocess.run(["umount", "-l", folder], check=True)
 
 
-@pytest.mark.usefixtures("hurried")
-def test_a_full_disk_leaves_whole_files_and_recording_goes_on_when_there_is_room(
+@pytest.mark.usefixtures("no_backoff")
+def test_a_full_disk_leaves_valid_files_and_recording_goes_on_when_there_is_space(
     tmp_path: Path,
 ) -> None:
     batches = [some_rows(500, start=START + n * 500 * STEP) for n in range(14)]
@@ -247,7 +236,7 @@ def test_a_full_disk_leaves_whole_files_and_recording_goes_on_when_there_is_room
         assert "were not recorded: recording stopped: the disk is full" in str(recorder.failure)
 
 
-def test_the_oldest_of_our_own_files_makes_room_and_nobody_elses(tmp_path: Path) -> None:
+def test_the_oldest_of_our_own_files_is_deleted_for_space_and_no_other(tmp_path: Path) -> None:
     batches = [some_rows(300, start=START + n * 300 * STEP) for n in range(60)]
     with _small_disk(tmp_path / "small", "400k") as folder:
         for name in ("w_00001.mcap", "x_0.mcap", "y.mcap"):
@@ -270,7 +259,7 @@ def test_the_oldest_of_our_own_files_makes_room_and_nobody_elses(tmp_path: Path)
         assert found == everything[-len(found) :]
 
 
-def test_a_file_that_took_the_place_of_ours_is_not_deleted(tmp_path: Path) -> None:
+def test_a_file_that_replaced_ours_is_not_deleted(tmp_path: Path) -> None:
     options = RecordingOptions(
         min_free_bytes=0, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=1, max_bytes=100_000
     )
@@ -287,7 +276,7 @@ def test_a_file_that_took_the_place_of_ours_is_not_deleted(tmp_path: Path) -> No
     assert sum(path.stat().st_size for path in ours) < 100_000 + 40_000
 
 
-def test_the_bound_of_all_files_stops_the_recording_and_is_told(tmp_path: Path) -> None:
+def test_the_limit_of_all_files_stops_the_recording_and_is_reported(tmp_path: Path) -> None:
     options = RecordingOptions(min_free_bytes=0, max_bytes=60_000)
     batches = [some_rows(300, start=START + n * 300 * STEP) for n in range(8)]
     recorder = Recorder(tmp_path / "x.mcap", [PORT], options=options)
@@ -301,19 +290,19 @@ def test_the_bound_of_all_files_stops_the_recording_and_is_told(tmp_path: Path) 
     assert f"{8 * 300 - len(kept)} rows" in str(recorder.failure)
 
 
-def test_a_disk_without_room_is_told_before_anything_is_made(tmp_path: Path) -> None:
+def test_a_disk_without_space_is_reported_before_a_file_is_made(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="--min-free"):
         Recorder(tmp_path / "x.mcap", [PORT], options=RecordingOptions(min_free_bytes=2**60))
     assert _files(tmp_path) == []
 
 
-@pytest.mark.usefixtures("hurried")
+@pytest.mark.usefixtures("no_backoff")
 @pytest.mark.parametrize("number", [errno.EIO, errno.EDQUOT, errno.ENOSPC])
 @pytest.mark.parametrize("call", ["pwrite", "fdatasync", "ftruncate"])
-def test_whatever_a_disk_refuses_the_file_stays_whole(
+def test_whatever_a_disk_refuses_the_file_stays_valid(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, call: str
 ) -> None:
-    """The n-th system call of a flush is refused, for each n; then the disk is well again."""
+    """The n-th system call of a flush is refused, for each n; then the disk works again."""
     rows = some_rows(90)
     real: Callable[..., object] = getattr(os, call)
     for nth in range(1, 8):
@@ -344,8 +333,7 @@ def _part(path: Path) -> str:
     return path.stem
 
 
-def _picks(rows: Sequence[Row]) -> list[Row]:
-    """Every row whose offset ends in three sevens, in octal."""
+def _matches(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if row.offset % 97 == 0]
 
 
@@ -355,7 +343,7 @@ def _picks(rows: Sequence[Row]) -> list[Row]:
     before=st.integers(0, 40),
     after=st.integers(0, 40),
 )
-def test_a_trigger_keeps_exactly_what_surrounds_its_rows(
+def test_a_trigger_keeps_exactly_its_window(
     tmp_path_factory: pytest.TempPathFactory, sizes: list[int], before: int, after: int
 ) -> None:
     path = tmp_path_factory.mktemp("trigger") / "x.mcap"
@@ -363,14 +351,14 @@ def test_a_trigger_keeps_exactly_what_surrounds_its_rows(
     around = TriggerWindow(before * STEP / 1e9, after * STEP / 1e9)
     options = replace(ALL, trigger_window=around)
     event = PortEvent(START, PORT.name, PortEventKind.OPENED, "")
-    with_event = Recorder(path, [PORT], options=options, select=_picks)
+    with_event = Recorder(path, [PORT], options=options, select=_matches)
     with_event.write_event(event)
     start = 0
     for size in sizes:
         _record(with_event, [rows[start : start + size]])
         start += size
     with_event.close()
-    picked = [row.t_ns or 0 for row in _picks(rows)]
+    picked = [row.t_ns or 0 for row in _matches(rows)]
     wanted = [
         row
         for row in rows
@@ -382,7 +370,7 @@ def test_a_trigger_keeps_exactly_what_surrounds_its_rows(
     assert sum(int(one["rows"]) for one in told) == len(rows) - len(wanted)
 
 
-def test_what_waits_for_a_trigger_is_bounded(
+def test_rows_that_wait_for_a_trigger_are_limited(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fte_sniff.recording.trigger.MAX_WAITING_ROWS", 50)

@@ -1,3 +1,5 @@
+"""Repair of damaged recordings: everything intact is kept, every loss is counted."""
+
 import random
 import struct
 import subprocess
@@ -28,7 +30,7 @@ Spans = list[tuple[int, int, list[Row]]]
 """Start and stop of each chunk's record in a file, and its rows."""
 CHUNK_ROWS = 15
 HEAD = 9 + 8 + 8
-"""Bytes of a chunk's record that nothing guards, and that mending does without."""
+"""Bytes of a chunk's record that nothing guards, and that repair does without."""
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +63,9 @@ def _opens(path: Path) -> int:
     return count
 
 
-def _mended(folder: Path, content: bytes) -> tuple[list[Row], FileDamage] | None:
+def _repaired(folder: Path, content: bytes) -> tuple[list[Row], FileDamage] | None:
     """The rows that are kept of a damaged file; None where nothing can be."""
-    path, output = folder / "damaged.mcap", folder / "mended.mcap"
+    path, output = folder / "damaged.mcap", folder / "repaired.mcap"
     path.write_bytes(content)
     try:
         damage = repair(path, output, Existing.REPLACE)
@@ -79,7 +81,7 @@ def _mended(folder: Path, content: bytes) -> tuple[list[Row], FileDamage] | None
 
 @cache
 def _read_by_all(path: Path, _content: bytes) -> Sequence[Row]:
-    """The rows of a mended file; many damages mend into the same bytes, which are read once."""
+    """The rows of a repaired file; many damages give the same bytes, which are read once."""
     reader = RecordingReader(path)
     rows = tuple(reader)
     assert (reader.ending, reader.losses) == ("", ())
@@ -105,7 +107,7 @@ def test_a_file_cut_anywhere_keeps_every_chunk_before_the_cut(
     content, spans = small
     places = {*_every(len(content), 150), *(p for a, b, _ in spans for p in (a, a + 1, b - 1, b))}
     for place in places:
-        left = _mended(tmp_path, content[:place])
+        left = _repaired(tmp_path, content[:place])
         rows, damage = left or ([], None)
         assert rows == [row for _, last, rows in spans if last <= place for row in rows]
         if damage is not None and place > spans[-1][1]:
@@ -124,7 +126,7 @@ def test_a_flipped_bit_anywhere_costs_no_more_than_its_chunk(
     for place in places[part::4]:
         flipped = bytearray(content)
         flipped[place] ^= 1 << rng.randrange(8)
-        left = _mended(tmp_path, bytes(flipped))
+        left = _repaired(tmp_path, bytes(flipped))
         assert left is not None
         rows, damage = left
         # A bit that nothing depends on leaves the chunk as good as it was.
@@ -145,7 +147,7 @@ def test_statistics_that_contradict_themselves_count_nothing(
     for bit in range(64):
         flipped = bytearray(content)
         flipped[place + bit // 8] ^= 1 << bit % 8
-        left = _mended(tmp_path, bytes(flipped))
+        left = _repaired(tmp_path, bytes(flipped))
         assert left is not None
         assert left[1].lost_messages in (None, 0)
 
@@ -162,13 +164,13 @@ def test_a_flipped_bit_anywhere_is_noticed(tmp_path: Path, small: tuple[bytes, S
     assert is_whole(path)
 
 
-def test_what_was_lost_is_told_in_bytes_times_and_messages(
+def test_losses_are_reported_in_bytes_times_and_messages(
     tmp_path: Path, small: tuple[bytes, Spans]
 ) -> None:
     content, spans = small
     start, stop, rows = spans[2]
     broken = content[: stop - 5] + b"\0\0\0\0\0" + content[stop:]
-    left = _mended(tmp_path, broken)
+    left = _repaired(tmp_path, broken)
     assert left is not None
     damage = left[1]
     (gap,) = damage.gaps
@@ -176,14 +178,14 @@ def test_what_was_lost_is_told_in_bytes_times_and_messages(
     assert (gap.start_ns, gap.end_ns) == (spans[1][2][-1].t_ns, spans[3][2][0].t_ns)
     assert (damage.lost_messages, damage.chunks) == (len(rows), 3)
     assert damage.least_lost_messages >= 1
-    with (tmp_path / "mended.mcap").open("rb") as file:
+    with (tmp_path / "repaired.mcap").open("rb") as file:
         told = {one.name: one.metadata for one in make_reader(file).iter_metadata()}
     assert told["fte-sniff"]["host"] == "bench"
     assert told["fte-sniff.repair"]["lost.bytes"] == str(stop - start)
     assert told["fte-sniff.repair"]["lost.messages"] == str(len(rows))
 
 
-def test_garbage_between_chunks_and_behind_the_end_costs_no_row(
+def test_garbage_between_chunks_and_after_the_end_costs_no_row(
     tmp_path: Path, small: tuple[bytes, Spans]
 ) -> None:
     content, spans = small
@@ -192,7 +194,7 @@ def test_garbage_between_chunks_and_behind_the_end_costs_no_row(
     for place in (spans[1][0], spans[3][0], len(content)):
         for size in (1, 9, 100, 5000):
             torn = content[:place] + rng.randbytes(size) + content[place:]
-            left = _mended(tmp_path, torn)
+            left = _repaired(tmp_path, torn)
             assert left is not None
             assert left[0] == everything
             assert left[1].lost_bytes >= size
@@ -203,7 +205,7 @@ def test_chunks_missing_from_the_middle_are_counted_by_their_numbers(
 ) -> None:
     """Without a summary only the numbers of the messages tell how many there were."""
     content, spans = small
-    left = _mended(tmp_path, content[: spans[1][0]] + content[spans[2][0] : spans[3][1]])
+    left = _repaired(tmp_path, content[: spans[1][0]] + content[spans[2][0] : spans[3][1]])
     assert left is not None
     assert left[0] == [row for n in (0, 2, 3) for row in spans[n][2]]
     assert left[1].lost_messages is None
@@ -211,7 +213,9 @@ def test_chunks_missing_from_the_middle_are_counted_by_their_numbers(
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_no_garbage_breaks_mending(tmp_path: Path, small: tuple[bytes, Spans], seed: int) -> None:
+def test_no_garbage_breaks_the_repair(
+    tmp_path: Path, small: tuple[bytes, Spans], seed: int
+) -> None:
     content, spans = small
     rng = random.Random(seed)
     torn = bytearray(content)
@@ -224,7 +228,7 @@ def test_no_garbage_breaks_mending(tmp_path: Path, small: tuple[bytes, Spans], s
                 del torn[place : place + rng.randrange(50)]
             case _:
                 torn[place] = rng.randrange(256)
-    left = _mended(tmp_path, bytes(torn))
+    left = _repaired(tmp_path, bytes(torn))
     if left is not None:
         known = {id(row): row for *_, rows in spans for row in rows}
         assert all(row in known.values() for row in left[0])
@@ -233,8 +237,8 @@ def test_no_garbage_breaks_mending(tmp_path: Path, small: tuple[bytes, Spans], s
 def test_pure_garbage_is_refused_in_one_line(tmp_path: Path) -> None:
     rng = random.Random(3)
     for size in (0, 1, 8, 37, 5000):
-        assert _mended(tmp_path, rng.randbytes(size)) is None
-    assert not (tmp_path / "mended.mcap").exists()
+        assert _repaired(tmp_path, rng.randbytes(size)) is None
+    assert not (tmp_path / "repaired.mcap").exists()
 
 
 BOUNDED = """
@@ -245,7 +249,7 @@ from fte_sniff.recording.repair import is_whole, repair
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 path = Path(sys.argv[1])
 whole = is_whole(path)
-repair(path, path.with_name("mended.mcap"), Existing.REFUSE)
+repair(path, path.with_name("repaired.mcap"), Existing.REFUSE)
 print(whole, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
 
@@ -276,20 +280,20 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_left_out_and_takes_no_memory(
     whole, grown = done.stdout.split()
     assert whole == "False"
     assert int(grown) < 600 * 1024
-    assert len(list(RecordingReader(tmp_path / "mended.mcap"))) == 4 * CHUNK_ROWS
+    assert len(list(RecordingReader(tmp_path / "repaired.mcap"))) == 4 * CHUNK_ROWS
 
 
-def test_sizes_in_a_record_are_not_believed(tmp_path: Path, small: tuple[bytes, Spans]) -> None:
+def test_sizes_in_a_record_are_not_trusted(tmp_path: Path, small: tuple[bytes, Spans]) -> None:
     content, spans = small
     for length in (2**63, 2**40, 2**31, len(content)):
         broken = bytearray(content)
         struct.pack_into("<Q", broken, spans[1][0] + 1, length)
-        left = _mended(tmp_path, bytes(broken))
+        left = _repaired(tmp_path, bytes(broken))
         assert left is not None
         assert len(left[0]) == 4 * CHUNK_ROWS
 
 
-def test_the_growing_file_of_a_capture_that_runs_can_be_mended(
+def test_the_growing_file_of_a_capture_that_runs_can_be_repaired(
     tmp_path: Path, make_rows: Callable[..., list[Row]]
 ) -> None:
     rows = make_rows(50)
@@ -316,10 +320,10 @@ def test_a_file_without_summary_gets_one(
     with (tmp_path / "bare.mcap").open("wb") as file:
         file.write(bare)
     assert not is_whole(tmp_path / "bare.mcap")
-    damage = repair(tmp_path / "bare.mcap", tmp_path / "mended.mcap", Existing.REFUSE)
+    damage = repair(tmp_path / "bare.mcap", tmp_path / "repaired.mcap", Existing.REFUSE)
     assert (damage.gaps, damage.messages) == ([], 60)
-    assert is_whole(tmp_path / "mended.mcap")
-    assert list(RecordingReader(tmp_path / "mended.mcap")) == rows
+    assert is_whole(tmp_path / "repaired.mcap")
+    assert list(RecordingReader(tmp_path / "repaired.mcap")) == rows
 
 
 def test_events_are_kept_too(
@@ -328,13 +332,13 @@ def test_events_are_kept_too(
     path, rows, events = recorded
     content = path.read_bytes()
     path.write_bytes(content[:-20])
-    damage = repair(path, tmp_path / "mended.mcap", Existing.REFUSE)
-    reader = RecordingReader(tmp_path / "mended.mcap")
+    damage = repair(path, tmp_path / "repaired.mcap", Existing.REFUSE)
+    reader = RecordingReader(tmp_path / "repaired.mcap")
     assert list(reader.events()) == events
     assert (damage.messages, damage.lost_messages) == (len(rows) + len(events), 0)
 
 
-def test_a_file_is_not_mended_over_another_unless_asked(
+def test_a_file_is_not_repaired_over_another_unless_asked(
     tmp_path: Path, recorded: tuple[Path, list[Row], list[PortEvent]]
 ) -> None:
     other = tmp_path / "other.mcap"

@@ -1,6 +1,8 @@
-"""Recordings that were cut, altered or made to harm: what is read is true, and the rest is told."""
+"""Files that are damaged, hostile or no recordings: rows read are true, losses are reported."""
 
+import os
 import struct
+import threading
 import tracemalloc
 import zlib
 from collections.abc import Callable
@@ -11,6 +13,7 @@ import pytest
 import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.writer import Writer
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import PortEvent, Row
@@ -19,6 +22,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from tests.examples import examples
+from tests.recording.conftest import unprivileged
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
 MAGIC = b"\x89MCAP0\r\n"
@@ -91,7 +95,7 @@ def _assert_true(path: Path, rows: list[Row], where: object) -> list[Row]:
     return found
 
 
-def test_a_flipped_bit_invents_no_row_and_is_told(recorded: Recorded, tmp_path: Path) -> None:
+def test_a_flipped_bit_invents_no_row_and_is_reported(recorded: Recorded, tmp_path: Path) -> None:
     content = recorded[0].read_bytes()
     path = tmp_path / "flipped.mcap"
 
@@ -106,7 +110,7 @@ def test_a_flipped_bit_invents_no_row_and_is_told(recorded: Recorded, tmp_path: 
     check()
 
 
-def test_a_burst_of_junk_invents_no_row_and_is_told(recorded: Recorded, tmp_path: Path) -> None:
+def test_a_burst_of_junk_invents_no_row_and_is_reported(recorded: Recorded, tmp_path: Path) -> None:
     content = recorded[0].read_bytes()
     path = tmp_path / "burst.mcap"
 
@@ -174,7 +178,7 @@ def test_a_chunk_whose_length_swallows_the_next_costs_only_its_own_rows(
     assert _assert_true(path, rows, "swallowed") == rows[:20] + rows[40:]
 
 
-def test_what_was_lost_is_told(recorded: Recorded, tmp_path: Path) -> None:
+def test_losses_are_reported(recorded: Recorded, tmp_path: Path) -> None:
     content = recorded[0].read_bytes()
     _, start, end = [record for record in _records(content) if record[0] == CHUNK][1]
     path = tmp_path / "x.mcap"
@@ -186,7 +190,7 @@ def test_what_was_lost_is_told(recorded: Recorded, tmp_path: Path) -> None:
     assert reader.losses[1] == "20 of 62 messages are missing"
 
 
-def test_bytes_behind_the_end_are_told(recorded: Recorded, tmp_path: Path) -> None:
+def test_bytes_after_the_end_are_reported(recorded: Recorded, tmp_path: Path) -> None:
     content = recorded[0].read_bytes()
     path = tmp_path / "x.mcap"
     path.write_bytes(content + b"garbage")
@@ -227,7 +231,7 @@ BOMB = b"\0" * (64 * 1024 * 1024)
         struct.pack("<BQ", 5, 3) + b"abc",
     ],
 )
-def test_sizes_in_a_file_are_not_believed(tmp_path: Path, chunk: bytes) -> None:
+def test_sizes_in_a_file_are_not_trusted(tmp_path: Path, chunk: bytes) -> None:
     path = tmp_path / "hostile.mcap"
     RecordingWriter(path, [PortFacts("p")]).close()
     content = path.read_bytes()
@@ -245,7 +249,7 @@ def test_sizes_in_a_file_are_not_believed(tmp_path: Path, chunk: bytes) -> None:
     assert peak < 8 * 1024 * 1024
 
 
-def test_a_guarded_definition_is_believed_more_than_a_bare_one(
+def test_a_checksummed_definition_is_trusted_more_than_another(
     recorded: Recorded, tmp_path: Path
 ) -> None:
     """A flipped bit in the head would put the rows on another port, and no checksum would tell."""
@@ -271,9 +275,7 @@ def test_a_summary_that_does_not_match_its_checksum_leads_nowhere(
     assert _assert_true(path, rows, "summary") == rows
 
 
-def test_many_different_losses_are_summed_up(
-    tmp_path: Path, make_rows: Callable[..., list[Row]]
-) -> None:
+def test_many_losses_are_summed_up(tmp_path: Path, make_rows: Callable[..., list[Row]]) -> None:
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
         for number in range(100):
@@ -292,7 +294,7 @@ def test_many_different_losses_are_summed_up(
 
 
 @pytest.mark.parametrize("summary", ["whole", "unguarded", "cut off"])
-def test_behind_a_damaged_beginning_only_what_a_checksum_guards_is_believed(
+def test_after_a_damaged_beginning_only_checksummed_definitions_are_trusted(
     recorded: Recorded, tmp_path: Path, summary: str
 ) -> None:
     """Of rows that only the head describes, or a summary that nothing guards, none is read."""
@@ -325,7 +327,7 @@ def test_behind_a_damaged_beginning_only_what_a_checksum_guards_is_believed(
         assert str(reader.losses[0]).startswith("the beginning of this recording is damaged")
 
 
-def test_what_is_whole_behind_a_hole_is_found_without_a_summary(
+def test_intact_chunks_after_a_damaged_one_are_found_without_a_summary(
     recorded: Recorded, tmp_path: Path
 ) -> None:
     """Also where the damaged chunk claims those behind it for its own."""
@@ -345,3 +347,110 @@ def test_what_is_whole_behind_a_hole_is_found_without_a_summary(
         altered[end - 30] ^= 0x41
         path.write_bytes(altered)
         assert _assert_true(path, rows, length) == rows[:20] + rows[40:], length
+
+
+def _mcap(path: Path, topics: list[str], encoding: str = "json") -> None:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("x", "jsonschema", b"{}")
+        for topic in topics:
+            channel = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channel, 5, b"{}", 5)
+        writer.finish()
+
+
+def _refusal(path: Path) -> str:
+    with pytest.raises(FileError) as caught:
+        list(RecordingReader(path))
+    text = str(caught.value)
+    assert "\n" not in text
+    assert str(path) in text
+    assert text.isprintable()
+    return text
+
+
+def test_files_that_are_no_recordings(tmp_path: Path) -> None:
+    (tmp_path / "empty.mcap").touch()
+    (tmp_path / "hex.mcap").write_text("AA 01 01 03 E8 00 00 00 00 EE\n")
+    (tmp_path / "short.mcap").write_bytes(b"\x89MCA")
+    (tmp_path / "short.raw").write_bytes(b"\xaa")
+    assert "no such file" in _refusal(tmp_path / "absent.mcap")
+    assert "is a directory" in _refusal(tmp_path)
+    assert "is empty" in _refusal(tmp_path / "empty.mcap")
+    assert "--input raw or --input hex" in _refusal(tmp_path / "hex.mcap")
+    assert "--input raw or --input hex" in _refusal(tmp_path / "short.raw")
+    assert "cut after 4 bytes" in _refusal(tmp_path / "short.mcap")
+
+
+def test_a_file_that_may_not_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "secret.mcap"
+    path.touch()
+    path.chmod(0)
+    with unprivileged():
+        assert "no permission to read" in _refusal(path)
+
+
+def test_an_mcap_of_another_program_is_refused_with_its_topics(tmp_path: Path) -> None:
+    path = tmp_path / "robot.mcap"
+    _mcap(path, ["/tf", "/odom", "/evil\x1b[31m", *(f"/t{n:02}" for n in range(20))])
+    text = _refusal(path)
+    assert "'/odom'" in text
+    assert "'/evil\\x1b[31m'" in text
+    assert "and 13 more" in text
+
+
+def test_an_mcap_of_another_program_without_a_summary(tmp_path: Path) -> None:
+    path = tmp_path / "robot.mcap"
+    _mcap(path, ["/tf"])
+    path.write_bytes(path.read_bytes()[:-20])
+    assert "it has '/tf'" in _refusal(path)
+
+
+def test_an_mcap_with_nothing_in_it_has_no_topics(tmp_path: Path) -> None:
+    path = tmp_path / "nothing.mcap"
+    _mcap(path, [])
+    assert "no topics at all" in _refusal(path)
+
+
+def test_our_topics_in_another_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "json.mcap"
+    _mcap(path, ["/fte/control/motor1"])
+    assert "/fte/control/motor1 is 'json'; fte-sniff reads protobuf" in _refusal(path)
+
+
+def test_a_pipe_is_read_as_often_as_wanted(
+    tmp_path: Path, recorded: tuple[Path, list[Row], list[PortEvent]]
+) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    content = recorded[0].read_bytes()
+    feeder = threading.Thread(target=pipe.write_bytes, args=(content,))
+    feeder.start()
+    reader = RecordingReader(pipe)
+    feeder.join(timeout=60)
+    assert list(reader) == recorded[1]
+    assert list(reader) == recorded[1]
+    assert list(reader.events()) == recorded[2]
+    assert (reader.ending, reader.losses) == ("", ())
+
+
+def test_rows_come_before_the_file_is_read_to_its_end(
+    tmp_path: Path, make_rows: Callable[..., list[Row]]
+) -> None:
+    from fte_sniff.recording.writer import RecordingWriter
+
+    path = tmp_path / "long.mcap"
+    rows = make_rows(6000)
+    with RecordingWriter(path, []) as writer:
+        for start in range(0, 6000, 100):
+            writer.write(rows[start : start + 100])
+            writer.flush()
+    reader = RecordingReader(path)
+    coming = iter(reader)
+    first = next(coming)
+    os.truncate(path, path.stat().st_size // 2)
+    found = [first, *coming]
+    assert found == rows[: len(found)]
+    assert 100 < len(found) < 6000
+    assert (reader.ending, reader.losses) != ("", ())

@@ -1,13 +1,14 @@
+"""RecordingWriter: files that every reader opens, after every flush, error and kill."""
+
 import errno
 import os
-import resource
+import random
 import signal
 import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from mcap.records import Statistics
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
+from benchmarks.recording_kill import kill_one
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
 from fte_sniff.recording.mcap import writer as mcap_file
@@ -24,7 +26,7 @@ from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.output_file import stopped_by_error
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import MAX_PENDING, Existing, RecordingWriter
-from tests.recording.privilege import unprivileged
+from tests.recording.conftest import file_size_limit, unprivileged
 
 Rows = Callable[..., list[Row]]
 PORT = PortFacts("/dev/ttyUSB0", 115_200)
@@ -70,7 +72,7 @@ def test_an_empty_capture_explains_itself_in_every_reader(tmp_path: Path) -> Non
     assert reader2.metadata["fte-sniff"] == metadata.metadata
 
 
-def test_definitions_stand_before_the_first_chunk(
+def test_definitions_come_before_the_first_chunk(
     recorded: tuple[Path, list[Row], list[PortEvent]],
 ) -> None:
     names = []
@@ -187,7 +189,7 @@ def test_a_port_that_nobody_named_gets_its_channels(tmp_path: Path, make_rows: R
     assert _statistics(path).channel_count == 2 * len(TOPICS)
 
 
-def test_text_that_utf8_cannot_hold_is_told_in_backslash_codes(tmp_path: Path) -> None:
+def test_text_that_utf8_cannot_hold_is_escaped(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     port = "tty\udcff"
     with RecordingWriter(path, [PortFacts(port)], {"host\udcfe": "\udcfd"}) as writer:
@@ -224,7 +226,7 @@ def test_an_existing_file_is_kept_unless_replacing_was_asked_for(
     assert _statistics(path).message_count == 5
 
 
-def test_places_where_no_recording_can_be(tmp_path: Path) -> None:
+def test_paths_where_no_recording_can_be(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "socket"))
     (tmp_path / "file").touch()
@@ -254,27 +256,20 @@ def test_a_folder_that_forbids_writing(tmp_path: Path) -> None:
     ("number", "words"),
     [(errno.ENOSPC, "the disk is full"), (errno.EDQUOT, "quota"), (errno.EIO, "error")],
 )
-def test_why_a_recording_stopped_is_told_in_one_line(number: int, words: str) -> None:
+def test_why_a_recording_stopped_is_one_line(number: int, words: str) -> None:
     error = OSError(number, os.strerror(number))
-    for told in (stopped_by_error(Path("x.mcap"), error, 5), unwritable(Path("x.mcap"), error)):
-        assert words in str(told)
-        assert "x.mcap" in str(told)
-        assert "\n" not in str(told)
+    for error_text in (
+        stopped_by_error(Path("x.mcap"), error, 5),
+        unwritable(Path("x.mcap"), error),
+    ):
+        assert words in str(error_text)
+        assert "x.mcap" in str(error_text)
+        assert "\n" not in str(error_text)
 
 
-@contextmanager
-def _files_no_larger_than(size: int) -> Iterator[None]:
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-@pytest.mark.parametrize("room", [1, 500, 3000])
-def test_a_write_that_fails_leaves_all_that_was_flushed_in_a_whole_file(
-    tmp_path: Path, make_rows: Rows, room: int
+@pytest.mark.parametrize("space", [1, 500, 3000])
+def test_a_write_that_fails_leaves_all_that_was_flushed_in_a_valid_file(
+    tmp_path: Path, make_rows: Rows, space: int
 ) -> None:
     path = tmp_path / "x.mcap"
     rows = make_rows(3000)
@@ -282,7 +277,7 @@ def test_a_write_that_fails_leaves_all_that_was_flushed_in_a_whole_file(
         writer.write(rows[:100])
         writer.flush()
         size = writer.size
-        with _files_no_larger_than(size + room):
+        with file_size_limit(size + space):
             writer.write(rows[100:])
             with pytest.raises(FileError, match=r"recording stopped: .*\(100 rows\)") as caught:
                 writer.flush()
@@ -297,9 +292,9 @@ def test_a_write_that_fails_leaves_all_that_was_flushed_in_a_whole_file(
     assert (reader.ending, reader.losses) == ("", ())
 
 
-def test_no_room_for_the_head_leaves_no_file(tmp_path: Path) -> None:
+def test_no_space_for_the_head_leaves_no_file(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
-    with _files_no_larger_than(100), pytest.raises(FileError, match="cannot be written"):
+    with file_size_limit(100), pytest.raises(FileError, match="cannot be written"):
         RecordingWriter(path, [PORT])
     assert not path.exists()
 
@@ -364,3 +359,18 @@ def test_the_message_records_are_what_the_format_says(tmp_path: Path, make_rows:
     assert len(places) == 40
     for channel_id, time, offset in places:
         assert struct.unpack_from("<B8xH4xQQ", data, offset) == (5, channel_id, time, time)
+
+
+@pytest.mark.parametrize(("every_s", "rotates"), [(0.0, False), (0.0, True), (0.2, False)])
+def test_what_was_flushed_is_there_whenever_the_writer_is_killed(
+    tmp_path: Path, every_s: float, rotates: bool
+) -> None:
+    rng = random.Random()
+    for number in range(3):
+        left = kill_one(
+            tmp_path / f"{number}.mcap", every_s, rng.uniform(0.0, 0.5), rotates=rotates
+        )
+        assert left.problem == ""
+        assert left.missing == 0
+        assert left.found <= left.written
+        assert left.files > 1 or not rotates or left.written < 10_000
