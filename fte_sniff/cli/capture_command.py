@@ -147,11 +147,11 @@ def _start_options(
     return StartOptions(
         AtEnd.STAY if plan.duration_s is None and plan.count is None else AtEnd.LEAVE,
         signals=tuple(_ending_signals(plan)),
-        bench=bench,
+        line_setup=bench,
         language=settings.language(lang),
         choices=settings.choices,
-        keep=settings.keep,
-        trouble=settings.trouble,
+        save_choices=settings.keep,
+        warnings=settings.trouble,
     )
 
 
@@ -212,7 +212,7 @@ def _show_screen(plan: CapturePlan, options: StartOptions) -> None:
         _report_survivor(plan, session)
     try:
         if not session.stopping:
-            code = run_screen(session, options, tell=seen.append)
+            code = run_screen(session, options, on_exit=seen.append)
     finally:
         # The screen has replaced the signal handlers.
         with ending_signals(

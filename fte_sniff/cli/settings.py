@@ -33,7 +33,7 @@ import click
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of, unreadable
 from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
-from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
+from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES
 
 if TYPE_CHECKING:
     from fte_sniff.tui.options import Choices
@@ -126,9 +126,9 @@ def _widths(value: Any) -> Mapping[str, int]:
     if isinstance(value, dict) and all(name in _COLUMNS for name in value):
         with suppress(ValueError):
             cells = {name: _whole(width) for name, width in value.items()}
-            if all(LEAST <= width <= MOST for width in cells.values()):
+            if all(MIN_WIDTH <= width <= MAX_WIDTH for width in cells.values()):
                 return MappingProxyType(cells)
-    raise ValueError(f"a table of columns with {LEAST} to {MOST} cells each")
+    raise ValueError(f"a table of columns with {MIN_WIDTH} to {MAX_WIDTH} cells each")
 
 
 def _word(words: Collection[str]) -> _Convert:

@@ -100,13 +100,13 @@ def command(
     opening = StartOptions(
         row_filter=wanted,
         keep_rows=keep_rows,
-        bench=bench,
-        origin=viewing.origin,
+        line_setup=bench,
+        export_source=viewing.origin,
         zone=how.zone_given(),
         language=settings.language(lang),
         choices=settings.choices,
-        keep=settings.keep,
-        trouble=settings.trouble,
+        save_choices=settings.keep,
+        warnings=settings.trouble,
     )
     code = run_screen(session, opening, pages)
     with ending_signals(session.stop) as request_end:

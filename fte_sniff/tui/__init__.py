@@ -1,22 +1,22 @@
-"""The screen. The only package that imports Textual.
+"""The screen; the only package that imports Textual.
 
 Modules:
 
-    actions         Navigation, filter, search and mark actions.
-    app             SniffApp: compose, keys, shutdown.
-    export_actions  Save and copy.
-    goto            Go to row, time, offset.
+    actions         Actions of the keys: view, navigation, filter and search.
+    app             The application: composes the screen, polls the feed, handles signals.
+    export_actions  Copy and save actions.
+    goto            Go-to line: parses a goal and finds its row.
     help            Help page.
-    i18n            Language choice and translated names.
-    keys            Key bindings.
-    notices         Notice line.
-    options         How the screen is opened.
-    panes           The panes beside the table.
-    pickers         File, port and column pickers.
-    prompt          Input line: filter, search, save, history, completion.
-    status_bar      Title, status and key lines.
+    i18n            Translation, and the names of the themes.
+    keys            Key bindings: the source of the keys, the key line and the help.
+    notices         Temporary and pinned notices.
+    options         Options with which the screen is opened.
+    panes           The panes below the table.
+    pickers         Lists over the screen: pick an entry, or choose columns.
+    prompt          Prompt fields at the bottom: filter, search and save.
+    status_bar      Title line, status line and key line.
     table           The table of rows.
-    terminal        Terminal ownership and asynchronous output.
+    terminal        Terminal driver: output that never blocks, job control.
     text            Numbers, times and text fitted to a width.
-    view_model      Polls a session and holds what the panes show.
+    view_model      Rows polled from a feed, and their counts.
 """

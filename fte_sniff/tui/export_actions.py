@@ -1,4 +1,4 @@
-"""Save and copy."""
+"""Copy and save actions."""
 
 from __future__ import annotations
 
@@ -21,95 +21,95 @@ from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget
-from fte_sniff.tui.actions import Parts
-from fte_sniff.tui.i18n import _, worded
+from fte_sniff.tui.actions import ScreenActions
+from fte_sniff.tui.i18n import _, error_text
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
 
-NAME: Final = "copied.txt"
-"""The file's name; each copy replaces the one before."""
+COPY_NAME: Final = "copied.txt"
+"""File in the user's cache folder that holds the latest copy."""
+
+MAX_COPIED_ROWS = 10_000
+"""A terminal accepts about a megabyte."""
+
+SAVE_GROUP = "save"
+"""Group of the save's worker, and topic of its notice."""
+
+_GAPS = re.compile(" {2,}")
 
 
-def keep_copy(text: str) -> Path | None:
-    """Keep the text in the user's cache folder, for the user alone; None where it cannot be."""
-    path = user_cache_path("fte-sniff", appauthor=False) / NAME
-    part = path.with_name(f"{NAME}.{os.getpid()}")
+def write_copy(text: str) -> Path | None:
+    """Write the text to `COPY_NAME`, readable by the user only; None where that fails."""
+    path = user_cache_path("fte-sniff", appauthor=False) / COPY_NAME
+    temporary = path.with_name(f"{COPY_NAME}.{os.getpid()}")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
+        with os.fdopen(os.open(temporary, flags, 0o600), "w") as file:
             file.write(text)
-        part.replace(path)
+        temporary.replace(path)
     except (OSError, UnicodeError):
         with suppress(OSError):
-            part.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
         return None
     return path
 
 
-def short_path(path: Path) -> str:
+def _short_path(path: Path) -> str:
     """The path with `~` for the home folder."""
     with suppress(ValueError, RuntimeError):
         return f"~/{path.relative_to(Path.home())}"
     return str(path)
 
 
-MOST_COPIED = 10_000
-"""Rows that can be copied at once: a terminal takes about a megabyte."""
-
-_GAPS = re.compile(" {2,}")
-
-GROUP = "save"
-"""What the work beside the screen is called."""
-
-
-class ExportActions(Parts):
-    """Rows, and typed text, to the clipboard and to files."""
+class ExportActions(ScreenActions):
+    """Copy rows and typed text to the clipboard; save rows to files."""
 
     def action_copy_text(self) -> None:
-        """Copy the selected rows, or the cursor's, as the lines that `decode` prints."""
-        rows = self._taken()
+        """Copy the selected rows, or the cursor's, in the table format of `decode`."""
+        rows = self._rows_to_copy()
         if rows is not None:
             stream = StringIO()
-            row_writer(OutputFormat.TABLE, stream, ports=len(self._watched.ports) > 1).write(rows)
+            row_writer(OutputFormat.TABLE, stream, ports=len(self._model.ports) > 1).write(rows)
             text = stream.getvalue()
             if len(rows) == 1:
-                # Alone it needs no columns, and no names above them.
+                # A single row needs neither columns nor their names.
                 text = _GAPS.sub("  ", text.splitlines()[-1])
             self._copy(text, len(rows))
 
     def action_copy(self) -> None:
         """Copy the bytes of the selected rows, or of the cursor's, as hex."""
-        rows = self._taken()
+        rows = self._rows_to_copy()
         if rows is not None:
             self._copy("\n".join(spaced_hex(row.raw) for row in rows), len(rows))
 
-    def _taken(self) -> list[Row] | None:
+    def _rows_to_copy(self) -> list[Row] | None:
         """The rows to copy; None where there are none, or too many."""
-        store, selected = self._watched.store, self._table.selected
+        shown_rows, selected = self._model.store.shown, self._table.selected
         if not selected:
             row = self._table.cursor_row
             return None if row is None else [row]
-        start, end = store.shown.position_of(selected.start), store.shown.position_of(selected.stop)
-        if end - start > MOST_COPIED:
-            words = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
-            self._tell(words.format(count=end - start, most=MOST_COPIED))
+        start, end = (shown_rows.position_of(at) for at in (selected.start, selected.stop))
+        if end - start > MAX_COPIED_ROWS:
+            text = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
+            self._inform(text.format(count=end - start, most=MAX_COPIED_ROWS))
             return None
-        return [row for _, row in store.shown.slice(start, end)]
+        return [row for _, row in shown_rows.slice(start, end)]
 
     def _copy(self, text: str, rows: int) -> None:
         text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
         self.copy_to_clipboard(text)
-        kept = keep_copy(text)
+        file = write_copy(text)
         first = text.partition("\n")[0] if rows == 1 else _("{count:,} rows").format(count=rows)
-        form = _("copied {what}") if kept is None else _("copied {what}  (also in {file})")
-        self._tell(
-            form.format(what=printable(first), file=printable(short_path(kept)) if kept else "")
+        form = _("copied {what}") if file is None else _("copied {what}  (also in {file})")
+        self._inform(
+            form.format(what=printable(first), file=printable(_short_path(file)) if file else "")
         )
 
     def action_interrupt(self) -> None:
-        """Copy the selection of a field; where nothing is selected, end."""
+        """Copy the selected text of a field; without one, quit."""
         field = self.focused
         if isinstance(field, Input) and field.selected_text:
             self.copy_to_clipboard(field.selected_text)
@@ -117,101 +117,99 @@ class ExportActions(Parts):
             self.exit()
 
     def action_save(self) -> None:
-        """Ask for the file that the selected rows, or all that are shown, are saved to."""
-        if self._saving is not None:
-            words = _("{file} is still being saved; esc ends that")
-            self._tell(words.format(file=printable(str(self._saving.path))))
-        elif not self._watched.store.shown.count:
-            self._tell(_("no row is shown that could be saved"))
+        """Ask for the file to which the selected rows, or all shown rows, are saved."""
+        if self._save_job is not None:
+            text = _("{file} is still being saved; esc ends that")
+            self._inform(text.format(file=printable(str(self._save_job.path))))
+        elif not self._model.store.shown.count:
+            self._inform(_("no row is shown that could be saved"))
         else:
-            self._tell_what_is_saved()
-            self._save_field.ask()
+            self._report_row_count()
+            self._save_field.open()
 
-    def _tell_what_is_saved(self) -> None:
-        store, selected = self._watched.store, self._table.selected
+    def _report_row_count(self) -> None:
+        shown_rows, selected = self._model.store.shown, self._table.selected
         if selected:
-            count = store.shown.position_of(selected.stop) - store.shown.position_of(selected.start)
-            self._tell(_("{count:,} selected rows would be saved").format(count=count))
+            count = shown_rows.position_of(selected.stop) - shown_rows.position_of(selected.start)
+            self._inform(_("{count:,} selected rows would be saved").format(count=count))
         else:
-            count = store.shown.count
-            self._tell(_("{count:,} shown rows would be saved").format(count=count))
+            count = shown_rows.count
+            self._inform(_("{count:,} shown rows would be saved").format(count=count))
 
     def _target(self, line: str) -> SaveTarget:
-        return SaveTarget.parse(line, self._watched.state.files)
+        return SaveTarget.parse(line, self._model.state.files)
 
     def _save(self, line: str) -> None:
         if not line:
             return
-        store, selected = self._watched.store, self._table.selected
-        wanted = selected or range(store.first, store.next)
+        store, selected = self._model.store, self._table.selected
+        indices = selected or range(store.first, store.next)
         try:
-            self._saving = SaveJob(self._target(line), self._origin(selected))
+            job = self._save_job = SaveJob(self._target(line), self._export_source(selected))
         except FteSniffError as error:
-            self._notice.warn(worded(error))
+            self._notice.warn(error_text(error))
             return
-        saving, row_filter = self._saving, store.shown.filter
-        self._tell_share(saving, 0)
-        self._work(GROUP, partial(self._write, saving, wanted, row_filter))
+        self._show_progress(job, 0)
+        self._start_worker(SAVE_GROUP, partial(self._write, job, indices, store.shown.filter))
 
-    def _origin(self, selected: range) -> ExportSource:
-        """What is known of the rows that are saved: those shown, or those of them selected."""
-        store = self._watched.store
-        origin = replace(self._opening.origin, ports=self._watched.ports)
+    def _export_source(self, selected: range) -> ExportSource:
+        """Facts about the rows that are saved: those shown, or the selected ones among them."""
+        store = self._model.store
+        source = replace(self._options.export_source, ports=self._model.ports)
         if selected:
             first, last = store.row(selected.start), store.row(selected.stop - 1)
-            origin = origin.within(first.t_ns, last.t_ns)
+            source = source.within(first.t_ns, last.t_ns)
         if store.shown.filter is not None:
-            own = Selection(
-                store.shown.filter.text, len(selected or range(store.first, store.next))
-            )
-            origin = replace(origin, selections=[*origin.selections, own])
-        return origin
+            rows = len(selected or range(store.first, store.next))
+            selection = Selection(store.shown.filter.text, rows)
+            source = replace(source, selections=[*source.selections, selection])
+        return source
 
-    async def _write(self, saving: SaveJob, wanted: range, row_filter: RowFilter | None) -> None:
-        """Save the rows of these indices that the filter wants, while the screen goes on."""
-        store, at = self._watched.store, wanted.start
-        await self._drawn()
+    async def _write(self, job: SaveJob, indices: range, row_filter: RowFilter | None) -> None:
+        """Save the rows of these indices that pass the filter, while the screen continues."""
+        store, index = self._model.store, indices.start
+        await self._wait_until_drawn()
         try:
-            while at < wanted.stop:
-                if at < store.first:
-                    at = min(store.first, wanted.stop)
-                rows, at = select_rows(store, at, wanted.stop, row_filter)
-                saving.write(rows)
-                self._tell_share(saving, (at - wanted.start) / len(wanted))
+            while index < indices.stop:
+                if index < store.first:
+                    index = min(store.first, indices.stop)
+                rows, index = select_rows(store, index, indices.stop, row_filter)
+                job.write(rows)
+                self._show_progress(job, (index - indices.start) / len(indices))
                 await asyncio.sleep(0)
-            saving.finish()
+            job.finish()
         except FteSniffError as error:
-            self._end_of_saving()
-            self._notice.warn(worded(error))
+            self._forget_job()
+            self._notice.warn(error_text(error))
         else:
-            self._end_of_saving()
-            words = _("saved {count:,} rows to {file}")
-            self._tell(words.format(count=saving.rows, file=printable(str(saving.path))))
-            self._unselect()
+            self._forget_job()
+            text = _("saved {count:,} rows to {file}")
+            self._inform(text.format(count=job.rows, file=printable(str(job.path))))
+            self._end_selection()
 
-    def _tell_share(self, saving: SaveJob, share: float) -> None:
-        words = _("saving to {file}: {share:.0%}, esc ends it")
-        words = words.format(file=printable(str(saving.path)), share=share)
-        self._notice.hold(GROUP, words, worry=False)
+    def _show_progress(self, job: SaveJob, share: float) -> None:
+        text = _("saving to {file}: {share:.0%}, esc ends it")
+        text = text.format(file=printable(str(job.path)), share=share)
+        self._notice.pin(SAVE_GROUP, text, warning=False)
 
-    async def _drawn(self) -> None:
-        """Wait until what was told is on the screen: the first rows may take long."""
+    async def _wait_until_drawn(self) -> None:
+        """Wait until the notice is on the screen, since the first rows may take long."""
         drawn = asyncio.Event()
         self.call_after_refresh(drawn.set)
         await drawn.wait()
 
-    def _end_of_saving(self) -> None:
-        self._saving = None
-        self._notice.release(GROUP)
+    def _forget_job(self) -> None:
+        self._save_job = None
+        self._notice.unpin(SAVE_GROUP)
 
-    def _end_saving(self) -> bool:
-        """End the saving that runs, with nothing left of it; whether there was one."""
-        if self._saving is None:
+    def _abandon_save(self) -> bool:
+        """Cancel a running save and remove its file; returns whether there was one."""
+        job = self._save_job
+        if job is None:
             return False
-        saving = self._saving
-        self._end_of_saving()
-        self.workers.cancel_group(self, GROUP)
-        # The work may not have begun, and then does not hear that it is to end.
-        saving.abandon()
-        self._tell(_("{file} was not saved").format(file=printable(str(saving.path))))
+        self._forget_job()
+        self.workers.cancel_group(self, SAVE_GROUP)
+        # A worker that has not started yet does not notice that it is cancelled.
+        job.abandon()
+        self._inform(_("{file} was not saved").format(file=printable(str(job.path))))
         return True

@@ -1,38 +1,41 @@
-"""Go to row, time, offset."""
+"""Go-to line: parses a goal (row number, time, byte offset) and finds the row that it names."""
 
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from typing import TypeAlias
 
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.search import find_byte
 from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.prompt import PromptField, Take
+from fte_sniff.tui.prompt import OnSubmit, PromptField
 
 
 @dataclass(frozen=True, slots=True)
 class ToRow:
-    """The row of that number, from 1, among those shown."""
+    """The shown row of this number, from 1."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True)
 class ToTimeOfDay:
-    """The first row at or after a time of the day under the cursor."""
+    """The first row at or after a time, on the day of the cursor's row."""
 
     clock: ClockTime
 
 
 @dataclass(frozen=True, slots=True)
 class ToDistance:
-    """The first row at or after so long from the cursor's."""
+    """The first row at or after a distance in time from the cursor's row."""
 
     ns: int
-    """Nanoseconds; below 0 is earlier."""
+    """Nanoseconds; negative is earlier."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +48,7 @@ class ToTime:
 
 @dataclass(frozen=True, slots=True)
 class ToShare:
-    """The row so far through those shown."""
+    """The row at a percentage of the shown rows."""
 
     percent: float
     """0 to 100."""
@@ -53,16 +56,16 @@ class ToShare:
 
 @dataclass(frozen=True, slots=True)
 class ToOffset:
-    """The row that holds a byte of the stream that the cursor's row is of."""
+    """The row that holds a byte of the stream of the cursor's row."""
 
     offset: int
-    """Of the byte, from 0."""
+    """From 0."""
 
 
 Goal: TypeAlias = ToRow | ToTimeOfDay | ToDistance | ToTime | ToShare | ToOffset
 
-SIGNS = ("+", "-")
-"""What a distance begins with."""
+NO_TIME = -(2**63)
+"""Stands for the time of a row without one, before all others."""
 
 _ROW = re.compile(r"[0-9][0-9_,]*")
 _NO_UNIT = re.compile(r"[+-][0-9]+(?:\.[0-9]*)?", re.ASCII)
@@ -71,11 +74,11 @@ _OFFSET = re.compile(r"@ ?(0[xX][0-9a-fA-F]{1,16}|[0-9][0-9_,]{0,20})", re.ASCII
 
 
 def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
-    """What a text in the field means; a date and time that name no zone are of `zone`.
+    """Parse a goal; a date and time without a zone are in `zone`.
 
     Raises:
-        InputTextError: it is none of these; the message shows one of each, or the
-            distance with units where it has none.
+        InputTextError: the text is no goal; the message shows one of each kind, or asks for the
+            unit that a distance lacks.
     """
     text = text.strip()
     if _ROW.fullmatch(text):
@@ -88,7 +91,7 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
         return ToTime(t_ns)
     if (clock := clock_time(text)) is not None:
         return ToTimeOfDay(clock)
-    if text[:1] in SIGNS and (ns := duration_ns(text[1:])) is not None:
+    if text[:1] in ("+", "-") and (ns := duration_ns(text[1:])) is not None:
         return ToDistance(-ns if text[0] == "-" else ns)
     if _NO_UNIT.fullmatch(text):
         raise InputTextError(
@@ -102,14 +105,81 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
     )
 
 
+def time_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | None:
+    """Time that a goal names, nanoseconds since 1970 UTC.
+
+    Args:
+        goal: what was typed.
+        store: the rows.
+        cursor: position of the cursor's row among those shown.
+        zone: zone of a time of day without one.
+
+    Returns:
+        None for goals that name no time, and where the cursor's row has none.
+    """
+    cursor_ns = time_at(store, cursor)
+    if cursor_ns is None:
+        return None
+    match goal:
+        case ToTime(t_ns):
+            return t_ns
+        case ToDistance(ns):
+            return cursor_ns + ns
+        case ToTimeOfDay(clock):
+            return clock.on_day_of(cursor_ns, zone)
+        case _:
+            return None
+
+
+def row_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | None:
+    """Position of the row that a goal names among those shown; the arguments are `time_of`'s.
+
+    Returns:
+        None where no shown row has the byte, or a time is needed and there are none. A position
+        may be past the last row.
+    """
+    last = max(0, store.shown.count - 1)
+    match goal:
+        case ToRow(number):
+            return number - 1
+        case ToShare(percent):
+            return round(percent / 100 * last)
+        case ToOffset(offset):
+            return _row_with_byte(store, cursor, offset)
+    t_ns = time_of(goal, store, cursor, zone)
+    return None if t_ns is None else min(_first_from(store, t_ns), last)
+
+
+def _row_with_byte(store: RowStore, cursor: int, offset: int) -> int | None:
+    if cursor >= store.shown.count:
+        return None
+    index = find_byte(store, store.shown.row(cursor).port, offset)
+    return None if index is None else store.shown.position_of(index)
+
+
+def _first_from(store: RowStore, t_ns: int) -> int:
+    """First shown row at or after a time, as if times never fell."""
+
+    def time(position: int) -> int:
+        found = time_at(store, position)
+        return NO_TIME if found is None else found
+
+    return bisect_left(range(store.shown.count), t_ns, key=time)
+
+
+def time_at(store: RowStore, position: int) -> int | None:
+    """Time of a shown row; None where there is no such row, or it has no time."""
+    return store.shown.row(position).t_ns if position < store.shown.count else None
+
+
 class GotoField(PromptField):
     """Asks where to go."""
 
-    def __init__(self, take: Take) -> None:
+    def __init__(self, on_submit: OnSubmit) -> None:
         super().__init__(
             later("go to"),
             parse_goal,
-            take,
+            on_submit,
             "1200, 50%, 12:00:03.5, +2s, -50ms, @8190",
             _("enter goes there, esc stays here"),
         )

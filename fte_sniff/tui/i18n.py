@@ -1,4 +1,4 @@
-"""Language choice and translated names."""
+"""Translation: the language of the screen, and the names of its themes."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from typing import Final
 from fte_sniff.errors import FteSniffError, TranslatableText, UsageError, printable
 
 DOMAIN: Final = "fte-sniff"
-"""The name of the catalogues."""
+"""Gettext domain."""
 
 CATALOGUES: Final = Path(__file__).parent / "locale"
-"""The folder of the catalogues."""
+"""Folder of the catalogues."""
 
 LANGUAGES: Final[Mapping[str, str]] = {"en": "English", "zh": "中文"}
-"""What can be spoken, by the word for it on the command line."""
+"""Names of the languages, by their word on the command line."""
 
 AUTO: Final = "auto"
 """The language of the locale."""
 
-_spoken: ContextVar[gettext.NullTranslations] = ContextVar("spoken")
+_translations: ContextVar[gettext.NullTranslations] = ContextVar("translations")
 _ENGLISH: Final = gettext.NullTranslations()
 
 
 def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
-    """The language to speak: the one that is wanted, else the one of the locale, else English.
+    """The wanted language, else that of the locale, else English.
 
     Args:
-        wanted: a word of `LANGUAGES`; None or `AUTO` for that of the locale.
-        environment: holds the locale, in `LC_ALL`, `LC_MESSAGES` or `LANG`.
+        wanted: a key of `LANGUAGES`; None or `AUTO` for the locale's.
+        environment: has the locale in `LC_ALL`, `LC_MESSAGES` or `LANG`.
 
     Raises:
-        UsageError: that language is not spoken.
+        UsageError: there is no such language.
     """
     if wanted not in (None, AUTO):
         if wanted not in LANGUAGES:
@@ -46,30 +46,30 @@ def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
     return next((word for word in LANGUAGES if locale.lower().startswith(word)), "en")
 
 
-def speak(language: str) -> None:
-    """Say everything in this language from now on, in this context and what begins in it."""
-    _spoken.set(gettext.translation(DOMAIN, CATALOGUES, [language], fallback=True))
+def set_language(language: str) -> None:
+    """Translate to this language, in this context and in tasks that start in it."""
+    _translations.set(gettext.translation(DOMAIN, CATALOGUES, [language], fallback=True))
 
 
 def _(text: str) -> str:
-    """The text in the language that is spoken; one with values in it, with the values too."""
+    """The translated text; one with values is translated with them."""
     if isinstance(text, TranslatableText):
         values = {
             name: _(value) if isinstance(value, TranslatableText) else value
             for name, value in text.values.items()
         }
         return _(text.form).format(**values)
-    # To gettext, the empty text is the name of a catalogue's header.
-    return _spoken.get(_ENGLISH).gettext(text) if text else ""
+    # For gettext, the empty text is the key of a catalogue's header.
+    return _translations.get(_ENGLISH).gettext(text) if text else ""
 
 
-def worded(error: FteSniffError) -> str:
-    """What went wrong, in the language that is spoken, on one line."""
+def error_text(error: FteSniffError) -> str:
+    """The translated message of an error, on one line."""
     return printable(_(error.message))
 
 
 def later(text: str) -> str:
-    """The same text, for the catalogues to find; `_` says it in its language where it is shown."""
+    """Mark a text for the catalogues; `_` translates it where it is shown."""
     return text
 
 
@@ -77,10 +77,10 @@ CONTRAST_DARK: Final = "contrast-dark"
 CONTRAST_LIGHT: Final = "contrast-light"
 
 THEMES: Final = ("textual-dark", "textual-light", CONTRAST_DARK, CONTRAST_LIGHT, "nord")
-"""All of them; the first is the usual one."""
+"""Names of the themes; the first is the default."""
 
 
 def theme_after(name: str) -> str:
-    """The theme behind the one of that name; the first where there is none."""
-    at = THEMES.index(name) + 1 if name in THEMES else 0
-    return THEMES[at % len(THEMES)]
+    """The next theme; the first for an unknown name."""
+    number = THEMES.index(name) + 1 if name in THEMES else 0
+    return THEMES[number % len(THEMES)]

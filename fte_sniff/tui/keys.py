@@ -1,8 +1,8 @@
-"""Owns every key of the screen, once: the footer, the help and the keys themselves come from here.
+"""Key bindings: the single source of the keys, of the key line and of the help.
 
-It must not know what an action does. Keys are those of less, lnav and termshark; none is one that
-tmux takes for itself. Each has priority: it then acts before the next key is looked at, so that
-keys typed ahead of the screen go to the field that an earlier one of them opened.
+Keys are those of less, lnav and termshark, without those of tmux. Each has priority: it acts before
+the next key is handled, so that keys that are typed ahead go to the field that an earlier key
+opened.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from fte_sniff.tui.i18n import _, later
 
 
 def _key(keys: str, action: str, short: str, meaning: str, display: str | None = None) -> Binding:
-    """A key that the footer shows by its short name, where it has one, and the help in words."""
+    """A binding with its text in the key line, if it is shown there, and in the help."""
     return Binding(
         keys,
         action,
@@ -39,7 +39,7 @@ MOVING: tuple[Binding, ...] = (
     _key("left,h", "aside(-1)", "", "columns to the left", "left h"),
     _key("right,l", "aside(1)", "", "columns to the right", "right l"),
 )
-"""Keys of the table."""
+"""Move in the table."""
 
 FINDING: tuple[Binding, ...] = (
     _key("f", "filter", "Filter", "filter the rows: motor = 1 AND rpm > 500", "f"),
@@ -49,19 +49,19 @@ FINDING: tuple[Binding, ...] = (
     _key("a", "raised(1)", "Flags", "the next row whose ERROR or ONLINE is not all in order", "a"),
     _key("A", "raised(-1)", "", "the one before", "A"),
     _key("slash", "search", "Search", "find rows that have a text or bytes (hex:AA ?? 03)", "/"),
-    _key("n", "again(1)", "", "the next row that has what was looked for", "n"),
-    _key("N", "again(-1)", "", "the row before that has it", "N"),
+    _key("n", "again(1)", "", "the next hit of the search", "n"),
+    _key("N", "again(-1)", "", "the hit before", "N"),
     _key("x", "only", "", "show only rows that are like this one in a cell", "x"),
     _key("X", "without", "", "hide rows that are like this one in a cell", "X"),
-    _key("backspace", "filter_before", "", "the filter that stood before", "backspace"),
-    _key("m", "mark", "", "mark the row, or take its mark away", "m"),
+    _key("backspace", "filter_before", "", "the previous filter", "backspace"),
+    _key("m", "mark", "", "mark the row, or remove its mark", "m"),
     _key("u", "to_mark(1)", "", "the next marked row", "u"),
     _key("U", "to_mark(-1)", "", "the marked row before", "U"),
     _key(
         "colon", "goto", "", "go to a row (1200), 50%, a time (12:00:03.5), away (+2s), @byte", ":"
     ),
 )
-"""Keys that lead to a row."""
+"""Find rows."""
 
 HANDLING: tuple[Binding, ...] = (
     _key("space,p", "pause", "Pause", "freeze the view, never the capture", "space"),
@@ -78,31 +78,31 @@ HANDLING: tuple[Binding, ...] = (
         "escape", "dismiss", "", "end what was begun: save, selection, search, notice, pane", "esc"
     ),
 )
-"""Keys that do something to the view."""
+"""Change the view, copy and save."""
 
 UNDERSTANDING: tuple[Binding, ...] = (
     _key("enter,i", "pane('detail')", "Detail", "what each byte means (also enter)", "i"),
     _key("b", "pane('bytes')", "Bytes", "the bytes around the row", "b"),
-    _key("M", "pane('motors')", "Motors", "what each motor was asked and tells", "M"),
+    _key("M", "pane('motors')", "Motors", "target and feedback of each motor", "M"),
     _key("S", "pane('statistics')", "Stats", "rates, use of the line, faults over time", "S"),
     _key("z", "zoom(-1)", "", "less time in the plots of the motors", "z"),
     _key("Z", "zoom(1)", "", "more time in the plots of the motors", "Z"),
     _key("J", "scroll_pane(1)", "", "scroll the pane down", "J"),
     _key("K", "scroll_pane(-1)", "", "scroll the pane up", "K"),
 )
-"""Keys of the panes below the table; pressed again, the key of a pane closes it."""
+"""Panes; the key of the open pane closes it."""
 
 LEAVING: tuple[Binding, ...] = (
     _key("question_mark", "help", "Help", "this page", "?"),
-    _key("q", "leave", "Quit", "end, and say where the recording lies", "q"),
+    _key("q", "leave", "Quit", "quit, and print where the recording is", "q"),
     _key("ctrl+z", "suspend_process", "", "to the shell until `fg`; a capture goes on", "^z"),
 )
-"""Keys that lead away."""
+"""Help and quit."""
 
 TABLE_ACTIONS = frozenset(
     binding.action.partition("(")[0] for binding in (*FINDING, *HANDLING, *UNDERSTANDING, *LEAVING)
 )
-"""What the keys of the whole screen do while no field or page takes the keys."""
+"""Actions that are off while a field or the help page is open."""
 
 SHOWN_FIRST: tuple[str, ...] = (
     "help",
@@ -119,17 +119,17 @@ SHOWN_FIRST: tuple[str, ...] = (
     "save",
     "raised(1)",
 )
-"""The actions whose keys stand on the bottom line, as far as there is room, the first first."""
+"""Actions in the key line, the most important first."""
 
 COMMANDS: tuple[Binding, ...] = tuple(
     binding for binding in (*FINDING, *HANDLING, *MOVING, *LEAVING) if binding.action != "palette"
 )
-"""What can be picked from a list instead of by its key."""
+"""Bindings in the list of commands."""
 
 
 def _of_list(key: str, short: str, display: str) -> Binding:
-    """A key that a list looks at by itself; the bottom line tells it while the list is open."""
-    return Binding(key, f"told('{key}')", short, key_display=display)
+    """A key for the key line only; the list handles it itself."""
+    return Binding(key, f"list('{key}')", short, key_display=display)
 
 
 PICKING: tuple[Binding, ...] = (
@@ -138,7 +138,7 @@ PICKING: tuple[Binding, ...] = (
     _of_list("up", later("Up"), "up"),
     _of_list("down", later("Down"), "down"),
 )
-"""Keys of a list from which one entry is picked."""
+"""Keys of a picker."""
 
 CHOOSING: tuple[Binding, ...] = (
     _of_list("enter", later("Apply"), "enter"),
@@ -147,12 +147,12 @@ CHOOSING: tuple[Binding, ...] = (
     _of_list("up", later("Up"), "up"),
     _of_list("down", later("Down"), "down"),
 )
-"""Keys of the list of columns."""
+"""Keys of the column chooser."""
 
 INTERRUPT = Binding(
     "ctrl+c", "interrupt", "Quit", show=False, priority=True, tooltip="copy a selection, or end"
 )
-"""As on every command line; in a field with selected text it copies, as in every field."""
+"""Quits, but copies where text is selected in a field."""
 
 SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
     ("Move", MOVING),
@@ -160,7 +160,7 @@ SECTIONS: tuple[tuple[str, tuple[Binding, ...]], ...] = (
     ("Understand", UNDERSTANDING),
     ("Handle", (*HANDLING, *LEAVING)),
 )
-"""All keys, as the help shows them."""
+"""Sections of the help."""
 
 
 KEY_NAMES = frozenset(
@@ -169,25 +169,25 @@ KEY_NAMES = frozenset(
         *(later("enter"), later("backspace")),
     )
 )
-"""Names of keys that have others in other languages."""
+"""Names of keys that are translated."""
 
 
 def key_names(binding: Binding) -> str:
-    """The keys of a binding as people know them."""
+    """Names of a binding's keys."""
     names = (binding.key_display or binding.key).split(" ")
     return " ".join(_(name) if name in KEY_NAMES else name for name in names)
 
 
 def bindings(*groups: tuple[Binding, ...]) -> list[BindingType]:
-    """The groups as Textual wants them."""
+    """The groups as a class attribute BINDINGS."""
     return [cast(BindingType, binding) for group in groups for binding in group]
 
 
-def say_keys(node: DOMNode) -> None:
-    """Let the footer tell a widget's keys in the language that is spoken now."""
+def translate_keys(node: DOMNode) -> None:
+    """Translate the descriptions of a widget's keys."""
     keys = node._bindings.key_to_bindings
     for key, known in keys.items():
-        # A new list: the old one is that of the class.
+        # A new list, since the old one belongs to the class.
         keys[key] = [
             replace(one, description=_(one.description), tooltip=_(one.tooltip)) for one in known
         ]

@@ -1,4 +1,4 @@
-"""Notice line."""
+"""Notices: temporary ones about keys and events, pinned ones about lasting states."""
 
 from __future__ import annotations
 
@@ -18,36 +18,32 @@ from fte_sniff.tui.text import ELLIPSIS, clock_text, fit_path, wrap
 
 _PATH = re.compile(r"[!-~]*/[!-~]+")
 _LONG_WORD = 12
-"""Characters of a word that may be cut apart."""
+"""Characters from which on a word may be cut."""
 
-_SHORTEST_PATH = 16
-"""Cells that a path is left with."""
+_MIN_PATH = 16
+"""Cells of a shortened path."""
 
 
-def in_lines(text: str, width: int, most: int) -> list[str]:
-    """The text in at most `most` lines of `width` cells: paths give way first, then its middle."""
+def in_lines(text: str, width: int, max_lines: int) -> list[str]:
+    """The text in at most `max_lines` lines; paths are shortened first, then its middle is cut."""
     text = text.strip()
     lines = wrap(text, width)
     if len(lines) <= 1:
         return lines
-    for room in (width, max(_SHORTEST_PATH, width * most // 3)):
-        text = _with_short_paths(text, room)
-        if len(lines := wrap(text, width)) <= most:
+    for path_width in (width, max(_MIN_PATH, width * max_lines // 3)):
+        text = _PATH.sub(lambda path, most=path_width: fit_path(path[0], most), text)  # type: ignore[misc]
+        if len(lines := wrap(text, width)) <= max_lines:
             return lines
     kept = len(text)
-    while len(lines := wrap(_without_middle(text, kept), width)) > most and kept > 2:
+    while len(lines := wrap(_without_middle(text, kept), width)) > max_lines and kept > 2:
         kept -= 1
-    return lines[:most]
-
-
-def _with_short_paths(text: str, room: int) -> str:
-    return _PATH.sub(lambda path: fit_path(path[0], room), text)
+    return lines[:max_lines]
 
 
 def _without_middle(text: str, kept: int) -> str:
-    """The text short of its middle, so many characters of it; between words, where they are short.
+    """The text cut to `kept` characters, between words where these are short.
 
-    The way out needs more words than what it is about.
+    Three fifths remain of the end, since the fix is there.
     """
     if kept >= len(text):
         return text
@@ -60,36 +56,36 @@ def _without_middle(text: str, kept: int) -> str:
     return f"{head.rstrip()} {ELLIPSIS} {tail.lstrip()}"
 
 
-class Sentence(Widget):
-    """A sign and a sentence behind it, in as many lines as there are."""
+class WrappedText(Widget):
+    """A sign and a wrapped text after it."""
 
-    def __init__(self, most: int = 0, classes: str | None = None) -> None:
-        """`most` is how many lines it takes where its height is left to it."""
+    def __init__(self, max_lines: int = 0, classes: str | None = None) -> None:
+        """`max_lines` limits its height where that is automatic."""
         super().__init__(classes=classes)
-        self.most = most
-        self._sign, self._words = "", ""
+        self.max_lines = max_lines
+        self._sign, self._text = "", ""
 
-    def say(self, sign: str, words: str) -> None:
-        """Show this from now on; `words` have no control characters."""
-        if (sign, words) != (self._sign, self._words):
-            self._sign, self._words = sign, words
+    def show(self, sign: str, text: str) -> None:
+        """Show a printable text."""
+        if (sign, text) != (self._sign, self._text):
+            self._sign, self._text = sign, text
             self.refresh(layout=True)
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """As many lines as the sentence needs, up to the most."""
-        return max(1, len(self._lines(width, self.most)))
+        """Lines of the text, at most `max_lines`."""
+        return max(1, len(self._lines(width, self.max_lines)))
 
-    def _lines(self, width: int, most: int) -> list[str]:
-        return in_lines(self._words, max(1, width - len(self._sign) - 1), max(1, most))
+    def _lines(self, width: int, max_lines: int) -> list[str]:
+        return in_lines(self._text, max(1, width - len(self._sign) - 1), max(1, max_lines))
 
     def render(self) -> Text:
-        """The lines, all behind the sign."""
+        """The lines, indented by the sign."""
         indent = "\n" + " " * (len(self._sign) + 1)
         lines = self._lines(self.size.width, self.size.height)
         return Text(f"{self._sign} {indent.join(lines)}", no_wrap=True, overflow="crop")
 
 
-GOOD = frozenset(
+INFO_EVENTS = frozenset(
     {
         PortEventKind.OPENED,
         PortEventKind.FOUND_AGAIN,
@@ -97,9 +93,9 @@ GOOD = frozenset(
         PortEventKind.BAUD_CHANGED,
     }
 )
-"""Events that are no cause for worry."""
+"""Events that are no problem."""
 
-LASTING = frozenset(
+PINNED_EVENTS = frozenset(
     {
         PortEventKind.LOST,
         PortEventKind.NOT_OPENED,
@@ -108,133 +104,119 @@ LASTING = frozenset(
         PortEventKind.WIRING,
     }
 )
-"""Events that have to be seen, by whoever looks at the screen next."""
+"""Events that stay on the screen until they are dismissed."""
 
-BACK = frozenset({PortEventKind.OPENED, PortEventKind.FOUND_AGAIN})
-"""Events after which all is well with a port again."""
+RECOVERY_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.FOUND_AGAIN})
+"""Events that end a port's pinned notice."""
 
-SHOWN_S = 8.0
-"""How long a passing notice stays that is no cause for worry, where no key is pressed."""
+INFO_S = 8.0
+"""How long an information stays where no key is pressed, seconds."""
 
-WARNED_S = 30.0
-"""How long one stays that is."""
+WARNING_S = 30.0
+"""How long a warning stays, seconds."""
 
 _TINY, _LOW = 12, 20
-"""Lines of a screen below which a notice has one line, and two."""
-
-_MILLISECONDS = 3
-
+"""Lines of the terminal below which a notice has one line, and two."""
 
 WITH_DETAIL = later("{event}: {detail}")
 
 
 def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
-    """The event in one line, its time of day in a zone."""
-    when = clock_text(event.t_ns, _MILLISECONDS, zone)
-    what = f"{event.port} {_(event_words(event.kind))}"
+    """A port event on one line, with its time of day in a zone."""
+    text = f"{event.port} {_(event_words(event.kind))}"
     if event.detail:
-        what = _(WITH_DETAIL).format(event=what, detail=_(event.detail))
-    return printable(f"{when}  {what}")
+        text = _(WITH_DETAIL).format(event=text, detail=_(event.detail))
+    return printable(f"{clock_text(event.t_ns, 3, zone)}  {text}")
 
 
 def event_words(kind: PortEventKind) -> str:
-    """What happened, in English."""
+    """A kind of event in English words."""
     return kind.replace("_", " ")
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """What is told, and whether it is cause for worry."""
+    """A text, and whether it is a warning."""
 
-    words: str
-    worry: bool
+    text: str
+    warning: bool
 
 
-class NoticeLine(Sentence):
-    """The notice that holds now: a passing one, else the latest of those that stand.
+class NoticeLine(WrappedText):
+    """The temporary notice, or else the latest pinned one.
 
-    passing    what a key did, or why it did nothing: until the next key does something, or for
-               a while; an error longer, whatever is done meanwhile
-    standing   what holds until it is told that it does no more, at most one about each thing
+    temporary  about a key: until the next key acts, or for a while; a warning stays longer
+    pinned     about a state, one per topic: until it is unpinned or dismissed
 
-    What is new is told at once: a worry that stands ends whatever passes, and all else that stands
-    ends what passes and is no worry.
+    A new pinned notice replaces the temporary one, except an information a warning.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.display = False
-        self.passing: Notice | None = None
-        self._standing: dict[str, Notice] = {}
-        self._clock: Timer | None = None
+        self.temporary: Notice | None = None
+        self._pinned: dict[str, Notice] = {}
+        self._timer: Timer | None = None
 
-    def tell(self, words: str) -> None:
-        """Tell what a key did, or something that is no cause for worry."""
-        self._pass(Notice(words, worry=False), SHOWN_S)
+    def inform(self, text: str) -> None:
+        """Show for a while what a key did, or another information."""
+        self._set_temporary(Notice(text, warning=False), INFO_S)
 
-    def warn(self, words: str) -> None:
-        """Tell what went wrong, where it does not stay so."""
-        self._pass(Notice(words, worry=True), WARNED_S)
+    def warn(self, text: str) -> None:
+        """Show a warning for a while."""
+        self._set_temporary(Notice(text, warning=True), WARNING_S)
 
-    def hold(self, about: str, words: str, worry: bool = True) -> None:
-        """Tell what holds until `release`, in place of what stood about the same thing."""
-        before = self._standing.pop(about, None)
-        notice = self._standing[about] = Notice(words, worry)
-        if notice != before if worry else before is None:
-            self._give_way(notice)
-        self._show()
+    def pin(self, topic: str, text: str, warning: bool = True) -> None:
+        """Show until `unpin`, in place of the pinned notice of the same topic."""
+        before = self._pinned.pop(topic, None)
+        notice = self._pinned[topic] = Notice(text, warning)
+        is_new = notice != before if warning else before is None
+        if is_new and self.temporary is not None and warning >= self.temporary.warning:
+            self._set_temporary(None)
+        self._update()
 
-    def _give_way(self, to: Notice) -> None:
-        """What passes ends for a notice that is newer and at least as grave."""
-        if self.passing is not None and to.worry >= self.passing.worry:
-            self._pass(None)
+    def unpin(self, topic: str) -> None:
+        """Remove the pinned notice of a topic."""
+        if self._pinned.pop(topic, None) is not None:
+            self._update()
 
-    def release(self, about: str) -> None:
-        """What stands about this holds no more."""
-        if self._standing.pop(about, None) is not None:
-            self._show()
-
-    def tell_event(self, event: PortEvent, zone: tzinfo = UTC) -> None:
-        """Tell a port event, its time of day in a zone."""
-        words = event_text(event, zone)
-        if event.kind in BACK:
-            self.release(event.port)
-        if event.kind in LASTING:
-            self.hold(event.port, words)
-        elif event.kind in GOOD:
-            self.tell(words)
+    def on_port_event(self, event: PortEvent, zone: tzinfo = UTC) -> None:
+        """Show a port event, with its time of day in a zone."""
+        text = event_text(event, zone)
+        if event.kind in RECOVERY_EVENTS:
+            self.unpin(event.port)
+        if event.kind in PINNED_EVENTS:
+            self.pin(event.port, text)
+        elif event.kind in INFO_EVENTS:
+            self.inform(text)
         else:
-            self.warn(words)
+            self.warn(text)
 
-    def pass_by(self, notice: Notice | None) -> None:
-        """A key did something while this was passing: it holds no more, if it is no worry."""
-        if notice is not None and notice is self.passing and not notice.worry:
-            self._pass(None)
+    def remove_info(self, notice: Notice | None) -> None:
+        """Remove this notice, if it is shown and no warning: a key has acted since."""
+        if notice is not None and notice is self.temporary and not notice.warning:
+            self._set_temporary(None)
 
-    def put_away(self) -> None:
-        """Take the notice that is shown for read."""
-        if self.passing is None and self._standing:
-            self._standing.popitem()
-        self._pass(None)
+    def dismiss(self) -> None:
+        """Remove the notice that is shown."""
+        if self.temporary is None and self._pinned:
+            self._pinned.popitem()
+        self._set_temporary(None)
 
-    def _pass(self, notice: Notice | None, for_s: float = 0) -> None:
-        if self._clock is not None:
-            self._clock.stop()
-            self._clock = None
-        self.passing = notice
+    def _set_temporary(self, notice: Notice | None, for_s: float = 0) -> None:
+        if self._timer is not None:
+            self._timer.stop()
+            self._timer = None
+        self.temporary = notice
         if notice is not None:
-            self._clock = self.set_timer(for_s, lambda: self._pass(None))
-        self._show()
+            self._timer = self.set_timer(for_s, lambda: self._set_temporary(None))
+        self._update()
 
-    def _show(self) -> None:
-        notice = self.passing or next(reversed(self._standing.values()), None)
+    def _update(self) -> None:
+        notice = self.temporary or next(reversed(self._pinned.values()), None)
         self.display = notice is not None
         if notice is not None:
-            self.most = _most_lines(self.app.size.height)
-            self.set_class(notice.worry, "-worry")
-            self.say("!" if notice.worry else "i", notice.words)
-
-
-def _most_lines(height: int) -> int:
-    """Lines that a notice may take of a screen that has so many."""
-    return 1 if height < _TINY else 2 if height < _LOW else 3
+            height = self.app.size.height
+            self.max_lines = 1 if height < _TINY else 2 if height < _LOW else 3
+            self.set_class(notice.warning, "-worry")
+            self.show("!" if notice.warning else "i", notice.text)

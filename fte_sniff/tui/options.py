@@ -1,4 +1,4 @@
-"""How the screen is opened."""
+"""Options with which the screen is opened."""
 
 from __future__ import annotations
 
@@ -18,35 +18,28 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
 
-ENDING_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
-"""Signals upon which the screen closes and leaves the terminal as it was."""
+CLOSING_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+"""Signals that close the screen and restore the terminal."""
 
 
 class AtEnd(Enum):
     """What the screen does when its feed has ended."""
 
     STAY = "stay"
-    """The rows can still be looked at."""
     LEAVE = "leave"
-    """The screen closes by itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """What the user chooses on the screen, and would choose again the next time."""
+    """What the user chooses on the screen, and has again the next time."""
 
     theme: str | None = None
-    """A name of `theme_names`; None for the usual one."""
+    """One of `i18n.THEMES`; None for the default."""
     columns: ColumnChoice | None = None
     """None where the width of the window decides."""
 
 
-Keep: TypeAlias = Callable[[Choices], None]
-"""Keeps what was chosen, for the next time."""
-
-
-def keep_nothing(_choices: Choices) -> None:
-    """The next screen begins as this one did."""
+SaveChoices: TypeAlias = Callable[[Choices], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,32 +48,30 @@ class StartOptions:
 
     at_end: AtEnd = AtEnd.STAY
     row_filter: RowFilter | None = None
-    """Only the rows that it wants are shown, until the user says otherwise."""
+    """The first filter."""
     keep_rows: int = DEFAULT_BOUND
-    """Rows that can be looked at, or lie in memory, at least 1; the oldest leave first."""
-    signals: tuple[signal.Signals, ...] = ENDING_SIGNALS
-    """Upon which the screen closes; others do what they did before."""
-    bench: LineSetup = DEFAULT_SETUP
-    """What the user said about the set-up."""
+    """Rows that are kept, or kept in memory, at least 1; the oldest are dropped first."""
+    signals: tuple[signal.Signals, ...] = CLOSING_SIGNALS
+    """Signals that close the screen; others are left alone."""
+    line_setup: LineSetup = DEFAULT_SETUP
     language: str = "en"
-    """A word of `language.LANGUAGES`."""
+    """A key of `i18n.LANGUAGES`."""
     choices: Choices = Choices()
-    """What was chosen before."""
-    keep: Keep = keep_nothing
-    """Is told at the end what was chosen, where that differs from `choices`."""
-    trouble: tuple[str, ...] = ()
-    """What went wrong before the screen was there to tell it, a sentence each."""
-    origin: ExportSource = UNKNOWN
-    """What is known of the rows beside them, to be saved with them."""
+    """Choices of the last time."""
+    save_choices: SaveChoices | None = None
+    """Called at the end where the choices have changed."""
+    warnings: tuple[str, ...] = ()
+    """Problems from before the screen opened, a sentence each."""
+    export_source: ExportSource = UNKNOWN
+    """Facts about the rows that are saved with them."""
     zone: tzinfo | None = None
-    """Of local times; None for this machine's."""
+    """Zone of local times; None for this machine's."""
 
     def store(self, source: BlockSource | None = None) -> RowStore:
-        """A store for so many rows; for all there are, where a source gives the others again."""
+        """A store bounded by `keep_rows`; one for all rows where a source can read them again."""
         if source is None:
             return RowStore(self.keep_rows)
         return RowStore(ENDLESS, source=source, most_blocks=max(2, self.keep_rows // BLOCK_ROWS))
 
 
-USUAL: Final = StartOptions()
-"""Nobody said anything."""
+DEFAULTS: Final = StartOptions()

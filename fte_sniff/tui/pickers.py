@@ -1,7 +1,8 @@
-"""File, port and column pickers."""
+"""Lists over the screen: pick an entry, or choose columns."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Generic, TypeVar
@@ -13,40 +14,35 @@ from textual import events
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Vertical
-from textual.screen import ModalScreen
+from textual.screen import ModalScreen, ScreenResultType
 from textual.widget import Widget
 
 from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.keys import CHOOSING, PICKING, bindings, say_keys
+from fte_sniff.tui.keys import CHOOSING, PICKING, bindings, translate_keys
 from fte_sniff.tui.status_bar import KeyLine
-from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES, ColumnChoice, TableColumn
+from fte_sniff.tui.table.columns import (
+    MAX_WIDTH,
+    MIN_WIDTH,
+    ORDER,
+    VALUES,
+    ColumnChoice,
+    TableColumn,
+)
 from fte_sniff.tui.text import fit
 
 Picked = TypeVar("Picked")
 
-SHARE = 0.9
-"""How much of the screen's height a list takes at most."""
+MAX_SHARE = 0.9
+"""Share of the screen's height that a list may have."""
 
-BORDERS = 2
-"""Lines that the box around a list takes."""
+BORDER_LINES = 2
 
 CURSOR = Style(reverse=True, bold=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Entry(Generic[Picked]):
-    """One line of the list."""
-
-    words: str
-    """What stands there; text from outside must have gone through `errors.printable`."""
-    value: Picked
-    aside: str = ""
-    """What stands at its end, such as a key."""
-
-
 class PickerLines(Widget):
-    """The entries that there is room for, the one under the cursor set off by a sign too."""
+    """The lines of a list that fit; a sign marks the one under the cursor."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -54,141 +50,180 @@ class PickerLines(Widget):
         self.cursor = 0
 
     def show(self, lines: Sequence[tuple[str, str]], cursor: int) -> None:
-        """Draw these, each with what stands at its end."""
+        """Draw lines, each with a text at its right end."""
         self._lines, self.cursor = lines, cursor
-        room = int(self.app.size.height * SHARE) - BORDERS
-        self.styles.height = max(1, min(len(lines), room))
+        most = int(self.app.size.height * MAX_SHARE) - BORDER_LINES
+        self.styles.height = max(1, min(len(lines), most))
         self.refresh()
 
     @property
     def top(self) -> int:
-        """The first line in view; the cursor is always in view."""
+        """The first line in view, so that the cursor is in view."""
         height = max(1, self.size.height)
         least = max(0, self.cursor - height + 1)
         return min(max(least, self.cursor - height // 2), max(0, len(self._lines) - height))
 
+    def line_at(self, event: events.Click) -> int | None:
+        """Number of the clicked line; None outside of the list."""
+        if not self.region.contains(event.screen_x, event.screen_y):
+            return None
+        number = event.screen_y - self.region.y + self.top
+        return number if number < len(self._lines) else None
+
     def render(self) -> Text:
         """The lines in view."""
         width, top = self.size.width, self.top
-        made = []
-        for at, (words, aside) in enumerate(self._lines[top : top + self.size.height], top):
-            room = max(0, width - 2 - (cell_len(aside) + 1 if aside else 0))
-            line = f"{'>' if at == self.cursor else ' '} {fit(words, room)}"
-            line = fit(f"{line} {aside}" if aside else line, width)
-            made.append(Text(line, CURSOR if at == self.cursor else "", end=""))
-        return Text("\n", no_wrap=True, overflow="crop").join(made)
+        lines = []
+        for number, (text, right) in enumerate(self._lines[top : top + self.size.height], top):
+            left = max(0, width - 2 - (cell_len(right) + 1 if right else 0))
+            line = f"{'>' if number == self.cursor else ' '} {fit(text, left)}"
+            line = fit(f"{line} {right}" if right else line, width)
+            lines.append(Text(line, CURSOR if number == self.cursor else "", end=""))
+        return Text("\n", no_wrap=True, overflow="crop").join(lines)
 
 
-class Picker(ModalScreen[Picked | None], Generic[Picked]):
-    """A list over the screen; gives the value of the picked entry, or None."""
+class ListScreen(ModalScreen[ScreenResultType]):
+    """A list in a box, as tall as its lines where they fit.
 
-    BINDINGS: ClassVar[list[BindingType]] = bindings(PICKING)
+    Keys that are typed ahead of its end go back to the app.
+    """
 
-    def __init__(self, title: str, entries: Sequence[Entry[Picked]], at: int = 0) -> None:
-        """The list.
-
-        Args:
-            title: what is picked.
-            entries: from top to bottom.
-            at: where the cursor stands at first.
-        """
+    def __init__(self) -> None:
         super().__init__()
-        self._heading, self._entries, self._at = title, entries, at
-        self._typed = ""
+        self._cursor = 0
         self._done = False
         self._lines = PickerLines()
-        say_keys(self)
+        translate_keys(self)
 
     def compose(self) -> ComposeResult:
-        """A box as tall as its entries, as far as there is room."""
+        """The box and the line of keys."""
         with Vertical(id="picker"):
             yield self._lines
         yield KeyLine()
 
+    @abstractmethod
+    def _show(self) -> None:
+        """Draw the list with `_show_lines`."""
+
+    @abstractmethod
+    def _press(self, event: events.Key) -> None:
+        """Handle a key."""
+
+    def _show_lines(self, title: str, subtitle: str, lines: Sequence[tuple[str, str]]) -> None:
+        box = self.query_one("#picker")
+        box.border_title, box.border_subtitle = Text(title), Text(subtitle)
+        self._lines.show(lines, self._cursor)
+
     def on_mount(self) -> None:
-        """Show the entries."""
+        """Draw the list."""
         self._show()
 
     def on_resize(self) -> None:
-        """Show as many as there is room for."""
+        """Draw the lines that fit."""
         self._show()
+
+    def on_key(self, event: events.Key) -> None:
+        """Handle a key before the next one acts."""
+        event.prevent_default().stop()
+        if self._done:
+            self.app.post_message(events.Key(event.key, event.character))
+            return
+        self._press(event)
+        if not self._done:
+            self._show()
+
+    def _finish(self, result: ScreenResultType | None) -> None:
+        self._done = True
+        self.dismiss(result)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry(Generic[Picked]):
+    """One line of a picker."""
+
+    text: str
+    """Printable."""
+    value: Picked
+    right: str = ""
+    """Text at the right end, such as a key."""
+
+
+class Picker(ListScreen[Picked | None], Generic[Picked]):
+    """A list from which one entry is picked; the result is its value, or None."""
+
+    BINDINGS: ClassVar[list[BindingType]] = bindings(PICKING)
+
+    def __init__(self, title: str, entries: Sequence[Entry[Picked]], cursor: int = 0) -> None:
+        """A list.
+
+        Args:
+            title: what is picked.
+            entries: from top to bottom.
+            cursor: number of the entry under the cursor at first.
+        """
+        super().__init__()
+        self._heading, self._entries, self._cursor = title, entries, cursor
+        self._typed = ""
 
     @property
     def shown(self) -> list[Entry[Picked]]:
-        """The entries that have every word that was typed, the sooner the higher."""
+        """The entries that contain every typed word; the sooner the first one, the higher."""
         words = self._typed.lower().split()
         found = []
         for entry in self._entries:
-            text = f"{entry.words} {entry.aside}".lower()
+            text = f"{entry.text} {entry.right}".lower()
             if all(word in text for word in words):
                 found.append((text.find(words[0]) if words else 0, entry))
         return [entry for _, entry in sorted(found, key=lambda pair: pair[0])]
 
     def _show(self) -> None:
-        shown = self.shown
-        self._at = min(max(0, self._at), max(0, len(shown) - 1))
-        box = self.query_one("#picker")
-        box.border_title = Text(self._heading)
+        lines = [(entry.text, entry.right) for entry in self.shown]
+        self._cursor = min(max(0, self._cursor), max(0, len(lines) - 1))
         hint = _("type to find, enter picks, esc goes back")
-        box.border_subtitle = Text(f"{self._typed}_" if self._typed else hint)
-        lines = [(entry.words, entry.aside) for entry in shown] or [
-            (_("nothing is called that"), "")
-        ]
-        self._lines.show(lines, self._at)
-
-    def on_key(self, event: events.Key) -> None:
-        """Do what the key says, or hand it on where the pick was made before it."""
-        event.prevent_default().stop()
-        if self._done:
-            self.app.post_message(events.Key(event.key, event.character))
-        else:
-            self._press(event)
+        typed = f"{self._typed}_" if self._typed else hint
+        self._show_lines(self._heading, typed, lines or [(_("nothing is called that"), "")])
 
     def _press(self, event: events.Key) -> None:
         page = max(1, self._lines.size.height - 1)
         steps = {"up": -1, "down": 1, "pageup": -page, "pagedown": page}
         steps |= {"ctrl+p": -1, "ctrl+n": 1, "home": -len(self._entries), "end": len(self._entries)}
         if event.key == "escape":
-            self._give(None)
+            self._finish(None)
         elif event.key == "enter":
-            shown = self.shown
-            self._give(shown[self._at].value if shown else None)
+            self._pick(self._cursor)
         elif event.key in steps:
-            self._at += steps[event.key]
+            self._cursor += steps[event.key]
         elif event.key == "backspace":
             self._typed = self._typed[:-1]
         elif event.key == "ctrl+u":
             self._typed = ""
         elif event.is_printable and event.character:
-            self._typed, self._at = self._typed + event.character, 0
-        if not self._done:
-            self._show()
+            self._typed, self._cursor = self._typed + event.character, 0
 
-    def _give(self, value: Picked | None) -> None:
-        self._done = True
-        self.dismiss(value)
+    def _pick(self, number: int) -> None:
+        shown = self.shown
+        self._finish(shown[number].value if shown else None)
 
     def on_click(self, event: events.Click) -> None:
-        """Pick the entry under the mouse; a click beside the list goes back."""
+        """Pick the clicked entry; a click outside of the box goes back."""
         event.stop()
+        number = self._lines.line_at(event)
+        box = self.query_one("#picker").region
         if self._done:
             return
-        at = event.screen_y - self._lines.region.y + self._lines.top
-        shown = self.shown
-        if not self._lines.region.contains(event.screen_x, event.screen_y):
-            if not self.query_one("#picker").region.contains(event.screen_x, event.screen_y):
-                self._give(None)
-        elif at < len(shown):
-            self._give(shown[at].value)
+        if number is not None and self.shown:
+            self._pick(number)
+        elif not box.contains(event.screen_x, event.screen_y):
+            self._finish(None)
 
     def on_mouse_scroll_up(self) -> None:
         """Move up."""
-        self._at -= 1
+        self._cursor -= 1
         self._show()
 
     def on_mouse_scroll_down(self) -> None:
         """Move down."""
-        self._at += 1
+        self._cursor += 1
         self._show()
 
 
@@ -198,123 +233,91 @@ KEYS = later("space: show, K J: move, < >: width, r: as it was, enter, esc")
 
 
 @dataclass(frozen=True, slots=True)
-class Chosen:
-    """What was chosen."""
+class ChosenColumns:
+    """Result of the column chooser."""
 
     choice: ColumnChoice | None
-    """None where the width of the window is to decide."""
+    """None where the width of the window decides."""
 
 
 @dataclass(slots=True)
-class _Line:
+class _ColumnLine:
     name: str
-    wanted: bool
+    is_shown: bool
     width: int
 
+    @property
+    def text(self) -> str:
+        meaning = VALUES_MEANING if self.name == VALUES else COLUMN_BY_NAME[self.name].meaning
+        return f"[{'x' if self.is_shown else ' '}] {self.name:<10} {_(meaning)}"
 
-class ColumnChooser(ModalScreen[Chosen | None]):
-    """The columns in the order in which they stand side by side; gives None where left."""
+
+class ColumnChooser(ListScreen[ChosenColumns | None]):
+    """The columns in order; the result is None where it was cancelled."""
 
     BINDINGS: ClassVar[list[BindingType]] = bindings(CHOOSING)
 
     def __init__(self, shown: Sequence[TableColumn], width_of: Callable[[str], int]) -> None:
-        """The list.
+        """A list of all columns.
 
         Args:
-            shown: the columns that are in the table now.
-            width_of: the width that any column has of its own.
+            shown: the columns of the table.
+            width_of: returns the default width of a column.
         """
         super().__init__()
-        self._lines = [_Line(column.name, True, column.width) for column in shown]
-        names = {line.name for line in self._lines}
-        rest = (name for name in (*ORDER, VALUES) if name not in names)
-        self._lines += [_Line(name, False, width_of(name)) for name in rest]
-        self._at = 0
-        self._done = False
-        self._list = PickerLines()
-        say_keys(self)
-
-    def compose(self) -> ComposeResult:
-        """A box as tall as there are columns, as far as there is room."""
-        with Vertical(id="picker"):
-            yield self._list
-        yield KeyLine()
-
-    def on_mount(self) -> None:
-        """Show the columns."""
-        self._show()
-
-    def on_resize(self) -> None:
-        """Show as many as there is room for."""
-        self._show()
+        names = {column.name for column in shown}
+        self._columns = [_ColumnLine(column.name, True, column.width) for column in shown]
+        self._columns += [
+            _ColumnLine(name, False, width_of(name))
+            for name in (*ORDER, VALUES)
+            if name not in names
+        ]
 
     def _show(self) -> None:
-        box = self.query_one("#picker")
-        box.border_title = _("columns")
-        box.border_subtitle = _(KEYS)
-        self._list.show([(_words(line), f"{line.width:>3}") for line in self._lines], self._at)
+        lines = [(column.text, f"{column.width:>3}") for column in self._columns]
+        self._show_lines(_("columns"), _(KEYS), lines)
 
-    def on_key(self, event: events.Key) -> None:
-        """Do what the key says, or hand it on where the choice was made before it."""
-        event.prevent_default().stop()
-        if self._done:
-            self.app.post_message(events.Key(event.key, event.character))
-            return
-        self._press(event.key)
-        if not self._done:
-            self._show()
-
-    def _press(self, key: str) -> None:
-        line = self._lines[self._at]
-        match key:
+    def _press(self, event: events.Key) -> None:
+        column = self._columns[self._cursor]
+        match event.key:
             case "up" | "k":
-                self._at = max(0, self._at - 1)
+                self._cursor = max(0, self._cursor - 1)
             case "down" | "j":
-                self._at = min(len(self._lines) - 1, self._at + 1)
+                self._cursor = min(len(self._columns) - 1, self._cursor + 1)
             case "K" | "shift+up":
                 self._move(-1)
             case "J" | "shift+down":
                 self._move(1)
             case "space" | "x":
-                line.wanted = not line.wanted
+                column.is_shown = not column.is_shown
             case "less_than_sign" | "left" | "h":
-                line.width = max(LEAST, line.width - 1)
+                column.width = max(MIN_WIDTH, column.width - 1)
             case "greater_than_sign" | "right" | "l":
-                line.width = min(MOST, line.width + 1)
+                column.width = min(MAX_WIDTH, column.width + 1)
             case "r":
-                self._give(Chosen(None))
+                self._finish(ChosenColumns(None))
             case "enter":
-                self._give(self._chosen())
+                self._finish(self._chosen())
             case "escape" | "q" | "C":
-                self._give(None)
+                self._finish(None)
 
     def _move(self, by: int) -> None:
-        to = min(max(0, self._at + by), len(self._lines) - 1)
-        self._lines.insert(to, self._lines.pop(self._at))
-        self._at = to
+        to = min(max(0, self._cursor + by), len(self._columns) - 1)
+        self._columns.insert(to, self._columns.pop(self._cursor))
+        self._cursor = to
 
-    def _chosen(self) -> Chosen | None:
-        wanted = [line for line in self._lines if line.wanted]
-        if not wanted:
+    def _chosen(self) -> ChosenColumns | None:
+        shown = [column for column in self._columns if column.is_shown]
+        if not shown:
             return None
-        widths = tuple((line.name, line.width) for line in wanted)
-        return Chosen(ColumnChoice(tuple(line.name for line in wanted), widths))
-
-    def _give(self, chosen: Chosen | None) -> None:
-        self._done = True
-        self.dismiss(chosen)
+        widths = tuple((column.name, column.width) for column in shown)
+        return ChosenColumns(ColumnChoice(tuple(column.name for column in shown), widths))
 
     def on_click(self, event: events.Click) -> None:
-        """Show or hide the column under the mouse."""
+        """Show or hide the clicked column."""
         event.stop()
-        at = event.screen_y - self._list.region.y + self._list.top
-        inside = self._list.region.contains(event.screen_x, event.screen_y)
-        if inside and at < len(self._lines) and not self._done:
-            self._at = at
-            self._press("space")
+        number = self._lines.line_at(event)
+        if number is not None and not self._done:
+            self._cursor = number
+            self._columns[number].is_shown = not self._columns[number].is_shown
             self._show()
-
-
-def _words(line: _Line) -> str:
-    meaning = VALUES_MEANING if line.name == VALUES else COLUMN_BY_NAME[line.name].meaning
-    return f"[{'x' if line.wanted else ' '}] {line.name:<10} {_(meaning)}"

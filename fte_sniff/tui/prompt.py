@@ -1,11 +1,11 @@
-"""Input line: filter, search, save, history, completion."""
+"""Prompt fields at the bottom: filter, search and save, with history and completion."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
 from threading import Thread
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias
 
 from rich.cells import cell_len
 from rich.text import Text
@@ -20,50 +20,50 @@ from textual.widgets import Input, Static
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FteSniffError
 from fte_sniff.session.save import EXAMPLE, FORMS
-from fte_sniff.tui.i18n import _, later, worded
-from fte_sniff.tui.keys import say_keys
-from fte_sniff.tui.notices import Sentence
+from fte_sniff.tui.i18n import _, error_text, later
+from fte_sniff.tui.keys import translate_keys
+from fte_sniff.tui.notices import WrappedText
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
 
 class History:
-    """Lines, the newest last; going up starts from the line that is being typed."""
+    """Earlier lines, the newest last, and the line that is being typed."""
 
     def __init__(self) -> None:
         self._lines: list[str] = []
-        self._at = 0
+        self._current = 0
         self._typed = ""
 
-    def add(self, line: str) -> None:
-        """Keep a line that was given; the same line again moves to the end."""
+    def append(self, line: str) -> None:
+        """Keep a line; a known one moves to the end."""
         if line in self._lines:
             self._lines.remove(line)
         if line:
             self._lines.append(line)
-        self._at = len(self._lines)
+        self._current = len(self._lines)
 
     def go(self, by: int, typed: str) -> str:
-        """The line `by` steps newer (or older, below 0) than the one that stands there now."""
-        if self._at == len(self._lines):
+        """The line `by` steps newer (or older, negative) than the current one."""
+        if self._current == len(self._lines):
             self._typed = typed
-        self._at = min(max(0, self._at + by), len(self._lines))
-        return self._typed if self._at == len(self._lines) else self._lines[self._at]
+        self._current = min(max(0, self._current + by), len(self._lines))
+        return self._typed if self._current == len(self._lines) else self._lines[self._current]
 
 
-Check = Callable[[str], object]
-"""Reads a line; raises an FteSniffError, with the reason in one line, where it means nothing."""
+Check: TypeAlias = Callable[[str], object]
+"""Parses a line; raises an FteSniffError with the reason where it is invalid."""
 
-Take = Callable[[str], None]
-"""Does what a line says that passed the check; called before the next key is looked at."""
+OnSubmit: TypeAlias = Callable[[str], None]
+"""Receives a valid line, before the next key acts."""
 
 LOW = 16
-"""Lines of the terminal below which the verdict has one line only."""
+"""Lines of the terminal below which the verdict has only one line."""
 
 
 class PromptLine(Input):
-    """The line being typed, with the lines before it on the arrow keys."""
+    """The input of a field, with earlier lines on the arrow keys."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "older(-1)", later("Older"), show=False),
@@ -75,26 +75,26 @@ class PromptLine(Input):
 
     def __init__(
         self,
-        hint: str,
+        placeholder: str,
         suggester: Suggester | None,
-        give: Take,
+        submit: OnSubmit,
         leave: Callable[[], None],
     ) -> None:
-        super().__init__(placeholder=hint, compact=True, suggester=suggester)
-        say_keys(self)
+        super().__init__(placeholder=placeholder, compact=True, suggester=suggester)
+        translate_keys(self)
         self.history = History()
         self.can_focus = False
-        self.asking = False
-        """Whether a line is wanted; only then can it have the keys."""
-        self._give, self._leave = give, leave
+        self.is_open = False
+        """Whether keys are typed into it."""
+        self._submit_line, self._leave_field = submit, leave
 
     async def on_key(self, event: events.Key) -> None:
-        """Let each key act before the next: what is typed ahead comes in one rush.
+        """Let each key act before the next one, also when several are typed ahead.
 
-        Left to itself, a key that is no text acts only after it has gone up to the app, and the
-        text behind it overtakes it. What comes after the line was given goes back to the app.
+        By default, a key that is no text acts only after it has bubbled up to the app, and later
+        text overtakes it. Keys after the line was submitted go back to the app.
         """
-        if not self.asking:
+        if not self.is_open:
             event.prevent_default().stop()
             self.app.post_message(events.Key(event.key, event.character))
         elif not event.is_printable:
@@ -104,276 +104,266 @@ class PromptLine(Input):
                     break
 
     def action_older(self, by: int) -> None:
-        """Put a line from before into the field."""
+        """Show another line of the history."""
         self.value = self.history.go(by, self.value)
         self.cursor_position = len(self.value)
 
     def action_complete(self) -> None:
-        """Take the suggestion over; the keys stay here in any case."""
+        """Accept the suggestion; the focus stays here in any case."""
         self.cursor_position = len(self.value)
         if self._suggestion:
             self.action_cursor_right()
 
     def on_blur(self) -> None:
-        """Leave where something else on the screen was clicked; not with the terminal's window."""
-        if self.asking and self.app.app_focus:
-            self._leave()
+        """Leave where another widget was clicked, but not where the terminal lost the focus."""
+        if self.is_open and self.app.app_focus:
+            self._leave_field()
 
     async def action_submit(self) -> None:
-        """Give the line; where it does not pass, it can be mended."""
-        self._give(self.value.strip())
+        """Submit the line; an invalid one can be corrected."""
+        self._submit_line(self.value.strip())
 
     def action_leave(self) -> None:
-        """Leave without giving a line."""
-        self._leave()
+        """Close the field."""
+        self._leave_field()
 
 
 class PromptField(Vertical):
-    """A field that checks while one types: green or red, and the reason in words."""
+    """A labelled input that is checked while the user types."""
 
     def __init__(
         self,
         label: str,
         check: Check,
-        take: Take,
+        on_submit: OnSubmit,
+        placeholder: str,
         hint: str,
-        good: str,
         suggester: Suggester | None = None,
     ) -> None:
-        """The field.
+        """A closed field.
 
         Args:
-            label: what is asked for, in English, as errors begin with it.
-            check: reads a line while one types.
-            take: is given the line.
-            hint: an example; stands in the empty field.
-            good: what the keys do, while nothing is wrong.
+            label: what is asked for; in English, since errors begin with it.
+            check: parses a line.
+            on_submit: receives a valid line.
+            placeholder: an example, shown while the line is empty.
+            hint: what the keys do, shown while the line is valid.
             suggester: completes the line.
         """
         super().__init__()
-        self._label, self._check, self._take, self._good = label, check, take, good
-        self._line = PromptLine(hint, suggester, self._give, self.fall_back)
+        self._label, self._check, self._on_submit, self._hint = label, check, on_submit, hint
+        self._line = PromptLine(placeholder, suggester, self._submit, self.close)
         self._focused_before: Widget | None = None
-        self._verdict = Sentence(classes="verdict")
-        self.standing = ""
-        """The line that holds; it stands in the field again when the field is left."""
+        self._verdict = WrappedText(classes="verdict")
+        self.current = ""
+        """The line in effect; shown while the field is closed."""
         self.display = False
 
     def compose(self) -> ComposeResult:
-        """The label, the line and, below, the verdict."""
+        """The label, the input and, below, the verdict."""
         with Horizontal(classes="asked"):
             yield Static(Text(f" {_(self._label)} "), classes="label")
             yield self._line
         yield self._verdict
 
     @property
-    def asking(self) -> bool:
-        """Whether a line is being typed."""
-        return self._line.asking
+    def is_open(self) -> bool:
+        """Whether the user is typing a line."""
+        return self._line.is_open
 
-    def ask(self) -> None:
-        """Show the field and let the user type."""
+    def open(self) -> None:
+        """Show the field and focus its input."""
         self.display = True
         self.set_class(self.app.size.height < LOW, "-low")
         self.set_class(True, "-asking")
-        self._line.value = self.standing
-        self._judge(self.standing)
+        self._line.value = self.current
+        self._judge(self.current)
         self._focused_before = self.screen.focused
-        self._line.asking = self._line.can_focus = True
-        # At once, not after what waits: the next key may be here already.
+        self._line.is_open = self._line.can_focus = True
+        # At once and not by a message, since the next key may have been typed already.
         self.screen.set_focus(self._line)
 
-    def rest(self) -> None:
-        """Show the line that holds; an idle field is hidden."""
-        self.set_class(False, "-asking")
-        self._line.value = self.standing
-        self.display = bool(self.standing)
-
-    def remember(self, line: str) -> None:
-        """Keep the line that holds, and one that was given elsewhere, on the arrow keys."""
-        self._line.history.add(self.standing)
-        self._line.history.add(line)
-
-    def fall_back(self) -> None:
-        """Stop asking; the keys go where they went before."""
-        if self.asking:
-            self._line.asking = self._line.can_focus = False
+    def close(self) -> None:
+        """Return the focus, and show the line in effect; without one, hide the field."""
+        if self.is_open:
+            self._line.is_open = self._line.can_focus = False
             self.screen.set_focus(self._focused_before)
-        self.rest()
+        self.set_class(False, "-asking")
+        self._line.value = self.current
+        self.display = bool(self.current)
+
+    def set_current(self, line: str) -> None:
+        """Set the line in effect; the previous one is in the history."""
+        self._line.history.append(self.current)
+        self._line.history.append(line)
+        self.current = line
+        self.close()
 
     def on_click(self) -> None:
-        """Ask."""
-        if not self.asking:
-            self.ask()
+        """Open the field."""
+        if not self.is_open:
+            self.open()
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check while one types."""
+        """Check the line."""
         event.stop()
         self._judge(event.value)
 
-    def _give(self, line: str) -> None:
-        """Take the line, if it passes."""
+    def _submit(self, line: str) -> None:
         if self._judge(line):
-            self._line.history.add(line)
-            self._take(line)
-            self.fall_back()
+            self._line.history.append(line)
+            self._on_submit(line)
+            self.close()
 
     def _judge(self, line: str) -> bool:
+        """Check a line and show the verdict; an empty line is valid."""
         try:
             if line.strip():
                 self._check(line)
-        except FteSniffError as reason:
-            words = worded(reason).removeprefix(f"{self._label}: ")
-            self._tell("✗", words, bad=True)
+        except FteSniffError as error:
+            self._show_verdict("✗", error_text(error).removeprefix(f"{self._label}: "), bad=True)
             return False
-        self._tell("✓" if line.strip() else " ", self._good, bad=False)
+        self._show_verdict("✓" if line.strip() else " ", self._hint, bad=False)
         return True
 
-    def _tell(self, sign: str, words: str, bad: bool) -> None:
+    def _show_verdict(self, sign: str, text: str, bad: bool) -> None:
         self.set_class(bad, "-bad")
-        self._verdict.say(f" {sign}", words)
+        self._verdict.show(f" {sign}", text)
 
 
-def completed(line: str, t_ns: int | None = None) -> str | None:
-    """The line with the likeliest rest of its last word, or None where nothing fits behind it.
-
-    `t_ns` is a time to go by where one is asked for.
-    """
-    if not line.strip():
-        return None
-    # It is loaded with the filter, once one is asked for; a screen begins sooner without.
-    from fte_sniff.analysis.filter.completion import completions
-
-    found = completions(line, t_ns=t_ns)
-    wholes = (line[: found.start] + choice for choice in found.choices)
-    return next((whole for whole in wholes if whole.lower().startswith(line.lower())), None)
-
-
-class WordSuggester(Suggester):
-    """Suggests the rest of a name, a sign or a value."""
-
-    def __init__(self, time_here: Callable[[], int | None]) -> None:
-        """`time_here` tells the time to go by, if there is one."""
-        super().__init__(use_cache=False, case_sensitive=True)
-        self._time_here = time_here
-
-    async def get_suggestion(self, value: str) -> str | None:
-        """The whole line as it would be."""
-        return completed(value, self._time_here())
-
-
-_NEEDED: Final = (
+_FILTER_MODULES: Final = (
     "fte_sniff.analysis.filter.row_filter",
     "fte_sniff.analysis.filter.completion",
     "fte_sniff.analysis.search_frame",
 )
+"""Modules that import polars, which takes longer than to show the first rows of a file."""
 
 
-def prepare() -> None:
-    """Begin to load it; returns at once, and costs nothing where it is there already."""
-    Thread(target=_load, name="loads the filter", daemon=True).start()
+def preload_filter() -> None:
+    """Start to import the modules of filter and search in a thread."""
+
+    def load() -> None:
+        for name in _FILTER_MODULES:
+            import_module(name)
+
+    Thread(target=load, name="filter import", daemon=True).start()
 
 
-def _load() -> None:
-    for name in _NEEDED:
-        import_module(name)
-
-
-def parsed(line: str) -> RowFilter:
-    """The filter that a line says.
+def parse_filter(line: str) -> RowFilter:
+    """Parse a filter.
 
     Raises:
-        FilterError: it says none.
+        FilterError: the line is no filter.
     """
-    # polars, which it needs, takes longer to load than a file's first rows take to be shown.
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
     return RowFilter.parse(line)
 
 
+def completed(line: str, t_ns: int | None = None) -> str | None:
+    """The line with its last word completed; None where there is no completion.
+
+    `t_ns` is suggested where a time is expected.
+    """
+    if not line.strip():
+        return None
+    from fte_sniff.analysis.filter.completion import completions
+
+    found = completions(line, t_ns=t_ns)
+    lines = (line[: found.start] + choice for choice in found.choices)
+    return next((whole for whole in lines if whole.lower().startswith(line.lower())), None)
+
+
+class FilterSuggester(Suggester):
+    """Completes names, operators and values of a filter."""
+
+    def __init__(self, cursor_ns: Callable[[], int | None]) -> None:
+        """`cursor_ns` returns the time of the cursor's row."""
+        super().__init__(use_cache=False, case_sensitive=True)
+        self._cursor_ns = cursor_ns
+
+    async def get_suggestion(self, value: str) -> str | None:
+        """The whole line with the completion."""
+        return completed(value, self._cursor_ns())
+
+
 class FilterField(PromptField):
-    """Asks for a filter, and shows the one that holds with the number of rows it lets through."""
+    """Asks for a filter; shows the current one with the number of rows that pass."""
 
     def __init__(
-        self, row_filter: RowFilter | None, take: Take, time_here: Callable[[], int | None]
+        self,
+        row_filter: RowFilter | None,
+        on_submit: OnSubmit,
+        cursor_ns: Callable[[], int | None],
     ) -> None:
-        """The field.
+        """A field with the filter in effect.
 
         Args:
-            row_filter: the filter that already holds.
-            take: what is done with another.
-            time_here: tells the time that is suggested where one is asked for.
+            row_filter: the first filter.
+            on_submit: receives another one.
+            cursor_ns: returns the time that is suggested where one is expected.
         """
         super().__init__(
             later("filter"),
-            parsed,
-            take,
+            parse_filter,
+            on_submit,
             "motor = 1 AND rpm > 500",
             _("enter applies, empty shows all; tab completes, up: earlier ones; esc: back"),
-            WordSuggester(time_here),
+            FilterSuggester(cursor_ns),
         )
-        self._shown = Static(classes="shown")
-        self._words = ""
-        self.standing = row_filter.text if row_filter else ""
-
-    def compose(self) -> ComposeResult:
-        """The field, and behind the line the count."""
-        yield from super().compose()
+        self._count = Static(classes="shown")
+        self._count_text = ""
+        self.current = row_filter.text if row_filter else ""
 
     def on_mount(self) -> None:
-        """Put the count behind the line."""
-        self.query_one(".asked").mount(self._shown)
-        self.rest()
+        """Add the count after the line."""
+        self.query_one(".asked").mount(self._count)
+        self.close()
 
-    def ask(self) -> None:
+    def open(self) -> None:
         """Let the user type."""
-        prepare()
-        super().ask()
+        preload_filter()
+        super().open()
 
-    def hold(self, line: str) -> None:
-        """Take over a filter that was not typed here; it can be gone back to with the arrows."""
-        self.remember(line)
-        self.standing = line
-        self.fall_back()
-
-    def tell_shown(self, words: str) -> None:
-        """Say how many rows the filter that is on lets through; not while another is typed."""
-        words = "" if self.asking else words
-        if words != self._words:
-            # Laid out anew only where it has another width: numbers run all the time.
-            moved = cell_len(words) != cell_len(self._words)
-            self._words = words
-            self._shown.update(Text(words), layout=moved)
+    def set_count(self, text: str) -> None:
+        """Show the number of rows that pass the filter in effect; not while one is typed."""
+        text = "" if self.is_open else text
+        if text != self._count_text:
+            # The count changes all the time: a new layout only where its width changes.
+            layout = cell_len(text) != cell_len(self._count_text)
+            self._count_text = text
+            self._count.update(Text(text), layout=layout)
 
 
 class SearchField(PromptField):
     """Asks for a text or bytes."""
 
-    def __init__(self, take: Take) -> None:
+    def __init__(self, on_submit: OnSubmit) -> None:
         super().__init__(
             later("search"),
             Search.parse,
-            take,
+            on_submit,
             "rpm=1000, AA 01, hex:AA ?? 03",
             _("enter finds the next row from here on, then n and N; up: earlier ones"),
         )
 
-    def ask(self) -> None:
+    def open(self) -> None:
         """Let the user type."""
-        prepare()
-        super().ask()
+        preload_filter()
+        super().open()
 
 
 class SaveField(PromptField):
-    """Asks for a name; says while one types whether a file can be made there."""
+    """Asks for a file name; checks while the user types whether the file can be written."""
 
-    def __init__(self, check: Check, take: Take) -> None:
+    def __init__(self, check: Check, on_submit: OnSubmit) -> None:
+        forms = " ".join(FORMS)
         super().__init__(
             later("save to"),
             check,
-            take,
+            on_submit,
             EXAMPLE,
             _("enter saves, esc goes back; the name's end is the form: {forms}").format(
-                forms=" ".join(FORMS)
+                forms=forms
             ),
         )

@@ -1,4 +1,4 @@
-"""Title, status and key lines."""
+"""Title line at the top, status line and key line at the bottom."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NAME = "fte-sniff"
 
 
 class Mode(StrEnum):
-    """The word for what the view does, in English."""
+    """What the view does, as an English word."""
 
     LOADING = "LOADING"
     LIVE = "LIVE"
@@ -35,10 +35,7 @@ class Mode(StrEnum):
 
 
 def mode_of(state: FeedState, paused: bool, following: bool) -> Mode:
-    """The mode of a view on such a feed; LIVE is said only while the newest rows are in view.
-
-    WAITING is said instead while a port is lost.
-    """
+    """The mode of a view: LIVE only while the newest rows are in view; WAITING for a lost port."""
     if paused:
         return Mode.PAUSED
     if state.live and state.running:
@@ -50,7 +47,7 @@ def mode_of(state: FeedState, paused: bool, following: bool) -> Mode:
 
 
 def badge_text(state: FeedState, mode: Mode, unseen: int) -> str:
-    """The state at the line's end."""
+    """The mode at the end of the title line."""
     words = _(mode)
     if mode is Mode.PAUSED:
         words = _("PAUSED, {count:,} new").format(count=unseen)
@@ -62,29 +59,29 @@ def badge_text(state: FeedState, mode: Mode, unseen: int) -> str:
 
 
 def title_text(state: FeedState, mode: Mode, unseen: int, width: int) -> str:
-    """The line in exactly `width` cells; names are cut before the state is.
+    """The title line in exactly `width` cells; names are cut before the mode is.
 
-    `unseen` is the number of rows that came since a pause, or are below the window.
+    `unseen` is the number of rows since a pause, or below the window.
     """
     badge = badge_text(state, mode, unseen)
-    room = max(0, width - cell_len(badge))
+    left = max(0, width - cell_len(badge))
     names = f" {printable(state.title)}"
-    if cell_len(names) + cell_len(NAME) + 2 < room:
+    if cell_len(names) + cell_len(NAME) + 2 < left:
         names = f" {NAME} {names}"
     if state.recording is not None:
         lead = "  " + _("rec") + " "
-        rest = room - cell_len(names) - cell_len(lead) - 1
+        rest = left - cell_len(names) - cell_len(lead) - 1
         path = printable(state.recording)
         shortest = min(cell_len(path), 16)
         if rest < shortest:
-            names = fit(names, max(0, room - cell_len(lead) - 1 - shortest)).rstrip()
-            rest = room - cell_len(names) - cell_len(lead) - 1
+            names = fit(names, max(0, left - cell_len(lead) - 1 - shortest)).rstrip()
+            rest = left - cell_len(names) - cell_len(lead) - 1
         names += f"{lead}{fit_path(path, rest)}"
-    return fit(names, room) + badge
+    return fit(names, left) + badge
 
 
 class TitleLine(Widget):
-    """The top line."""
+    """The line at the top."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -92,7 +89,7 @@ class TitleLine(Widget):
         self._line = ""
 
     def show(self, state: FeedState, mode: Mode, unseen: int) -> None:
-        """Draw this, if it is not what is drawn."""
+        """Draw a changed state."""
         self._shown = (state, mode, unseen)
         line = title_text(state, mode, unseen, self.size.width)
         if line != self._line:
@@ -102,7 +99,7 @@ class TitleLine(Widget):
             self.refresh()
 
     def render(self) -> Text:
-        """The line, with the state set off at its end."""
+        """The line, with the mode highlighted at its end."""
         if self._shown is None:
             return Text()
         state, mode, unseen = self._shown
@@ -112,46 +109,46 @@ class TitleLine(Widget):
         return text
 
 
-ROOMY = 72
-"""Cells from which on there is room for whole words."""
+WIDE = 72
+"""Cells from which on words are not abbreviated."""
 
 
 @dataclass(frozen=True, slots=True)
 class StatusCounters:
-    """What the bottom line tells."""
+    """Numbers of the status line."""
 
     rows: int
-    """All rows that came."""
+    """All rows of the feed."""
     frames_per_s: float | None
-    """None where there are no times to count by."""
+    """None without times."""
     malformed: int
-    """Malformed rows among those that reached the view."""
+    """Malformed rows among those that reached the screen."""
     malformed_share: float
     """Their share, 0 to 1."""
     not_shown: int
-    """Rows that came too fast for the view."""
-    place: int
-    """The cursor's row among those shown, from 1; 0 where there is none."""
+    """Rows that came too fast for the screen."""
+    row_number: int
+    """Number of the cursor's row among those shown, from 1; 0 without a row."""
     following: bool
     below: int
-    """Rows behind the end of the window."""
+    """Rows below the window."""
     line_errors: int = 0
     """Errors that UARTs reported."""
     hits: str = ""
-    """How many rows have what is looked for; empty where nothing is."""
+    """Text about the hits of the search."""
 
 
 def status_text(numbers: StatusCounters, width: int) -> str:
-    """The line in exactly `width` cells; where it is narrow, the last parts are left out first."""
-    parts = _parts(numbers) if width >= ROOMY else _short_parts(numbers)
+    """The status line in exactly `width` cells; the last numbers are left out first."""
+    parts = _parts(numbers) if width >= WIDE else _short_parts(numbers)
     if numbers.hits:
         parts.insert(1, numbers.hits)
     if numbers.line_errors:
         parts.append(_("{count:,} line errors").format(count=numbers.line_errors))
     if numbers.not_shown:
         parts.append(_("{count:,} too fast to show").format(count=numbers.not_shown))
-    place = _("row {number:,}").format(number=numbers.place)
-    parts.append(place if numbers.place else _("no row shown"))
+    row = _("row {number:,}").format(number=numbers.row_number)
+    parts.append(row if numbers.row_number else _("no row shown"))
     if not numbers.following:
         parts.append(_("{count:,} below").format(count=numbers.below))
     line = parts[0]
@@ -172,7 +169,7 @@ def _parts(numbers: StatusCounters) -> list[str]:
 
 
 def _short_parts(numbers: StatusCounters) -> list[str]:
-    """The same in few cells, the rate last."""
+    """The same abbreviated, the rate last."""
     rate = [] if numbers.frames_per_s is None else [f"{numbers.frames_per_s:>5,.0f}/s"]
     malformed = _("{count:>5,} bad {share:>5}").format(
         count=numbers.malformed, share=_share(numbers, 1)
@@ -188,14 +185,14 @@ def _share(numbers: StatusCounters, digits: int) -> str:
 
 
 class StatusLine(Widget):
-    """The bottom line."""
+    """The line of numbers at the bottom."""
 
     def __init__(self) -> None:
         super().__init__()
         self._numbers: StatusCounters | None = None
 
     def show(self, numbers: StatusCounters) -> None:
-        """Draw these, if they are not what is drawn."""
+        """Draw changed numbers."""
         if numbers != self._numbers:
             self._numbers = numbers
             self.refresh()
@@ -211,39 +208,39 @@ GAP = 1
 """Cells between two keys."""
 
 
-def fitting(keys: Iterable[Binding], width: int) -> list[Binding]:
-    """The most important of these keys that stand side by side, whole, in so many cells."""
-    found, room = [], width + GAP
+def fitting_keys(keys: Iterable[Binding], width: int) -> list[Binding]:
+    """The most important keys that fit into `width` cells."""
+    found, left = [], width + GAP
     for key in sorted(keys, key=_rank):
-        taken = GAP + cell_len(_words(key))
-        if taken <= room:
+        cells = GAP + cell_len(_key_text(key))
+        if cells <= left:
             found.append(key)
-            room -= taken
+            left -= cells
     return found
 
 
 def _rank(key: Binding) -> int:
-    """Keys of a field, which no table knows, come first."""
+    """Keys that are not in `SHOWN_FIRST`, those of a field, come first."""
     return SHOWN_FIRST.index(key.action) if key.action in SHOWN_FIRST else -1
 
 
-def _words(key: Binding) -> str:
+def _key_text(key: Binding) -> str:
     return f"{key_names(key)} {key.description}"
 
 
 class KeyLine(Widget):
-    """The keys at the bottom; one that is clicked is pressed."""
+    """The most important keys, in place of Textual's Footer; a clicked key is pressed."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"key-line--key"}
 
     def on_mount(self) -> None:
-        """Change with the keys that can be pressed."""
+        """Follow the bindings that are active."""
         self.screen.bindings_updated_signal.subscribe(self, lambda _screen: self.refresh())
 
     def _fitting(self) -> Sequence[Binding]:
         active = self.screen.active_bindings.values()
         by_action = {one.binding.action: one.binding for one in active if one.binding.show}
-        return fitting(by_action.values(), self.size.width)
+        return fitting_keys(by_action.values(), self.size.width)
 
     def render(self) -> Text:
         """The line."""
@@ -260,7 +257,7 @@ class KeyLine(Widget):
         event.stop()
         end = 0
         for key in self._fitting():
-            start, end = end, end + cell_len(_words(key))
+            start, end = end, end + cell_len(_key_text(key))
             if start <= event.x < end:
                 self.app.simulate_key(key.key)
                 return

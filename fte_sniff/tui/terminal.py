@@ -1,4 +1,4 @@
-"""Terminal ownership and asynchronous output."""
+"""Terminal driver: output that never blocks, job control, and terminals that disappear."""
 
 from __future__ import annotations
 
@@ -19,128 +19,132 @@ from textual._xterm_parser import XTermParser
 from textual.app import App
 from textual.drivers.linux_driver import LinuxDriver
 
-MOST_WAITING = 256 * 1024
-"""Characters that wait at most: some screens full. What is older than that nobody wants to see."""
+MAX_QUEUED = 256 * 1024
+"""Characters in the queue at most, several screens; a terminal so far behind shows old rows."""
 
 
 class AsyncTerminalWriter:
-    """A file to write to, as Textual wants one, between a screen and its terminal."""
+    """File object that writes to the terminal in a thread, for Textual."""
 
     def __init__(
-        self, descriptor: int, encoding: str, gone: Callable[[], None], torn: Callable[[], None]
+        self,
+        descriptor: int,
+        encoding: str,
+        on_gone: Callable[[], None],
+        on_caught_up: Callable[[], None],
     ) -> None:
-        """An outflow that has begun.
+        """Start the thread.
 
         Args:
             descriptor: the terminal's, open for writing; blocking or not.
-            encoding: the terminal's; what it lacks is written with backslashes.
-            gone: called once, from a thread, when the terminal refuses to be written to.
-            torn: called from a thread when the terminal has caught up, after text was dropped.
+            encoding: the terminal's; other characters are written with backslashes.
+            on_gone: called once, in the thread, when writing fails.
+            on_caught_up: called in the thread when the queue is empty after text was dropped.
         """
         self._descriptor, self._encoding = descriptor, encoding
-        self._tell_gone, self._tell_torn = gone, torn
+        self._on_gone, self._on_caught_up = on_gone, on_caught_up
         self._texts: deque[str] = deque()
-        self._waiting = 0
-        self._busy = self._torn = self._closed = False
+        self._queued = 0
+        self._busy = self._dropped = self._closed = False
         self._changed = Condition()
-        # A write that waits for a stuck terminal cannot be ended; it must not hold up the program.
+        # A write to a stopped terminal cannot be cancelled; it must not block the exit.
         Thread(target=self._run, name="terminal output", daemon=True).start()
 
     def write(self, text: str) -> int:
-        """Take text, or drop it where too much waits; returns at once."""
+        """Queue text, or drop it where the queue is full; never blocks."""
         with self._changed:
-            if self._waiting > MOST_WAITING:
-                self._torn = True
-            if not (self._torn or self._closed):
+            if self._queued > MAX_QUEUED:
+                self._dropped = True
+            if not (self._dropped or self._closed):
                 self._texts.append(text)
-                self._waiting += len(text)
+                self._queued += len(text)
                 self._changed.notify_all()
         return len(text)
 
     def flush(self) -> None:
-        """Nothing: all goes on as soon as it can."""
+        """Do nothing: the thread writes as soon as it can."""
 
     def fileno(self) -> int:
-        """The terminal's descriptor."""
+        """File descriptor of the terminal."""
         return self._descriptor
 
-    def forget(self) -> bool:
-        """Drop what waits, but for a text that is half written; whether there was something."""
+    def clear(self) -> bool:
+        """Drop the queue, but not a partly written text; returns whether text was dropped."""
         with self._changed:
-            dropped = self._torn or bool(self._texts)
+            dropped = self._dropped or bool(self._texts)
             self._texts.clear()
-            self._waiting, self._torn = 0, False
+            self._queued, self._dropped = 0, False
         return dropped
 
-    def close(self, within_s: float) -> None:
-        """Take no more, and wait until all is written, but no longer than some seconds."""
+    def close(self, timeout_s: float) -> None:
+        """Accept no more text, and wait until the queue is written or the time is over."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-            self._changed.wait_for(lambda: not (self._texts or self._busy), within_s)
+            self._changed.wait_for(lambda: not (self._texts or self._busy), timeout_s)
 
     def _run(self) -> None:
         try:
             while (text := self._next()) is not None:
-                self._put(text.encode(self._encoding, "backslashreplace"))
+                self._write_all(text.encode(self._encoding, "backslashreplace"))
         except OSError:
             with self._changed:
                 self._closed, self._busy = True, False
                 self._texts.clear()
                 self._changed.notify_all()
-            self._tell_gone()
+            self._on_gone()
 
     def _next(self) -> str | None:
-        """What is to be written next, once there is something; None at the end."""
+        """Wait for the next text; None at the end."""
         with self._changed:
             self._busy = False
             self._changed.notify_all()
-            if self._torn and not self._texts:
-                self._torn = False
-                self._tell_torn()
+            if self._dropped and not self._texts:
+                self._dropped = False
+                self._on_caught_up()
             self._changed.wait_for(lambda: self._texts or self._closed)
             if not self._texts:
                 return None
             text = self._texts.popleft()
-            self._waiting -= len(text)
+            self._queued -= len(text)
             self._busy = True
             return text
 
-    def _put(self, data: bytes) -> None:
+    def _write_all(self, data: bytes) -> None:
         while data:
             try:
                 data = data[os.write(self._descriptor, data) :]
             except BlockingIOError:
-                # Some other program has set the terminal, which all share, to nonblocking.
+                # Another program has set the shared terminal to non-blocking.
                 select.select([], [self._descriptor], [])
 
 
-PATIENCE_S = 2.0
-"""How long what the terminal is still to take may hold up leaving it, seconds."""
+CLOSE_TIMEOUT_S = 2.0
+"""How long closing waits for the terminal to accept the rest, seconds."""
 
-_SETTLE_S = 0.1
-"""How long other signals that came during a stop have to be obeyed first, seconds."""
+_RESUME_DELAY_S = 0.1
+"""How long other signals that came during a stop are handled first, seconds."""
 
-_LOOK_S = 0.1
-"""How often the thread that reads keys thinks of the end, seconds."""
+_POLL_S = 0.1
+"""How often the input thread checks whether it has to end, seconds."""
 
-_END_OF_DRAWING = "\x1b[?2026l"
-"""Synchronized output ends: its beginning may be written already, its end is dropped."""
+_END_SYNC = "\x1b[?2026l"
+"""End of synchronized output, for a start whose end was dropped."""
 
 
 class _State(Enum):
-    """What the terminal is to the screen."""
+    """Who has the terminal."""
 
     OFF = auto()
     ON = auto()
     SUSPENDED = auto()
-    """It belongs to the shell, until this program comes to the foreground again."""
+    """The shell, until this program is in the foreground again."""
 
 
 class Terminal(LinuxDriver):
-    """Textual's driver, for terminals that stop, go and come back.
+    """Textual's driver, for terminals that stop, disappear and come back.
 
-    The screen goes to standard output, of which the command line knows that it is a terminal.
+    It writes to standard output, which the command line has checked to be a terminal.
     """
 
     def __init__(
@@ -151,67 +155,67 @@ class Terminal(LinuxDriver):
         mouse: bool = True,
         size: tuple[int, int] | None = None,
     ) -> None:
-        """A terminal that is still left alone; the arguments are Textual's."""
+        """Arguments are Textual's; the terminal is not changed yet."""
         super().__init__(app, debug=debug, mouse=mouse, size=size)
         self._state = _State.OFF
         self._gone = False
-        self._outflow: AsyncTerminalWriter | None = None
-        self._obey_job_control()
+        self._output: AsyncTerminalWriter | None = None
+        self._handle_job_control()
 
     def write(self, data: str) -> None:
-        """Draw, where the terminal is ours."""
+        """Write, while the screen has the terminal."""
         if self._writer_thread is not None:
             super().write(data)
 
     def start_application_mode(self) -> None:
-        """Take the terminal; waits for the foreground."""
-        if self._in_background():
+        """Set the terminal up; in the background, stop first until `fg`."""
+        if self._is_background():
             self._state = _State.SUSPENDED
-            self._sleep()
+            self._stop_job()
             return
         self._state = _State.ON
         assert sys.__stdout__ is not None
-        self._outflow = AsyncTerminalWriter(
-            sys.__stdout__.fileno(), sys.__stdout__.encoding, self._lose, self._draw_anew
+        self._output = AsyncTerminalWriter(
+            sys.__stdout__.fileno(), sys.__stdout__.encoding, self._on_gone, self._redraw
         )
-        self._file = cast(Any, self._outflow)
+        self._file = cast(Any, self._output)
         super().start_application_mode()  # type: ignore[no-untyped-call]
-        # Giving the terminal back in the background would else stop the program, half ended.
+        # Restoring the terminal in the background would otherwise stop the program at its end.
         signal.signal(signal.SIGTTOU, signal.SIG_IGN)
         if self._key_thread is None or not self._key_thread.is_alive():
-            self._lose()
+            self._on_gone()
 
     def stop_application_mode(self) -> None:
-        """Give the terminal back as it was, where it is not the shell's already."""
+        """Restore the terminal, where the shell does not have it already."""
         if self._state is not _State.ON:
             return
         self._state = _State.OFF
-        assert self._outflow is not None
-        if self._outflow.forget():
-            self.write(_END_OF_DRAWING)
-        if self._in_background():
+        assert self._output is not None
+        if self._output.clear():
+            self.write(_END_SYNC)
+        if self._is_background():
             self.attrs_before = None
         super().stop_application_mode()
 
     def close(self) -> None:
-        """Wait until the terminal has taken what it was sent, but not for ever."""
+        """Wait until the terminal has accepted the output, for `CLOSE_TIMEOUT_S` at most."""
         super().close()
         self._writer_thread = None
-        if self._outflow is not None:
-            self._outflow.close(PATIENCE_S)
-            self._outflow = None
+        if self._output is not None:
+            self._output.close(CLOSE_TIMEOUT_S)
+            self._output = None
 
     def run_input_thread(self) -> None:
-        """Read keys until told to end, or until the terminal is gone."""
+        """Read keys until the exit event is set, or the terminal is gone."""
         parser = XTermParser(self._debug)
         decode = getincrementaldecoder("utf-8")(errors="replace").decode
         with selectors.SelectSelector() as selector:
             selector.register(self.fileno, selectors.EVENT_READ)
             while not self.exit_event.is_set():
-                if selector.select(_LOOK_S):
+                if selector.select(_POLL_S):
                     data = self._read()
                     if not data:
-                        self._lose()
+                        self._on_gone()
                         return
                     for message in parser.feed(decode(data)):
                         self.process_message(message)
@@ -224,9 +228,9 @@ class Terminal(LinuxDriver):
         except OSError:
             return b""
 
-    def _lose(self) -> None:
-        """The terminal is gone; may be called from any thread, and repeatedly."""
-        with suppress(RuntimeError):  # the loop has ended already
+    def _on_gone(self) -> None:
+        """Hang up; may be called from any thread, and repeatedly."""
+        with suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(self._hang_up)
 
     def _hang_up(self) -> None:
@@ -234,21 +238,21 @@ class Terminal(LinuxDriver):
             return
         self._gone = True
         if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
-            # Whoever wants a program to outlive its terminal cannot mean the screen on it.
+            # nohup is for programs without a screen.
             signal.signal(signal.SIGHUP, signal.SIG_DFL)
         signal.raise_signal(signal.SIGHUP)
 
-    def _draw_anew(self) -> None:
+    def _redraw(self) -> None:
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._app.refresh)
 
-    def _obey_job_control(self) -> None:
-        # Textual's own handlers run amid anything, also amid a write, and then wait for it.
+    def _handle_job_control(self) -> None:
+        # Textual's own handlers may interrupt a write, and then wait for it.
         self._loop.add_signal_handler(signal.SIGTSTP, self._suspend)
-        self._loop.add_signal_handler(signal.SIGCONT, self._come_back)
+        self._loop.add_signal_handler(signal.SIGCONT, self._on_continue)
 
-    def _in_background(self) -> bool:
-        """Whether the terminal is another job's; where it rules no jobs, it is ours."""
+    def _is_background(self) -> bool:
+        """Whether another job has the terminal; False without job control."""
         try:
             return os.tcgetpgrp(self.fileno) not in (0, os.getpgrp())
         except OSError:
@@ -258,27 +262,27 @@ class Terminal(LinuxDriver):
         if self._state is _State.ON:
             self.suspend_application_mode()
             self._state = _State.SUSPENDED
-            self._sleep()
+            self._stop_job()
 
-    def _sleep(self) -> None:
-        """Stop as Ctrl-Z stops a job; where nobody could continue it, the system does nothing."""
+    def _stop_job(self) -> None:
+        """Stop the job as Ctrl-Z does; the system ignores this where nothing could continue it."""
         for number in (signal.SIGTSTP, signal.SIGCONT):
             self._loop.remove_signal_handler(number)
-        # All of the job, also a shell script around it; a capture is deaf to this.
+        # The whole job, with a shell script around it; the capture process ignores the signal.
         os.killpg(os.getpgrp(), signal.SIGTSTP)
-        self._obey_job_control()
-        self._loop.call_later(_SETTLE_S, self._resume)
+        self._handle_job_control()
+        self._loop.call_later(_RESUME_DELAY_S, self._resume)
 
-    def _come_back(self) -> None:
-        """Something continued the program; whatever stopped it, the shell was here meanwhile."""
+    def _on_continue(self) -> None:
+        """Resume after SIGCONT, since the shell has used the terminal meanwhile."""
         if self._state is not _State.OFF:
-            self._loop.call_later(_SETTLE_S, self._resume)
+            self._loop.call_later(_RESUME_DELAY_S, self._resume)
 
     def _resume(self) -> None:
         if self._state is _State.OFF or self._app._exit:
             return
-        if self._in_background():
-            self._sleep()
+        if self._is_background():
+            self._stop_job()
             return
         if self._state is _State.ON:
             self.suspend_application_mode()

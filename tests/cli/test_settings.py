@@ -21,7 +21,7 @@ from fte_sniff.cli.settings import (
 )
 from fte_sniff.errors import FileError
 from fte_sniff.tui.i18n import THEMES
-from fte_sniff.tui.table.columns import LEAST, MOST, ORDER, VALUES
+from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
 
@@ -49,7 +49,7 @@ screens = st.builds(
     ScreenSettings,
     theme=st.none() | st.sampled_from(THEMES),
     columns=st.none() | st.lists(names, min_size=1, unique=True).map(tuple),
-    widths=st.none() | st.dictionaries(names, st.integers(LEAST, MOST), min_size=1),
+    widths=st.none() | st.dictionaries(names, st.integers(MIN_WIDTH, MAX_WIDTH), min_size=1),
     language=st.none() | st.sampled_from(["en", "zh"]),
 )
 

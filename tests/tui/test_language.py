@@ -1,4 +1,4 @@
-"""The screen in Chinese: everything it says, in cells that hold it; names of the contract stay."""
+"""The screen in Chinese: translated texts, in cells that hold them; contract names stay."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, 
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.help import help_text
-from fte_sniff.tui.i18n import _, language_of, speak, worded
+from fte_sniff.tui.i18n import _, error_text, language_of, set_language
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.notices import event_text
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.status_bar import Mode, StatusCounters, badge_text, status_text, title_text
 from fte_sniff.tui.text import wrap
 from tests.analysis.filter.test_parser import MISTAKES
-from tests.tui.playing import Rows, Scenario, lines, page, play, press, settle, type_line
+from tests.tui.conftest import Rows, Scenario, lines, page, play, press, settle, type_line
 
 CHINESE = StartOptions(language="zh")
 
@@ -61,11 +61,11 @@ CHARACTER = re.compile("[\u4e00-\u9fff]")
 def alone() -> Iterator[None]:
     """What is spoken here is not spoken in other tests."""
     yield
-    speak("en")
+    set_language("en")
 
 
 def play_chinese(feed: Any, scenario: Scenario, size: tuple[int, int] = (80, 24)) -> None:
-    play(feed, scenario, size, opening=CHINESE)
+    play(feed, scenario, size, options=CHINESE)
 
 
 def squeezed(app: SniffApp) -> str:
@@ -98,7 +98,7 @@ def test_a_language_that_is_not_spoken_is_one_line() -> None:
 
 
 def test_no_text_is_no_text_in_any_language() -> None:
-    speak("zh")
+    set_language("zh")
     assert _("") == ""
 
 
@@ -119,7 +119,7 @@ def test_title_status_and_footer(feed: Any, speed_rows: Rows) -> None:
 
 
 def test_help_has_every_key_in_chinese_and_every_name_as_it_is(feed: Any) -> None:
-    speak("zh")
+    set_language("zh")
     text = help_text(76).plain
     for _heading, keys in SECTIONS:
         for key in keys:
@@ -148,7 +148,7 @@ def test_the_help_is_drawn_as_it_was_broken_into_lines(
         found = [drawn.render_line(y).text.rstrip() for y in range(drawn.size.height)]
         assert found == [line.rstrip() for line in wanted]
 
-    play(feed, scenario, (width, 24), opening=StartOptions(language=language))
+    play(feed, scenario, (width, 24), options=StartOptions(language=language))
 
 
 def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
@@ -169,10 +169,10 @@ def test_what_is_wrong_with_a_filter_is_chinese_and_its_names_stay(
 
 @pytest.mark.parametrize("text", [text for text, _fragments in MISTAKES], ids=ascii_id)
 def test_every_mistake_in_a_filter_is_told_in_chinese(text: str) -> None:
-    speak("zh")
+    set_language("zh")
     with pytest.raises(FilterError) as caught:
         RowFilter.parse(text)
-    told = worded(caught.value)
+    told = error_text(caught.value)
     assert CHARACTER.search(told)
     assert not re.search(r"\b(the|write|is|are|compare|wants)\b", told.replace(text, ""))
     assert str(caught.value).isascii() or not text.isascii()
@@ -181,11 +181,11 @@ def test_every_mistake_in_a_filter_is_told_in_chinese(text: str) -> None:
 def test_what_happens_to_a_port_is_told_in_chinese(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         lost = TranslatableText("{error}; waiting for it to come back", error="EIO")
-        feed.tell(PortEvent(0, "p", PortEventKind.LOST, lost))
+        feed.emit(PortEvent(0, "p", PortEventKind.LOST, lost))
         await settle(app, pilot)
         assert "EIO；等待其恢复" in squeezed(app)
         detail = str(LineErrorCounts(framing=2, breaks=1))
-        feed.tell(PortEvent(0, "p", PortEventKind.LINE_ERROR, detail, 3))
+        feed.emit(PortEvent(0, "p", PortEventKind.LINE_ERROR, detail, 3))
         await settle(app, pilot)
         assert "帧错误2，断线1" in squeezed(app)
 
@@ -220,10 +220,10 @@ def test_the_end_of_a_feed_is_told_in_chinese(feed: Any) -> None:
 )
 def test_errors_of_ports_and_files_are_chinese_and_travel_whole(error: FteSniffError) -> None:
     english = str(error)
-    speak("zh")
+    set_language("zh")
     again = pickle.loads(pickle.dumps(error))
     assert str(again) == english
-    told = worded(again)
+    told = error_text(again)
     assert CHARACTER.search(told)
     assert not re.search(r"\b(the|is|no|cannot|be|make)\b", told)
 
@@ -240,7 +240,7 @@ def test_the_system_s_reasons_are_its_own_in_english_and_told_in_chinese(number:
     error = OSError(number, os.strerror(number))
     assert reason_of(error) == error.strerror
     assert one_line(error) == str(error)
-    speak("zh")
+    set_language("zh")
     for told in (_(reason_of(error)), _(one_line(error))):
         assert CHARACTER.search(told)
         assert not re.search("[A-Za-z]", told.replace("[Errno", ""))
@@ -275,14 +275,14 @@ GONE = (
 def test_what_befalls_a_port_is_told_in_chinese(error: OSError, chinese: str) -> None:
     told = one_line(error)
     assert told == str(error).replace("(5, 'Input/output error')", "[Errno 5] Input/output error")
-    speak("zh")
+    set_language("zh")
     assert chinese in event_text(PortEvent(0, "p", PortEventKind.LOST, told))
 
 
 def test_words_that_nobody_knows_stay_as_they_are() -> None:
     for words in ("[Errno 5] something else", "[Errno 999] Odd", "read failed: odd", "(5, 'odd')"):
         assert one_line(SerialException(words)) == words
-        speak("zh")
+        set_language("zh")
         assert _(one_line(SerialException(words))) == words
 
 
@@ -296,7 +296,7 @@ def test_what_a_damaged_recording_lacks_is_told_in_chinese(tmp_path: Path, sampl
         place = chance.randrange(8, len(junk) - 60)
         junk[place : place + chance.choice([1, 40])] = chance.randbytes(chance.choice([1, 40]))
         altered.append(bytes(junk))
-    speak("zh")
+    set_language("zh")
     told = set[str]()
     for damaged in altered:
         path.write_bytes(damaged)
@@ -305,7 +305,7 @@ def test_what_a_damaged_recording_lacks_is_told_in_chinese(tmp_path: Path, sampl
             for _columns in reader.batches():
                 pass
         except FteSniffError as error:
-            told.add(worded(error))
+            told.add(error_text(error))
         else:
             told.update(_(loss) for loss in (*reader.losses, reader.ending) if loss)
     assert len(told) > 10
@@ -338,7 +338,7 @@ def test_nothing_is_wider_than_the_screen(
 
 
 def test_explanations_of_frames_and_damage_are_chinese(odd_rows: list[Any]) -> None:
-    speak("zh")
+    set_language("zh")
     for row in odd_rows:
         for text in (*explain(row), *(part.meaning for part in dissect(row)), *_notes(row)):
             assert text.startswith(("CMD", "NUM")) or not text or CHARACTER.search(_(text)), text
@@ -349,7 +349,7 @@ def _notes(row: Any) -> list[str]:
 
 
 def test_a_text_from_outside_is_never_translated() -> None:
-    speak("zh")
+    set_language("zh")
     assert _(TranslatableText("unknown name '{term}'", term="stopped")) == "没有名称 'stopped'"
 
 
@@ -366,7 +366,7 @@ def test_a_sentence_keeps_its_values() -> None:
     text = TranslatableText("expected {wanted}, found {found}", wanted="1..4", found=9)
     assert text == "expected 1..4, found 9"
     assert _(text) == text
-    speak("zh")
+    set_language("zh")
     assert _(text) == "应为 1..4，实为 9"
 
 
@@ -388,7 +388,7 @@ def test_ascii_is_wrapped_between_words(text: str, width: int) -> None:
 @pytest.mark.parametrize("mode", Mode)
 @pytest.mark.parametrize("width", [30, 80, 120])
 def test_the_title_has_its_width_and_ends_with_the_state(width: int, mode: Mode) -> None:
-    speak("zh")
+    set_language("zh")
     state = FeedState("/dev/ttyUSB0", "/tmp/记录/a-long-name-of-a-recording.mcap", progress=0.5)
     title = title_text(state, mode, 1_234, width)
     assert cell_len(title) == width
@@ -397,12 +397,12 @@ def test_the_title_has_its_width_and_ends_with_the_state(width: int, mode: Mode)
 
 @pytest.mark.parametrize("width", [30, 40, 72, 80, 120])
 def test_the_line_of_numbers_has_its_width_in_any_language(width: int) -> None:
-    speak("zh")
+    set_language("zh")
     numbers = StatusCounters(12_345, 800.0, 7, 0.01, 5, 12, False, 99, 3)
     assert cell_len(status_text(numbers, width)) == width
 
 
 def test_modes_have_words_of_their_own() -> None:
-    speak("zh")
+    set_language("zh")
     said: Callable[[str], str] = _
     assert len({said(mode) for mode in Mode}) == len(Mode)

@@ -1,28 +1,97 @@
-"""The panes on the whole screen, driven by keys."""
+"""The panes, on the screen and as text."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import re
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.protocol import KIND_BY_NAME, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.analysis.fields import Decoded
+from fte_sniff.analysis.live_models import LiveModels
+from fte_sniff.analysis.motor_stats import FlagCounts
+from fte_sniff.analysis.motors import motor_rows
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.statistics import LineSetup, Statistics
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    Damage,
+    Fault,
+    Frame,
+    PortEvent,
+    PortEventKind,
+    Row,
+    encode,
+    spaced_hex,
+)
+from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.panes.bytes import BytesPane
-from fte_sniff.tui.panes.detail import DetailPane
-from fte_sniff.tui.panes.motors import MotorsPane
+from fte_sniff.tui.panes.bytes import BytesPane, dump, neighbours
+from fte_sniff.tui.panes.detail import DetailLayout, DetailPane, detail_text
+from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsPane, MotorsView, grid
 from fte_sniff.tui.panes.pane import Pane
-from fte_sniff.tui.panes.statistics import StatisticsPane
+from fte_sniff.tui.panes.statistics import ALL_IN_ORDER, StatisticsPage, StatisticsPane
+from fte_sniff.tui.table.theme import DARK, LIGHT
+from tests.analysis import conftest
+from tests.tui.conftest import (
+    NOON_NS,
+    STEP_NS,
+    Rows,
+    page,
+    play,
+    press,
+    settle,
+    table,
+)
 
-from .conftest import NOON_NS, STEP_NS
-from .test_screen import page, play, press, settle, table
 
-Rows = Callable[..., list[Row]]
+def test_the_pane_explains_the_cursors_row(
+    feed: Any, speed_rows: Rows, odd_rows: list[Row]
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([*speed_rows(40), odd_rows[3]])
+        await settle(app, pilot)
+        await press(app, pilot, "enter")
+        feed.give(speed_rows(40, start=40))
+        await settle(app, pilot)
+        assert "expected EE, found EF" in page(app)
+        assert "SCROLLED" in page(app)
+        await press(app, pilot, "up")
+        await settle(app, pilot)
+        assert "expected EE" not in page(app)
+        assert "39 RPM" in page(app)
+        await press(app, pilot, "escape")
+        await pilot.pause()
+        assert "39 RPM" not in page(app)
+
+    play(feed, scenario)
+
+
+def test_the_pane_is_as_tall_as_its_words_up_to_half_the_screen(
+    feed: Any, speed_rows: Rows, odd_rows: list[Row]
+) -> None:
+    heights = []
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([odd_rows[4], *speed_rows(40), odd_rows[5]])
+        await settle(app, pilot)
+        await press(app, pilot, "enter")
+        for key in ("end", "up", "home"):
+            await press(app, pilot, key)
+            await settle(app, pilot)
+            heights.append(app.query_one(DetailPane).outer_size.height)
+
+    play(feed, scenario, (200, 60))
+    assert 28 <= heights[0] <= 30
+    assert heights[2] < heights[1] < 12
+
 
 PANES = {"i": DetailPane, "enter": DetailPane, "b": BytesPane, "M": MotorsPane, "S": StatisticsPane}
 
@@ -50,7 +119,7 @@ def test_the_motors_of_an_old_row_say_of_which(feed: Any, width: int) -> None:
         title = app.query_one(MotorsPane)
         assert "as of" not in str(title.border_title)
         await press(app, pilot, "g")
-        app._panes.look()
+        app._panes.redraw()
         assert "as of row 1, 12:00:00.000 - G: end" in str(title.border_title)
 
     play(feed, scenario, (width, 24))
@@ -61,10 +130,10 @@ def test_a_pane_that_has_no_place_yet_draws_nothing(feed: Any) -> None:
         feed.give(feedback_rows(400))
         await settle(app, pilot)
         app._panes.toggle("motors")
-        app._panes.look()
+        app._panes.redraw()
         assert app.query_one(MotorsPane)._drawn is None
         await settle(app, pilot)
-        app._panes.look()
+        app._panes.redraw()
         drawn = app.query_one(MotorsPane)._drawn
         assert drawn is not None
         assert "motor 4" in drawn.plain
@@ -134,18 +203,18 @@ def test_the_motors_are_those_at_the_cursor_and_the_newest_while_the_end_is_foll
         feed.give(feedback_rows(400))
         await press(app, pilot, "M")
         await settle(app, pilot)
-        app._panes.look()
+        app._panes.redraw()
         await settle(app, pilot)
         assert "392 RPM" in page(app)
         await press(app, pilot, "g", "j", "j", "j")
-        app._panes.look()
+        app._panes.redraw()
         await settle(app, pilot)
         text = page(app)
         assert "now    0 RPM" in text
         assert "now    2 RPM" in text
         assert text.count("– RPM") == 2
         await press(app, pilot, "G")
-        app._panes.look()
+        app._panes.redraw()
         await settle(app, pilot)
         assert "392 RPM" in page(app)
 
@@ -174,7 +243,7 @@ def test_the_window_of_time_is_made_longer_and_shorter(feed: Any) -> None:
 def test_turns_stand_beside_pulses_in_the_detail_and_the_motors(feed: Any) -> None:
     raw = encode(KIND_BY_NAME["position_feedback"], {"motor": 2, "pulses": 5000})
     feed.give([Frame("p", 0, raw, NOON_NS)])
-    app = SniffApp(feed, StartOptions(bench=LineSetup(resolution=500, gear_ratio=20)))
+    app = SniffApp(feed, StartOptions(line_setup=LineSetup(resolution=500, gear_ratio=20)))
 
     async def scenario(pilot: Pilot[None]) -> None:
         await settle(app, pilot)
@@ -218,7 +287,7 @@ def test_line_errors_of_the_port_are_counted(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.give(feedback_rows(40))
         for number in range(3):
-            feed.tell(PortEvent(NOON_NS + number, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "x"))
+            feed.emit(PortEvent(NOON_NS + number, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "x"))
         await settle(app, pilot)
         await press(app, pilot, "escape", "S")
         await settle(app, pilot)
@@ -249,7 +318,271 @@ def test_rows_go_on_to_be_counted_while_no_pane_is_open(feed: Any, speed_rows: R
         await press(app, pilot, "S")
         for _ in range(20):
             await settle(app, pilot)
-            app._panes.look()
+            app._panes.redraw()
         assert "40,000 rows, 400,000 bytes" in page(app)
 
     play(feed, scenario)
+
+
+ANY_ROWS = st.lists(
+    st.from_type(Frame) | st.builds(Damage, conftest.PORTS, conftest.OFFSETS,
+                                    conftest.DAMAGE_BYTES, conftest.TIMES, conftest.FAULTS),
+    max_size=12,
+)  # fmt: skip
+WIDTHS = st.sampled_from([8, 20, 40, 79, 120, 199])
+
+
+@given(
+    ANY_ROWS,
+    st.data(),
+    WIDTHS,
+    st.integers(1, 40),
+    st.sampled_from(WINDOWS_NS),
+    st.sampled_from(
+        [LineSetup(), LineSetup(resolution=1e-300, gear_ratio=1e-9), LineSetup(50, 1e300, 1e9)]
+    ),
+)
+def test_every_line_of_every_pane_fits(
+    rows: list[Row], data: st.DataObject, width: int, height: int, window_ns: int, bench: LineSetup
+) -> None:
+    store = RowStore(100, 3)
+    store.append(rows)
+    models = LiveModels(store, bench, 4)
+    models.step(100)
+    palette = data.draw(st.sampled_from([DARK, LIGHT]))
+    index = data.draw(st.integers(0, max(0, len(rows) - 1)))
+    motors = models.motors_at(index) if rows else models.motors
+    assert motors is not None
+    now = rows[index].t_ns if rows else None
+    traces = models.traces_at(index, (now or 0) - window_ns)
+    look = MotorsView(tuple(motors.states(now)), traces, now, window_ns, bench)
+    flags = models.flags.stats()
+    page = StatisticsPage(models.statistics, flags, now, models.pending, 0, width, palette)
+    for text in (grid(look, width, height, palette), page.text):
+        assert all(line.cell_len <= width for line in text.split("\n"))
+    if rows:
+        near = neighbours(store, index, 100)
+        assert rows[index] in near
+        drawn = dump(rows[index], near, width, palette).plain
+        assert drawn or not rows[index].raw
+
+
+FRAME = bytes.fromhex("AA010103E800000000EE")
+
+
+def _rows(lengths: list[int], ports: str = "p") -> list[Row]:
+    rows: list[Row] = []
+    offsets = dict.fromkeys(ports, 0)
+    for number, length in enumerate(lengths):
+        port = ports[number % len(ports)]
+        at = offsets[port]
+        offsets[port] += length
+        if length == 10:
+            rows.append(Frame(port, at, FRAME, None))
+        else:
+            raw = bytes((at + n) % 256 for n in range(length))
+            rows.append(Damage(port, at, raw, None, (Fault.NOISE,)))
+    return rows
+
+
+def _store(rows: list[Row]) -> RowStore:
+    store = RowStore(10_000, 16)
+    store.append(rows)
+    return store
+
+
+LENGTHS = st.lists(st.sampled_from([1, 3, 10, 10, 10, 40]), min_size=1, max_size=80)
+
+
+@given(LENGTHS, st.data(), st.sampled_from(["p", "pq"]), st.sampled_from([38, 50, 79, 150]))
+def test_the_bytes_around_a_row_stand_at_their_offsets(
+    lengths: list[int], data: st.DataObject, ports: str, width: int
+) -> None:
+    rows = _rows(lengths, ports)
+    index = data.draw(st.integers(0, len(rows) - 1))
+    row = rows[index]
+    stream = b"".join(other.raw for other in rows if other.port == row.port)
+    near = neighbours(_store(rows), index, 200)
+    assert b"".join(other.raw for other in near) in stream
+    assert near[0].offset <= max(0, row.offset - 200)
+    text = dump(row, near, width, DARK).plain
+    abreast = {38: 8, 50: 8, 79: 16, 150: 32}[width]
+    own, inside = bytearray(), False
+    for line in text.split("\n"):
+        assert len(line) <= width
+        start, signs = int(line[:12].replace(",", "")), line[13 : 13 + 3 * abreast + 1]
+        for place in range(abreast):
+            sign, digits = signs[3 * place], signs[3 * place + 1 : 3 * place + 3]
+            inside = sign == "[" or (inside and sign != "]")
+            if digits != "··":
+                assert int(digits, 16) == stream[start + place]
+                own += bytes([int(digits, 16)] if inside else [])
+        inside = inside and signs[-1] != "]"
+    assert bytes(own) == row.raw
+
+
+def test_the_row_is_held_by_brackets_and_others_begin_with_a_bar() -> None:
+    rows = _rows([10, 10, 10])
+    lines = dump(rows[1], rows, 79, DARK).plain.split("\n")
+    assert lines[0].startswith("           0 |AA 01 01 03 E8 00 00 00 00 EE[AA 01 01 03 E8 00 ")
+    assert lines[1].startswith("          16  00 00 00 EE]AA 01")
+    assert lines[0].endswith("................")
+
+
+@pytest.mark.parametrize("width", [50, 79, 150])
+@pytest.mark.parametrize("at", range(8))
+def test_each_bracket_stands_once(at: int, width: int) -> None:
+    rows = _rows([6, 10, 10, 10, 10, 10, 10, 10])
+    drawn = dump(rows[at], rows, width, DARK).plain
+    end = 13 + 3 * {50: 8, 79: 16, 150: 32}[width] + 1
+    signs = "".join(line[:end] for line in drawn.split("\n"))
+    assert (signs.count("["), signs.count("]")) == (1, 1)
+
+
+def test_what_the_store_does_not_have_is_dots() -> None:
+    rows = _rows([10] * 30)
+    del rows[3:9]
+    text = dump(rows[3], rows, 79, DARK).plain
+    assert re.search(r"··(·|\s)+··\[AA", text)
+
+
+def test_rows_of_other_ports_are_no_neighbours() -> None:
+    rows = _rows([10] * 40, "pq")
+    near = neighbours(_store(rows), 20, 30)
+    assert {row.port for row in near} == {"p"}
+    assert len(near) == 7
+
+
+def test_a_row_that_left_has_no_neighbours() -> None:
+    store = RowStore(5, 2)
+    store.append(_rows([10] * 9))
+    with pytest.raises(IndexError):
+        neighbours(store, 2, 100)
+    assert neighbours(store, 5, 100)[0].offset == 40
+
+
+def _page(
+    rows: Sequence[Row], width: int, now_ns: int | None = NOON_NS, behind: int = 0
+) -> StatisticsPage:
+    statistics, codebook = Statistics(LineSetup()), Codebook()
+    decoded = Decoded(RowBatch.from_rows(rows, codebook))
+    statistics.observe(decoded, codebook)
+    flags = FlagCounts()
+    flags.observe(decoded, motor_rows(decoded))
+    return StatisticsPage(statistics, flags.stats(), now_ns, behind, 0, width, DARK)
+
+
+@pytest.mark.parametrize("width", [10, 40, 80, 200])
+def test_every_line_fits(width: int, speed_rows: Rows, odd_rows: list[Row]) -> None:
+    for rows in ([], odd_rows, [*speed_rows(1000), *odd_rows]):
+        for line in _page(rows, width).text.split("\n"):
+            assert line.cell_len <= width
+
+
+def test_the_numbers_of_an_even_stream(speed_rows: Rows) -> None:
+    text = _page(speed_rows(4000), 200, NOON_NS + 3_999_000_000).text.plain
+    assert "/dev/ttyUSB0  4,000 rows, 40,000 bytes" in text
+    assert "86.8 % of the time used, at 115,200 baud" in text
+    assert "longest silence 132 µs" in text
+    assert "3,999 < 1 ms" in text
+    (line,) = [line for line in text.split("\n") if "speed 3" in line]
+    cells = line.split()
+    assert cells[:5] == ["speed", "3", "1,000", "250.0/s", "250.0/s"]
+    assert "no faults" in text
+
+
+def test_faults_are_counted_with_the_signs_of_the_table(odd_rows: list[Row]) -> None:
+    lines = _page(odd_rows, 100).text.plain.split("\n")
+    counts = {line[:21].strip(): line[21:31].strip() for line in lines if line[:1] in {"!", "?"}}
+    assert counts["! noise"] == "2"
+    assert counts["? reserved_nonzero"] == "1"
+    assert counts["! truncated"] == "1"
+
+
+def feedback(at_ms: int, motor: int, error: int = 0, online: int = 0x0F) -> Row:
+    values = {"motor": motor, "rpm": 5, "error": error, "online": online}
+    raw = encode(KIND_BY_NAME["speed_feedback"], values)
+    return Frame("p", 10 * at_ms, raw, NOON_NS + at_ms * 1_000_000)
+
+
+def test_what_flag_bytes_told_of_a_motor_is_told_as_stats_does() -> None:
+    rows = [feedback(at, 1 + at % 4) for at in range(100)]
+    assert ALL_IN_ORDER in _page(rows, 100).text.plain
+    rows += [feedback(at, 1 + at % 4, 8 if at % 4 == 3 else 0, 7) for at in range(100, 123)]
+    lines = _page(rows, 100).text.plain.split("\n")
+    assert "^ motor 4: ERROR bit 3 set in 5 frames, 12:00:00.103 to 12:00:00.119" in lines
+    assert "^ motor 4: not ONLINE in 23 frames, 12:00:00.100 to 12:00:00.122; lost once" in lines
+    assert not [line for line in lines if "motor 3:" in line or ALL_IN_ORDER in line]
+
+
+def test_where_nothing_was_told_back_nothing_is_said_of_flags(speed_rows: Rows) -> None:
+    assert "ONLINE" not in _page(speed_rows(10), 100).text.plain
+
+
+def test_without_times_it_says_so_and_tells_no_rates() -> None:
+    text = _page([Damage("p", 0, b"x", None, (Fault.NOISE,))], 100, None).text.plain
+    assert "no times" in text
+    assert "%" not in text
+
+
+def test_port_events_and_what_is_still_to_be_read_are_told(speed_rows: Rows) -> None:
+    told = _page(speed_rows(10), 100, behind=1234)
+    event = PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "parity")
+    told.statistics.observe_events([event] * 3)
+    text = told.text.plain
+    assert "port events: line error 3 (last 12:00:00.000)" in text
+    assert "1,234 rows to go" in text
+
+
+def test_the_details_show_every_byte_once(odd_rows: list[Row]) -> None:
+    for row in odd_rows:
+        text = detail_text(row, DARK, DetailLayout(200, bit_lines=False)).plain
+        shown = [line[2:50] for line in text.split("\n")[1:]]
+        digits = "".join(
+            pair for line in shown for pair in line.split("  ")[0].split() if len(pair) == 2
+        )
+        assert row.raw.hex().upper() in digits.replace(" ", "")
+
+
+@pytest.mark.parametrize("width", [1, 20, 40, 79, 199])
+def test_the_details_keep_to_their_room(odd_rows: list[Row], width: int) -> None:
+    for row in odd_rows:
+        for line in detail_text(row, DARK, DetailLayout(width, bit_lines=True)).plain.split("\n"):
+            assert cell_len(line) <= max(width, 15)
+
+
+@pytest.mark.parametrize("width", [40, 79])
+def test_the_details_cut_no_word(odd_rows: list[Row], width: int) -> None:
+    for row in odd_rows:
+        narrow, wide = (
+            detail_text(row, DARK, DetailLayout(room, bit_lines=True)).plain
+            for room in (width, 400)
+        )
+        assert sorted(narrow.split()) == sorted(wide.split())
+
+
+def test_every_line_of_noise_is_marked(odd_rows: list[Row]) -> None:
+    text = detail_text(odd_rows[5], DARK, DetailLayout(79, bit_lines=False)).plain
+    name, *behind = text[text.index("! " + " " * 12 + "noise") :].split("\n")
+    assert "noise" in name
+    digits = [line[2:] for line in behind if line.startswith("! ")]
+    assert bytes.fromhex("".join(digits)) == odd_rows[5].raw
+    assert behind[: len(digits)] == [f"! {line}" for line in digits]
+
+
+def test_the_details_tell_what_is_wrong_and_where(odd_rows: list[Row]) -> None:
+    text = detail_text(odd_rows[3], DARK, DetailLayout(80, bit_lines=False)).plain
+    assert "! bad_tail: " in text
+    assert "expected EE, found EF" in text
+    assert spaced_hex(odd_rows[3].raw[5:9]) in text
+
+
+def test_flags_are_told_bit_by_bit_where_there_is_room() -> None:
+    from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
+
+    raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5, "online": 0x0B})
+    tight = detail_text(Frame("p", 0, raw, None), DARK, DetailLayout(80, bit_lines=False)).plain
+    roomy = detail_text(Frame("p", 0, raw, None), DARK, DetailLayout(80, bit_lines=True)).plain
+    assert "00001011" in tight
+    assert "bit 2" not in tight
+    assert "bit 2 is 0: motor 3" in roomy

@@ -1,12 +1,15 @@
-"""The panes beside the table.
+"""The panes below the table.
+
+To add one: write a subclass of `Pane` in a module here, list it in `switcher.PANES`, and give it a
+key in `keys.UNDERSTANDING`.
 
 Modules:
 
-    bytes       Bytes pane.
-    detail      Detail pane.
-    motors      Motor cards.
-    pane        Pane base class.
+    bytes       Bytes of the stream around a row.
+    detail      Explanation of a row, byte by byte.
+    motors      State and plots of each motor.
+    pane        Base class, and the context that panes draw.
     plot        Curves in braille characters.
-    statistics  Statistics pane.
-    switcher    Which panes are visible.
+    statistics  Rates, line use and faults of all rows.
+    switcher    The list of panes; shows one at a time and updates the models that they draw.
 """

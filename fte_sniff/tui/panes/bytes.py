@@ -1,4 +1,4 @@
-"""Bytes pane.
+"""Bytes pane: the bytes of the stream around a row.
 
 12,340  AA 01 01 03 E8 00 00 00 00 EE[55 01 01 03 E8 00|.......... U.....
 12,356  00 00 0F EE]AA 01 02 03 ...
@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import takewhile
 from typing import Final
 
 from rich.style import Style
@@ -22,126 +23,117 @@ TITLE: Final = later("bytes around offset {offset:,}")
 HINT: Final = later("[ ] row   | next row   J K: scroll   esc: close")
 NO_ROW: Final = later("no row")
 
-LINES_AROUND: Final = 6
-"""Lines before the row's first one, and behind its last one."""
+CONTEXT_LINES: Final = 6
+"""Lines before the row's first one, and after its last one."""
 
-MOST_ROWS_AWAY: Final = 20_000
-"""Rows of other ports that neighbours are looked for behind."""
+MAX_ROWS_SEARCHED: Final = 20_000
+"""Rows of other ports among which the port's neighbours are searched for."""
 
-ABREAST: Final = (32, 16, 8)
-"""How many bytes may stand in a line: as many as there is room for, the last in any case."""
+BYTES_PER_LINE: Final = (32, 16, 8)
+"""The first that fits is used, or else the last."""
 
-UNKNOWN: Final = "··"
+UNKNOWN_BYTE: Final = "··"
 
 _OFFSET_WIDTH: Final = 12
-_AT_ONCE: Final = 256
-_OWN: Final = Style(bold=True, reverse=True)
+_STEP_ROWS: Final = 256
+_ROW_STYLE: Final = Style(bold=True, reverse=True)
 
 
 def neighbours(store: RowStore, index: int, reach: int) -> list[Row]:
-    """The row of that index with those of its port that stand up to `reach` bytes away, in order.
+    """The row at an index, with the rows of its port up to `reach` bytes away, in order.
 
     Raises:
         IndexError: there is no such row.
     """
     row = store.row(index)
     start, end = row.offset - reach, row.offset + len(row.raw) + reach
-    before: list[Row] = []
-    for other in _of_port(_backwards(store, index), row.port):
-        if other.offset + len(other.raw) <= start:
-            break
-        before.append(other)
-    behind: list[Row] = []
-    for other in _of_port(_forwards(store, index), row.port):
-        if other.offset >= end:
-            break
-        behind.append(other)
-    return [*reversed(before), row, *behind]
-
-
-def _of_port(rows: Iterator[Row], port: str) -> Iterator[Row]:
-    return (row for row in rows if row.port == port)
+    before = (other for other in _backwards(store, index) if other.port == row.port)
+    after = (other for other in _forwards(store, index) if other.port == row.port)
+    near_before = takewhile(lambda other: other.offset + len(other.raw) > start, before)
+    near_after = takewhile(lambda other: other.offset < end, after)
+    return [*reversed(list(near_before)), row, *near_after]
 
 
 def _backwards(store: RowStore, index: int) -> Iterator[Row]:
-    last = max(store.first, index - MOST_ROWS_AWAY)
+    last = max(store.first, index - MAX_ROWS_SEARCHED)
     while index > last:
-        at = max(last, index - _AT_ONCE)
-        yield from reversed(store.rows(at, index))
-        index = at
+        start = max(last, index - _STEP_ROWS)
+        yield from reversed(store.rows(start, index))
+        index = start
 
 
 def _forwards(store: RowStore, index: int) -> Iterator[Row]:
-    end = min(store.next, index + 1 + MOST_ROWS_AWAY)
-    for at in range(index + 1, end, _AT_ONCE):
-        yield from store.rows(at, min(end, at + _AT_ONCE))
+    end = min(store.next, index + 1 + MAX_ROWS_SEARCHED)
+    for start in range(index + 1, end, _STEP_ROWS):
+        yield from store.rows(start, min(end, start + _STEP_ROWS))
 
 
 def dump(row: Row, rows: Sequence[Row], width: int, palette: Palette) -> Text:
-    """The row among its neighbours, for so many cells."""
-    abreast = next((n for n in ABREAST if _cells(n) + n < width), ABREAST[-1])
+    """Hex dump of the row among its neighbours, in `width` cells."""
+    per_line = next((n for n in BYTES_PER_LINE if _cells(n) + n < width), BYTES_PER_LINE[-1])
     stream = _Stream(row, rows, palette)
-    first = max(0, row.offset // abreast - LINES_AROUND)
-    last = (row.offset + max(1, len(row.raw)) - 1) // abreast + LINES_AROUND
+    first = max(0, row.offset // per_line - CONTEXT_LINES)
+    last = (row.offset + max(1, len(row.raw)) - 1) // per_line + CONTEXT_LINES
+    with_text = _cells(per_line) + per_line < width
     lines = [
-        stream.line(number * abreast, abreast, _cells(abreast) + abreast < width)
-        for number in range(first, last + 1)
+        stream.line(number * per_line, per_line, with_text) for number in range(first, last + 1)
     ]
     return Text("\n").join(line for line in lines if line is not None)
 
 
-def _cells(abreast: int) -> int:
-    """What the offset and so many bytes take, with the signs between them."""
-    return _OFFSET_WIDTH + 1 + 3 * abreast + 1
+def _cells(per_line: int) -> int:
+    """Width of an offset and the bytes of a line, with the signs between them."""
+    return _OFFSET_WIDTH + 1 + 3 * per_line + 1
 
 
 class _Stream:
-    """The bytes of some rows by their offsets."""
+    """The bytes of some rows by offset."""
 
     def __init__(self, row: Row, rows: Sequence[Row], palette: Palette) -> None:
-        self._own = range(row.offset, row.offset + len(row.raw))
+        self._row = range(row.offset, row.offset + len(row.raw))
         self._muted = palette.muted
-        self._bytes: dict[int, int] = {}
         self._starts = {other.offset for other in rows}
+        self._bytes: dict[int, int] = {}
         self._styles: dict[int, Style] = {}
         for other in rows:
             faulty = other.status is not Status.OK
             style = palette.statuses[other.status] if faulty else Style.null()
-            for place, byte in enumerate(other.raw, other.offset):
-                self._bytes[place] = byte
-                self._styles[place] = style
+            for offset, byte in enumerate(other.raw, other.offset):
+                self._bytes[offset] = byte
+                self._styles[offset] = style
 
-    def line(self, start: int, abreast: int, with_text: bool) -> Text | None:
+    def line(self, start: int, per_line: int, with_text: bool) -> Text | None:
         """One line; None where none of its bytes is known."""
-        places = range(start, start + abreast)
-        if not any(place in self._bytes for place in places):
+        offsets = range(start, start + per_line)
+        if not any(offset in self._bytes for offset in offsets):
             return None
         line = Text(f"{start:>{_OFFSET_WIDTH},} ", style=self._muted)
-        for place in places:
-            line.append(self._sign(place, place == start), self._style_between(place))
-            byte = self._bytes.get(place)
-            line.append(UNKNOWN if byte is None else f"{byte:02X}", self._style(place))
-        line.append("]" if places.stop == self._own.stop else " ", self._style_between(places.stop))
+        for offset in offsets:
+            line.append(self._separator(offset, offset == start), self._separator_style(offset))
+            byte = self._bytes.get(offset)
+            line.append(UNKNOWN_BYTE if byte is None else f"{byte:02X}", self._style(offset))
+        end = offsets.stop
+        line.append("]" if end == self._row.stop else " ", self._separator_style(end))
         if with_text:
             line.append(" ")
-            for place in places:
-                line.append(_character(self._bytes.get(place)), self._style(place))
+            for offset in offsets:
+                line.append(_character(self._bytes.get(offset)), self._style(offset))
         return line
 
-    def _sign(self, place: int, begins_line: bool) -> str:
-        """What stands before a byte; the bracket behind the line before is not said again."""
-        if self._own and place == self._own.start:
+    def _separator(self, offset: int, begins_line: bool) -> str:
+        """The sign before a byte; a bracket at the end of a line is not repeated on the next."""
+        if self._row and offset == self._row.start:
             return "["
-        if self._own and place == self._own.stop and not begins_line:
+        if self._row and offset == self._row.stop and not begins_line:
             return "]"
-        return "|" if place in self._starts else " "
+        return "|" if offset in self._starts else " "
 
-    def _style(self, place: int) -> Style:
-        return _OWN if place in self._own else self._styles.get(place, self._muted)
+    def _style(self, offset: int) -> Style:
+        return _ROW_STYLE if offset in self._row else self._styles.get(offset, self._muted)
 
-    def _style_between(self, place: int) -> Style:
-        inner = place in self._own or place == self._own.stop
-        return _OWN if inner else self._muted
+    def _separator_style(self, offset: int) -> Style:
+        inner = offset in self._row or offset == self._row.stop
+        return _ROW_STYLE if inner else self._muted
 
 
 def _character(byte: int | None) -> str:
@@ -151,24 +143,26 @@ def _character(byte: int | None) -> str:
 
 
 class BytesPane(Pane):
-    """The stream around the row under the cursor."""
+    """The bytes of the stream around the cursor's row."""
+
+    NAME = "bytes"
+    EXPLAINS_ROW = True
+    HINT = HINT
 
     def __init__(self) -> None:
-        super().__init__(HINT)
-        self._shown: tuple[object, ...] | None = None
+        super().__init__()
+        self._dumped: tuple[object, ...] | None = None
 
-    def see(self, sight: PaneContext) -> None:
-        """Dump what stands around the cursor's row, unless that is what stands there."""
-        if sight.row is None or sight.index is None:
-            self._shown = None
-            self.draw(Text(_(NO_ROW)))
+    def draw(self, context: PaneContext) -> None:
+        """Dump the bytes around the cursor's row, where they are not shown already."""
+        if context.row is None or context.index is None:
+            self._dumped = None
+            self.set_page(Text(_(NO_ROW)))
             return
-        width = self.room.width
-        reach = LINES_AROUND * ABREAST[0]
-        rows = neighbours(sight.store, sight.index, reach)
-        now = (sight.row, rows[0].offset, len(rows), width, sight.palette)
-        if now == self._shown:
-            return
-        self._shown = now
-        self.entitle(_(TITLE).format(offset=sight.row.offset))
-        self.draw(dump(sight.row, rows, width, sight.palette))
+        width = self.page_size.width
+        rows = neighbours(context.store, context.index, CONTEXT_LINES * BYTES_PER_LINE[0])
+        dumped = (context.row, rows[0].offset, len(rows), width, context.palette)
+        if dumped != self._dumped:
+            self._dumped = dumped
+            self.set_title(_(TITLE).format(offset=context.row.offset))
+            self.set_page(dump(context.row, rows, width, context.palette))

@@ -1,4 +1,4 @@
-"""Pane base class."""
+"""Base class of the panes, and the context that they draw."""
 
 from __future__ import annotations
 
@@ -18,80 +18,89 @@ from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import Row
-from fte_sniff.tui.i18n import _
+from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.table.widget import AbstractMeta
+
+HINT = later("J K: scroll   esc: close")
 
 _CORNERS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class PaneContext:
-    """What there is to be looked at by a pane, at one moment."""
+    """What a pane draws, at one moment."""
 
     row: Row | None
     """The row under the cursor."""
     index: int | None
-    """Its index in the store; None where there is no row."""
-    place: int
-    """The place of the cursor's row among those shown, from 1; 0 where there is none."""
+    """Its index in the store."""
+    row_number: int
+    """Its number among the shown rows, from 1; 0 without a row."""
     following: bool
-    """Whether the cursor follows the end, so that the newest is what is looked at."""
+    """Whether the cursor follows the end."""
     now_ns: int | None
     """The time at the cursor, nanoseconds since 1970 UTC; None without times."""
     newest_ns: int | None
-    """The newest row's time and what has passed since; the same where the end is followed."""
+    """The newest row's time plus the time since it came."""
     store: RowStore
     models: LiveModels
-    bench: LineSetup
+    line_setup: LineSetup
     palette: Palette
     zone: tzinfo
-    """Of the times of day that the table shows."""
+    """Zone of the table's times of day."""
 
 
-class Pane(VerticalScroll, can_focus=False, metaclass=AbstractMeta):
+class Pane(VerticalScroll, can_focus=False):
     """A page below the table; keys and the mouse wheel scroll it."""
 
-    EVERY_S: ClassVar[float] = 0.0
-    """How long what is drawn may stay as it is, seconds; 0 draws it anew at every look."""
+    NAME: ClassVar[str]
+    """Name in the action of its key: `pane('motors')`."""
+    EXPLAINS_ROW: ClassVar[bool] = False
+    """Whether it is about the cursor's row: it is then as tall as its text, up to half a screen."""
+    REDRAW_S: ClassVar[float] = 0.0
+    """Shortest time between two drawings, seconds."""
+    HINT: ClassVar[str] = HINT
+    """Its keys; shown after the title where they fit."""
 
-    def __init__(self, hint: str) -> None:
-        """`hint` tells the keys; it stands behind the title where there is room."""
+    def __init__(self) -> None:
         super().__init__()
         self._page = Static()
         self._drawn: Text | None = None
-        self._hint = hint
         self.display = False
+        self.set_class(self.EXPLAINS_ROW, "-row")
 
     def compose(self) -> ComposeResult:
-        """One page."""
+        """The page."""
         yield self._page
 
+    @abstractmethod
+    def draw(self, context: PaneContext) -> None:
+        """Draw the context with `set_title` and `set_page`."""
+
+    def zoom(self, by: int) -> None:
+        """Show more time (`by` 1) or less (-1), in panes over time."""
+
     @property
-    def room(self) -> Size:
-        """Cells for the page; one column is kept for the bar that scrolls it."""
+    def page_size(self) -> Size:
+        """Cells for the page; one column is reserved for the scroll bar."""
         region = self.scrollable_content_region
         bar = 0 if self.show_vertical_scrollbar else 1
         return Size(max(1, region.width - bar), max(1, region.height))
 
-    @abstractmethod
-    def see(self, sight: PaneContext) -> None:
-        """Draw what there is to see."""
-
     @property
-    def laid_out(self) -> bool:
-        """Whether it has its place on the screen."""
+    def has_size(self) -> bool:
+        """Whether it was laid out on the screen."""
         return bool(self.scrollable_content_region)
 
-    def entitle(self, *titles: str) -> None:
-        """Put a title over the page: the first that has room, or else the last."""
-        room = self.size.width - _CORNERS
-        title = next((one for one in titles if cell_len(one) <= room), titles[-1])
-        both = f"{title}   {_(self._hint)}"
-        self.border_title = Text(both if cell_len(both) <= room else title)
+    def set_title(self, *titles: str) -> None:
+        """Set the first title that fits, or else the last."""
+        width = self.size.width - _CORNERS
+        title = next((title for title in titles if cell_len(title) <= width), titles[-1])
+        with_hint = f"{title}   {_(self.HINT)}"
+        self.border_title = Text(with_hint if cell_len(with_hint) <= width else title)
 
-    def draw(self, page: Text) -> None:
-        """Put this onto the page, if it is not what is there."""
+    def set_page(self, page: Text) -> None:
+        """Show the page, where it is not shown already."""
         page.no_wrap = True
         if page != self._drawn or page.spans != (self._drawn and self._drawn.spans):
             self._drawn = page

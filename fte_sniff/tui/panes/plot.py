@@ -1,7 +1,7 @@
 """Curves in braille characters.
 
-1000 ⡇⠁ ⠁ ⠁ ⠁⣀⠤⠔⠒⠒⠒     the scale's ends at the left
-   0 ⣇⣀⡠⠔⠊⠁             the moment at the right
+1000 ⡇⠁ ⠁ ⠁ ⠁⣀⠤⠔⠒⠒⠒     scale at the left
+   0 ⣇⣀⡠⠔⠊⠁             the present moment at the right
 """
 
 from __future__ import annotations
@@ -31,143 +31,141 @@ Dots = npt.NDArray[np.bool_]
 
 
 class Canvas:
-    """So many cells across and down, at first without a dot."""
+    """A raster of dots, drawn as braille characters."""
 
     def __init__(self, width: int, height: int) -> None:
-        """`width` and `height` are in cells, 0 or more."""
+        """An empty canvas of `width` by `height` cells."""
         self.dots: Dots = np.zeros((height * DOWN, width * ACROSS), np.bool_)
-        """By row from the top and column from the left."""
+        """Rows from the top, columns from the left."""
 
     def bars(self, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64]) -> None:
-        """Set the dots from `low` to `high` in every column of dots; nothing where they are NaN.
+        """Set the dots from `low` to `high` in every column; none where either is NaN.
 
-        Both are in dots from the bottom, and are moved onto the canvas where they lie outside.
+        Both are in dots from the bottom, and are clipped to the canvas.
         """
         rows = len(self.dots)
-        told = ~(np.isnan(low) | np.isnan(high))
-        bottom = np.clip(np.where(told, low, 1).round(), 0, rows - 1)
-        top = np.clip(np.where(told, high, 0).round(), 0, rows - 1)
-        places = np.arange(rows - 1, -1, -1)[:, None]
-        self.dots |= told & (places >= bottom) & (places <= top)
+        known = ~(np.isnan(low) | np.isnan(high))
+        bottom = np.clip(np.where(known, low, 1).round(), 0, rows - 1)
+        top = np.clip(np.where(known, high, 0).round(), 0, rows - 1)
+        heights = np.arange(rows - 1, -1, -1)[:, None]
+        self.dots |= known & (heights >= bottom) & (heights <= top)
 
     @property
     def cells(self) -> npt.NDArray[np.int64]:
-        """The code of every cell's character; those without a dot have that of a space."""
+        """Character code of every cell; a space where it has no dot."""
         rows, columns = self.dots.shape
-        split = self.dots.reshape(rows // DOWN, DOWN, columns // ACROSS, ACROSS)
-        bits = (split << _BITS[None, :, None, :]).sum(axis=(1, 3))
+        by_cell = self.dots.reshape(rows // DOWN, DOWN, columns // ACROSS, ACROSS)
+        bits = (by_cell << _BITS[None, :, None, :]).sum(axis=(1, 3))
         return np.where(bits > 0, bits + _BLANK, ord(" "))
 
     @property
     def lines(self) -> list[str]:
-        """The canvas as text, from the top."""
+        """Text of each line, from the top."""
         return ["".join(map(chr, line)) for line in self.cells.tolist()]
 
 
 SCALE_CELLS: Final = 8
-"""Cells that the ends of the scale take at the left."""
+"""Cells of the scale at the left."""
 
-HELD_NS: Final = 1_000_000_000
-"""How long a line goes on behind the last value told; a longer silence is a gap."""
+HOLD_NS: Final = 1_000_000_000
+"""How long a curve continues after the last feedback; a longer silence is a gap."""
 
-DOTTED_EVERY: Final = 3
-"""Columns of dots from one dot of what was asked to the next."""
+DOT_SPACING: Final = 3
+"""Columns from one dot of the target to the next."""
 
+MAX_SCALE_FACTOR: Final = 4
+"""How many times longer the scale may become because of outliers."""
 
-MOST_PRESSED: Final = 4
-"""How many times longer the scale may become for the sake of a few values."""
+MEDIAN_COLUMNS: Final = 5
+"""Columns of the running median that removes outliers."""
 
-CALM_OVER: Final = 5
-"""Columns of which most must agree."""
+TALL_SCALE: Final = 4
+"""Lines from which on outliers have a line beside the scale's ends."""
 
-ROOMY_SCALE: Final = 4
-"""Lines from which on the scale's ends are told beside what goes over them."""
-
-OVER: Final = "▲{value}"
-UNDER: Final = "▼{value}"
+ABOVE: Final = "▲{value}"
+BELOW: Final = "▼{value}"
 
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """What the lowest and the highest dot stand for."""
+    """Values of the lowest and the highest dot, and the extreme values."""
 
     low: float
     high: float
     least: float
     most: float
-    """The extreme values; dots over an end of the scale stand at that end."""
 
 
 @dataclass(frozen=True, slots=True)
-class Strokes:
-    """The styles of a plot."""
+class PlotStyles:
+    """Styles of a plot."""
 
-    told: Style
-    asked: Style
+    feedback: Style
+    target: Style
     scale: Style
 
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """What is plotted, in as many columns as the plot has dots across."""
+    """Target and feedback, one value per column of dots."""
 
-    asked: EnvelopeColumns
-    told: EnvelopeColumns
-    otherwise: Bools
-    """Columns in which something else was asked, which ends what was asked before."""
-    standing: float | None
-    """What was asked last before the plot begins."""
+    target: EnvelopeColumns
+    feedback: EnvelopeColumns
+    target_ended: Bools
+    """Columns in which a command of another kind ended the target."""
+    first_target: float | None
+    """Target at the start of the plot."""
     column_ns: float
-    """The time that a column takes."""
+    """Time span of a column."""
 
 
-def plot(curves: Curves, strokes: Strokes, width: int, height: int, unit: str = "") -> list[Text]:
-    """The plot in so many cells; empty but for its place where there is nothing to plot.
+def plot(curves: Curves, styles: PlotStyles, width: int, height: int, unit: str = "") -> list[Text]:
+    """Lines of a plot of `width` by `height` cells; blank where there are no values.
 
-    `unit` stands between the ends of the scale, where there is room.
+    `unit` is shown between the ends of the scale, where it fits.
     """
-    told = _joined(_told(curves))
-    asked = _joined(_asked(curves))
-    scale = _scale(told, asked)
+    feedback = _connected(_held_feedback(curves))
+    target = _connected(_held_target(curves))
+    scale = _scale(feedback, target)
     across = max(0, width - SCALE_CELLS)
     line, dots = Canvas(across, height), Canvas(across, height)
     if scale is not None:
-        _draw(line, told, scale)
-        _draw(dots, asked, scale)
-        dots.dots[:, np.arange(dots.dots.shape[1]) % DOTTED_EVERY != 0] = False
-    return _lines(line, dots, _marks(scale, height, unit), strokes)
+        _draw(line, feedback, scale)
+        _draw(dots, target, scale)
+        dots.dots[:, np.arange(dots.dots.shape[1]) % DOT_SPACING != 0] = False
+    return _lines(line, dots, _labels(scale, height, unit), styles)
 
 
 def dots_across(width: int) -> int:
-    """Columns of dots that a plot of so many cells has."""
+    """Columns of dots in a plot of `width` cells."""
     return max(0, width - SCALE_CELLS) * ACROSS
 
 
-def _told(curves: Curves) -> EnvelopeColumns:
-    """What was told, each value held until the next, if that comes soon enough."""
-    told = ~np.isnan(curves.told.last)
-    latest = _latest(told)
-    soon = np.arange(len(told)) - latest <= max(1, round(HELD_NS / curves.column_ns))
-    held = np.where((latest >= 0) & soon, curves.told.last[latest], np.nan)
-    return _filled(curves.told, held)
+def _held_feedback(curves: Curves) -> EnvelopeColumns:
+    """Feedback; each value is held until the next, for `HOLD_NS` at most."""
+    known = ~np.isnan(curves.feedback.last)
+    latest = _latest(known)
+    recent = np.arange(len(known)) - latest <= max(1, round(HOLD_NS / curves.column_ns))
+    held = np.where((latest >= 0) & recent, curves.feedback.last[latest], np.nan)
+    return _filled(curves.feedback, held)
 
 
-def _asked(curves: Curves) -> EnvelopeColumns:
-    """What was asked, which stands until something else is asked, however long that takes."""
-    latest, other = _latest(~np.isnan(curves.asked.last)), _latest(curves.otherwise)
-    before = np.nan if curves.standing is None else curves.standing
-    held = np.where(latest >= 0, curves.asked.last[latest], before)
-    held[other > latest] = np.nan
-    return _filled(curves.asked, held)
+def _held_target(curves: Curves) -> EnvelopeColumns:
+    """Targets; each is held until another command ends it."""
+    latest, ended = _latest(~np.isnan(curves.target.last)), _latest(curves.target_ended)
+    first = np.nan if curves.first_target is None else curves.first_target
+    held = np.where(latest >= 0, curves.target.last[latest], first)
+    held[ended > latest] = np.nan
+    return _filled(curves.target, held)
 
 
-def _latest(told: Bools) -> Ints:
-    """For every column the last one so far in which something was told; -1 where there is none."""
-    return np.maximum.accumulate(np.where(told, np.arange(len(told)), -1))
+def _latest(known: Bools) -> Ints:
+    """For every column, the last one up to it that is known; -1 where there is none."""
+    return np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
 
 
 def _filled(spans: EnvelopeColumns, held: Floats) -> EnvelopeColumns:
-    """With what is held where nothing was told."""
+    """The spans, with the held value where there is none."""
     empty = np.isnan(spans.last)
     return EnvelopeColumns(
         np.where(empty, held, spans.low),
@@ -176,38 +174,39 @@ def _filled(spans: EnvelopeColumns, held: Floats) -> EnvelopeColumns:
     )
 
 
-def _joined(spans: EnvelopeColumns) -> EnvelopeColumns:
-    """With each column reaching to where the one before ended, so that a line has no holes."""
+def _connected(spans: EnvelopeColumns) -> EnvelopeColumns:
+    """Each column extended to the end of the one before, so that a line has no gaps."""
     before = np.concatenate(([np.nan], spans.last[:-1]))
     before[np.isnan(spans.low)] = np.nan
     return EnvelopeColumns(np.fmin(spans.low, before), np.fmax(spans.high, before), spans.last)
 
 
 def _scale(*curves: EnvelopeColumns) -> _Scale | None:
-    """The scale that shows all values; None where there are none.
+    """The scale of all values; None where there are none.
 
-    Where a few values would press all others flat, as a flipped bit does, they go over its ends.
+    A few outliers, as after a flipped bit, do not flatten the rest: they are clipped.
     """
-    every = np.concatenate([part for spans in curves for part in (spans.low, spans.high)])
-    every = every[~np.isnan(every)]
-    if not len(every):
+    values = np.concatenate([ends for spans in curves for ends in (spans.low, spans.high)])
+    values = values[~np.isnan(values)]
+    if not len(values):
         return None
-    least, most = float(every.min()), float(every.max())
-    calm = np.concatenate([_calm(spans.last) for spans in curves])
-    low, high = (float(calm.min()), float(calm.max())) if len(calm) else (least, most)
-    if not 0 < (high - low) * MOST_PRESSED < most - least:
+    least, most = float(values.min()), float(values.max())
+    typical = np.concatenate([_medians(spans.last) for spans in curves])
+    low, high = (float(typical.min()), float(typical.max())) if len(typical) else (least, most)
+    if not 0 < (high - low) * MAX_SCALE_FACTOR < most - least:
         return _Scale(least, most, least, most)
-    room = (high - low) / 4
-    return _Scale(max(least, low - room), min(most, high + room), least, most)
+    margin = (high - low) / 4
+    return _Scale(max(least, low - margin), min(most, high + margin), least, most)
 
 
-def _calm(values: Floats) -> Floats:
-    """The middle one of each five values: what stands alone is in none of them."""
-    told = values[~np.isnan(values)]
-    if len(told) < CALM_OVER:
-        return told
-    calm: Floats = np.median(np.lib.stride_tricks.sliding_window_view(told, CALM_OVER), axis=1)
-    return calm
+def _medians(values: Floats) -> Floats:
+    """Running median of the known values."""
+    known = values[~np.isnan(values)]
+    if len(known) < MEDIAN_COLUMNS:
+        return known
+    windows = np.lib.stride_tricks.sliding_window_view(known, MEDIAN_COLUMNS)
+    medians: Floats = np.median(windows, axis=1)
+    return medians
 
 
 def _draw(canvas: Canvas, spans: EnvelopeColumns, scale: _Scale) -> None:
@@ -221,42 +220,43 @@ def _draw(canvas: Canvas, spans: EnvelopeColumns, scale: _Scale) -> None:
         canvas.bars(level, level)
 
 
-def _marks(scale: _Scale | None, height: int, unit: str) -> list[str]:
-    """What stands at the left of each line: the scale's ends, what goes over them, the unit."""
-    marks = [""] * height
+def _labels(scale: _Scale | None, height: int, unit: str) -> list[str]:
+    """Text at the left of each line: ends of the scale, outliers, the unit."""
+    labels = [""] * height
     if scale is None or not height:
-        return marks
+        return labels
     if scale.low == scale.high or height == 1:
-        marks[(height * DOWN - 1 - (height * DOWN - 1) // 2) // DOWN] = short_number(scale.high)
-        return marks
-    marks[0], marks[-1] = short_number(scale.high), short_number(scale.low)
-    inward = 1 if height >= ROOMY_SCALE else 0
+        labels[(height * DOWN - 1 - (height * DOWN - 1) // 2) // DOWN] = short_number(scale.high)
+        return labels
+    labels[0], labels[-1] = short_number(scale.high), short_number(scale.low)
+    inward = 1 if height >= TALL_SCALE else 0
     if scale.most > scale.high:
-        marks[inward] = OVER.format(value=short_number(scale.most))
+        labels[inward] = ABOVE.format(value=short_number(scale.most))
     if scale.least < scale.low:
-        marks[-1 - inward] = UNDER.format(value=short_number(scale.least))
-    if not marks[height // 2]:
-        marks[height // 2] = unit
-    return marks
+        labels[-1 - inward] = BELOW.format(value=short_number(scale.least))
+    if not labels[height // 2]:
+        labels[height // 2] = unit
+    return labels
 
 
-def _lines(line: Canvas, dots: Canvas, scale: list[str], strokes: Strokes) -> list[Text]:
-    cells = Canvas(0, 0)
-    cells.dots = line.dots | dots.dots
-    solid = line.cells != ord(" ")
-    found = []
-    for mark, characters, told in zip(scale, cells.lines, solid, strict=True):
-        text = Text(fit_right(mark, SCALE_CELLS - 1) + " ", style=strokes.scale)
-        text.append_text(_styled(characters, told, strokes))
-        found.append(text)
-    return found
+def _lines(line: Canvas, dots: Canvas, labels: list[str], styles: PlotStyles) -> list[Text]:
+    both = Canvas(0, 0)
+    both.dots = line.dots | dots.dots
+    on_line = line.cells != ord(" ")
+    lines = []
+    for label, characters, solid in zip(labels, both.lines, on_line, strict=True):
+        text = Text(fit_right(label, SCALE_CELLS - 1) + " ", style=styles.scale)
+        text.append_text(_styled(characters, solid, styles))
+        lines.append(text)
+    return lines
 
 
-def _styled(characters: str, told: npt.NDArray[np.bool_], strokes: Strokes) -> Text:
-    """The line's style where it runs, that of the dots elsewhere."""
+def _styled(characters: str, solid: npt.NDArray[np.bool_], styles: PlotStyles) -> Text:
+    """The feedback's style where its line runs, the target's elsewhere."""
     text, start = Text(), 0
-    for end in [*(np.flatnonzero(told[1:] != told[:-1]) + 1).tolist(), len(characters)]:
+    for end in [*(np.flatnonzero(solid[1:] != solid[:-1]) + 1).tolist(), len(characters)]:
         if end > start:
-            text.append(characters[start:end], strokes.told if told[start] else strokes.asked)
+            style = styles.feedback if solid[start] else styles.target
+            text.append(characters[start:end], style)
         start = end
     return text

@@ -1,10 +1,11 @@
-"""Statistics pane."""
+"""Statistics pane: rates, line use, silences, flags and faults of all rows."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Final
 
 from rich.cells import cell_len
@@ -48,21 +49,21 @@ LOST: Final = later("lost {count:,} times")
 ALL_IN_ORDER: Final = later("no ERROR bit was ever set, and every motor was always ONLINE")
 
 When = Callable[[int | None], str]
-"""The text of a time; a dash for none."""
+"""Formats a time; a dash for None."""
 
 
 def flag_words(flags: Sequence[FlagStats], when: When, *, in_order: bool) -> Iterator[str]:
-    """A line for each thing that is not in order; `in_order` tells whether rows follow in time."""
-    for one in flags:
-        for bit, seen in one.error_bits.items():
-            yield _(ERROR_BIT).format(motor=one.motor, bit=bit, seen=_seen(seen, when))
-        if one.offline.frames:
-            words = _(NOT_ONLINE).format(motor=one.motor, seen=_seen(one.offline, when))
-            yield f"{words}; {_lost(one.times_lost)}" if in_order else words
+    """A line for each flag that was raised; `in_order` says whether rows are ordered by time."""
+    for motor in flags:
+        for bit, seen in motor.error_bits.items():
+            yield _(ERROR_BIT).format(motor=motor.motor, bit=bit, seen=_seen(seen, when))
+        if motor.offline.frames:
+            line = _(NOT_ONLINE).format(motor=motor.motor, seen=_seen(motor.offline, when))
+            yield f"{line}; {_lost(motor.times_lost)}" if in_order else line
 
 
 def from_to(first_ns: int, last_ns: int | None, when: When) -> str:
-    """`12:00:01.000 to 12:00:09.000`; one time where they are the same."""
+    """`12:00:01.000 to 12:00:09.000`; one time where both are the same."""
     if first_ns == last_ns:
         return when(first_ns)
     return _(FROM_TO).format(start=when(first_ns), end=when(last_ns))
@@ -101,8 +102,8 @@ NO_TIMES: Final = later("  these rows have no times: no rates, no silences")
 BEHIND: Final = later("reading: {rows:,} rows to go")
 MISSED: Final = later("{rows:,} rows came too fast to be counted here")
 
-STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
-"""The durations by which silences are told apart."""
+SILENCE_STEPS_NS: Final = (100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000)
+"""Upper limits of the classes of silences."""
 
 _NAME_WIDTH: Final = 19
 _MILLISECONDS: Final = 3
@@ -111,220 +112,203 @@ _BOLD: Final = Style(bold=True)
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A column of the table of streams."""
+    """A number of a stream."""
 
     head: str
     width: int
     cell: Callable[[StreamStats, When], str]
 
 
-def _at(percent: float) -> Callable[[StreamStats, When], str]:
-    return lambda numbers, _when: span_text(numbers.periods.percentile_ns(percent))
-
-
-def _longest_at(numbers: StreamStats, when: When) -> str:
-    return when(numbers.periods.longest_at_ns)
+def _percentile(percent: float) -> Callable[[StreamStats, When], str]:
+    return lambda stream, _when: span_text(stream.periods.percentile_ns(percent))
 
 
 COLUMNS: Final = (
-    _Column(later("frames"), 9, lambda numbers, _when: f"{numbers.count:,}"),
-    _Column(later("lately"), 8, lambda numbers, _when: rate_text(numbers.lately_per_s)),
-    _Column(later("mean"), 8, lambda numbers, _when: rate_text(numbers.per_s)),
-    _Column(later("period"), 8, _at(50)),
-    _Column(later("jitter"), 8, lambda numbers, _when: span_text(numbers.jitter_ns)),
-    _Column(later("longest"), 8, lambda numbers, _when: span_text(numbers.periods.longest_ns)),
-    _Column(later("until"), 12, _longest_at),
-    _Column("5 %", 8, _at(5)),
-    _Column("95 %", 8, _at(95)),
-    _Column("99 %", 8, _at(99)),
+    _Column(later("frames"), 9, lambda stream, _when: f"{stream.count:,}"),
+    _Column(later("lately"), 8, lambda stream, _when: rate_text(stream.lately_per_s)),
+    _Column(later("mean"), 8, lambda stream, _when: rate_text(stream.per_s)),
+    _Column(later("period"), 8, _percentile(50)),
+    _Column(later("jitter"), 8, lambda stream, _when: span_text(stream.jitter_ns)),
+    _Column(later("longest"), 8, lambda stream, _when: span_text(stream.periods.longest_ns)),
+    _Column(later("until"), 12, lambda stream, when: when(stream.periods.longest_at_ns)),
+    _Column("5 %", 8, _percentile(5)),
+    _Column("95 %", 8, _percentile(95)),
+    _Column("99 %", 8, _percentile(99)),
 )
-"""What is told of a stream, the most useful first: the period is the median, the jitter the
-distance of the 5 percent shortest to the 5 percent longest periods."""
+"""Numbers of a stream, the most useful first. The period is the median; the jitter is the
+difference of the 95th and the 5th percentile."""
 
 STREAMS_HEAD: Final = later("kind and motor")
 
 
 @dataclass(frozen=True, slots=True)
-class StatisticsText:
-    """What the page is about."""
+class StatisticsPage:
+    """The statistics as text."""
 
     statistics: Statistics
     flags: Sequence[FlagStats]
     """Of every motor."""
     now_ns: int | None
     behind: int
-    """Rows that are not counted yet."""
+    """Rows that are still to be counted."""
     missed: int
-    """Rows that never will be."""
+    """Rows that left memory uncounted."""
+    width: int
+    """Cells."""
+    palette: Palette
     zone: tzinfo = UTC
-    """Of times of day."""
 
-    def when(self, t_ns: int | None) -> str:
-        """The time of day; a dash for none."""
+    @property
+    def text(self) -> Text:
+        """All lines, cut to the width."""
+        lines = list(self._lines())
+        for line in lines:
+            line.truncate(self.width, overflow="ellipsis")
+        return Text("\n").join(lines)
+
+    def _when(self, t_ns: int | None) -> str:
         return UNKNOWN if t_ns is None else clock_text(t_ns, _MILLISECONDS, self.zone)
 
+    def _muted(self, text: str) -> Text:
+        return Text(text, style=self.palette.muted)
 
-def page(told: StatisticsText, width: int, palette: Palette) -> Text:
-    """All numbers, for so many cells."""
-    lines = list(_lines(told, width, palette))
-    for line in lines:
-        line.truncate(width, overflow="ellipsis")
-    return Text("\n").join(lines)
+    def _lines(self) -> Iterator[Text]:
+        if self.behind:
+            yield self._muted(_(BEHIND).format(rows=self.behind))
+        if self.missed:
+            yield self._muted(_(MISSED).format(rows=self.missed))
+        ports, streams = self.statistics.ports(), self.statistics.streams(self.now_ns)
+        if not ports:
+            yield self._muted(_(NO_ROWS))
+            return
+        raised = list(flag_words(self.flags, self._when, in_order=True))
+        if raised:
+            # A motor with an error is on top, so that nobody has to scroll to it.
+            for line in raised:
+                mark = (RAISED_MARK, self.palette.raised_mark)
+                yield Text.assemble(mark, " ", (line, self.palette.raised))
+            yield Text()
+        for port in ports:
+            yield from self._port(port)
+            of_port = [stream for stream in streams if stream.port == port.port]
+            if of_port:
+                yield from self._streams(of_port)
+            yield Text()
+        yield from self._faults()
+        if not raised and any(one.kind.direction is Direction.FEEDBACK for one in streams):
+            yield Text(_(ALL_IN_ORDER))
 
-
-def _lines(told: StatisticsText, width: int, palette: Palette) -> Iterator[Text]:
-    if told.behind:
-        yield Text(_(BEHIND).format(rows=told.behind), style=palette.muted)
-    if told.missed:
-        yield Text(_(MISSED).format(rows=told.missed), style=palette.muted)
-    ports, streams = told.statistics.ports(), told.statistics.streams(told.now_ns)
-    if not ports:
-        yield Text(_(NO_ROWS), style=palette.muted)
-        return
-    trouble = list(_flags(told, palette))
-    if trouble:
-        # What is wrong with a motor is not to be scrolled to.
-        yield from (*trouble, Text())
-    for port in ports:
-        yield from _port(port, told.when, width, palette)
-        own = [stream for stream in streams if stream.port == port.port]
-        if own:
-            yield from _streams(own, told.when, width, palette)
-        yield Text()
-    yield from _faults(told, width, palette)
-    if not trouble and any(one.kind.direction is Direction.FEEDBACK for one in streams):
-        yield Text(_(ALL_IN_ORDER))
-
-
-def _port(port: PortStats, when: When, width: int, palette: Palette) -> Iterator[Text]:
-    rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
-    name = fit_path(printable(port.port), max(8, width - cell_len(rows) - 2))
-    yield Text.assemble((name, _BOLD), "  ", rows)
-    if port.share is None:
-        yield Text(_(NO_TIMES), style=palette.muted)
-    else:
-        yield Text(_(PORT_USE).format(share=share_text(port.share), baud=port.baud))
-        yield _use_over_time(port.share_over_time, width, palette)
-        yield from _silences(port.silences, when, width)
-    if port.events:
-        said = (
-            _(EVENT).format(
-                event=_(event_words(event.kind)),
-                count=event.count,
-                time=when(event.last_ns),
+    def _port(self, port: PortStats) -> Iterator[Text]:
+        rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
+        name = fit_path(printable(port.port), max(8, self.width - cell_len(rows) - 2))
+        yield Text.assemble((name, _BOLD), "  ", rows)
+        if port.share is None:
+            yield self._muted(_(NO_TIMES))
+        else:
+            yield Text(_(PORT_USE).format(share=share_text(port.share), baud=port.baud))
+            yield self._use_over_time(port.share_over_time)
+            yield from self._silences(port.silences)
+        if port.events:
+            events = (
+                _(EVENT).format(
+                    event=_(event_words(event.kind)),
+                    count=event.count,
+                    time=self._when(event.last_ns),
+                )
+                for event in port.events
             )
-            for event in port.events
-        )
-        yield Text(_(EVENTS).format(events=_(BETWEEN).join(said)))
-    else:
-        yield Text(_(NO_EVENTS), style=palette.muted)
+            yield Text(_(EVENTS).format(events=_(BETWEEN).join(events)))
+        else:
+            yield self._muted(_(NO_EVENTS))
 
+    def _use_over_time(self, use: TimeSeries) -> Text:
+        label = _(PORT_USE_OVER_TIME).format(most=share_text(max(use.values, default=0.0))) + " "
+        line = sparkline(use.values, self.width - cell_len(label))
+        return Text.assemble(label, (line, Style(color=self.palette.kinds["speed"].color)))
 
-def _use_over_time(use: TimeSeries, width: int, palette: Palette) -> Text:
-    most = max(use.values, default=0.0)
-    words = _(PORT_USE_OVER_TIME).format(most=share_text(most)) + " "
-    line = sparkline(use.values, width - cell_len(words))
-    return Text.assemble(words, (line, Style(color=palette.kinds["speed"].color)))
+    def _silences(self, silences: Durations) -> Iterator[Text]:
+        if silences.longest_ns is None or silences.longest_at_ns is None:
+            yield Text(_(NO_SILENCE))
+            return
+        until = self._when(silences.longest_at_ns)
+        yield Text(_(LONGEST).format(span=span_text(silences.longest_ns), time=until))
+        counts = [
+            _(SILENCE).format(count=silences.between(low, high), span=span_text(high))
+            for low, high in pairwise((0, *SILENCE_STEPS_NS))
+        ]
+        longer = silences.between(SILENCE_STEPS_NS[-1], 2.0**63)
+        counts = [f"{count}{_(BETWEEN)}" for count in counts]
+        line = label = _(SILENCES)
+        for count in (*counts, _(SILENCE_LAST).format(count=longer)):
+            if cell_len(line + count) > self.width:
+                yield Text(line)
+                line = " " * cell_len(label)
+            line += count
+        yield Text(line)
 
+    def _streams(self, streams: Sequence[StreamStats]) -> Iterator[Text]:
+        ends = accumulate((column.width + 1 for column in COLUMNS), initial=_NAME_WIDTH + 2)
+        columns = [one for one, end in zip(COLUMNS, [*ends][1:], strict=True) if end <= self.width]
+        head = "".join(f" {fit_right(_(column.head), column.width)}" for column in columns)
+        yield self._muted(f"  {fit(_(STREAMS_HEAD), _NAME_WIDTH)}{head}")
+        for stream in streams:
+            kind = stream.kind.name
+            name = kind if stream.motor is None else f"{kind} {stream.motor}"
+            cells = "".join(
+                f" {fit_right(column.cell(stream, self._when), column.width)}" for column in columns
+            )
+            yield Text.assemble("  ", (fit(name, _NAME_WIDTH), self.palette.kinds[kind]), cells)
 
-def _silences(silences: Durations, when: When, width: int) -> Iterator[Text]:
-    if silences.longest_ns is None or silences.longest_at_ns is None:
-        yield Text(_(NO_SILENCE))
-        return
-    until = when(silences.longest_at_ns)
-    yield Text(_(LONGEST).format(span=span_text(silences.longest_ns), time=until))
-    told, low = [], 0
-    for high in STEPS_NS:
-        told.append(_(SILENCE).format(count=silences.between(low, high), span=span_text(high)))
-        low = high
-    told.append(_(SILENCE_LAST).format(count=silences.between(low, 2.0**63)))
-    line = lead = _(SILENCES)
-    for place, one in enumerate(told):
-        end = "" if place == len(told) - 1 else _(BETWEEN)
-        if cell_len(line + one + end) > width:
-            yield Text(line)
-            line = " " * cell_len(lead)
-        line += one + end
-    yield Text(line)
-
-
-def _streams(
-    streams: Sequence[StreamStats], when: When, width: int, palette: Palette
-) -> Iterator[Text]:
-    columns, room = [], width - _NAME_WIDTH - 2
-    for column in COLUMNS:
-        room -= column.width + 1
-        if room < 0:
-            break
-        columns.append(column)
-    head = "".join(f" {fit_right(_(column.head), column.width)}" for column in columns)
-    yield Text(f"  {fit(_(STREAMS_HEAD), _NAME_WIDTH)}{head}", style=palette.muted)
-    for stream in streams:
-        name = stream.kind.name if stream.motor is None else f"{stream.kind.name} {stream.motor}"
-        cells = "".join(
-            f" {fit_right(column.cell(stream, when), column.width)}" for column in columns
-        )
-        style = palette.kinds[stream.kind.name]
-        yield Text.assemble("  ", (fit(name, _NAME_WIDTH), style), cells)
-
-
-def _flags(told: StatisticsText, palette: Palette) -> Iterator[Text]:
-    for words in flag_words(told.flags, told.when, in_order=True):
-        yield Text.assemble((RAISED_MARK, palette.raised_mark), " ", (words, palette.raised))
-
-
-def _faults(told: StatisticsText, width: int, palette: Palette) -> Iterator[Text]:
-    faults = told.statistics.faults()
-    if not faults:
-        yield Text(_(NO_FAULTS))
-        return
-    over_time = faults[0].over_time
-    head = f"{fit(_(FAULTS), _NAME_WIDTH + 2)} {fit_right(_(ROWS), COLUMNS[0].width)}"
-    line = Text(head, style=_BOLD)
-    room = width - cell_len(head) - 2
-    if over_time.values:
-        end = over_time.start_ns + over_time.slot_ns * len(over_time.values)
-        start, end_text = (clock_text(t_ns, 0, told.zone)[:8] for t_ns in (over_time.start_ns, end))
-        words = _(PER_CELL).format(start=start, end=end_text)
-        line.append(f"  {words}", palette.muted)
-    yield line
-    for numbers in faults:
-        status = status_of((numbers.fault,))
-        style = palette.statuses[status]
-        name = fit(numbers.fault.value, _NAME_WIDTH)
-        count = fit_right(f"{numbers.count:,}", COLUMNS[0].width)
-        spark = sparkline(numbers.over_time.values, room)
-        yield Text.assemble(
-            (MARKS[status], palette.marks[status]),
-            " ",
-            (name, style),
-            f" {count}  ",
-            (spark, style),
-        )
+    def _faults(self) -> Iterator[Text]:
+        faults = self.statistics.faults()
+        if not faults:
+            yield Text(_(NO_FAULTS))
+            return
+        over_time = faults[0].over_time
+        head = f"{fit(_(FAULTS), _NAME_WIDTH + 2)} {fit_right(_(ROWS), COLUMNS[0].width)}"
+        line = Text(head, style=_BOLD)
+        if over_time.values:
+            end_ns = over_time.start_ns + over_time.slot_ns * len(over_time.values)
+            start, end = (
+                clock_text(t_ns, 0, self.zone)[:8] for t_ns in (over_time.start_ns, end_ns)
+            )
+            line.append("  " + _(PER_CELL).format(start=start, end=end), self.palette.muted)
+        yield line
+        for fault in faults:
+            status = status_of((fault.fault,))
+            style = self.palette.statuses[status]
+            count = fit_right(f"{fault.count:,}", COLUMNS[0].width)
+            spark = sparkline(fault.over_time.values, self.width - cell_len(head) - 2)
+            yield Text.assemble(
+                (MARKS[status], self.palette.marks[status]),
+                " ",
+                (fit(fault.fault.value, _NAME_WIDTH), style),
+                f" {count}  ",
+                (spark, style),
+            )
 
 
 TITLE: Final = later("statistics of all rows")
-HINT: Final = later("J K: scroll   esc: close")
 
 
 class StatisticsPane(Pane):
-    """The numbers over all rows, whatever the filter shows and wherever the cursor is."""
+    """Numbers over all rows, independent of the filter and the cursor."""
 
-    EVERY_S = 0.5
+    NAME = "statistics"
+    REDRAW_S = 0.5
 
-    def __init__(self) -> None:
-        super().__init__(HINT)
-
-    def see(self, sight: PaneContext) -> None:
-        """Draw the numbers as they are now."""
-        self.entitle(_(TITLE))
-        models = sight.models
-        told = StatisticsText(
+    def draw(self, context: PaneContext) -> None:
+        """Draw the current numbers."""
+        self.set_title(_(TITLE))
+        models = context.models
+        page = StatisticsPage(
             models.statistics,
             models.flags.stats(),
-            sight.newest_ns,
+            context.newest_ns,
             models.pending,
             models.missed,
-            sight.zone,
+            self.page_size.width,
+            context.palette,
+            context.zone,
         )
-        self.draw(page(told, self.room.width, sight.palette))
+        self.set_page(page.text)

@@ -1,4 +1,4 @@
-"""Which panes are visible."""
+"""Pane switcher: shows one pane at a time and updates the models that they draw."""
 
 from __future__ import annotations
 
@@ -19,165 +19,154 @@ from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.table.theme import palette_of
 from fte_sniff.tui.table.widget import RowTable
 
+PANES: Final[tuple[type[Pane], ...]] = (DetailPane, BytesPane, MotorsPane, StatisticsPane)
+
 STEP_ROWS: Final = 32_768
-"""Rows that the models look at in one go; each row costs a quarter more in half as many."""
+"""Rows in one step of the models; half as many cost a quarter more per row."""
 
-SEEN_S: Final = 0.03
-"""How long the models may take at one tick while somebody looks, seconds; the screen waits."""
+OPEN_BUDGET_S: Final = 0.03
+"""How long the models may block the screen at a tick while a pane is open, seconds."""
 
-UNSEEN_S: Final = 0.015
-"""The same while nobody does: a file then loads the faster."""
+CLOSED_BUDGET_S: Final = 0.015
+"""The same without a pane: a file then loads faster."""
 
-BREATH_S: Final = 0.005
-"""Between two times that the models take while they are behind: keys and drawing come first."""
+STEP_PAUSE_S: Final = 0.005
+"""Pause between two steps of models that are behind, so that keys and drawing come first."""
 
-UNSEEN_ROWS: Final = 4_096
-"""Rows that the models let come together while nobody looks at them: fewer goes cost less."""
+CLOSED_BATCH_ROWS: Final = 4_096
+"""Rows that are collected for a step while no pane is open: fewer steps cost less."""
 
 
-class Panes:
-    """The panes, at most one of them shown."""
+class PaneSwitcher:
+    """The panes, of which at most one is shown."""
 
-    def __init__(self, store: RowStore, table: RowTable, bench: LineSetup) -> None:
-        """No pane is shown."""
-        self._store, self._table, self._bench = store, table, bench
-        self._models = LiveModels(store, bench)
-        self._motors = MotorsPane()
-        self._panes: dict[str, Pane] = {
-            "detail": DetailPane(),
-            "bytes": BytesPane(),
-            "motors": self._motors,
-            "statistics": StatisticsPane(),
-        }
-        self._shown: Pane | None = None
-        self._goes_on = self._rests = False
-        self._seen_at_s = 0.0
+    def __init__(self, store: RowStore, table: RowTable, line_setup: LineSetup) -> None:
+        self._store, self._table, self._line_setup = store, table, line_setup
+        self._models = LiveModels(store, line_setup)
+        self._panes = {pane.NAME: pane() for pane in PANES}
+        self._open: Pane | None = None
+        self._step_pending = self._postponed = False
+        self._drawn_at_ns = 0
         self._newest = 0
         self._newest_at_ns = self._clock_ns = 0
 
     def __iter__(self) -> Iterator[Pane]:
         return iter(self._panes.values())
 
-    @property
-    def open(self) -> bool:
-        """Whether a pane is shown."""
-        return self._shown is not None
-
     def toggle(self, name: str) -> None:
         """Show the pane of that name in place of any other, or close it where it is shown."""
-        wanted = self._panes[name]
-        shown = self._shown
+        pane, before = self._panes[name], self._open
         self.close()
-        if shown is not wanted:
-            self._shown = wanted
-            wanted.display = True
-            wanted.scroll_home(animate=False)
-        # It has no size yet.
-        self._table.call_after_refresh(self.look)
-
-    @property
-    def holds_row(self) -> bool:
-        """Whether the pane shown is about one row, which then should not run away."""
-        return isinstance(self._shown, DetailPane | BytesPane)
-
-    def follow_cursor(self) -> None:
-        """The cursor is on another row."""
-        if self.holds_row:
-            self.look()
+        if before is not pane:
+            self._open = pane
+            pane.display = True
+            pane.scroll_home(animate=False)
+        # The pane has no size before the next layout.
+        self._table.call_after_refresh(self.redraw)
 
     def close(self) -> None:
-        """Show none."""
-        if self._shown is not None:
-            self._shown.display = False
-            self._shown = None
+        """Show no pane."""
+        if self._open is not None:
+            self._open.display = False
+            self._open = None
+
+    @property
+    def explains_row(self) -> bool:
+        """Whether the open pane is about the cursor's row, which then should not move away."""
+        return self._open is not None and self._open.EXPLAINS_ROW
+
+    def on_cursor_moved(self) -> None:
+        """Draw a pane about the cursor's row."""
+        if self.explains_row:
+            self.redraw()
 
     def zoom(self, by: int) -> None:
-        """Look at more time (by 1) or less (-1), where the pane shown is about time."""
-        if self._shown is self._motors:
-            self._motors.zoom(by)
-            self.look()
+        """Show more time (`by` 1) or less (-1) in the open pane."""
+        if self._open is not None:
+            self._open.zoom(by)
+            self.redraw()
 
     def scroll(self, by: int) -> None:
-        """Move the page of the pane by lines."""
-        if self._shown is not None:
-            self._shown.scroll_relative(y=by, animate=False)
+        """Scroll the open pane by lines."""
+        if self._open is not None:
+            self._open.scroll_relative(y=by, animate=False)
 
-    def tell_events(self, events: Sequence[PortEvent]) -> None:
-        """Something happened to ports."""
+    def on_port_events(self, events: Sequence[PortEvent]) -> None:
+        """Count port events."""
         self._models.statistics.observe_events(events)
 
-    def add_changes(self, changes: Sequence[StreamChange]) -> None:
-        """Pass on gaps and baud changes between rows of the store."""
+    def on_stream_changes(self, changes: Sequence[StreamChange]) -> None:
+        """Forward gaps and baud changes between rows of the store to the models."""
         self._models.add_changes(changes)
 
     def tick(self, now_ns: int, running: bool) -> None:
-        """Let the models look at what came, and draw the pane where it is time.
+        """Update the models with new rows, and draw the open pane where it is due.
 
         Args:
-            now_ns: any rising clock's nanoseconds.
-            running: whether time goes on where the rows come from, also without rows.
+            now_ns: nanoseconds of any monotonic clock.
+            running: whether time passes at the source of the rows, also without rows.
         """
         self._clock_ns = now_ns
-        self._rests = False
+        self._postponed = False
         if self._store.next != self._newest or not running:
             self._newest, self._newest_at_ns = self._store.next, now_ns
-        if self.open or self._models.pending >= UNSEEN_ROWS or self.overtaken:
-            self._catch_up()
-        if self._shown is not None and now_ns / 1e9 - self._seen_at_s >= self._shown.EVERY_S:
-            self.look()
+        if self._open or self._models.pending >= CLOSED_BATCH_ROWS or self.models_late:
+            self._update_models()
+        if self._open and now_ns - self._drawn_at_ns >= self._open.REDRAW_S * 1e9:
+            self.redraw()
 
-    def rest(self) -> None:
-        """Let the models wait for the next tick: other things come first."""
-        self._rests = True
+    def postpone_models(self) -> None:
+        """Update the models no more before the next tick."""
+        self._postponed = True
 
-    def _catch_up(self) -> None:
-        """Let the models look; what is too much for one time goes on behind what else there is."""
-        until = perf_counter() + (SEEN_S if self.open else UNSEEN_S)
+    def _update_models(self) -> None:
+        until = perf_counter() + (OPEN_BUDGET_S if self._open else CLOSED_BUDGET_S)
         while not (done := self._models.step(STEP_ROWS)) and perf_counter() < until:
             pass
-        if not (done or self._goes_on):
-            self._goes_on = True
-            self._table.set_timer(BREATH_S, self._go_on)
+        if not (done or self._step_pending):
+            self._step_pending = True
+            self._table.set_timer(STEP_PAUSE_S, self._continue_models)
 
-    def _go_on(self) -> None:
-        self._goes_on = False
-        if not self._rests:
-            self._catch_up()
+    def _continue_models(self) -> None:
+        self._step_pending = False
+        if not self._postponed:
+            self._update_models()
 
     @property
-    def overtaken(self) -> bool:
-        """Whether rows would soon leave memory before the models saw them, to be read again then.
+    def models_late(self) -> bool:
+        """Whether rows could leave memory before the models have seen them.
 
-        Half of what is in memory is what they saw last, and half of the rest is for one more look.
+        Half of the rows in memory are the last that the models have seen, and half of the rest is
+        reserved for one more step.
         """
         return 4 * self._models.pending > self._store.most_in_memory
 
-    def look(self) -> None:
-        """Draw the pane that is shown, once there is a place for it."""
-        if self._shown is not None and self._shown.laid_out:
-            self._seen_at_s = self._clock_ns / 1e9
-            self._shown.see(self._sight())
+    def redraw(self) -> None:
+        """Draw the open pane, where it has a size."""
+        if self._open is not None and self._open.has_size:
+            self._drawn_at_ns = self._clock_ns
+            self._open.draw(self._context())
 
-    def _sight(self) -> PaneContext:
-        table = self._table
+    def _context(self) -> PaneContext:
+        table, row = self._table, self._table.cursor_row
         following = table.viewport.following and not table.viewport.paused
-        row, newest_ns = table.cursor_row, self._newest_ns
+        newest_ns = self._newest_ns
         return PaneContext(
             row=row,
             index=table.cursor_index,
-            place=table.viewport.cursor + 1 if row is not None else 0,
+            row_number=table.viewport.cursor + 1 if row is not None else 0,
             following=following,
             now_ns=newest_ns if following or row is None else row.t_ns,
             newest_ns=newest_ns,
             store=self._store,
             models=self._models,
-            bench=self._bench,
+            line_setup=self._line_setup,
             palette=palette_of(table.app.current_theme),
-            zone=table.look.shown_zone,
+            zone=table.view.shown_zone,
         )
 
     @property
     def _newest_ns(self) -> int | None:
-        """At the end of a capture that runs, time goes on without rows."""
+        """Time at the end of the rows; in a running capture it passes without rows."""
         newest = self._models.traces.last_ns
         return None if newest is None else newest + self._clock_ns - self._newest_at_ns

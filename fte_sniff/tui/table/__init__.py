@@ -2,9 +2,9 @@
 
 Modules:
 
-    columns   Visible columns and widths.
-    painter   Rows to styled strips.
-    theme     Palettes, themes, NO_COLOR.
-    viewport  Visible range, cursor, marks.
-    widget    RowTable widget: scroll, header.
+    columns   Columns, their widths and cells, and the layout for a window.
+    painter   Rows as lines of styled segments.
+    theme     Colours under each theme, and NO_COLOR.
+    viewport  Visible range, cursor, follow and pause; marked rows.
+    widget    The table widget and its header line.
 """

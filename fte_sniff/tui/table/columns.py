@@ -1,4 +1,4 @@
-"""Visible columns and widths."""
+"""Columns of the table: their widths, cells and times, and the layout for a window."""
 
 from __future__ import annotations
 
@@ -16,18 +16,16 @@ from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.text import (
     bytes_text,
     clock_text,
+    elapsed_text,
     fit,
     fit_right,
     kind_text,
     short_names,
 )
-from fte_sniff.tui.text import (
-    elapsed_text as span_text,
-)
 
 
 class TimeStyle(StrEnum):
-    """What the times of rows are told from; the text stands over the column."""
+    """How times of rows are shown; the value is the column's head."""
 
     CLOCK = "time UTC"
     LOCAL = "time local"
@@ -37,12 +35,12 @@ class TimeStyle(StrEnum):
 
     @property
     def meaning(self) -> str:
-        """In words."""
+        """Explanation for the help."""
         return _MEANINGS[self]
 
     @property
-    def counts(self) -> bool:
-        """Whether they are distances in time from something."""
+    def is_elapsed(self) -> bool:
+        """Whether times are counted from another time."""
         return self not in (TimeStyle.CLOCK, TimeStyle.LOCAL)
 
 
@@ -57,51 +55,50 @@ _MEANINGS = {
 
 @dataclass(frozen=True, slots=True)
 class ColumnChoice:
-    """The columns that the user wants, and how wide."""
+    """Columns that the user has chosen, and their widths."""
 
     names: tuple[str, ...]
-    """Shown from left to right; at least one."""
+    """From left to right; at least one."""
     widths: tuple[tuple[str, int], ...] = ()
-    """Cells of the columns that have another width than their own."""
+    """Cells of the columns whose width the user has chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class TableView:
-    """All of it."""
+    """How the table shows rows."""
 
     ports: tuple[str, ...] = ()
-    """Ports seen so far; from two on, each row says its own."""
+    """Ports so far; from two on there is a column for them."""
     times: TimeStyle = TimeStyle.CLOCK
     choice: ColumnChoice | None = None
     """None where the width of the window decides."""
     zone: timezone = UTC
-    """That of local times."""
+    """Zone of local times."""
 
     @property
     def shown_zone(self) -> timezone:
-        """The zone of the times of day that are shown."""
+        """Zone of the times of day."""
         return self.zone if self.times is TimeStyle.LOCAL else UTC
 
 
 def ahead_of_utc_ns(zone: timezone) -> int:
-    """Nanoseconds that clocks of a zone are ahead of UTC."""
+    """Offset of a zone from UTC, nanoseconds."""
     return zone.utcoffset(None) // timedelta(microseconds=1) * 1000
 
 
 def zone_at(t_ns: int, zone: tzinfo | None) -> timezone:
-    """How far a zone is from UTC at a time; None is this machine's.
+    """Fixed offset of a zone at a time; None is this machine's zone.
 
-    One distance holds for a whole table, whose head names it: also where clocks are changed later.
+    The whole table has one offset, which its head names, also where clocks are changed later.
     """
     moment = datetime.fromtimestamp(t_ns // 1_000_000_000, UTC).astimezone(zone)
     return timezone(moment.utcoffset() or timedelta(0))
 
 
 VALUES = "values"
-"""The column in which all values of a row stand, where there is no room for one each."""
+"""Column of all values of a row, where there is no space for a column each."""
 
 VALUE_NAMES = tuple(field.name for field in VALUE_FIELDS)
-"""The columns that have a value of a row each."""
 
 ORDER = (
     "time",
@@ -116,22 +113,20 @@ ORDER = (
     "direction",
     "cmd",
 )
-"""The columns of the contract, the most useful first."""
+"""Columns of the row contract, the most useful first."""
 
 ZONED = later("time {zone}")
-"""Over local times."""
+"""Head of local times."""
 
-LEAST, MOST = 3, 200
-"""Cells that a column may have."""
+MIN_WIDTH, MAX_WIDTH = 3, 200
+"""Width limits of a column."""
 
 HOURS_WIDTH = len("12:00:00.000")
-"""Cells of a time of day in milliseconds."""
 
 MINUTES_WIDTH = len("00:00.000")
-"""Cells of a time without its hour."""
 
 LONG_VALUES_WIDTH = 45
-"""Cells for the longest values of a row in one column."""
+"""Cells of the longest values of a row in one column."""
 
 _MICROSECONDS_WIDTH = len("12:00:00.000000")
 _PORT_WIDTH = 12
@@ -145,45 +140,44 @@ class TableColumn:
     """One column of the table."""
 
     name: str
-    """The name in the row contract."""
+    """Name in the row contract."""
     head: str
-    """What stands over it."""
     width: int
     """Cells."""
     number: bool
-    """Numbers stand at the right of their column."""
+    """Whether it is aligned to the right."""
     text: Callable[[Value, int], str]
-    """A value as the cell shows it, and the cells there are; never called with None."""
+    """Formats a value for a number of cells; never called with None."""
 
     def cell(self, value: Value) -> str:
-        """The cell, exactly `width` cells wide; nothing where there is no value."""
+        """A value in exactly `width` cells; blank for None."""
         if value is None:
             return " " * self.width
         return (fit_right if self.number else fit)(self.text(value, self.width), self.width)
 
     @property
     def head_cell(self) -> str:
-        """The column's name, set as its cells are."""
+        """The column's name, aligned as its cells."""
         head = _(self.head) if self.name == "time" else self.head
         if self.name == "time" and cell_len(head) > self.width:
-            # What the times are of is more than that they are times.
+            # The zone or the start of the count is more important than the word "time".
             head = head.rpartition(" ")[2]
         return (fit_right if self.number else fit)(head, self.width)
 
     def sized(self, width: int) -> TableColumn:
-        """The same column with another width."""
-        return replace(self, width=min(max(width, LEAST), MOST))
+        """The column with another width, within the limits."""
+        return replace(self, width=min(max(width, MIN_WIDTH), MAX_WIDTH))
 
 
-def column_of(name: str, look: TableView) -> TableColumn:
-    """The column of that name as wide as it is where there is room."""
+def column_of(name: str, view: TableView) -> TableColumn:
+    """The column of that name with its full width."""
     field = next((field for field in VALUE_FIELDS if field.name == name), None)
     if field is not None:
         return _value_column(field)
     if name == "time":
-        return _time_column(look)
+        return _time_column(view)
     if name == "port":
-        return _port_column(look.ports)
+        return _port_column(view.ports)
     if name == VALUES:
         return TableColumn(name, name, LONG_VALUES_WIDTH, False, _plain_cell)
     if name == "raw":
@@ -198,11 +192,11 @@ def column_of(name: str, look: TableView) -> TableColumn:
     return TableColumn(name, name, max(widest, len(name)), False, text)
 
 
-def _time_column(look: TableView) -> TableColumn:
-    head: str = look.times
-    if look.times is TimeStyle.LOCAL:
-        head = _(ZONED).format(zone=str(look.zone).removeprefix("UTC"))
-    text = _span_cell if look.times.counts else _clock_cell_in(look.shown_zone)
+def _time_column(view: TableView) -> TableColumn:
+    head: str = view.times
+    if view.times is TimeStyle.LOCAL:
+        head = _(ZONED).format(zone=str(view.zone).removeprefix("UTC"))
+    text = _elapsed_cell if view.times.is_elapsed else _clock_cell_in(view.shown_zone)
     return TableColumn("time", head, _MICROSECONDS_WIDTH, False, text)
 
 
@@ -215,7 +209,7 @@ def _value_column(field: Field) -> TableColumn:
 
 
 def _port_column(ports: tuple[str, ...]) -> TableColumn:
-    """Port names so short that they fit, and yet not alike."""
+    """Column of port names, shortened but still different from each other."""
 
     def cell(value: Value, width: int) -> str:
         name = printable(str(value))
@@ -228,7 +222,7 @@ def _port_column(ports: tuple[str, ...]) -> TableColumn:
 
 
 def _clock_cell_in(zone: timezone) -> Callable[[Value, int], str]:
-    """The time of day in a zone; where it does not fit, without the hour."""
+    """Times of day in a zone; without the hour where they do not fit."""
     ahead_ns = ahead_of_utc_ns(zone)
 
     def cell(value: Value, width: int) -> str:
@@ -240,8 +234,8 @@ def _clock_cell_in(zone: timezone) -> Callable[[Value, int], str]:
     return cell
 
 
-def _span_cell(value: Value, width: int) -> str:
-    return span_text(value, width) if isinstance(value, int) else ""
+def _elapsed_cell(value: Value, width: int) -> str:
+    return elapsed_text(value, width) if isinstance(value, int) else ""
 
 
 def _kind_cell(value: Value, width: int) -> str:
@@ -265,105 +259,100 @@ def _plain_cell(value: Value, width: int) -> str:
 
 
 MARKS = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
-"""The sign of each status, so that colour is never the only one."""
+"""Sign of each status, since colour must never be the only one."""
 
 RAISED_MARK = "^"
-"""The sign of a row that is in order, and whose flag bytes tell that a motor is not."""
+"""Sign of a row without faults whose flag bytes report a motor's error."""
 
 ROOMY = 149
-"""Cells from which on a table has a column for each value, and microseconds."""
+"""Cells from which on each value has a column, and times have microseconds."""
 
 SPACIOUS = 128
-"""Cells from which on the kind and the column of values are as wide as their longest."""
+"""Cells from which on the kind and the values have their full width."""
 
 NARROW = 49
-"""Cells below which times, kinds and values are shortened to stand side by side."""
+"""Cells below which times, kinds and values are shortened."""
 
 _SPACIOUS_WIDTHS = {"time": HOURS_WIDTH, VALUES: LONG_VALUES_WIDTH}
-_USUAL_WIDTHS = {"time": HOURS_WIDTH, "kind": 11, VALUES: 22}
+_MEDIUM_WIDTHS = {"time": HOURS_WIDTH, "kind": 11, VALUES: 22}
 _NARROW_WIDTHS = {"time": MINUTES_WIDTH, "kind": 8, VALUES: 18}
 _NARROW_PORT_WIDTHS = {"time": MINUTES_WIDTH, "port": 4, "kind": 7, VALUES: 14}
-"""The widths that differ from a column's own, by how much room there is."""
+"""Widths that differ from a column's own, by the width of the window."""
 
 
 @dataclass(frozen=True, slots=True)
 class TableLayout:
-    """The columns of a table, side by side with one cell between them."""
+    """Columns of a table, with one cell between them."""
 
     columns: tuple[TableColumn, ...]
 
     @property
     def width(self) -> int:
-        """Cells that the mark and all columns take."""
+        """Cells of the mark and all columns."""
         return len(MARKS[Status.OK]) + sum(column.width + 1 for column in self.columns)
 
     def without(self, hidden: int) -> TableLayout:
-        """The layout moved sideways by so many columns; the first stays at the left."""
+        """The layout with `hidden` columns after the first scrolled out."""
         return TableLayout((self.columns[0], *self.columns[1 + hidden :]))
 
     def within(self, width: int) -> TableLayout:
-        """What is seen of it in `width` cells: the last column is narrowed, not cut by the edge.
+        """The columns that fit into `width` cells.
 
-        A cell then says itself that it is cut; where that takes too much room, it is left out.
+        The last one is narrowed, so that its cells show that they are cut, or left out.
         """
         if self.width <= width:
             return self
         whole: list[TableColumn] = []
-        room = width - len(MARKS[Status.OK])
+        left = width - len(MARKS[Status.OK])
         for column in self.columns:
-            room -= column.width + 1
-            if room < 0:
-                left = room + column.width
-                return TableLayout((*whole, column.sized(left)) if left >= LEAST else tuple(whole))
+            if column.width + 1 > left:
+                cut = (column.sized(left - 1),) if left - 1 >= MIN_WIDTH else ()
+                return TableLayout((*whole, *cut))
+            left -= column.width + 1
             whole.append(column)
         return self
 
-    def most_hidden(self, width: int) -> int:
-        """Columns that must be hidden for the last one to be seen in `width` cells."""
+    def max_hidden(self, width: int) -> int:
+        """Columns to scroll out so that the last one is within `width` cells."""
         movable = len(self.columns) - 1
         fitting = (n for n in range(movable) if self.without(n).width <= width)
         return next(fitting, max(0, movable - 1))
 
     def end_of(self, name: str) -> int:
-        """The cell behind the column of that name."""
-        at = len(MARKS[Status.OK])
+        """The cell after the column of that name."""
+        end = len(MARKS[Status.OK])
         for column in self.columns:
-            at += column.width + 1
+            end += column.width + 1
             if column.name == name:
                 break
-        return at
+        return end
 
     def column_at(self, cell: int) -> TableColumn | None:
-        """The column that a cell of the line belongs to, the gap before it included."""
+        """The column at a cell of the line; the gap before a column belongs to it."""
         return next((column for column in self.columns if cell < self.end_of(column.name)), None)
-
-    @property
-    def choice(self) -> ColumnChoice:
-        """These columns as a choice, from which another can be made."""
-        return ColumnChoice(tuple(column.name for column in self.columns))
 
 
 @cache
-def layout_for(width: int, look: TableView) -> TableLayout:
-    """The layout for a table of `width` cells that is to look like that."""
-    if look.choice is not None:
-        return _chosen(look.choice, look)
-    names = tuple(name for name in ORDER if name != "port" or len(look.ports) > 1)
+def layout_for(width: int, view: TableView) -> TableLayout:
+    """The layout of a view in a table of `width` cells."""
+    if view.choice is not None:
+        return _chosen(view.choice, view)
+    names = tuple(name for name in ORDER if name != "port" or len(view.ports) > 1)
     if width >= ROOMY:
-        return TableLayout(tuple(column_of(name, look) for name in names))
-    at = names.index(VALUE_NAMES[0])
+        return TableLayout(tuple(column_of(name, view) for name in names))
+    first_value = names.index(VALUE_NAMES[0])
     names = tuple(name for name in names if name not in VALUE_NAMES)
     widths = tuple(_widths_for(width, "port" in names).items())
-    return _chosen(ColumnChoice((*names[:at], VALUES, *names[at:]), widths), look)
+    return _chosen(ColumnChoice((*names[:first_value], VALUES, *names[first_value:]), widths), view)
 
 
 def _widths_for(width: int, ports: bool) -> dict[str, int]:
     if width >= NARROW:
-        return _SPACIOUS_WIDTHS if width >= SPACIOUS else _USUAL_WIDTHS
+        return _SPACIOUS_WIDTHS if width >= SPACIOUS else _MEDIUM_WIDTHS
     return _NARROW_PORT_WIDTHS if ports else _NARROW_WIDTHS
 
 
-def _chosen(choice: ColumnChoice, look: TableView) -> TableLayout:
+def _chosen(choice: ColumnChoice, view: TableView) -> TableLayout:
     widths = dict(choice.widths)
-    columns = (column_of(name, look) for name in choice.names)
+    columns = (column_of(name, view) for name in choice.names)
     return TableLayout(tuple(c.sized(widths[c.name]) if c.name in widths else c for c in columns))

@@ -1,4 +1,4 @@
-"""Rows to styled strips."""
+"""Painter of table rows: a row becomes a line of styled segments."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import faulty_text, is_raised, values_text
 
-SPANNED = ("kind", VALUES, *(field.name for field in VALUE_FIELDS), "raw")
-"""Columns in whose place a row without values says what is wrong with it."""
+FAULT_COLUMNS = ("kind", VALUES, *(field.name for field in VALUE_FIELDS), "raw")
+"""Columns that a row without values uses to show its faults."""
 
 
 class Sign(StrEnum):
-    """What stands before a row's columns, beside the sign of its status."""
+    """The sign in the first cell after the status."""
 
     NONE = " "
     MARKED = "*"
@@ -39,7 +39,7 @@ class Sign(StrEnum):
 
     @property
     def meaning(self) -> str:
-        """In words."""
+        """Explanation for the help."""
         return _MEANINGS[self]
 
 
@@ -51,13 +51,13 @@ _MEANINGS = {
 
 
 @dataclass(frozen=True, slots=True)
-class CellPosition:
-    """A row, and what stands around it."""
+class RowCell:
+    """A row with its sign, as a line of the window shows it."""
 
     row: Row
     sign: Sign = Sign.NONE
     since_ns: int | None = None
-    """The time that the row's time counts from, where it does."""
+    """The time from which the row's time is counted, if any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,33 +67,30 @@ class Painter:
     layout: TableLayout
     palette: Palette
     width: int
-    """Cells in the window."""
+    """Cells of the window."""
     hidden: int = 0
-    """Columns behind the first that are moved out at the left."""
+    """Columns after the first that are scrolled out at the left."""
     times: TimeStyle = TimeStyle.CLOCK
     search: Search | None = None
-    """What is looked for, to be set off."""
+    """Its hits are highlighted."""
 
-    def row(self, place: CellPosition, line: Style) -> Strip:
-        """The row over the style of its line."""
-        row, columns = place.row, self._columns
-        values = self._values(place)
+    def row(self, cell: RowCell, line: Style) -> Strip:
+        """The row, over the style of its line."""
+        row, columns = cell.row, self._columns
+        values = self._values(cell)
         spanned = self._spanned(row)
-        segments = [
-            self._mark(row),
-            Segment(place.sign, self.palette.signs),
-        ]
-        for at, column in enumerate(columns):
-            if at in spanned:
-                if at == spanned[0]:
-                    room = sum(columns[one].width + 1 for one in spanned) - 1
-                    style = self.palette.statuses[row.status]
-                    segments += self._set_off(faulty_text(row, room), style)
-            else:
-                segments += self._set_off(self._text(column, row, values), self._style(column, row))
-            if at + 1 < len(columns) and at + 1 not in spanned[1:]:
+        segments = [self._mark(row), Segment(cell.sign, self.palette.signs)]
+        for number, column in enumerate(columns):
+            if number not in spanned:
+                text = self._text(column, row, values)
+                segments += self._highlighted(text, self._style(column, row))
+            elif number == spanned[0]:
+                width = sum(columns[one].width + 1 for one in spanned) - 1
+                style = self.palette.statuses[row.status]
+                segments += self._highlighted(faulty_text(row, width), style)
+            if number + 1 < len(columns) and number + 1 not in spanned[1:]:
                 segments.append(Segment(" ", Style.null()))
-        return self._window(segments, line)
+        return self._strip(segments, line)
 
     def _mark(self, row: Row) -> Segment:
         if row.status is Status.OK and is_raised(row):
@@ -101,63 +98,63 @@ class Painter:
         return Segment(mark_of(row), self.palette.marks[row.status])
 
     def head(self, line: Style) -> Strip:
-        """The names of the columns, with a sign at each edge behind which there are more."""
+        """The column names, with `<` and `>` where there are more columns."""
         segments = [Segment(MARKS[Status.OK], Style.null())]
-        for place, column in enumerate(self._columns):
-            edge = "<" if place == 1 and self.hidden else " "
+        for number, column in enumerate(self._columns):
+            edge = "<" if number == 1 and self.hidden else " "
             segments.append(Segment(edge + column.head_cell, Style.null()))
-        strip = self._window(segments, line)
+        strip = self._strip(segments, line)
         if self.shown.width > self.width > 0:
             strip = Strip([*strip.crop(0, self.width - 1), Segment(">", line)], self.width)
         return strip
 
     @property
     def shown(self) -> TableLayout:
-        """The columns in view, the first of those at the left."""
+        """The columns that are not scrolled out."""
         return self.layout.without(self.hidden)
 
     @property
     def _columns(self) -> tuple[TableColumn, ...]:
         return self.shown.within(self.width).columns
 
-    def _values(self, place: CellPosition) -> dict[str, Value]:
-        values = {**record(place.row), VALUES: ""}
-        if self.times.counts:
-            known = place.row.t_ns is not None and place.since_ns is not None
-            values["time"] = (place.row.t_ns or 0) - (place.since_ns or 0) if known else None
+    def _values(self, cell: RowCell) -> dict[str, Value]:
+        values = {**record(cell.row), VALUES: ""}
+        if self.times.is_elapsed:
+            known = cell.row.t_ns is not None and cell.since_ns is not None
+            values["time"] = (cell.row.t_ns or 0) - (cell.since_ns or 0) if known else None
         return values
 
     def _text(self, column: TableColumn, row: Row, values: dict[str, Value]) -> str:
-        if column.name == "raw" and row.faults and self._cuts_faults:
+        if column.name == "raw" and row.faults and self._faults_cut:
             return faulty_text(row, column.width)
         if column.name == VALUES:
             return column.cell(values_text(row, column.width))
         return column.cell(values[column.name])
 
     def _spanned(self, row: Row) -> list[int]:
-        """Columns side by side in whose place stands what is wrong with a row without values."""
-        if (isinstance(row, Frame) and row.kind is not None) or not self._cuts_faults:
+        """Numbers of the adjacent columns that show the faults of a row without values."""
+        if (isinstance(row, Frame) and row.kind is not None) or not self._faults_cut:
             return []
-        places = [at for at, column in enumerate(self._columns) if column.name in SPANNED]
-        steps = takewhile(lambda pair: pair[0] + places[0] == pair[1], enumerate(places))
-        return [at for _, at in steps]
+        numbers = [n for n, column in enumerate(self._columns) if column.name in FAULT_COLUMNS]
+        adjacent = takewhile(lambda pair: pair[0] + numbers[0] == pair[1], enumerate(numbers))
+        return [number for _, number in adjacent]
 
     @property
-    def _cuts_faults(self) -> bool:
-        """Whether the column of faults does not fit into the window, or is moved out of it."""
+    def _faults_cut(self) -> bool:
+        """Whether the column of faults is not wholly in the window."""
         names = {column.name for column in self.shown.columns}
         return "faults" not in names or self.shown.end_of("faults") > self.width
 
-    def _set_off(self, text: str, style: Style) -> list[Segment]:
-        """The text, with what is looked for set off in it."""
-        segments, at = [], 0
-        for start, end in self.search.places(text) if self.search else ():
-            segments.append(Segment(text[at:start], style))
-            segments.append(Segment(text[start:end], self.palette.found))
-            at = end
-        return [*segments, Segment(text[at:], style)]
+    def _highlighted(self, text: str, style: Style) -> list[Segment]:
+        """The text with the hits of the search."""
+        segments, end = [], 0
+        for start, stop in self.search.places(text) if self.search else ():
+            segments.append(Segment(text[end:start], style))
+            segments.append(Segment(text[start:stop], self.palette.found))
+            end = stop
+        return [*segments, Segment(text[end:], style)]
 
-    def _window(self, segments: list[Segment], line: Style) -> Strip:
+    def _strip(self, segments: list[Segment], line: Style) -> Strip:
         kept = [segment for segment in segments if segment.text]
         return Strip(kept).adjust_cell_length(self.width, Style.null()).apply_style(line)
 
@@ -177,32 +174,32 @@ class Painter:
                 return self.palette.raised if is_raised(row) else self.palette.of_values(row)
 
 
-def places(
+def row_cells(
     store: RowStore,
-    view: Viewport,
+    viewport: Viewport,
     marks: RowMarks,
     selected: range,
     times: TimeStyle,
     start_ns: int | None,
-) -> list[CellPosition]:
-    """What the window holds, from top to bottom.
+) -> list[RowCell]:
+    """Rows in the window, from top to bottom.
 
     Args:
         store: where the rows are.
-        view: which of those shown are in view.
-        marks: the rows that are marked.
-        selected: the indices that are selected.
-        times: what the rows' times count from.
+        viewport: which of the shown rows are in view.
+        marks: the marked rows.
+        selected: indices of the selected rows.
+        times: the style of the rows' times.
         start_ns: the time of the first row of all, if it has one.
     """
-    end = min(view.top + view.height, view.count)
-    since = _since(store, view.top, times, marks, start_ns)
-    made = []
-    for index, row in store.shown.slice(view.top, end):
-        made.append(CellPosition(row, _sign(index, marks, selected), since))
+    end = min(viewport.top + viewport.height, viewport.count)
+    since_ns = _since(store, viewport.top, times, marks, start_ns)
+    cells = []
+    for index, row in store.shown.slice(viewport.top, end):
+        cells.append(RowCell(row, _sign(index, marks, selected), since_ns))
         if times is TimeStyle.BEFORE:
-            since = row.t_ns
-    return made
+            since_ns = row.t_ns
+    return cells
 
 
 def _sign(index: int, marks: RowMarks, selected: range) -> Sign:
@@ -214,7 +211,7 @@ def _sign(index: int, marks: RowMarks, selected: range) -> Sign:
 def _since(
     store: RowStore, top: int, times: TimeStyle, marks: RowMarks, start_ns: int | None
 ) -> int | None:
-    """The time that the window's first row counts from."""
+    """The time from which that of the window's first row is counted."""
     if times is TimeStyle.BEFORE:
         return store.shown.row(top - 1).t_ns if 0 < top <= store.shown.count else None
     if times is TimeStyle.MARK:

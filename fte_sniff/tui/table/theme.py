@@ -1,4 +1,4 @@
-"""Palettes, themes, NO_COLOR."""
+"""Colours of the table under each theme, the high-contrast themes, and NO_COLOR."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ _COMMAND = Style(bold=True)
 
 @dataclass(frozen=True)
 class Palette:
-    """The styles of one theme; each is a real style, never None."""
+    """Styles of the table under one theme."""
 
     muted: Style
-    """Times, and the bytes of rows that are in order."""
+    """Times, and the bytes of rows without faults."""
     hues: tuple[str, ...]
-    """A colour for each thing that frames are about, in the order in which the table names them."""
-    asked: Style
-    """What was asked of a motor, in a plot over what it tells."""
+    """A colour for each quantity, in the order of the frame table."""
+    target: Style
+    """The target, in a plot."""
     statuses: Mapping[Status, Style]
-    """The mark, and the words for what is wrong."""
+    """Names of faults."""
     marks: Mapping[Status, Style]
     """The sign of each status."""
     raised: Style
-    """The values of a row whose flag bytes tell that a motor is not in order."""
+    """Values of a row with a raised flag byte."""
     raised_mark: Style
     """The sign of such a row."""
     signs: Style
     """The sign of a marked or selected row."""
     found: Style
-    """What is looked for; also underlined, for where there are no colours."""
+    """Hits of the search; underlined too, since there may be no colours."""
 
     @cached_property
     def kinds(self) -> Mapping[str, Style]:
-        """The style of each kind's name."""
+        """The style of each kind, by name."""
         subjects = list(dict.fromkeys(_subject(kind) for kind in KINDS))
         return {
             kind.name: Style(
@@ -66,7 +66,7 @@ class Palette:
 
 
 def _subject(kind: FrameKind) -> str | None:
-    """What a frame is about: its last number that is no flag byte."""
+    """The quantity of a frame: its last value that is no flag byte."""
     numbers = [field.name for field in kind.fields if field.unit]
     return numbers[-1] if numbers else None
 
@@ -74,7 +74,7 @@ def _subject(kind: FrameKind) -> str | None:
 DARK = Palette(
     muted=Style(color="#8a94a0"),
     hues=("#dd9fc3", "#56b4e9", "#2fc49b", "#e6b04a"),
-    asked=Style(color="#e6b04a"),
+    target=Style(color="#e6b04a"),
     statuses={
         Status.OK: _PLAIN,
         Status.SUSPECT: Style(color="#f0e442"),
@@ -93,7 +93,7 @@ DARK = Palette(
 LIGHT = Palette(
     muted=Style(color="#66707a"),
     hues=("#8f3a6b", "#0062a0", "#00694b", "#7a5200"),
-    asked=Style(color="#7a5200"),
+    target=Style(color="#7a5200"),
     statuses={
         Status.OK: _PLAIN,
         Status.SUSPECT: Style(color="#6b5e00"),
@@ -137,8 +137,7 @@ _LIGHT = Theme(
     dark=False,
     variables={"primary-background": "#b8d8f8"},
 )
-OWN = (_DARK, _LIGHT)
-"""Themes that are to be made known to Textual."""
+CONTRAST_THEMES = (_DARK, _LIGHT)
 
 _PALETTES = {
     CONTRAST_DARK: replace(DARK, muted=Style(color="#ffffff")),
@@ -147,15 +146,15 @@ _PALETTES = {
 
 
 def palette_of(theme: Theme) -> Palette:
-    """The table's colours under a theme."""
+    """The palette for a theme."""
     return _PALETTES.get(theme.name, DARK if theme.dark else LIGHT)
 
 
 class NoColor(LineFilter):
-    """Takes every colour out of a line."""
+    """Removes the colours of a line, as https://no-color.org asks."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """The same line without colours; every segment keeps a style, as Textual needs it."""
+        """The line without colours; every segment keeps a style, which Textual needs."""
         return [
             Segment(text, Style.null() if style is None else style.without_color, control)
             for text, style, control in segments

@@ -1,4 +1,4 @@
-"""Visible range, cursor, marks."""
+"""Viewport of the table (visible range, cursor, follow and pause), and marked rows."""
 
 from __future__ import annotations
 
@@ -7,75 +7,80 @@ from collections.abc import Iterator
 
 
 class Viewport:
-    """A window of `height` rows onto `count` of them, that follows the end until told otherwise.
+    """A window of `height` rows onto `count` rows, which follows the end at first.
 
-    Rows are named by their position among those shown; `refit` tells when positions change.
+    Rows are positions among those shown.
     """
 
     def __init__(self) -> None:
         self.count = 0
-        """Rows that can be looked at."""
+        """Rows that can be shown."""
         self.height = 0
         """Rows that fit into the window."""
         self.top = 0
         """The first row in the window."""
         self.cursor = 0
-        """The row under the cursor; 0 where there is none."""
+        """The row under the cursor; 0 without rows."""
         self.following = True
-        """Whether the window stays at the end as rows come."""
+        """Whether the window stays at the end when rows come."""
         self.paused = False
-        """Whether rows that come stay out of the window."""
+        """Whether new rows are kept out of the window."""
         self.waiting = 0
-        """Rows that came since the pause began."""
+        """Rows that came since the pause."""
 
     @property
     def last_top(self) -> int:
-        """The greatest `top`: the window then ends with the last row."""
+        """The greatest `top`, at which the window ends with the last row."""
         return max(0, self.count - max(1, self.height))
 
     @property
     def below(self) -> int:
-        """Rows behind the end of the window."""
+        """Rows below the window."""
         return max(0, self.count - self.top - self.height)
 
     def refit(self, count: int, cursor: int, waiting: int) -> None:
-        """Rows came, left, or were filtered; the cursor's row has the position `cursor` now.
+        """Update to rows that came, left, or were filtered.
 
-        The window moves along with that row, unless it follows the end.
+        The window moves with the cursor's row, unless it follows the end.
+
+        Args:
+            count: rows that can be shown now.
+            cursor: new position of the cursor's row.
+            waiting: rows that came since the pause.
         """
         self.top += cursor - self.cursor
         self.count, self.cursor, self.waiting = count, cursor, waiting
-        self._settle()
+        self._clamp()
 
     def resize(self, height: int) -> None:
-        """The window has another height now; the cursor stays in it."""
+        """Change the height; the cursor stays in the window."""
         self.height = max(0, height)
-        self._settle()
+        self._clamp()
         self._reveal()
 
     def move(self, by: int) -> None:
-        """Move the cursor; up leaves the end, down onto the last row follows it again."""
+        """Move the cursor; up stops following the end, down onto the last row follows it again."""
         target = self.cursor + by
         self.following = by > 0 and target >= self.count - 1 and not self.paused
         self._put(target)
 
     def jump(self, row: int) -> None:
-        """Put the cursor on a row, in the middle of the window where it was out of sight."""
+        """Put the cursor on a row; a far one is shown in the middle of the window."""
         self.following = False
         self._put(row)
 
     def scroll(self, top: int) -> None:
-        """The window was moved by hand; the cursor comes along only as far as it must."""
+        """Scroll the window; the cursor moves only as far as it has to."""
         self.top = min(max(0, top), self.last_top)
         self.following = self.top >= self.last_top and not self.paused
         self.cursor = min(max(self.cursor, self.top), max(self.top, self.top + self.height - 1))
-        self._settle()
+        self._clamp()
 
     def follow(self) -> None:
-        """Go to the end and stay there; ends a pause."""
+        """Follow the end; ends a pause."""
         self.paused = False
         self.following = True
-        self._settle()
+        self._clamp()
 
     def _put(self, cursor: int) -> None:
         outside = not self.top <= cursor < self.top + self.height
@@ -83,10 +88,10 @@ class Viewport:
         self.cursor = cursor
         if outside and far:
             self.top = cursor - self.height // 2
-        self._settle()
+        self._clamp()
         self._reveal()
 
-    def _settle(self) -> None:
+    def _clamp(self) -> None:
         last = max(0, self.count - 1)
         if self.following and not self.paused:
             self.cursor, self.top = last, self.last_top
@@ -99,43 +104,43 @@ class Viewport:
 
 
 class RowMarks:
-    """Indices of marked rows."""
+    """Set of marked rows, by index."""
 
     def __init__(self) -> None:
-        self._rising: list[int] = []
-        self._latest: list[int] = []
+        self._sorted: list[int] = []
+        self._by_age: list[int] = []
 
     def __contains__(self, index: int) -> bool:
-        at = bisect_left(self._rising, index)
-        return at < len(self._rising) and self._rising[at] == index
+        position = bisect_left(self._sorted, index)
+        return self._sorted[position : position + 1] == [index]
 
     def __len__(self) -> int:
-        return len(self._rising)
+        return len(self._sorted)
 
     @property
     def latest(self) -> int | None:
-        """The mark that was set last, of those that are left."""
-        return self._latest[-1] if self._latest else None
+        """The mark that was set last."""
+        return self._by_age[-1] if self._by_age else None
 
     def toggle(self, index: int) -> bool:
-        """Set a mark, or take it away; whether it is set now."""
+        """Set or remove a mark; returns whether it is set now."""
         if index in self:
-            self._rising.remove(index)
-            self._latest.remove(index)
+            self._sorted.remove(index)
+            self._by_age.remove(index)
             return False
-        insort(self._rising, index)
-        self._latest.append(index)
+        insort(self._sorted, index)
+        self._by_age.append(index)
         return True
 
     def forget_before(self, first: int) -> None:
-        """Rows before that index have left, and their marks with them."""
-        if self._rising and self._rising[0] < first:
-            self._rising = self._rising[bisect_left(self._rising, first) :]
-            self._latest = [index for index in self._latest if index >= first]
+        """Remove the marks of rows that left the store."""
+        if self._sorted and self._sorted[0] < first:
+            self._sorted = self._sorted[bisect_left(self._sorted, first) :]
+            self._by_age = [index for index in self._by_age if index >= first]
 
     def beyond(self, index: int, by: int) -> Iterator[int]:
-        """The marks behind an index, the nearest first; those before it where `by` is below 0."""
+        """Marks after an index (`by` 1) or before it (-1), the nearest first."""
         if by > 0:
-            yield from self._rising[bisect_right(self._rising, index) :]
+            yield from self._sorted[bisect_right(self._sorted, index) :]
         else:
-            yield from reversed(self._rising[: bisect_left(self._rising, index)])
+            yield from reversed(self._sorted[: bisect_left(self._sorted, index)])

@@ -1,4 +1,4 @@
-"""The table's columns, cells and lines of text, without a screen."""
+"""The table: viewport, marks, columns, cells and lines of text."""
 
 from __future__ import annotations
 
@@ -26,13 +26,15 @@ from fte_sniff.protocol import (
     record,
 )
 from fte_sniff.row_batch import RowBatch
-from fte_sniff.tui.panes.detail import Width, detail_text
+from fte_sniff.tui.panes.detail import DetailLayout, detail_text
 from fte_sniff.tui.table.columns import MARKS, ORDER, VALUES, TableView, layout_for
-from fte_sniff.tui.table.painter import CellPosition, Painter
+from fte_sniff.tui.table.painter import Painter, RowCell
 from fte_sniff.tui.table.theme import DARK, LIGHT, Palette
-from fte_sniff.tui.table.widget import Scale
+from fte_sniff.tui.table.viewport import RowMarks, Viewport
+from fte_sniff.tui.table.widget import ScrollScale
 from fte_sniff.tui.text import (
     clock_text,
+    elapsed_text,
     fit,
     fit_path,
     fit_right,
@@ -40,7 +42,6 @@ from fte_sniff.tui.text import (
     short_names,
     values_text,
 )
-from fte_sniff.tui.text import elapsed_text as span_text
 
 PORTS = st.text(max_size=30)
 TIMES = st.one_of(st.none(), st.integers(0, 2**63 - 1))
@@ -57,7 +58,7 @@ KIND_FRAMES = st.builds(
     PORTS,
 )
 DAMAGE = st.builds(Damage, PORTS, st.integers(0, 2**40), st.binary(max_size=1024), TIMES, FAULTS)
-ROWS = st.one_of(FRAMES, KIND_FRAMES, DAMAGE)
+ANY_ROW = st.one_of(FRAMES, KIND_FRAMES, DAMAGE)
 
 
 def look_of(ports: int) -> TableView:
@@ -99,7 +100,7 @@ def test_the_port_is_shown_only_where_there_are_several() -> None:
     assert "port" in {column.name for column in layout_for(80, look_of(2)).columns}
 
 
-@given(ROWS, st.sampled_from((40, 80, 200)), st.sampled_from((1, 2)))
+@given(ANY_ROW, st.sampled_from((40, 80, 200)), st.sampled_from((1, 2)))
 def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> None:
     values = {**record(row), VALUES: values_text(row)}
     for column in layout_for(width, look_of(ports)).columns:
@@ -109,7 +110,7 @@ def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> N
 
 
 @given(
-    ROWS,
+    ANY_ROW,
     st.integers(0, 240),
     st.sampled_from((1, 2)),
     st.integers(0, 16),
@@ -119,7 +120,7 @@ def test_every_line_fills_the_window_and_has_styles(
     row: Row, width: int, ports: int, hidden: int, palette: Palette
 ) -> None:
     painter = Painter(layout_for(width, look_of(ports)), palette, width, hidden)
-    for strip in (painter.row(CellPosition(row), Style.null()), painter.head(Style.null())):
+    for strip in (painter.row(RowCell(row), Style.null()), painter.head(Style.null())):
         assert strip.cell_length == width
         assert all(isinstance(segment.style, Style) for segment in strip)
         assert strip.text.isprintable()
@@ -128,7 +129,7 @@ def test_every_line_fills_the_window_and_has_styles(
 def painted(row: Row, width: int, hidden: int = 0) -> str:
     return (
         Painter(layout_for(width, TableView()), DARK, width, hidden)
-        .row(CellPosition(row), Style.null())
+        .row(RowCell(row), Style.null())
         .text
     )
 
@@ -200,12 +201,12 @@ def test_the_head_says_where_there_is_more() -> None:
     assert head(0).startswith("  time UTC     kind ")
     assert head(0).endswith(">")
     assert head(2).startswith("  time UTC    <raw ")
-    last = layout_for(79, TableView()).most_hidden(79)
+    last = layout_for(79, TableView()).max_hidden(79)
     assert head(last).rstrip().endswith("cmd")
     assert head(last - 1).endswith(">")
 
 
-@given(ROWS, st.integers(0, 240), st.integers(0, 6))
+@given(ANY_ROW, st.integers(0, 240), st.integers(0, 6))
 def test_a_cell_at_the_edge_is_whole_or_says_that_it_is_cut(
     row: Row, width: int, hidden: int
 ) -> None:
@@ -238,7 +239,7 @@ def test_a_frame_in_order_that_tells_of_a_motor_that_is_not_has_a_sign(raw: str,
     row = Frame("p", 0, bytes.fromhex(raw), 1)
     assert painted(row, 80)[0] == sign
     assert painted(replace(row, faults=(Fault.RESERVED_NONZERO,)), 80)[0] == "?"
-    strip = Painter(layout_for(80, TableView()), DARK, 80).row(CellPosition(row), Style.null())
+    strip = Painter(layout_for(80, TableView()), DARK, 80).row(RowCell(row), Style.null())
     colours = {
         segment.style.color.name for segment in strip if segment.style and segment.style.color
     }
@@ -269,7 +270,7 @@ def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_m
     assert painted(replace(row, faults=(Fault.AMBIGUOUS,)), 80)[0] == MARKS[Status.SUSPECT]
     assert (
         f"{ORDER_MARK} a row of the other port"
-        in detail_text(row, DARK, Width(80, bits=False)).plain
+        in detail_text(row, DARK, DetailLayout(80, bit_lines=False)).plain
     )
 
 
@@ -317,7 +318,7 @@ def test_a_kind_that_is_cut_still_says_that_it_is_feedback(width: int, text: str
     ],
 )
 def test_distances_in_time_have_as_many_digits_as_fit(ns: int, width: int, text: str) -> None:
-    assert span_text(ns, width) == text
+    assert elapsed_text(ns, width) == text
 
 
 NAMES = st.lists(st.text("ab/_01 :", min_size=1, max_size=20), min_size=1, max_size=5, unique=True)
@@ -355,7 +356,7 @@ def test_port_names_keep_what_tells_them_apart(
 def test_the_scale_of_the_scroll_bar_keeps_ends_and_order(
     count: int, height: int, share: float
 ) -> None:
-    scale = Scale(count, height)
+    scale = ScrollScale(count, height)
     last = max(0, count - height)
     top = round(share * last)
     assert scale.total <= max(height * 64, 0)
@@ -364,3 +365,152 @@ def test_the_scale_of_the_scroll_bar_keeps_ends_and_order(
     assert scale.row_of(scale.unit_of(last)) == last
     assert 0 <= scale.unit_of(top) <= scale.unit_of(last)
     assert abs(scale.row_of(scale.unit_of(top)) - top) <= last / max(1, scale.total - height) + 1
+
+
+STEPS = st.lists(
+    st.one_of(
+        st.tuples(st.just("resize"), st.integers(-1, 30)),
+        st.tuples(st.just("come"), st.integers(0, 100)),
+        st.tuples(st.just("leave"), st.integers(0, 100)),
+        st.tuples(st.just("move"), st.integers(-200, 200)),
+        st.tuples(st.just("jump"), st.integers(-5, 500)),
+        st.tuples(st.just("scroll"), st.integers(-50, 500)),
+        st.tuples(st.just("follow"), st.just(0)),
+        st.tuples(st.just("pause"), st.just(0)),
+    ),
+    max_size=60,
+)
+
+
+def act(view: Viewport, step: tuple[str, int]) -> None:
+    name, number = step
+    match name:
+        case "resize":
+            view.resize(number)
+        case "come" if view.paused:
+            view.refit(view.count, view.cursor, view.waiting + number)
+        case "come":
+            view.refit(view.count + number, view.cursor, 0)
+        case "leave":
+            gone = min(number, view.count)
+            view.refit(view.count - gone, max(0, view.cursor - gone), view.waiting)
+        case "move":
+            view.move(number)
+        case "jump":
+            view.jump(number)
+        case "scroll":
+            view.scroll(number)
+        case "follow":
+            view.follow()
+            view.refit(view.count + view.waiting, view.cursor, 0)
+        case "pause":
+            view.paused = not view.paused
+
+
+@given(STEPS)
+def test_window_and_cursor_are_always_on_rows(steps: list[tuple[str, int]]) -> None:
+    view = Viewport()
+    for step in steps:
+        act(view, step)
+        assert 0 <= view.top <= view.last_top
+        assert 0 <= view.cursor <= max(0, view.count - 1)
+        if view.height and view.count:
+            assert view.top <= view.cursor < view.top + view.height
+        if view.following and not view.paused:
+            assert (view.cursor, view.top) == (max(0, view.count - 1), view.last_top)
+
+
+def window(count: int = 100, height: int = 10) -> Viewport:
+    view = Viewport()
+    view.resize(height)
+    view.refit(count, 0, 0)
+    return view
+
+
+def test_follows_from_the_start() -> None:
+    view = window()
+    assert (view.top, view.cursor, view.below) == (90, 99, 0)
+    view.refit(150, view.cursor, 0)
+    assert (view.top, view.cursor) == (140, 149)
+
+
+def test_up_leaves_the_end_and_rows_that_come_do_not_move_the_window() -> None:
+    view = window()
+    view.move(-1)
+    view.refit(500, view.cursor, 0)
+    assert (view.following, view.top, view.cursor, view.below) == (False, 90, 98, 400)
+
+
+@pytest.mark.parametrize("way", ["down", "wheel", "follow"])
+def test_the_end_is_followed_again(way: str) -> None:
+    view = window()
+    view.move(-3)
+    if way == "down":
+        view.move(3)
+    elif way == "wheel":
+        view.scroll(80)
+        assert not view.following
+        view.scroll(90)
+    else:
+        view.follow()
+    assert view.following
+
+
+def test_a_paused_view_is_not_followed_by_moving_down() -> None:
+    view = window()
+    view.paused = True
+    view.move(-3)
+    view.move(3)
+    assert not view.following
+
+
+def test_the_window_moves_with_the_cursors_row_when_older_rows_leave() -> None:
+    view = window()
+    view.jump(50)
+    offset = view.cursor - view.top
+    view.refit(80, 30, 0)
+    assert (view.cursor, view.cursor - view.top) == (30, offset)
+
+
+def test_a_far_jump_stands_in_the_middle() -> None:
+    view = window()
+    view.jump(20)
+    assert (view.top, view.cursor) == (15, 20)
+
+
+def test_a_near_jump_moves_the_window_no_more_than_it_must() -> None:
+    view = window()
+    view.jump(92)
+    assert (view.top, view.cursor) == (90, 92)
+
+
+def test_the_wheel_takes_the_cursor_along_only_as_far_as_it_must() -> None:
+    view = window()
+    view.scroll(85)
+    assert (view.top, view.cursor) == (85, 94)
+    view.scroll(88)
+    assert (view.top, view.cursor) == (88, 94)
+
+
+INDICES = st.lists(st.integers(0, 30), max_size=40)
+
+
+@given(INDICES, st.integers(0, 30), st.integers(0, 30))
+def test_marks_are_a_set_that_knows_its_order(toggled: list[int], here: int, first: int) -> None:
+    marks, expected, latest = RowMarks(), set[int](), list[int]()
+    for index in toggled:
+        assert marks.toggle(index) == (index not in expected)
+        expected ^= {index}
+        latest = [*(one for one in latest if one != index), *([index] if index in expected else [])]
+    for index in range(31):
+        assert (index in marks) == (index in expected)
+    assert len(marks) == len(expected)
+    assert marks.latest == (latest[-1] if latest else None)
+    assert list(marks.beyond(here, 1)) == sorted(one for one in expected if one > here)
+    below = sorted((one for one in expected if one < here), reverse=True)
+    assert list(marks.beyond(here, -1)) == below
+    marks.forget_before(first)
+    assert [index in marks for index in range(31)] == [
+        index in expected and index >= first for index in range(31)
+    ]
+    assert marks.latest == next((one for one in reversed(latest) if one >= first), None)

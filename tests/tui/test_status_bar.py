@@ -1,23 +1,138 @@
-"""The title, the numbers, notices, the pane of details and the help as text."""
+"""Title line, status line and key line as text, and the help."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from rich.cells import cell_len
+from textual.binding import Binding
+from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind, Row, spaced_hex
+from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind
+from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.help import help_text
-from fte_sniff.tui.keys import SECTIONS
-from fte_sniff.tui.notices import event_text
-from fte_sniff.tui.panes.detail import Width, detail_text
-from fte_sniff.tui.status_bar import Mode, StatusCounters, mode_of, status_text, title_text
-from fte_sniff.tui.table.theme import DARK
+from fte_sniff.tui.keys import (
+    FINDING,
+    HANDLING,
+    LEAVING,
+    MOVING,
+    SECTIONS,
+    SHOWN_FIRST,
+    UNDERSTANDING,
+)
+from fte_sniff.tui.status_bar import (
+    KeyLine,
+    Mode,
+    StatusCounters,
+    fitting_keys,
+    mode_of,
+    status_text,
+    title_text,
+)
 from fte_sniff.tui.table.viewport import Viewport
 from fte_sniff.tui.view_model import ViewModel
+from tests.tui.conftest import (
+    ROUNDS,
+    Rows,
+    lines,
+    page,
+    play,
+    press,
+    settle,
+)
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_the_footer_names_the_help_and_the_way_out_at_every_width(feed: Any, width: int) -> None:
+    def footer(app: SniffApp) -> str:
+        return lines(app)[-1].replace(" ", "")
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        # Textual sets the footer's keys a few rounds after the screen stands.
+        for _ in range(ROUNDS * 100):
+            if "?HelpqQuit" in footer(app):
+                break
+            await pilot.pause()
+        assert "?HelpqQuit" in footer(app)
+
+    play(feed, scenario, (width, 12))
+
+
+@pytest.mark.parametrize(
+    ("opener", "told", "words"),
+    [
+        ("question_mark", ("esc Back", "down Down", "G End"), "Keys and signs"),
+        ("ctrl+p", ("enter Pick", "esc Back", "up Up"), "type to find"),
+        ("x", ("enter Pick", "esc Back"), "type to find"),
+        ("C", ("enter Apply", "esc Back", "space Show"), "columns"),
+    ],
+)
+def test_the_bottom_line_tells_the_keys_of_what_is_open(
+    feed: Any, speed_rows: Rows, opener: str, told: Sequence[str], words: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(50))
+        await settle(app, pilot)
+        await press(app, pilot, opener)
+        await settle(app, pilot)
+        assert words in page(app)
+        bottom = lines(app)[-1]
+        assert all(key in bottom for key in told)
+        assert "Follow" not in bottom
+        await pilot.click(KeyLine, offset=(bottom.index("esc"), 0))
+        await settle(app, pilot)
+        assert words not in page(app)
+        assert "G Follow" in lines(app)[-1]
+
+    play(feed, scenario)
+
+
+SHOWN = [key for key in (*LEAVING, *FINDING, *HANDLING, *UNDERSTANDING, *MOVING) if key.show]
+
+
+def test_every_key_of_the_line_has_a_rank() -> None:
+    assert sorted(key.action for key in SHOWN) == sorted(SHOWN_FIRST)
+
+
+@pytest.mark.parametrize("width", range(6, 140))
+def test_keys_stand_whole_and_help_always(width: int) -> None:
+    found = fitting_keys(SHOWN, width)
+    assert found[0].action == "help"
+    assert sum(len(f"{key.key_display} {key.description} ") for key in found) - 1 <= width
+    more = fitting_keys(SHOWN, width + 1)
+    assert {key.action for key in found[:1]} <= {key.action for key in more}
+
+
+@pytest.mark.parametrize("size", [(20, 10), (40, 20), (80, 24), (200, 60)])
+def test_the_line_of_keys_ends_with_a_whole_one(feed: Any, size: tuple[int, int]) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        last = lines(app)[-1]
+        assert last.startswith("? Help q Quit")
+        assert last.split()[-1] in {key.description for key in SHOWN}
+        await press(app, pilot, "f")
+        assert lines(app)[-1].strip() == "enter Apply esc Back"
+
+    play(feed, scenario, size)
+
+
+def test_a_key_that_is_clicked_is_pressed(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await pilot.click(KeyLine, offset=(15, 0))
+        await pilot.pause()
+        assert app._filter_field.is_open
+
+    play(feed, scenario)
+
+
+def test_a_field_has_its_own_keys_first() -> None:
+    enter = Binding("enter", "submit", "Apply", key_display="enter")
+    assert fitting_keys([*SHOWN, enter], 40)[0] is enter
+
 
 LIVE = FeedState("/dev/ttyUSB0", "/home/ana/captures/fte-sniff-20260131T120000Z.mcap")
 NUMBERS = StatusCounters(
@@ -26,7 +141,7 @@ NUMBERS = StatusCounters(
     malformed=12,
     malformed_share=12 / 1_234_567,
     not_shown=0,
-    place=1_234_567,
+    row_number=1_234_567,
     following=True,
     below=0,
 )
@@ -112,64 +227,6 @@ def test_rows_that_came_too_fast_are_told() -> None:
     assert "7 too fast to show" in status_text(replace(NUMBERS, not_shown=7), 120)
 
 
-def test_an_event_is_one_line_and_is_not_obeyed() -> None:
-    event = PortEvent(1_769_860_800_000_000_000, "p\n", PortEventKind.FOUND_AGAIN, "\x1b[2J[b]x")
-    assert event_text(event) == "12:00:00.000  p\\n found again: \\x1b[2J[b]x"
-
-
-def test_the_details_show_every_byte_once(odd_rows: list[Row]) -> None:
-    for row in odd_rows:
-        text = detail_text(row, DARK, Width(200, bits=False)).plain
-        shown = [line[2:50] for line in text.split("\n")[1:]]
-        digits = "".join(
-            pair for line in shown for pair in line.split("  ")[0].split() if len(pair) == 2
-        )
-        assert row.raw.hex().upper() in digits.replace(" ", "")
-
-
-@pytest.mark.parametrize("width", [1, 20, 40, 79, 199])
-def test_the_details_keep_to_their_room(odd_rows: list[Row], width: int) -> None:
-    for row in odd_rows:
-        for line in detail_text(row, DARK, Width(width, bits=True)).plain.split("\n"):
-            assert cell_len(line) <= max(width, 15)
-
-
-@pytest.mark.parametrize("width", [40, 79])
-def test_the_details_cut_no_word(odd_rows: list[Row], width: int) -> None:
-    for row in odd_rows:
-        narrow, wide = (
-            detail_text(row, DARK, Width(room, bits=True)).plain for room in (width, 400)
-        )
-        assert sorted(narrow.split()) == sorted(wide.split())
-
-
-def test_every_line_of_noise_is_marked(odd_rows: list[Row]) -> None:
-    text = detail_text(odd_rows[5], DARK, Width(79, bits=False)).plain
-    name, *behind = text[text.index("! " + " " * 12 + "noise") :].split("\n")
-    assert "noise" in name
-    digits = [line[2:] for line in behind if line.startswith("! ")]
-    assert bytes.fromhex("".join(digits)) == odd_rows[5].raw
-    assert behind[: len(digits)] == [f"! {line}" for line in digits]
-
-
-def test_the_details_tell_what_is_wrong_and_where(odd_rows: list[Row]) -> None:
-    text = detail_text(odd_rows[3], DARK, Width(80, bits=False)).plain
-    assert "! bad_tail: " in text
-    assert "expected EE, found EF" in text
-    assert spaced_hex(odd_rows[3].raw[5:9]) in text
-
-
-def test_flags_are_told_bit_by_bit_where_there_is_room() -> None:
-    from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
-
-    raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5, "online": 0x0B})
-    tight = detail_text(Frame("p", 0, raw, None), DARK, Width(80, bits=False)).plain
-    roomy = detail_text(Frame("p", 0, raw, None), DARK, Width(80, bits=True)).plain
-    assert "00001011" in tight
-    assert "bit 2" not in tight
-    assert "bit 2 is 0: motor 3" in roomy
-
-
 @pytest.mark.parametrize("width", [30, 60, 80])
 def test_the_help_has_every_key_and_every_fault(width: int) -> None:
     text = help_text(width).plain
@@ -200,6 +257,6 @@ def test_line_errors_are_summed_from_what_the_ports_told() -> None:
     second = PortEvent(2, "b", PortEventKind.LINE_ERROR, "3 break", 3)
     lost = PortEvent(3, "b", PortEventKind.OVERRUN, "900 bytes", 900)
     watched = ViewModel(Telling([first], [second, lost]), None, RowStore())
-    watched.look(0)
-    watched.look(1)
-    assert watched.numbers(Viewport()).line_errors == 5
+    watched.poll(0)
+    watched.poll(1)
+    assert watched.status_counters(Viewport()).line_errors == 5

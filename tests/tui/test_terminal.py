@@ -1,4 +1,4 @@
-"""How the screen ends on a real terminal: by keys and by signals, the terminal left as it was."""
+"""The screen on a pseudo-terminal: how it ends, by keys and by signals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from pathlib import Path
 import pytest
 
 BOUND_S = 60.0
-
 PROGRAM = """
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.tui.app import run_screen
@@ -33,7 +32,6 @@ class Idle:
 run_screen(Idle())
 print("the program goes on")
 """
-
 ALTERNATE_SCREEN, NORMAL_SCREEN = b"\x1b[?1049h", b"\x1b[?1049l"
 
 

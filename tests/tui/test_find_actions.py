@@ -1,20 +1,22 @@
-"""Finding rows on the screen: search, marks, quick filters, places to go to."""
+"""Filter, search, marks, cell filters and the go-to line on the screen."""
 
 from __future__ import annotations
 
+import asyncio
 import re
 from typing import Any
 
 import pytest
 from textual.pilot import Pilot
 
-from fte_sniff.protocol import Damage, Fault, Row
-from fte_sniff.tui import actions as searching
+from fte_sniff.protocol import Damage, Fault, Frame, Row
+from fte_sniff.tui import actions
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.pickers import Picker
 from fte_sniff.tui.table.widget import RowTable
-from tests.tui.playing import (
+from tests.tui.conftest import (
+    NOON_NS,
     Rows,
     lines,
     page,
@@ -27,6 +29,115 @@ from tests.tui.playing import (
     type_line,
     until,
 )
+
+
+def test_faults_are_found_below_and_above(feed: Any, speed_rows: Rows, odd_rows: list[Row]) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([*speed_rows(100), odd_rows[3], *speed_rows(100), odd_rows[1], *speed_rows(100)])
+        await settle(app, pilot)
+        places = []
+        for key in ("E", "E", "E", "e", "e"):
+            await press(app, pilot, key)
+            places.append(table(app).viewport.cursor)
+        assert places == [201, 100, 100, 201, 201]
+        assert "no row with a fault below this one" in page(app)
+
+    play(feed, scenario)
+
+
+def test_rows_that_tell_of_a_motor_out_of_order_are_found_and_e_points_to_them(
+    feed: Any, speed_rows: Rows
+) -> None:
+    offline = Frame("/dev/ttyUSB0", 0, bytes.fromhex("550104000000000807EE"), NOON_NS)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([*speed_rows(100), offline, *speed_rows(100), offline, *speed_rows(100)])
+        await settle(app, pilot)
+        places = []
+        for key in ("A", "A", "A", "a", "a"):
+            await press(app, pilot, key)
+            places.append(table(app).viewport.cursor)
+        assert places == [201, 100, 100, 201, 201]
+        assert "no row below this one whose ERROR or ONLINE is not in order" in page(app)
+        view = table(app).viewport
+        assert table(app).render_line(view.cursor - view.top).text.startswith("^ 12:00:00.000")
+        await press(app, pilot, "g", "e")
+        await settle(app, pilot)
+        assert "no row with a fault below this one; a goes to one whose ERROR or" in page(app)
+        assert table(app).viewport.cursor == 0
+        await press(app, pilot, "S")
+        await until(app, pilot, lambda: "motor 4: not ONLINE in 2 frames" in page(app))
+
+    play(feed, scenario, (80, 40))
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        ("12:03:05", "12:03:05 is after the last row (12:00:00.999)"),
+        ("+2s", "+2s is after the last row (12:00:00.999)"),
+        ("2027-01-01", "2027-01-01 is after the last row (12:00:00.999)"),
+        ("11:59", "11:59 is before the first row (12:00:00.000)"),
+        ("20:03:05+08:00", "20:03:05+08:00 is after the last row (12:00:00.999)"),
+        ("20:00:00.5+08:00", ""),
+        ("12:00:00.999", ""),
+        ("12:00:00", ""),
+    ],
+)
+def test_a_time_outside_the_rows_is_said_to_be_outside(
+    feed: Any, speed_rows: Rows, goal: str, said: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        table(app).jump(499)
+        await press(app, pilot, "colon")
+        await type_line(app, pilot, goal)
+        await press(app, pilot, "enter")
+        await pilot.pause()
+        assert said in page(app)
+        assert ("the last row (" in page(app) or "the first row (" in page(app)) == bool(said)
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    ("goal", "cursor"),
+    [
+        ("1", 0),
+        ("700", 699),
+        ("999999", 999),
+        ("12:00:00.250", 250),
+        ("-100ms", 399),
+        ("+50ms", 549),
+        ("23:59:59", 999),
+    ],
+)
+def test_goes_to_rows_times_and_distances(
+    feed: Any, speed_rows: Rows, goal: str, cursor: int
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        table(app).jump(499)
+        await press(app, pilot, "colon")
+        await type_line(app, pilot, goal)
+        await press(app, pilot, "enter")
+        assert table(app).viewport.cursor == cursor
+        await pilot.pause()
+        assert ("there is no row 999,999; this is the last" in page(app)) == (goal == "999999")
+
+    play(feed, scenario)
+
+
+def test_a_goal_that_is_none_is_told(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "colon", "x", "enter")
+        await pilot.pause()
+        assert "✗ a row (1200)" in page(app)
+        assert app.focused is not table(app)
+
+    play(feed, scenario)
 
 
 async def look_for(app: SniffApp, pilot: Pilot[None], text: str) -> None:
@@ -179,7 +290,7 @@ def test_the_search_looks_only_at_rows_that_the_filter_shows(feed: Any, speed_ro
 def test_a_long_search_tells_how_far_it_is_and_is_ended_by_esc(
     feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(searching, "AT_ONCE_S", -1.0)
+    monkeypatch.setattr(actions, "SEARCH_BLOCK_S", -1.0)
 
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         some = speed_rows(30_000)
@@ -269,7 +380,6 @@ def test_marks_that_the_filter_hides_are_passed_over_and_come_again(
 
 
 def test_marks_leave_with_their_rows(feed: Any, speed_rows: Rows) -> None:
-    import asyncio
 
     app = SniffApp(feed, StartOptions(keep_rows=100))
 
@@ -310,7 +420,7 @@ def test_goes_to_shares_bytes_and_dates(
         await settle(app, pilot)
         table(app).jump(499)
         await press(app, pilot, "colon")
-        app.query_one("GotoField Line").value = goal  # type: ignore[attr-defined]
+        app.query_one("GotoField PromptLine").value = goal  # type: ignore[attr-defined]
         await press(app, pilot, "enter")
         assert table(app).viewport.cursor == min(cursor, 999)
 
@@ -322,7 +432,7 @@ def test_a_byte_that_is_not_there_is_told(feed: Any, speed_rows: Rows) -> None:
         feed.give(speed_rows(10))
         await settle(app, pilot)
         await press(app, pilot, "colon")
-        app.query_one("GotoField Line").value = "@100"  # type: ignore[attr-defined]
+        app.query_one("GotoField PromptLine").value = "@100"  # type: ignore[attr-defined]
         await press(app, pilot, "enter")
         await settle(app, pilot)
         assert "no row that is shown has byte 100 of its stream" in page(app)
@@ -357,7 +467,7 @@ def test_quick_filters_add_to_the_filter_and_are_gone_back_from(
         assert "of 400 rows" not in page(app)
         await press(app, pilot, "backspace")
         await settle(app, pilot)
-        assert "no other filter stood before" in page(app)
+        assert "there was no other filter before" in page(app)
         await press(app, pilot, "f", "up", "up", "enter")
         await settle(app, pilot)
         assert "motor = 2 AND rpm IS DISTINCT" in page(app)

@@ -1,0 +1,382 @@
+"""The application: tick, notices of the feed, help, shutdown, sizes, pictures."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import re
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual import events
+from textual.pilot import Pilot
+
+from docs.picture import FOLDER, PICTURES, drawn
+from fte_sniff.errors import PortError
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.options import AtEnd, StartOptions
+from fte_sniff.tui.prompt import PromptField
+from fte_sniff.tui.table.widget import RowTable
+from tests.tui.conftest import (
+    Rows,
+    lines,
+    page,
+    play,
+    press,
+    rpms,
+    rush,
+    settle,
+    table,
+    type_line,
+)
+
+
+def test_shows_the_newest_rows_and_follows(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        assert rpms(app) == list(range(80, 100))
+        feed.give(speed_rows(50, start=100))
+        await settle(app, pilot)
+        assert rpms(app) == list(range(130, 150))
+        text = page(app)
+        assert "/dev/ttyUSB0" in text
+        assert "rec /tmp/a.mcap" in text
+        assert "LIVE" in text
+        assert "150 rows" in text
+
+    play(feed, scenario)
+
+
+def test_rows_beyond_the_bound_leave_and_the_cursors_row_stays(feed: Any, speed_rows: Rows) -> None:
+    app = SniffApp(feed, StartOptions(keep_rows=1000))
+    feed.give(speed_rows(1000))
+
+    async def run() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            await settle(app, pilot)
+            table(app).jump(700)
+            for start in (1000, 1600):
+                feed.give(speed_rows(600, start=start))
+                await settle(app, pilot)
+                row = table(app).cursor_row
+                assert row is not None
+                assert row.offset == 10 * max(700, start + 600 - 1000)
+                assert table(app).viewport.count == 1000
+            assert "2,200 rows" in page(app)
+
+    asyncio.run(run())
+
+
+def test_the_help_is_shown_and_put_away(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "question_mark")
+        await pilot.pause()
+        assert "one row up; leaves the end" in page(app)
+        await press(app, pilot, "pagedown", "j", "q")
+        assert app.is_running
+        assert app.focused is table(app)
+
+    play(feed, scenario, (80, 40))
+
+
+def test_the_help_moves_to_its_ends_and_says_how_much_more_there_is(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await rush(app, pilot, "question_mark", "end")
+        await pilot.pause()
+        assert "motor = 1 AND" in page(app)
+        assert "more lines" not in page(app)
+        await press(app, pilot, "home")
+        await pilot.pause()
+        assert "one row up; leaves the end" in page(app)
+        before = int(re.findall(r"(\d+) more lines", page(app))[0])
+        await press(app, pilot, "pagedown")
+        await pilot.pause()
+        assert int(re.findall(r"(\d+) more lines", page(app))[0]) < before - 10
+
+    play(feed, scenario)
+
+
+def test_keys_typed_ahead_put_the_help_away_once(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "question_mark")
+        await pilot.pause()
+        assert len(app.screen_stack) == 2
+        for _ in range(5):
+            app.post_message(events.Key("escape", None))
+        await pilot.pause()
+        assert len(app.screen_stack) == 1
+        assert app.focused is table(app)
+
+    play(feed, scenario)
+
+
+def test_every_key_of_the_help_does_something(feed: Any) -> None:
+    def actions(app: SniffApp) -> set[str]:
+        return {
+            f"{active.binding.action}" for active in app.active_bindings.values() if active.enabled
+        }
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        promised = {key.action for _, keys in SECTIONS for key in keys}
+        assert promised <= actions(app)
+        for action in promised:
+            name = f"action_{action.split('(')[0]}"
+            assert hasattr(app, name) or hasattr(table(app), name)
+
+    play(feed, scenario)
+
+
+def test_an_ended_feed_says_why_and_can_still_be_looked_at(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1001))
+        feed.end("/dev/ttyUSB0 was pulled out")
+        await settle(app, pilot)
+        assert "ENDED" in page(app)
+        assert "ended: /dev/ttyUSB0 was pulled out" in page(app)
+        assert "1,001 frames/s" in page(app)
+        await press(app, pilot, "g")
+        assert rpms(app)[0] == 0
+
+    play(feed, scenario)
+
+
+def test_a_recording_that_stops_is_told_while_the_rows_go_on(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        feed.state = replace(feed.state, recording=None, trouble="recording stopped: disk full")
+        await settle(app, pilot)
+        assert "recording stopped: disk full" in page(app)
+        assert "LIVE" in page(app)
+        await press(app, pilot, "escape")
+        assert "recording stopped" not in page(app)
+
+    play(feed, scenario)
+
+
+def test_the_screen_closes_with_its_feed_where_it_is_to(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(5))
+        feed.end("five rows")
+        app.tick()
+        assert not app.is_running or app._exit
+
+    play(feed, scenario, at_end=AtEnd.LEAVE)
+
+
+def test_a_feed_that_fails_closes_the_screen(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        def poll() -> None:
+            raise PortError("/dev/ttyUSB0 is gone: plug it in")
+
+        feed.poll = poll
+        app.tick()
+
+    app = play(feed, scenario)
+    assert isinstance(app.failure, PortError)
+
+
+def test_a_file_begins_at_its_first_row_and_shows_how_far_it_is_read(
+    feed: Any, speed_rows: Rows
+) -> None:
+    feed.state = replace(feed.state, live=False, progress=0.0, recording=None)
+    feed.give(speed_rows(1000))
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.state = replace(feed.state, progress=0.42)
+        feed.give(speed_rows(1001, start=1000))
+        await settle(app, pilot)
+        assert rpms(app)[0] == 0
+        assert "LOADING  42%" in page(app)
+        assert "1,000 frames/s" in page(app)
+        feed.state = replace(feed.state, running=False, progress=None)
+        await settle(app, pilot)
+        assert "FILE" in page(app)
+        assert "ended" not in page(app)
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize("key", ["q", "ctrl+q", "ctrl+c"])
+def test_quits(feed: Any, key: str) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, key)
+        assert app._exit
+
+    assert play(feed, scenario).return_code == 0
+
+
+def test_text_from_outside_is_shown_and_never_obeyed(feed: Any, speed_rows: Rows) -> None:
+    evil = "[bold red]\x1b]0;owned\x07/dev/串口[/]"
+    harmless = r"[bold red]\x1b]0;owned\x07/dev/串口[/]"
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.state = replace(feed.state, title=evil, recording=f"/tmp/{evil}\udcff.mcap")
+        feed.give([*speed_rows(3, port=evil), *speed_rows(3, port="b")])
+        feed.emit(PortEvent(0, evil, PortEventKind.LOST, evil))
+        await settle(app, pilot)
+        await press(app, pilot, "up", "up", "up", "enter")
+        await settle(app, pilot)
+        assert page(app).count(harmless) >= 4
+        feed.end(evil)
+        await settle(app, pilot)
+        assert f"ended: {harmless}" in page(app)
+        assert "\x1b" not in page(app)
+
+    play(feed, scenario, (200, 60))
+
+
+def test_each_row_says_its_port_where_there_are_two(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(3))
+        await settle(app, pilot)
+        assert "port" not in lines(app)[1]
+        feed.give(speed_rows(3, port="/dev/ttyUSB1"))
+        await settle(app, pilot)
+        assert "port" in lines(app)[1]
+        assert "ttyUSB0" in lines(app)[2]
+        assert "ttyUSB1" in lines(app)[5]
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    ("size", "colour"),
+    [
+        ((3, 2), "colour"),
+        ((20, 5), "colour"),
+        ((40, 10), "colour"),
+        ((80, 24), "colour"),
+        ((200, 60), "colour"),
+        ((40, 10), "no colour"),
+        ((80, 24), "no colour"),
+        ((80, 24), "light"),
+    ],
+)
+def test_every_size_and_colour_scheme_draws(
+    feed: Any,
+    speed_rows: Rows,
+    odd_rows: list[Row],
+    monkeypatch: pytest.MonkeyPatch,
+    size: tuple[int, int],
+    colour: str,
+) -> None:
+    if colour == "no colour":
+        monkeypatch.setenv("NO_COLOR", "1")
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        if colour == "light":
+            app.theme = "textual-light"
+        feed.give([*speed_rows(30), *odd_rows])
+        await settle(app, pilot)
+        await press(app, pilot, "enter", "up", "right", "right", "f")
+        await type_line(app, pilot, "mot")
+        await press(app, pilot, "escape", "question_mark")
+        assert page(app)
+        await press(app, pilot, "escape")
+        await settle(app, pilot)
+        if size[0] >= 40:
+            assert "time" in page(app)
+            assert "12:00:00" in page(app)
+        if colour == "no colour":
+            assert not re.search(r"#(?!([0-9a-f]{2})\1\1)[0-9a-f]{6}", _colours_drawn(app))
+
+    play(feed, scenario, size)
+
+
+def _colours_drawn(app: SniffApp) -> str:
+    """The colours of every cell, after the filters that the terminal's lines go through."""
+    here = table(app)
+    drawn = []
+    for y in range(here.viewport.height):
+        strip = here.render_line(y).apply_filter(app._filters[-1], here.background_colors[1])
+        for segment in strip:
+            style = segment.style
+            assert style is not None
+            drawn += [c.get_truecolor().hex for c in (style.color, style.bgcolor) if c]
+    return " ".join(drawn)
+
+
+def test_resizing_keeps_the_cursor_in_view(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(500))
+        await settle(app, pilot)
+        table(app).jump(250)
+        for size in ((40, 10), (200, 60), (80, 24), (10, 3)):
+            await pilot.resize_terminal(*size)
+            await pilot.pause()
+            view = table(app).viewport
+            assert view.cursor == 250
+            assert view.top <= 250 < view.top + max(1, view.height)
+
+    play(feed, scenario)
+
+
+KEYS = (
+    *("up", "down", "pageup", "pagedown", "home", "end", "left", "right", "g", "G", "j", "k"),
+    *("f", "F", "e", "E", "colon", "space", "p", "enter", "enter", "c", "escape", "escape"),
+    *("question_mark", "tab", "shift+tab", "1", "2", "m", "equals_sign", "backspace", "ctrl+u"),
+    *("h", "l", "n", "slash", "ctrl+d", "delete", "insert", "f5", "a", "ctrl+a", "apostrophe"),
+    *("N", "x", "X", "u", "U", "v", "y", "Y", "w", "t", "T", "C", "K", "J", "ctrl+t", "ctrl+p"),
+    *("less_than_sign", "greater_than_sign", "percent_sign", "at", "minus", "r", "enter", "up"),
+)
+
+
+@pytest.mark.parametrize(
+    ("seed", "size", "rounds"),
+    [(1, (80, 24), 40), (2, (40, 10), 40), (3, (200, 60), 5), (4, (9, 4), 20)],
+)
+def test_random_keys_never_break_it(
+    feed: Any,
+    speed_rows: Rows,
+    odd_rows: list[Row],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    seed: int,
+    size: tuple[int, int],
+    rounds: int,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    chance = random.Random(seed)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        came = 0
+        for _ in range(rounds):
+            count = chance.randrange(60)
+            feed.give([*speed_rows(count, start=came), *odd_rows])
+            came += count
+            app.tick()
+            await press(app, pilot, *chance.choices(KEYS, k=8))
+            view = app.screen_stack[0].query_one(RowTable).viewport
+            assert 0 <= view.cursor <= max(0, view.count - 1)
+        assert app.is_running
+        await press(app, pilot, *["escape"] * 8, "F", "G")
+        assert not any(field.is_open for field in app.query(PromptField))
+        await settle(app, pilot)
+        assert table(app).viewport.following
+
+    play(feed, scenario, size)
+
+
+def texts_of(picture: str) -> list[tuple[float, float, str]]:
+    """Every text on a picture, and where it stands: what other fonts and colours leave as it is."""
+    found = []
+    for attributes, text in re.findall(r"<text ([^>]*clip-path[^>]*)>([^<]*)</text>", picture):
+        place = dict(re.findall(r'(\w+)="([\d.]+)"', attributes))
+        found.append((float(place["y"]), float(place["x"]), unescape(text)))
+    return sorted(found)
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_the_screen_is_as_on_its_picture(name: str) -> None:
+    kept = (FOLDER / f"{name}.svg").read_text("utf-8")
+    assert texts_of(drawn(name)) == texts_of(kept)
+
+
+def test_there_is_no_picture_of_what_is_gone() -> None:
+    assert {path.stem for path in FOLDER.iterdir()} == set(PICTURES)

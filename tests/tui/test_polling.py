@@ -1,0 +1,412 @@
+"""When the feed is polled: wake-ups, keys, files, rows that are read again."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from time import monotonic
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from textual.pilot import Pilot
+
+from fte_sniff.analysis.feed import BaudChange, FeedUpdate, StreamChange
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
+from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.tui import app as screen
+from fte_sniff.tui import options as start_options
+from fte_sniff.tui import view_model
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes import switcher
+from fte_sniff.tui.view_model import WAKE_INTERVAL_S, PollInterval, WakeUp
+from tests.tui.conftest import (
+    NOON_NS,
+    ListFeed,
+    Rows,
+    page,
+    play,
+    press,
+    rpms,
+    settle,
+    table,
+    type_line,
+    until,
+)
+
+
+class Resting(ListFeed):
+    """A feed that can be asked to rest."""
+
+    rests = 0
+
+    def rest(self) -> None:
+        self.rests += 1
+
+
+@given(st.lists(st.booleans()))
+def test_a_strike_of_the_clock_is_left_out_behind_a_wake(wakes: list[bool]) -> None:
+    interval = PollInterval(ListFeed())
+    for woken in wakes:
+        if woken:
+            interval.on_wake()
+        assert interval.on_clock() is not woken
+
+
+@pytest.mark.parametrize(("keys_ns", "come"), [(0, False), (3_600_000_000_000, True)])
+def test_a_key_holds_for_a_while_and_lets_the_feed_rest(
+    monkeypatch: pytest.MonkeyPatch, keys_ns: int, come: bool
+) -> None:
+    monkeypatch.setattr(view_model, "KEY_PAUSE_NS", keys_ns)
+    feed = Resting()
+    interval = PollInterval(feed)
+    assert not interval.key_was_recent
+    interval.on_key()
+    assert interval.key_was_recent is come
+    assert feed.rests == 1
+
+
+def test_a_feed_that_cannot_wake_nor_rest_is_looked_at_by_the_clock() -> None:
+    interval = PollInterval(ListFeed())
+    interval.start(pytest.fail)
+    interval.on_key()
+    interval.stop()
+    assert interval.on_clock()
+
+
+BOUND_S = 60.0
+
+
+class WakingFeed(ListFeed):
+    """A feed that can be waited for, as a capture process is."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._near, self._far = socket.socketpair()
+        self._near.setblocking(False)
+        self.polls = 0
+
+    @property
+    def descriptor(self) -> int:
+        return self._near.fileno()
+
+    def call(self) -> None:
+        """Let it be heard that there is something."""
+        self._far.send(b".")
+
+    def hang_up(self) -> None:
+        """From now on it can be read from for ever."""
+        self._far.close()
+
+    def poll(self) -> FeedUpdate:
+        self.polls += 1
+        with suppress(BlockingIOError):
+            self._near.recv(1 << 10)
+        return super().poll()
+
+    def close(self) -> None:
+        self._near.close()
+        self._far.close()
+
+
+@pytest.fixture
+def waking_feed() -> Iterator[WakingFeed]:
+    feed = WakingFeed()
+    yield feed
+    feed.close()
+
+
+@pytest.fixture
+def no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The screen's own clock does not strike while the test runs."""
+    monkeypatch.setattr(screen, "TICK_S", 3600.0)
+
+
+async def until_holds(pilot: Pilot[None], holds: Callable[[], bool]) -> None:
+    end = monotonic() + BOUND_S
+    while not holds():
+        assert monotonic() < end
+        await pilot.pause(0.005)
+
+
+@pytest.mark.usefixtures("no_clock")
+def test_rows_that_come_are_shown_without_a_clock(
+    waking_feed: WakingFeed, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        for count in (1, 2, 3):
+            waking_feed.give(speed_rows(1, start=count - 1))
+            waking_feed.call()
+            await until_holds(pilot, lambda count=count: f"{count} rows" in page(app))  # type: ignore[misc]
+
+    play(waking_feed, scenario)
+
+
+@pytest.mark.usefixtures("no_clock")
+def test_a_feed_that_has_ended_wakes_nobody(waking_feed: WakingFeed) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        waking_feed.end("unplugged")
+        waking_feed.hang_up()
+        await until_holds(pilot, lambda: "unplugged" in page(app))
+        polls = waking_feed.polls
+        await pilot.pause(3 * WAKE_INTERVAL_S)
+        assert waking_feed.polls == polls
+
+    play(waking_feed, scenario)
+
+
+def test_a_feed_cannot_hurry_the_screen() -> None:
+    async def scenario() -> None:
+        near, far = socket.socketpair()
+        woken: list[float] = []
+        third = asyncio.Event()
+
+        def wake() -> None:
+            woken.append(monotonic())
+            if len(woken) == 3:
+                third.set()
+
+        with near, far:
+            far.send(b".")  # never read: it can be read from all the time
+            waking = WakeUp(near.fileno(), wake)
+            await asyncio.wait_for(third.wait(), BOUND_S)
+            waking.stop()
+            waking.stop()
+        assert woken[2] - woken[0] >= 1.9 * WAKE_INTERVAL_S
+
+    asyncio.run(scenario())
+
+
+def test_port_events_of_a_file_are_told_once_and_calmly(feed: Any, speed_rows: Rows) -> None:
+    feed.state = replace(feed.state, live=False)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        for at in range(300):
+            feed.emit(PortEvent(NOON_NS + at, "/dev/ttyUSB0", PortEventKind.LINE_ERROR, "", 1))
+        feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LOST, "gone"))
+        feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.CLOSED, ""))
+        await settle(app, pilot)
+        assert "lost" not in page(app)
+        feed.end("")
+        await settle(app, pilot)
+        words = page(app)
+        assert "i port events while it was recorded: line error 300, lost 1" in words
+        await press(app, pilot, "S")
+        await settle(app, pilot)
+        assert "line error 300" in page(app)
+
+    play(feed, scenario, size=(120, 40))
+
+
+def test_what_every_recording_has_is_worth_no_word(feed: Any, speed_rows: Rows) -> None:
+    feed.state = replace(feed.state, live=False)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.OPENED, ""))
+        feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.CLOSED, ""))
+        feed.end("")
+        await settle(app, pilot)
+        assert "port events" not in page(app)
+
+    play(feed, scenario, size=(120, 40))
+
+
+def test_keys_come_before_the_rows_of_a_file(
+    feed: Any, speed_rows: Rows, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rests: list[bool] = []
+    feed.rest = lambda: rests.append(True)
+    feed.state = replace(feed.state, live=False)
+    monkeypatch.setattr(view_model, "KEY_PAUSE_NS", 3_600_000_000_000)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        assert rests == []
+        await press(app, pilot, "slash")
+        assert rests == [True]
+        feed.give(speed_rows(10, start=10))
+        await settle(app, pilot)
+        assert len(app._model.store) == 10
+        await type_line(app, pilot, "rpm")
+        assert "rpm" in page(app)
+        monkeypatch.setattr(view_model, "KEY_PAUSE_NS", 0)
+        await settle(app, pilot)
+        assert len(app._model.store) == 20
+
+    play(feed, scenario)
+
+
+def test_keys_do_not_keep_a_wire_waiting(feed: Any, speed_rows: Rows) -> None:
+    feed.rest = pytest.fail
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "k")
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        assert len(app._model.store) == 10
+
+    play(feed, scenario)
+
+
+def test_what_a_file_tells_of_its_ports_is_told_in_chinese(feed: Any, speed_rows: Rows) -> None:
+    feed.state = replace(feed.state, live=False)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LOST, "gone"))
+        feed.end("")
+        await settle(app, pilot)
+        assert "lost" not in page(app)
+
+    play(feed, scenario, size=(120, 40), options=StartOptions(language="zh"))
+
+
+def test_a_gap_in_a_file_is_no_silence(feed: Any, speed_rows: Rows) -> None:
+    """What stands between rows gets to the numbers, whatever came before."""
+    feed.state = replace(feed.state, live=False)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        feed.give([*speed_rows(10, start=10), *speed_rows(10, start=5000)])
+        baud = BaudChange("/dev/ttyUSB0", 57_600)
+        feed.changes = [StreamChange(10, Gap(GapKind.DAMAGE)), StreamChange(10, baud)]
+        feed.end("")
+        await settle(app, pilot)
+        await press(app, pilot, "S")
+        for _round in range(200):
+            await settle(app, pilot)
+            if "57,600 baud" in (words := page(app)):
+                break
+        assert "57,600 baud" in words
+        assert "longest silence 132 µs" in words
+
+    play(feed, scenario, size=(120, 40))
+
+
+class Rereading:
+    """A file that can be taken away."""
+
+    def __init__(self, rows: list[Row]) -> None:
+        self.rows = rows
+        self.gone = False
+        self.starts: list[int] = []
+
+    def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
+        if self.gone:
+            raise FileError("run.mcap: there is no such file any more")
+        self.starts.append(start)
+        return RowBatch.from_rows(self.rows[start : start + count], codebook)
+
+
+@pytest.fixture
+def few_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of a hundred rows, of which two stay."""
+
+    def small(bound: int, source: Any, most_blocks: int) -> RowStore:
+        return RowStore(bound, 100, source, 2)
+
+    monkeypatch.setattr(start_options, "RowStore", small)
+
+
+@pytest.mark.usefixtures("few_in_memory")
+def test_rows_that_were_dropped_are_read_again_as_one_goes_there(
+    feed: Any, speed_rows: Rows
+) -> None:
+    rows = speed_rows(3000)
+    app = SniffApp(feed, source=Rereading(rows))
+
+    async def run() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            feed.give(rows)
+            await settle(app, pilot)
+            await press(app, pilot, "g")
+            assert rpms(app)[0] == 0
+            await press(app, pilot, "slash")
+            await type_line(app, pilot, "rpm=1234")
+            await press(app, pilot, "enter")
+            assert table(app).viewport.cursor == 1234
+            await press(app, pilot, "f")
+            await type_line(app, pilot, "motor = 1")
+            await press(app, pilot, "enter", "g")
+            await settle(app, pilot)
+            assert rpms(app)[:3] == [0, 4, 8]
+            assert "750 of 3,000 rows" in page(app)
+
+    asyncio.run(run())
+
+
+@pytest.mark.usefixtures("few_in_memory")
+def test_rows_that_cannot_be_read_any_more_end_the_screen_with_a_reason(
+    feed: Any, speed_rows: Rows
+) -> None:
+    source = Rereading(speed_rows(3000))
+    app = SniffApp(feed, source=source)
+
+    async def run() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            feed.give(source.rows)
+            await settle(app, pilot)
+            source.gone = True
+            await press(app, pilot, "slash")
+            await type_line(app, pilot, "rpm=1234")
+            await press(app, pilot, "enter")
+            await settle(app, pilot)
+            assert "run.mcap: there is no such file any more" in page(app)
+            assert app.failure is None
+            await press(app, pilot, "g")
+            await settle(app, pilot)
+
+    asyncio.run(run())
+    assert isinstance(app.failure, FileError)
+
+
+class Pieces(ListFeed):
+    """A file that is read faster than it is counted: a hundred rows at each look."""
+
+    def __init__(self, rows: list[Row]) -> None:
+        super().__init__()
+        self._left = rows
+        self.state = replace(self.state, live=False, recording=None)
+
+    def poll(self) -> FeedUpdate:
+        self.give(self._left[:100])
+        self._left = self._left[100:]
+        if not self._left:
+            self.end("")
+        return super().poll()
+
+
+def test_rows_are_counted_before_they_leave_memory(
+    monkeypatch: pytest.MonkeyPatch, speed_rows: Rows
+) -> None:
+    def small(bound: int, source: Any, most_blocks: int) -> RowStore:
+        return RowStore(bound, 100, source, 8)
+
+    monkeypatch.setattr(start_options, "RowStore", small)
+    monkeypatch.setattr(switcher, "STEP_ROWS", 50)
+    monkeypatch.setattr(switcher, "CLOSED_BUDGET_S", 0.0)
+    rows = speed_rows(1200)
+    source = Rereading(rows)
+    app = SniffApp(Pieces(rows), source=source)
+
+    async def run() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            await until(app, pilot, lambda: "ENDED" in page(app) or "FILE" in page(app))
+            await press(app, pilot, "S")
+            # What is left, and does not yet leave memory, is counted while somebody looks.
+            await until(app, pilot, lambda: "rows to go" not in page(app))
+
+    asyncio.run(run())
+    # The first block is where the cursor stays.
+    assert set(source.starts) <= {0}

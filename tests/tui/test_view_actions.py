@@ -1,0 +1,411 @@
+"""Times, columns, themes, the list of commands and the scroll bar."""
+
+from __future__ import annotations
+
+import re
+from datetime import timedelta, timezone
+from typing import Any
+from zoneinfo import ZoneInfo
+
+import pytest
+from textual import events
+from textual.pilot import Pilot
+
+from fte_sniff.protocol import Damage, Fault, Frame, PortEvent, PortEventKind, Row
+from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.i18n import THEMES
+from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes.detail import DetailPane
+from fte_sniff.tui.pickers import ColumnChooser, Picker
+from fte_sniff.tui.table.columns import TableView, TimeStyle, layout_for
+from fte_sniff.tui.table.widget import RowTable
+from tests.tui.conftest import (
+    NOON_NS,
+    Rows,
+    lines,
+    page,
+    play,
+    press,
+    rpms,
+    rush,
+    settle,
+    table,
+    type_line,
+    wheel,
+)
+
+
+@pytest.mark.parametrize("key", ["up", "pageup", "g", "E"])
+def test_leaves_the_end_and_stays_where_one_reads(feed: Any, speed_rows: Rows, key: str) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([*_odd(feed), *speed_rows(100)])
+        await settle(app, pilot)
+        await press(app, pilot, key)
+        where, shown = table(app).viewport.cursor, table(app).viewport.top
+        feed.give(speed_rows(500, start=100))
+        await settle(app, pilot)
+        view = table(app).viewport
+        assert (view.following, view.cursor, view.top) == (False, where, shown)
+        assert view.cursor < 100
+        assert f"SCROLLED +{601 - shown - view.height:,}" in page(app)
+        await press(app, pilot, "G")
+        await pilot.pause()
+        assert table(app).viewport.following
+        assert rpms(app)[-1] == 599
+        assert "LIVE" in page(app)
+
+    play(feed, scenario)
+
+
+def _odd(feed: Any) -> list[Row]:
+    from fte_sniff.protocol import Damage, Fault
+
+    return [Damage(feed.state.title, 0, b"\x00", 0, (Fault.NOISE,))]
+
+
+def test_the_wheel_leaves_the_end_and_takes_it_up_again(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        await wheel(app, pilot, events.MouseScrollUp)
+        assert not table(app).viewport.following
+        assert rpms(app) == list(range(77, 97))
+        await wheel(app, pilot, events.MouseScrollDown)
+        assert table(app).viewport.following
+
+    play(feed, scenario)
+
+
+def test_columns_move_sideways_as_far_as_there_are_any(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(5))
+        await settle(app, pilot)
+        await press(app, pilot, *["right"] * 40)
+        await settle(app, pilot)
+        assert lines(app)[1].rstrip().endswith("cmd")
+        assert "12:00:00.004" in page(app)
+        await press(app, pilot, *["left"] * 40)
+        await settle(app, pilot)
+        assert lines(app)[1].strip().startswith("time UTC     kind")
+
+    play(feed, scenario)
+
+
+def test_a_click_puts_the_cursor_there(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        await pilot.click(RowTable, offset=(20, 3))
+        assert table(app).viewport.cursor == 83
+        assert not table(app).viewport.following
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize("key", ["space", "p"])
+def test_pause_freezes_the_view_and_counts_what_is_new(
+    feed: Any, speed_rows: Rows, key: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        await press(app, pilot, key)
+        feed.give(speed_rows(1234, start=100))
+        await settle(app, pilot)
+        assert rpms(app) == list(range(80, 100))
+        assert "PAUSED, 1,234 new" in page(app)
+        assert "1,334 rows" in page(app)
+        await press(app, pilot, "end" if key == "p" else key)
+        assert rpms(app)[-1] == 1333
+        assert "LIVE" in page(app)
+
+    play(feed, scenario)
+
+
+def test_pause_keeps_its_rows_under_a_filter_too(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        await press(app, pilot, "space", "f")
+        await type_line(app, pilot, "motor = 1")
+        await press(app, pilot, "enter")
+        feed.give(speed_rows(100, start=100))
+        await settle(app, pilot)
+        assert rpms(app)[-1] == 96
+        assert "PAUSED, 25 new" in page(app)
+
+    play(feed, scenario)
+
+
+def test_times_are_local_where_asked_and_a_time_that_is_typed_then_is(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(1000))
+        await settle(app, pilot)
+        await press(app, pilot, "g", "t")
+        await settle(app, pilot)
+        assert "time +05:30" in page(app)
+        assert table(app).render_line(0).text.startswith("  17:30:00.000")
+        await press(app, pilot, "colon")
+        await type_line(app, pilot, "17:30:00.5")
+        await press(app, pilot, "enter")
+        assert table(app).viewport.cursor == 500
+        await press(app, pilot, "colon")
+        await type_line(app, pilot, "2026-01-31 17:31")
+        await press(app, pilot, "enter")
+        await pilot.pause()
+        assert "2026-01-31 17:31 is after the last row (17:30:00.999)" in page(app)
+        await press(app, pilot, "t", "t", "t")
+        await settle(app, pilot)
+        assert "time UTC" in page(app)
+
+    play(feed, scenario, options=StartOptions(zone=ZoneInfo("Asia/Kolkata")))
+
+
+def test_local_times_hold_for_panes_and_notices_too(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(3))
+        await settle(app, pilot)
+        for pane in ("enter", "M", "S"):
+            await press(app, pilot, pane)
+            assert "12:00:00" in page(app)
+            await press(app, pilot, "t")
+            assert "17:30:00" in page(app)
+            assert "12:00:00" not in page(app)
+            await press(app, pilot, "T", pane)
+        await press(app, pilot, "enter", "t")
+        assert "2026-01-31T17:30:00.002000000+05:30" in page(app)
+        feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LOST, ""))
+        await settle(app, pilot)
+        assert "17:30:00.000  /dev/ttyUSB0 lost" in page(app)
+
+    play(feed, scenario, size=(120, 50), options=StartOptions(zone=ZoneInfo("Asia/Kolkata")))
+
+
+def test_a_narrow_head_still_names_the_zone() -> None:
+    look = TableView(times=TimeStyle.LOCAL, zone=timezone(timedelta(hours=8)))
+    assert layout_for(40, look).columns[0].head_cell.split() == ["+08:00"]
+
+
+def times(app: SniffApp) -> list[str]:
+    """What stands in the column of times of the rows in view."""
+    here = table(app)
+    texts = [here.render_line(y).text for y in range(here.viewport.height)]
+    return [text[2:14].strip() for text in texts if text.strip()]
+
+
+def test_times_count_from_the_start_the_row_before_and_a_mark(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        await press(app, pilot, "G", "t")
+        assert times(app)[-1] == "+0.099000"
+        assert lines(app)[1].strip().startswith("+ start")
+        await press(app, pilot, "t")
+        assert set(times(app)) == {"+0.001000"}
+        await press(app, pilot, "t")
+        assert times(app)[-1] == "12:00:00.099"
+        table(app).jump(90)
+        await press(app, pilot, "m", "T", "end")
+        assert times(app)[-1] == "+0.009000"
+        assert "-0.001000" in times(app)
+        await press(app, pilot, "T")
+        assert re.search("times count from the row before", page(app))
+        await press(app, pilot, "g")
+        assert times(app)[1] == "+0.001000"
+
+    play(feed, scenario)
+
+
+def test_columns_are_chosen_ordered_and_sized(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(5))
+        await settle(app, pilot)
+        await press(app, pilot, "C")
+        assert isinstance(app.screen, ColumnChooser)
+        await settle(app, pilot)
+        assert "[x] kind" in page(app)
+        await press(app, pilot, "space", "down", "K", "less_than_sign", "less_than_sign", "enter")
+        await settle(app, pilot)
+        assert lines(app)[1].split()[:2] == ["kind", "values"]
+        assert table(app).columns[0].width == 9
+        await press(app, pilot, "C", "down", "space", "escape")
+        await settle(app, pilot)
+        assert lines(app)[1].split()[0] == "kind"
+        await press(app, pilot, "C", "r")
+        await settle(app, pilot)
+        assert lines(app)[1].split()[:3] == ["time", "UTC", "kind"]
+
+    play(feed, scenario)
+
+
+def test_no_column_at_all_is_no_choice_and_a_single_one_is(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(5))
+        await settle(app, pilot)
+        count = len(table(app).columns)
+        await press(app, pilot, "C", *(["space", "down"] * count), "enter")
+        await settle(app, pilot)
+        assert len(table(app).columns) == count
+        await press(app, pilot, "C", *(["space", "down"] * (count - 1)), "enter", "right", "left")
+        await settle(app, pilot)
+        assert len(table(app).columns) == 1
+
+    play(feed, scenario)
+
+
+def test_the_mouse_opens_rows_and_the_chooser(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(50))
+        await settle(app, pilot)
+        await pilot.click(RowTable, offset=(20, 3), times=2)
+        await settle(app, pilot)
+        assert app.query_one(DetailPane).display
+        await pilot.click("TableHeader", offset=(20, 0))
+        await settle(app, pilot)
+        assert isinstance(app.screen, ColumnChooser)
+        y = next(y for y, line in enumerate(lines(app)) if "[x] kind" in line)
+        await pilot.click(offset=(20, y))
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert "kind" not in lines(app)[1]
+
+    play(feed, scenario)
+
+
+def test_the_scroll_bar_reaches_every_row(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(30_000))
+        await settle(app, pilot)
+        here = table(app)
+        assert here.max_scroll_y == round(here.scroll_y)
+        await press(app, pilot, "g")
+        assert here.scroll_y == 0
+        bar = here.vertical_scrollbar
+        await pilot.click(bar, offset=(0, bar.size.height - 1))
+        await settle(app, pilot)
+        assert here.viewport.top == here.viewport.height
+
+    play(feed, scenario)
+
+
+def test_the_scroll_bar_is_left_alone_while_it_looks_the_same(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(30_000))
+        await settle(app, pilot)
+        here = table(app)
+        before = (here.virtual_size, here.scroll_y)
+        for start in range(30_000, 31_000, 100):
+            feed.give(speed_rows(100, start=start))
+            await settle(app, pilot)
+        assert (here.virtual_size, here.scroll_y) == before
+
+    play(feed, scenario)
+
+
+def test_rows_without_times_have_none_to_count_from(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([Damage("p", 0, b"\x01", None, (Fault.NOISE,))])
+        await settle(app, pilot)
+        for key in ("t", "T"):
+            await press(app, pilot, key)
+            assert "no row here has a time to go by" in page(app)
+            assert "time UTC" in page(app)
+            assert "+ start" not in page(app)
+
+    play(feed, scenario)
+
+
+def test_themes_are_switched_around(feed: Any, speed_rows: Rows, odd_rows: list[Row]) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give([*speed_rows(10), *odd_rows])
+        seen = []
+        for _ in THEMES:
+            await press(app, pilot, "ctrl+t")
+            await settle(app, pilot)
+            seen.append(app.theme)
+            assert f"theme {app.theme}" in page(app)
+        assert sorted(seen) == sorted(THEMES)
+
+    play(feed, scenario)
+
+
+def test_everything_can_be_picked_from_a_list(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        await rush(app, pilot, "ctrl+p", *"first", "enter")
+        assert table(app).viewport.cursor == 0
+        await rush(app, pilot, "ctrl+p", *"filter", "space", *"rows", "enter", *"rpm", "escape")
+        assert app.focused is table(app)
+        await press(app, pilot, "ctrl+p")
+        assert isinstance(app.screen, Picker)
+        await press(app, pilot, *["down"] * 60, "pageup", "home", "end", "backspace", "escape")
+        assert len(app.screen_stack) == 1
+        await rush(app, pilot, "ctrl+p", *"freeze", "enter")
+        assert table(app).viewport.paused
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize("typed", ["[/", '[a="', "[/x]", "[b]"])
+def test_what_is_typed_into_a_list_is_shown_and_not_obeyed(
+    feed: Any, speed_rows: Rows, typed: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        for list_key in ("ctrl+p", "x"):
+            await press(app, pilot, list_key)
+            await press(app, pilot, *typed)
+            box = app.screen.query_one("#picker")
+            assert box._border_subtitle is not None
+            assert f"{typed}_" in box._border_subtitle.plain
+            await press(app, pilot, "escape")
+        assert len(app.screen_stack) == 1
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 2), (20, 5), (40, 10)])
+def test_lists_draw_on_the_smallest_terminals(
+    feed: Any, speed_rows: Rows, size: tuple[int, int]
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(100))
+        await settle(app, pilot)
+        for key in ("ctrl+p", "x", "C"):
+            await press(app, pilot, key, "down", "down")
+            await settle(app, pilot)
+            assert len(app.screen_stack) == 2
+            page(app)
+            await pilot.resize_terminal(50, 8)
+            await settle(app, pilot)
+            await pilot.resize_terminal(*size)
+            await press(app, pilot, "escape")
+            assert len(app.screen_stack) == 1
+
+    play(feed, scenario, size)
+
+
+def test_forty_cells_show_time_kind_and_values_side_by_side(feed: Any, speed_rows: Rows) -> None:
+    from fte_sniff.protocol import KIND_BY_NAME, encode
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        fast = encode(KIND_BY_NAME["speed_feedback"], {"motor": 4, "rpm": -30_000})
+        far = encode(KIND_BY_NAME["position_feedback"], {"motor": 4, "pulses": -(2**31)})
+        feed.give([Frame("a", 0, raw, 1_000_000_000) for raw in (fast, far)])
+        await settle(app, pilot)
+        drawn = [table(app).render_line(y).text.rstrip() for y in range(2)]
+        assert drawn == [
+            "  00:01.000 speed fb motor=4 rpm=-30000",
+            "  00:01.000 posit fb M4 p=-2147483648",
+        ]
+        feed.give(speed_rows(2, port="/dev/ttyUSB0") + speed_rows(2, port="/dev/ttyUSB1"))
+        await settle(app, pilot)
+        drawn = [table(app).render_line(y).text.rstrip() for y in range(6)]
+        assert len({line[12:16] for line in drawn[2:]}) == 2
+        assert drawn[-1].endswith(" motor=2 rpm=1")
+
+    play(feed, scenario, (40, 12))
