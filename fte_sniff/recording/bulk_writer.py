@@ -22,10 +22,8 @@ from fte_sniff.recording.mcap.append_file import Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile, PackedChunk, packed
 from fte_sniff.recording.messages.codec import encodable_items
-from fte_sniff.recording.messages.packer import Channels, ColumnPacker
-from fte_sniff.recording.messages.schema import Topic
-from fte_sniff.recording.metadata import PortFacts, library_name, recording_facts
-from fte_sniff.recording.writer import METADATA_NAME
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.writer import begin_recording
 from fte_sniff.row_batch import Array, RowBatch
 
 
@@ -115,18 +113,10 @@ class _Writer:
         self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str]
     ) -> None:
         keep_freed_memory()
-        self._channels = Channels()
-        self._packer = ColumnPacker(self._channel_id)
-        self._last_time = 0
         known = {port.name: port for port in ports}
-        about = recording_facts(tuple(known.values()), facts)
-        self._file = McapFile(
-            Stream(descriptor),
-            library_name(),
-            Metadata(METADATA_NAME, encodable_items(about)),
-            self._channels.schemas(),
-            [channel for port in known.values() for channel in self._channels.of_port(port)],
-        )
+        target = Stream(descriptor)
+        self._file, self._packer = begin_recording(target, list(known.values()), facts)
+        self._last_time = 0
 
     def write_all(self, batches: Iterable[RowBatch]) -> None:
         with BackgroundPacker(self._file) as packer:
@@ -153,11 +143,6 @@ class _Writer:
 
     def _log_times(self, times: Array) -> Array:
         return np.maximum(np.maximum.accumulate(times), self._last_time) if len(times) else times
-
-    def _channel_id(self, port: str, topic: Topic) -> int:
-        for channel in self._channels.of_port(PortFacts(port)):
-            self._file.add_channel(channel)
-        return self._channels.id_of(port, topic)
 
 
 def _check_times(rows: RowBatch) -> None:

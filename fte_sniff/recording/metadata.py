@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -56,7 +56,7 @@ def host_facts(start_ns: int) -> dict[str, str]:
     }
 
 
-def recording_facts(ports: tuple[PortFacts, ...], facts: Mapping[str, str]) -> dict[str, str]:
+def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dict[str, str]:
     """The file's own metadata record: its library, the caller's `facts`, and each port."""
     found = {"library": library_name(), **facts}
     for number, port in enumerate(ports, 1):

@@ -1,10 +1,8 @@
 """Path choice, existing files, pipes, refusals.
 
 A lock (flock) keeps a second program from replacing a file that is being written. A file gets its
-name only with its head in it (O_TMPFILE), so nobody finds an empty one. A file that is to be
-replaced stays until then: the new one is written to a temporary file in the same folder, which
-takes over the name. On file systems without O_TMPFILE (FAT, some network file systems) a new file
-has its name from the beginning.
+name once its head is written (O_TMPFILE), so none is ever empty; what it replaces stays until then.
+On file systems without O_TMPFILE (FAT, some network file systems) it has its name at once.
 """
 
 from __future__ import annotations
@@ -83,7 +81,7 @@ class Existing(Enum):
 
 
 class OutputPath:
-    """The file of one recording, from its creation to its close."""
+    """The file of one recording."""
 
     path: Path
     """The file's name once `commit` was called."""
@@ -237,10 +235,7 @@ STDOUT = Path("-")
 
 
 class StreamOutput:
-    """An output that is written in sequence: standard output, a pipe, a device.
-
-    It has the interface of `OutputPath`.
-    """
+    """Standard output, a pipe or a device, with the interface of `OutputPath`."""
 
     is_gone = is_deleted = False
     """Unused: writing to a stream without a reader fails."""

@@ -1,8 +1,7 @@
 """Recorder: rows in, files out, gaps on write errors, rotation.
 
-A disk error never stops the capture. A file that cannot be written any more keeps what was flushed
-to it; the other rows go into the next file. While no file can be made, rows are only counted, and
-the next file reports the gap:
+A disk error never stops the capture. Rows that were not flushed go into the next file. While no
+file can be made, rows are only counted, and the next file reports the gap:
 
     name_00001 --rotation--> name_00002 --disk full--> (gap) --space again--> name_00003
 """
@@ -108,7 +107,7 @@ class Recorder:
             facts: further items for each file's metadata.
             existing: what to do if the file exists.
             options: limits, rotation and the trigger window.
-            select: the trigger; used if `options` have a trigger window.
+            select: selects the rows that trigger.
 
         Raises:
             FileError: the file cannot be made, or the disk has too little space for it.
@@ -132,12 +131,8 @@ class Recorder:
         writer = self._open(self._files.first, self._files.existing, facts)
         self._files.opened(writer.path)
         self._writer: RecordingWriter | None = writer
-        self._last = writer.path
-
-    @property
-    def path(self) -> Path:
+        self.path = writer.path
         """The current file, or the last one."""
-        return self._last
 
     @property
     def failure(self) -> FileError | None:
@@ -164,8 +159,8 @@ class Recorder:
         if trigger is not None:
             recorded = trigger.seen - trigger.dropped - self._missed_rows
             triggered = recorded, trigger.seen, trigger.events
-        first = files.oldest or self._last
-        return Outcome(first, self._last, files.deleted_files, files.deleted_rows, triggered)
+        first = files.oldest or self.path
+        return Outcome(first, self.path, files.deleted_files, files.deleted_rows, triggered)
 
     def changes(self) -> list[Change]:
         """The changes since the previous call."""
@@ -199,7 +194,7 @@ class Recorder:
             self._check_limits()
 
     def close(self) -> None:
-        """Push all rows to the disk and close the file. Closing again does nothing."""
+        """Flush, and close the file. Closing again does nothing."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -244,7 +239,7 @@ class Recorder:
     def _open_next(self) -> RecordingWriter:
         """The writer of the next file; raises FileError."""
         path, existing = self._files.next_path()
-        facts = {"part": str(self._file_number + 1), "previous": self._last.name}
+        facts = {"part": str(self._file_number + 1), "previous": self.path.name}
         return self._open(path, existing, facts)
 
     def _fail(self, writer: RecordingWriter, failure: FileError) -> None:
@@ -302,7 +297,7 @@ class Recorder:
         self._failure = None
         self._file_number += 1
         self._files.opened(writer.path)
-        self._writer, self._last = writer, writer.path
+        self._writer, self.path = writer, writer.path
         self._changes.append(Change(writer.path))
 
     def _rotate_if_due(self, writer: RecordingWriter) -> None:

@@ -84,7 +84,7 @@ class UnpackedMessages:
 
     @property
     def span(self) -> tuple[int, int]:
-        """First and last time, nanoseconds since 1970 UTC; there must be a message."""
+        """First and last time, nanoseconds since 1970 UTC; needs a message."""
         return int(self.batch.times.min()), int(self.batch.times.max())
 
     def select(self, kept: NDArray[np.bool_]) -> McapBatch:
@@ -231,11 +231,10 @@ class _RepairJob:
                 self._copy(found, file)
             file.close()
             target.commit()
-        except OSError as error:
+        except BaseException as error:
             target.discard()
-            raise unwritable(output, error) from error
-        except BaseException:
-            target.discard()
+            if isinstance(error, OSError):
+                raise unwritable(output, error) from error
             raise
         target.close()
 

@@ -18,19 +18,14 @@ from fte_sniff.errors import FileError, TranslatableText, unwritable
 from fte_sniff.recording.output_file import Existing, is_stream
 
 DEFAULT_FLUSH_S = 1.0
-"""Seconds between two flushes: a kill or a power cut costs the rows of this time.
-
-A flush waits twice for the disk and writes a new index, and each chunk makes the index longer, so
-twice as many flushes a second make the files of a long capture twice as many.
-"""
+"""Seconds between two flushes: a kill or a power cut costs the rows of this time. Each flush makes
+the index longer, so a shorter time also means more files."""
 
 DEFAULT_MAX_INDEX_BYTES = 512 * 1024
-"""Bytes of index at which the next file begins.
+"""Bytes of index at which the next file begins, after 50 to 80 minutes.
 
-Every flush writes the index twice, as guard and as tail: at this length 3 ms of processor time more
-for a flush of two full wires. A file then spans 50 to 80 minutes (one flush a second, ten to four
-channels). Up to twice this length the guard also protects against a power cut; the other half is
-for what comes between two checks of the length.
+Every flush writes the index twice, as guard and as tail; at this length that takes 3 ms. The guard
+protects against a power cut up to twice this length: the length is checked only once a flush.
 """
 
 DEFAULT_MAX_BYTES = 20_000_000_000
@@ -70,8 +65,8 @@ class RecordingOptions:
     rotate_s: float | None = None
     """Seconds of rows after which the next file begins; None for no limit."""
     max_index_bytes: int | None = DEFAULT_MAX_INDEX_BYTES
-    """Index size at which the next file begins, so that each file always has its index; None for
-    no limit: a long file is then without an index for some flushes at a time."""
+    """Index size at which the next file begins; None for no limit: a long file is then without an
+    index for some flushes at a time."""
     on_full: OnFull = OnFull.STOP
     max_bytes: int | None = DEFAULT_MAX_BYTES
     """Total size of the capture's files; None for no limit."""
@@ -93,7 +88,7 @@ class RecordingOptions:
 _ROTATE_BYTES = 512_000_000
 _FILES = 8
 _FREE_SHARE = 10
-"""The default leaves at most 1/10 of a disk free."""
+"""By default at most 1/10 of a disk is left free."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +96,7 @@ class _ClosedFile:
     path: Path
     size: int
     identity: tuple[int, ...]
-    """Device, inode, size and time of the last change: an inode alone may have been reused."""
+    """Inodes are reused, so also size and time of the last change."""
     rows: int
 
 

@@ -1,9 +1,8 @@
 """RecordingWriter: rows to one file.
 
-Rows of several ports come a little out of order, a read at a time. They wait until the chunk ends
-and are sorted by time, so a message's log time is its row's time. Only if a row comes after its
-chunk, or its port's clock fell back, is the log time raised to the last one written; the message
-then holds the row's own time too. Rows of one port always keep their order.
+Rows of several ports come a little out of order, so a chunk is sorted by time: a message's log time
+is its row's time. Only if a row comes after its chunk, or its port's clock fell back, is the log
+time raised to the last one written; the message then holds the row's own time too.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.recording.mcap.append_file import AppendTarget
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile
 from fte_sniff.recording.messages.codec import encodable, encodable_items
 from fte_sniff.recording.messages.packer import Channels, ColumnPacker
@@ -31,19 +31,43 @@ from fte_sniff.recording.output_file import (
     stopped_by_removal,
 )
 
-METADATA_NAME = PROGRAM
-"""The name of the file's metadata record."""
-
 MAX_PENDING = 16_384
 """Rows that may wait for the end of their chunk; then the chunk ends by itself."""
 
 _LAST_TIME = 2**63 - 1
 
 
-class RecordingWriter:
-    """Writes one recording.
+def begin_recording(
+    target: AppendTarget, ports: Sequence[PortFacts], facts: Mapping[str, str]
+) -> tuple[McapFile, ColumnPacker]:
+    """Write the head of a recording: metadata, and the schemas and channels of all ports.
 
-    Flushed rows are in the file whatever happens afterwards: the file is valid after each flush.
+    Returns:
+        The file, and the packer for its rows, which adds the channels of further ports.
+
+    Raises:
+        OSError: the target cannot be written.
+    """
+    channels = Channels()
+
+    def channel_id(port: str, topic: Topic) -> int:
+        for channel in channels.of_port(PortFacts(port)):
+            file.add_channel(channel)
+        return channels.id_of(port, topic)
+
+    file = McapFile(
+        target,
+        library_name(),
+        Metadata(PROGRAM, encodable_items(recording_facts(ports, facts))),
+        channels.schemas(),
+        [channel for port in ports for channel in channels.of_port(port)],
+    )
+    return file, ColumnPacker(channel_id)
+
+
+class RecordingWriter:
+    """Writes one recording, which is valid after each flush.
+
     When a write fails, that call and every later one raise the same FileError, and the file holds
     what was flushed before.
     """
@@ -69,29 +93,24 @@ class RecordingWriter:
             FileError: the file exists, another program records to it, its folder does not exist,
                 or the system refuses it. The disk is unchanged then.
         """
-        self._failure: FileError | None = None
-        self._is_gone = False
         self._pending: list[tuple[int, Row | PortEvent]] = []
-        self._rows = self._flushed_rows = 0
-        self._span: tuple[int, int] | None = None
+        self.rows = 0
+        """Rows written so far, flushed or not."""
+        self.flushed_rows = 0
+        """Rows in the file."""
+        self.span_ns: tuple[int, int] | None = None
+        """First and last time of the entries, nanoseconds since 1970 UTC; None without any."""
+        self.failure: FileError | None = None
+        """Why the recording stopped; None while it goes on."""
+        self.is_gone = False
+        """Whether the file was deleted, moved or replaced."""
         self._last_of_port: dict[str, int] = {}
         self._last_time = 0
-        self._packer = ColumnPacker(self._channel_id)
-        self._channels = Channels()
-        channels = [channel for port in ports for channel in self._channels.of_port(port)]
         self._metadata: list[Metadata] = []
         self._output, target = open_output(path, existing)
         self._closed = False
         try:
-            self._file = McapFile(
-                target,
-                library_name(),
-                Metadata(
-                    METADATA_NAME, encodable_items(recording_facts(tuple(ports), facts or {}))
-                ),
-                self._channels.schemas(),
-                channels,
-            )
+            self._file, self._packer = begin_recording(target, ports, facts or {})
             self._output.commit()
         except OSError as error:
             self._output.discard()
@@ -101,16 +120,6 @@ class RecordingWriter:
     def path(self) -> Path:
         """The file's name."""
         return self._output.path
-
-    @property
-    def rows(self) -> int:
-        """Rows written so far, flushed or not."""
-        return self._rows
-
-    @property
-    def flushed_rows(self) -> int:
-        """Rows in the file."""
-        return self._flushed_rows
 
     @property
     def size(self) -> int:
@@ -127,21 +136,6 @@ class RecordingWriter:
         """The entries that are not in the file, also those of a `write` that failed."""
         return [entry for _, entry in self._pending]
 
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        """First and last time of the entries, nanoseconds since 1970 UTC; None without any."""
-        return self._span
-
-    @property
-    def is_gone(self) -> bool:
-        """Whether the file was deleted, moved or replaced."""
-        return self._is_gone
-
-    @property
-    def failure(self) -> FileError | None:
-        """Why the recording stopped; None while it goes on."""
-        return self._failure
-
     def write(self, entries: Iterable[Row | PortEvent]) -> None:
         """Write rows, each port's in the order of its stream, and events; `flush` stores them.
 
@@ -156,7 +150,7 @@ class RecordingWriter:
                 if len(self._pending) >= MAX_PENDING:
                     self.flush()
         finally:
-            if self._failure is not None:
+            if self.failure is not None:
                 # `unflushed` has them all, for the next file.
                 self._pending += [(entry.t_ns or 0, entry) for entry in remaining]
 
@@ -182,16 +176,16 @@ class RecordingWriter:
             except OSError as error:
                 raise self._stop(error) from error
             self._pending, self._metadata = [], []
-            self._flushed_rows = self._rows
+            self.flushed_rows = self.rows
         try:
             is_gone, is_deleted = self._output.is_gone, self._output.is_deleted
         except OSError as error:
             raise self._stop(error) from error
         if is_gone:
-            self._is_gone = True
-            rows = self._flushed_rows
-            self._failure = stopped_by_removal(self.path, rows, deleted=is_deleted)
-            raise self._failure
+            self.is_gone = True
+            rows = self.flushed_rows
+            self.failure = stopped_by_removal(self.path, rows, deleted=is_deleted)
+            raise self.failure
 
     def close(self) -> None:
         """Flush, and close the file. Closing again, or after a failure, does nothing.
@@ -202,7 +196,7 @@ class RecordingWriter:
         if self._closed:
             return
         try:
-            if self._failure is None:
+            if self.failure is None:
                 self.flush()
                 self._file.write_metadata(self._metadata)
                 self._file.close()
@@ -230,14 +224,14 @@ class RecordingWriter:
         self.close()
 
     def _check(self) -> None:
-        if self._failure is not None:
-            raise self._failure
+        if self.failure is not None:
+            raise self.failure
         if self._closed:
             raise ValueError(f"{self.path} is closed already")
 
     def _stop(self, error: OSError) -> FileError:
-        self._failure = stopped_by_error(self.path, error, self._flushed_rows)
-        return self._failure
+        self.failure = stopped_by_error(self.path, error, self.flushed_rows)
+        return self.failure
 
     def _append(self, entry: Row | PortEvent) -> None:
         time, port = entry.t_ns, entry.port
@@ -252,9 +246,9 @@ class RecordingWriter:
             time = last
         else:
             self._last_of_port[port] = time
-        self._rows += type(entry) is not PortEvent
-        first, last = self._span or (time, time)
-        self._span = (min(first, time), max(last, time))
+        self.rows += type(entry) is not PortEvent
+        first, last = self.span_ns or (time, time)
+        self.span_ns = (min(first, time), max(last, time))
         self._pending.append((time, entry))
 
     def _batch(self, pending: list[tuple[int, Row | PortEvent]]) -> McapBatch:
@@ -262,8 +256,3 @@ class RecordingWriter:
         times = np.maximum(own, self._last_time)
         self._last_time = int(times[-1])
         return self._packer.pack_entries([entry for _, entry in pending], times)
-
-    def _channel_id(self, port: str, topic: Topic) -> int:
-        for channel in self._channels.of_port(PortFacts(port)):
-            self._file.add_channel(channel)
-        return self._channels.id_of(port, topic)
