@@ -1,4 +1,4 @@
-"""Owns the rows that two wires at full line rate bring, for benchmarks of recordings."""
+"""Rows of two wires at full line rate, for benchmarks of recordings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _KINDS = {PORTS[0]: ("speed", "position", "mecanum"), PORTS[1]: ("speed_feedback
 
 
 def rows_of(first: int, count: int) -> list[Row]:
-    """`count` frames of each wire from number `first` on, in the order in which they come."""
+    """`count` frames of each wire from number `first` on, in order of time."""
     rows: list[Row] = []
     for number in range(first, first + count):
         rows += [_row(port, number) for port in PORTS]
@@ -21,7 +21,7 @@ def rows_of(first: int, count: int) -> list[Row]:
 
 
 def rows_a_second() -> int:
-    """Frames that one full wire brings in a second."""
+    """Frames a second of one full wire."""
     return _SECOND_NS // _FRAME_NS
 
 

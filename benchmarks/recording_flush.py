@@ -1,10 +1,10 @@
-"""Owns the figure for live recording: one second of two full wires, from rows to the disk.
+"""Live recording: the time to write one second of two full wires to the disk.
 
 python -m benchmarks.recording_flush [--seconds 200] [--folder FOLDER]
 
-`write` takes the rows, `flush` packs and writes them and waits for the disk; `disk` is the part of
-the flush that lies in system calls. `message by message` does the same through the mcap package's
-writer, with one flush, fdatasync and neither summary nor message index behind it: what others do.
+`write` accepts the rows; `flush` packs, writes and syncs them; `disk` is the share of the flush in
+system calls. `message by message` uses the mcap package's writer, with one flush and fdatasync, and
+without summary and message index.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _CALLS = ("pwrite", "fdatasync", "ftruncate")
 
 @contextmanager
 def _timed_calls() -> Iterator[list[float]]:
-    """Seconds spent in the system calls that write, as long as this context lasts."""
+    """Seconds in the system calls that write, within this context."""
     spent: list[float] = []
 
     def timed(call: Callable[..., Any]) -> Callable[..., Any]:
@@ -56,7 +56,7 @@ def _timed_calls() -> Iterator[list[float]]:
 
 
 def ours(folder: Path, seconds: int) -> dict[str, list[float]]:
-    """Milliseconds of each part, for each second recorded."""
+    """Milliseconds of each step, for each recorded second."""
     found: dict[str, list[float]] = {"write": [], "flush": [], "disk": [], "rows to disk": []}
     a_second = rows_a_second()
     ports = [PortFacts(port, 115_200) for port in PORTS]
@@ -79,7 +79,7 @@ def ours(folder: Path, seconds: int) -> dict[str, list[float]]:
 
 
 def others(folder: Path, seconds: int) -> list[float]:
-    """Milliseconds for each second recorded, through the mcap package's writer."""
+    """Milliseconds for each recorded second with the mcap package's writer."""
     found = []
     a_second = rows_a_second()
     with (folder / "others.mcap").open("wb") as file:
@@ -108,19 +108,19 @@ def others(folder: Path, seconds: int) -> list[float]:
 
 
 def main() -> None:
-    """Record second after second, and print medians, and what one in a hundred exceeds."""
+    """Record second after second; print the median and the 99th percentile."""
     parser = argparse.ArgumentParser(description="How long a second of rows takes to the disk.")
     parser.add_argument("--seconds", type=int, default=200)
     parser.add_argument("--folder", type=Path)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=options.folder) as name:
-        parts = ours(Path(name), options.seconds)
-        parts["message by message"] = others(Path(name), max(5, options.seconds // 10))
+        steps = ours(Path(name), options.seconds)
+        steps["message by message"] = others(Path(name), max(5, options.seconds // 10))
     print(f"{2 * rows_a_second()} rows a second, {options.seconds} seconds; milliseconds")
     print(f"{'':<20} {'median':>8} {'p99':>8}")
-    for part, times in parts.items():
+    for step, times in steps.items():
         worst = statistics.quantiles(times, n=100)[-1]
-        print(f"{part:<20} {statistics.median(times):8.2f} {worst:8.2f}")
+        print(f"{step:<20} {statistics.median(times):8.2f} {worst:8.2f}")
 
 
 if __name__ == "__main__":

@@ -1,14 +1,13 @@
-"""Owns the figure for recordings that are killed: what is left after SIGKILL at random moments.
+"""Recordings killed by SIGKILL at random moments: what is left in the file.
 
 python -m benchmarks.recording_kill [--kills 200] [--every 1.0] [--folder FOLDER]
-python -m benchmarks.recording_kill --stress        flush after flush, without a rest
-python -m benchmarks.recording_kill --stress --rotate        and a new file every few flushes
+python -m benchmarks.recording_kill --stress        flush after flush, without a pause
+python -m benchmarks.recording_kill --stress --rotate       and a new file every few flushes
 
-A child records two wires at full line rate, and tells each flush after it returned. It is killed at
-a random moment once it has begun. Then the file must open as it is in the mcap package's
-seeking reader, all checksums checked, and hold every row whose flush was told; what it lacks of the
-rows that were written is at most what came since. `--beside` runs so many children at once.
-With `--rotate` all files of the sequence must open so, and hold those rows together.
+A child records two wires at full line rate, and reports each finished flush. It is killed at a
+random moment. Then the file must open in the mcap package's seeking reader, with all checksums
+checked, and hold every row whose flush was reported. `--parallel` sets the number of children at
+once. With `--rotate` all files of the sequence must open so, and hold those rows together.
 """
 
 from __future__ import annotations
@@ -41,29 +40,29 @@ _ROTATE_INDEX = 9_000
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """What one killed child left."""
+    """The result of one killed child."""
 
     problem: str
     """Why its file is not valid; empty if it is."""
-    told: int
-    """Rows whose flush it told."""
+    flushed: int
+    """Rows whose flush it reported."""
     written: int
-    """Rows that it had told to be about to write, flushed or not."""
+    """Rows that it reported before writing them, flushed or not."""
     found: int
     """Rows in the file."""
     since_flush_s: float
     """From its last flush to its death."""
     files: int
-    """Files that it had begun."""
+    """Number of its files."""
 
     @property
     def missing(self) -> int:
-        """Rows that were flushed and are not there."""
-        return max(0, self.told - self.found)
+        """Flushed rows that are not in the file."""
+        return max(0, self.flushed - self.found)
 
 
 def record(path: Path, every_s: float, max_index_bytes: int | None) -> None:
-    """Record for ever; `every_s` 0 flushes after each write. Tells `w ROWS` and `f ROWS`."""
+    """Record until killed; `every_s` 0 flushes after each write. Prints `w ROWS` and `f ROWS`."""
     a_second = rows_a_second()
     step = max(1, int(a_second * _PACE_S))
     ready = [rows_of(first, step) for first in range(0, a_second * 8, step)]
@@ -91,37 +90,40 @@ def _endless(step: int) -> Iterator[list[object]]:
         first += step
 
 
-def kill_one(path: Path, every_s: float, after_s: float, *, rotates: bool = False) -> Left:
-    """Let a child record to `path`, kill it `after_s` seconds after its first rows, and look."""
+def kill_one(path: Path, every_s: float, after_s: float, *, rotate: bool = False) -> Left:
+    """Kill a child `after_s` seconds after its first rows, and read the recording that it left."""
     command = [sys.executable, "-m", "benchmarks.recording_kill", "--record", str(path)]
-    command += ["--rotate"] if rotates else []
+    command += ["--rotate"] if rotate else []
     with subprocess.Popen(
         [*command, "--every", str(every_s)], stdout=subprocess.PIPE, text=True
     ) as child:
         assert child.stdout is not None
-        told = [child.stdout.readline()]
+        lines = [child.stdout.readline()]
         killer = time.monotonic() + after_s
-        while time.monotonic() < killer and told[-1]:
-            told.append(child.stdout.readline())
+        while time.monotonic() < killer and lines[-1]:
+            lines.append(child.stdout.readline())
         killed_s = time.monotonic()
         child.send_signal(signal.SIGKILL)
-        told += child.stdout.read().splitlines(keepends=True)
+        lines += child.stdout.read().splitlines(keepends=True)
     counts, flushed_s = {"w": 0, "f": 0}, killed_s
-    for line in told:
+    for line in lines:
         if not line.endswith("\n"):
-            continue  # it was killed while it told this
+            continue  # killed while printing this line
         word, count, *at = line.split()
         counts[word] = int(count)
         if at:
             flushed_s = float(at[0])
-    looked = [opened(one) for one in sorted(path.parent.glob(f"{path.stem}[._]*mcap"))]
-    problem, found = next((one for one, _ in looked if one), ""), sum(count for _, count in looked)
+    results = [opened(one) for one in sorted(path.parent.glob(f"{path.stem}[._]*mcap"))]
+    problem, found = (
+        next((one for one, _ in results if one), ""),
+        sum(count for _, count in results),
+    )
     waited_s = killed_s - flushed_s
-    return Left(problem, counts["f"], counts["w"], found, waited_s, len(looked))
+    return Left(problem, counts["f"], counts["w"], found, waited_s, len(results))
 
 
 def opened(path: Path) -> tuple[str, int]:
-    """What is wrong with the file for a reader that seeks; and how many rows ours finds in it."""
+    """What is wrong with the file for a seeking reader, and the number of its rows."""
     try:
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
@@ -156,13 +158,13 @@ def report(found: list[Left], every_s: float) -> None:
 
 
 def main() -> None:
-    """Kill many, and print what they left."""
-    parser = argparse.ArgumentParser(description="What recordings that are killed leave.")
+    """Kill many recordings, and print the results."""
+    parser = argparse.ArgumentParser(description="What is left of killed recordings.")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--every", type=float, default=1.0)
     parser.add_argument("--stress", action="store_true")
     parser.add_argument("--rotate", action="store_true")
-    parser.add_argument("--beside", type=int, default=8)
+    parser.add_argument("--parallel", type=int, default=8)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--record", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -175,7 +177,7 @@ def main() -> None:
     rng = random.Random()
     with (
         tempfile.TemporaryDirectory(dir=options.folder) as name,
-        ThreadPoolExecutor(1 if options.stress else options.beside) as pool,
+        ThreadPoolExecutor(1 if options.stress else options.parallel) as pool,
     ):
         kills = [
             pool.submit(
@@ -183,7 +185,7 @@ def main() -> None:
                 Path(name) / f"{number}.mcap",
                 every_s,
                 rng.uniform(0, 0.3 if options.stress else _LONGEST_S),
-                rotates=options.rotate,
+                rotate=options.rotate,
             )
             for number in range(options.kills)
         ]

@@ -1,11 +1,11 @@
-"""Measures reading and writing recordings by columns against other readers and writers.
+"""Speed of reading and writing recordings in batches, compared with other readers and writers.
 
     python -m benchmarks.recording_speed [--frames 5000000] [--rounds 3] [--memory 50000000]
 
-Everything reads the same file in the same run; each number is the best of the rounds, taken in turn
-so that noise meets each alike; where other programs take the cores, the time of all cores is
-the better measure. The Rust reader is built if there is a cargo. `--memory` writes a
-recording of so many rows, and one of a tenth, and tells how much `decode --format csv` needs.
+All read the same file in the same run, in turn; each number is the best of the rounds. While other
+programs use the cores, the time of all cores is the better measure. The Rust reader needs cargo.
+`--memory` writes a recording of that number of rows, and one of a tenth, and prints how much memory
+`decode --format csv` needs.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def cost(work: Callable[[], object], rows: int) -> Cost:
 
 
 def read_columns(path: Path) -> None:
-    """What was recorded, side by side, all checksums checked."""
+    """All rows as batches, all checksums checked."""
     for _ in RecordingReader(path).batches():
         pass
 
@@ -101,7 +101,7 @@ def read_frames(path: Path) -> None:
 
 
 def survey(path: Path) -> None:
-    """All numbers that `stats` tells."""
+    """All numbers of `stats`."""
     numbers = StatisticsSummary(LineSetup())
     numbers.begin(str(path), {})
     for columns in RecordingReader(path).batches():
@@ -137,11 +137,11 @@ def rust_reader() -> Path | None:
 def rust_cost(program: Path, path: Path, rows: int) -> Cost:
     process = subprocess.Popen([program, path], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
-    told = process.stdout.read().split()
+    output = process.stdout.read().split()
     _, _, usage = os.wait4(process.pid, 0)
     process.returncode = 0
     process.stdout.close()
-    return float(told[2]) / rows, (usage.ru_utime + usage.ru_stime) / rows
+    return float(output[2]) / rows, (usage.ru_utime + usage.ru_stime) / rows
 
 
 def write_columns(rows: list[RowBatch], path: Path) -> None:
@@ -208,8 +208,8 @@ def compare(frames: int, rounds: int, folder: Path) -> None:
     for fast, slow, wanted in claims:
         if slow in found:
             wall, used = (old / new for old, new in zip(found[slow], found[fast], strict=True))
-            told = wanted and f"   (wanted: {wanted})"
-            print(f"{fast:>16} against {slow:<20} {wall:8.2f} {used:10.2f}{told}")
+            goal = wanted and f"   (wanted: {wanted})"
+            print(f"{fast:>16} against {slow:<20} {wall:8.2f} {used:10.2f}{goal}")
 
 
 def _in_turn(work: dict[str, Callable[[], Cost]], rounds: int) -> dict[str, Cost]:

@@ -221,3 +221,16 @@ def test_columns_have_the_values_of_the_rows(share: float, payload: str) -> None
         expected = [row.values.get(field.name) if isinstance(row, Frame) else None for row in rows]
         got = [int(v) if k else None for v, k in zip(values, known, strict=True)]
         assert got == expected
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(1, 30)), max_size=30))
+def test_the_end_offset_of_a_port_is_after_its_last_row(
+    lengths: list[tuple[str, int]],
+) -> None:
+    ends: dict[str, int] = {}
+    rows = []
+    for port, length in lengths:
+        offset = ends.get(port, 0)
+        rows.append(Damage(port, offset, bytes(length), 1, (Fault.NOISE,)))
+        ends[port] = offset + length
+    assert RowBatch.from_rows(rows).end_offsets() == ends

@@ -1,4 +1,4 @@
-"""Rows of every sort for the tests of recordings."""
+"""Rows of every kind for the tests of recordings."""
 
 import os
 import resource
@@ -65,19 +65,19 @@ def recorded(tmp_path: Path) -> tuple[Path, list[Row], list[PortEvent]]:
     return path, rows, events
 
 
-def with_delays(rows: list[Row]) -> list[tuple[Row, int | None]]:
-    """Rows and their read delays, which rows leave out when they compare."""
+def _with_delays(rows: list[Row]) -> list[tuple[Row, int | None]]:
+    """Rows and their read delays, which rows ignore when they compare."""
     return [(row, row.read_delay_ns) for row in rows]
 
 
 @pytest.fixture
-def told() -> Callable[[list[Row]], list[tuple[Row, int | None]]]:
-    return with_delays
+def with_delays() -> Callable[[list[Row]], list[tuple[Row, int | None]]]:
+    return _with_delays
 
 
 @pytest.fixture
 def replaced() -> Callable[[bytes, bytes, bytes], bytes]:
-    """Replaces bytes by as many others, and insists that there were some."""
+    """Replace bytes by the same number of others, at least once."""
 
     def replace(content: bytes, old: bytes, new: bytes) -> bytes:
         assert len(old) == len(new)

@@ -80,7 +80,7 @@ PORTS = [PortFacts("one", 115_200), PortFacts("two")]
 
 
 @given(_rows())
-def test_message_for_message_what_a_capture_writes(
+def test_messages_are_those_that_a_capture_writes(
     tmp_path_factory: pytest.TempPathFactory, rows: list[Row]
 ) -> None:
     folder = tmp_path_factory.mktemp("both")
@@ -134,18 +134,18 @@ def test_few_chunks_are_under_way(tmp_path: Path) -> None:
     """Else what is to be written would pile up in memory."""
     path, sizes = tmp_path / "long.mcap", list[int]()
 
-    def told() -> Iterator[RowBatch]:
+    def observed() -> Iterator[RowBatch]:
         for columns in _chunks(3 * cores() + 6):
             sizes.append(path.stat().st_size)
             yield columns
 
-    write_recording(path, [PortFacts("p")], told())
+    write_recording(path, [PortFacts("p")], observed())
     most = cores() + 1
     assert all(new > old for old, new in zip(sizes[most:], sizes[most + 1 :], strict=False))
 
 
 @pytest.mark.parametrize("room", [100_000, 1_000_000])
-def test_a_disk_that_fills_is_told_and_no_thread_is_left(tmp_path: Path, room: int) -> None:
+def test_a_full_disk_is_an_error_and_no_thread_is_left(tmp_path: Path, room: int) -> None:
     path, before = tmp_path / "full.mcap", threading.active_count()
     old = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, old[1]))
@@ -157,7 +157,7 @@ def test_a_disk_that_fills_is_told_and_no_thread_is_left(tmp_path: Path, room: i
     assert threading.active_count() == before
 
 
-def test_what_the_rows_raise_is_raised_and_no_thread_is_left(tmp_path: Path) -> None:
+def test_an_error_of_the_batches_is_raised_and_no_thread_is_left(tmp_path: Path) -> None:
     def cut_short() -> Iterator[RowBatch]:
         yield from _chunks(3)
         raise FileError("the input went away")
@@ -168,7 +168,7 @@ def test_what_the_rows_raise_is_raised_and_no_thread_is_left(tmp_path: Path) -> 
     assert threading.active_count() == before
 
 
-def test_times_that_fall_and_ports_that_nobody_named(tmp_path: Path, make_rows: MakeRows) -> None:
+def test_falling_times_and_unnamed_ports(tmp_path: Path, make_rows: MakeRows) -> None:
     path = tmp_path / "falls.mcap"
     rows = [*make_rows(50, "new"), *make_rows(50, "newer", 10**18)]
     write_recording(path, [], [RowBatch.from_rows(rows)])
@@ -179,7 +179,7 @@ def test_times_that_fall_and_ports_that_nobody_named(tmp_path: Path, make_rows: 
     assert times == sorted(times)
 
 
-def test_events_stand_where_their_times_say(tmp_path: Path, make_rows: MakeRows) -> None:
+def test_events_are_in_order_of_time(tmp_path: Path, make_rows: MakeRows) -> None:
     path = tmp_path / "events.mcap"
     rows = make_rows(40, "p")
     times = [row.t_ns or 0 for row in rows]
@@ -193,7 +193,7 @@ def test_events_stand_where_their_times_say(tmp_path: Path, make_rows: MakeRows)
     assert entries == [events[0], *rows[:21], events[1], *rows[21:], events[2]]
 
 
-def test_no_rows_make_a_recording_that_says_so(tmp_path: Path) -> None:
+def test_a_recording_without_rows_has_ports_and_facts(tmp_path: Path) -> None:
     path = tmp_path / "idle.mcap"
     write_recording(path, [PortFacts("p", 9600)], [], {"host": "bench"})
     reader = RecordingReader(path)
@@ -203,7 +203,7 @@ def test_no_rows_make_a_recording_that_says_so(tmp_path: Path) -> None:
     assert reader.metadata["fte-sniff"]["host"] == "bench"
 
 
-def test_where_a_recording_cannot_be_written(tmp_path: Path) -> None:
+def test_a_path_without_folder_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="folder does not exist"):
         write_recording(tmp_path / "none" / "x.mcap", [], [])
 

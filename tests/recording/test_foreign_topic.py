@@ -95,7 +95,7 @@ def protobuf(data: bytes) -> bytes:
         ("json", None, lambda data: json.dumps({"d": base64.b64encode(data).decode()}).encode()),
     ],
 )
-def test_the_bytes_come_out_with_their_times(
+def test_the_bytes_are_extracted_with_their_times(
     tmp_path: Path,
     encoding: str,
     schema: tuple[str, str, bytes] | None,
@@ -108,7 +108,7 @@ def test_the_bytes_come_out_with_their_times(
 
 
 @pytest.mark.parametrize(
-    ("encoding", "schema", "data", "told"),
+    ("encoding", "schema", "data", "says"),
     [
         ("protobuf", ("x.Bytes", "protobuf", protobuf_schema(BYTES, BYTES)), b"", "it has f1, f2"),
         ("protobuf", ("x.Bytes", "protobuf", protobuf_schema(INT)), b"", "it has none"),
@@ -124,22 +124,22 @@ def test_the_bytes_come_out_with_their_times(
         ("json", None, b'{"a": "not base64"}', "JSON without bytes"),
     ],
 )
-def test_what_holds_no_bytes_is_told(
-    tmp_path: Path, encoding: str, schema: tuple[str, str, bytes] | None, data: bytes, told: str
+def test_a_message_without_bytes_is_an_error(
+    tmp_path: Path, encoding: str, schema: tuple[str, str, bytes] | None, data: bytes, says: str
 ) -> None:
     path = written(tmp_path / "other.mcap", encoding, schema, [data])
     with pytest.raises(FileError) as caught:
         list(topic_chunks(path, "/serial"))
-    assert told in str(caught.value)
+    assert says in str(caught.value)
 
 
-def test_a_topic_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
+def test_a_missing_topic_is_an_error_that_lists_the_others(tmp_path: Path) -> None:
     path = written(tmp_path / "other.mcap", "", None, [b"x"])
     with pytest.raises(FileError, match=r"has no topic '/uart': it has '/serial', '/tf'"):
         list(topic_chunks(path, "/uart"))
 
 
-def test_a_file_that_is_cut_gives_what_it_has_and_says_so(tmp_path: Path) -> None:
+def test_a_truncated_file_gives_its_messages_and_an_error(tmp_path: Path) -> None:
     path = written(tmp_path / "other.mcap", "", None, [b"x"])
     path.write_bytes(path.read_bytes()[:-20])
     found = []
@@ -148,7 +148,7 @@ def test_a_file_that_is_cut_gives_what_it_has_and_says_so(tmp_path: Path) -> Non
     assert not found or found == [Chunk("/serial", 0, b"x")]
 
 
-def test_a_time_that_no_table_can_keep_is_none(tmp_path: Path) -> None:
+def test_a_time_beyond_64_bits_is_none(tmp_path: Path) -> None:
     path = tmp_path / "late.mcap"
     with path.open("wb") as file:
         writer = Writer(file)

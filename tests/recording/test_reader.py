@@ -39,7 +39,7 @@ from tests.examples import examples
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
 MakeRows = Callable[..., list[Row]]
-Told = Callable[[list[Row]], list[tuple[Row, int | None]]]
+WithDelays = Callable[[list[Row]], list[tuple[Row, int | None]]]
 
 PORTS = ("/dev/ttyUSB0", "loop://", "串口 \x1b[31m[bold]")
 times = st.integers(0, 2**63 - 1) | st.integers(1000, 1020)
@@ -94,8 +94,8 @@ def _record(path: Path, batches: list[list[Entry]], ports: tuple[str, ...]) -> N
             writer.flush()
 
 
-def _told(entry: Entry) -> tuple[Entry, int | None, bool]:
-    """An entry, and what rows leave out when they compare."""
+def _with_delay(entry: Entry) -> tuple[Entry, int | None, bool]:
+    """An entry, and the attributes that rows ignore when they compare."""
     if isinstance(entry, PortEvent):
         return entry, None, False
     return entry, entry.read_delay_ns, entry.order_uncertain
@@ -105,7 +105,9 @@ def _told(entry: Entry) -> tuple[Entry, int | None, bool]:
     st.lists(st.lists(st.one_of(frames, damage, events), max_size=12), max_size=4),
     st.sampled_from([PORTS, PORTS[:1], ()]),
 )
-def test_what_goes_in_comes_out(batches: list[list[Entry]], ports: tuple[str, ...]) -> None:
+def test_rows_and_events_are_read_back_as_written(
+    batches: list[list[Entry]], ports: tuple[str, ...]
+) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.mcap"
         _record(path, batches, ports)
@@ -119,14 +121,14 @@ def test_what_goes_in_comes_out(batches: list[list[Entry]], ports: tuple[str, ..
             ]
     given_entries = [entry for batch in batches for entry in batch]
     for port in PORTS:
-        assert [_told(entry) for entry in found if entry.port == port] == [
-            _told(entry) for entry in given_entries if entry.port == port
+        assert [_with_delay(entry) for entry in found if entry.port == port] == [
+            _with_delay(entry) for entry in given_entries if entry.port == port
         ]
     assert log_times == sorted(log_times)
     assert len(log_times) == len(found)
 
 
-def test_ports_that_interleave_are_put_in_order_of_time(tmp_path: Path) -> None:
+def test_rows_of_interleaved_ports_are_sorted_by_time(tmp_path: Path) -> None:
     kind = KINDS[0]
     raw = encode(kind, {})
     left = [Frame("left", 10 * n, raw, 1000 + 20 * n) for n in range(5)]
@@ -210,9 +212,9 @@ def test_any_row_comes_back_as_it_was(
     ]
 
 
-def test_columns_hold_the_rows_and_the_events(recorded: Recorded, told: Told) -> None:
+def test_batches_hold_the_rows_and_the_events(recorded: Recorded, with_delays: WithDelays) -> None:
     rows, events = _columns(recorded[0])
-    assert told(rows) == told(recorded[1])
+    assert with_delays(rows) == with_delays(recorded[1])
     assert events == recorded[2]
 
 
@@ -233,7 +235,7 @@ def test_many_chunks_of_two_ports_stay_in_order(tmp_path: Path, make_rows: MakeR
 
 
 def test_a_message_that_only_looks_equally_long_is_not_misread(
-    tmp_path: Path, make_rows: MakeRows, told: Told
+    tmp_path: Path, make_rows: MakeRows, with_delays: WithDelays
 ) -> None:
     """Without delay but with a time of its own a message is as long as the other way round."""
     rows = [row for row in make_rows(400) if isinstance(row, Frame) and not row.faults]
@@ -253,12 +255,12 @@ def test_a_message_that_only_looks_equally_long_is_not_misread(
                 writer.flush()
                 mixed.append(row)
     found, _ = _columns(path)
-    assert told(found) == told(mixed)
+    assert with_delays(found) == with_delays(mixed)
 
 
 @examples(80)
 @given(st.data())
-def test_whatever_a_message_says_columns_say_what_reading_one_by_one_says(
+def test_a_changed_message_is_read_alike_in_batches_and_one_by_one(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     """Without checksums a changed byte reaches the messages; the others stay as they are."""
@@ -280,8 +282,8 @@ def test_whatever_a_message_says_columns_say_what_reading_one_by_one_says(
                 channels[topic.name] = writer.register_channel(topic.name, "protobuf", schema)
             changed = bytearray(encode_row(topic, row, number))
             if number == 33:
-                place = data.draw(st.integers(0, len(changed) - 1))
-                changed[place] = data.draw(
+                at = data.draw(st.integers(0, len(changed) - 1))
+                changed[at] = data.draw(
                     st.one_of(st.sampled_from([*changed, 0xAA, 0x55, 0xEE]), st.integers(0, 255))
                 )
             time = data.draw(st.sampled_from([number, 2**63])) if number == 34 else number
@@ -295,7 +297,7 @@ def test_whatever_a_message_says_columns_say_what_reading_one_by_one_says(
     assert reader.losses == lost
 
 
-def test_a_span_leaves_out_what_is_outside(recorded: Recorded) -> None:
+def test_rows_outside_a_time_range_are_omitted(recorded: Recorded) -> None:
     path, rows, events = recorded
     times = [row.t_ns or 0 for row in rows]
     for first, end in [
@@ -305,12 +307,12 @@ def test_a_span_leaves_out_what_is_outside(recorded: Recorded) -> None:
         (times[59], 2**63 - 1),
     ]:
         span = TimeRange(first, end)
-        found, told_events = _columns(path, span)
+        found, found_events = _columns(path, span)
         assert found == [row for row in rows if first <= (row.t_ns or 0) < end]
-        assert told_events == [event for event in events if first <= event.t_ns < end]
+        assert found_events == [event for event in events if first <= event.t_ns < end]
 
 
-def test_a_span_unpacks_only_the_chunks_that_it_touches(recorded: Recorded) -> None:
+def test_a_time_range_unpacks_only_the_chunks_that_it_overlaps(recorded: Recorded) -> None:
     """The first chunk is damaged, and it does not matter to rows of the last."""
     path, rows, _ = recorded
     content = bytearray(path.read_bytes())
@@ -330,7 +332,7 @@ def test_batches_are_concatenated_and_cut_with_their_long_rows(make_rows: MakeRo
     assert list(columns.select(columns.length > 10)) == [r for r in rows if len(r.raw) > 10]
 
 
-def test_a_reader_that_is_left_early_leaves_no_thread_behind(
+def test_no_thread_is_left_after_a_reader_is_closed_early(
     tmp_path: Path, make_rows: MakeRows
 ) -> None:
     path = tmp_path / "left.mcap"
@@ -343,7 +345,7 @@ def test_a_reader_that_is_left_early_leaves_no_thread_behind(
     assert threading.active_count() == before
 
 
-def test_a_channel_that_a_chunk_defines_is_known_when_the_chunk_is_passed_over(
+def test_a_channel_that_a_skipped_chunk_defines_is_known(
     tmp_path: Path, make_rows: MakeRows
 ) -> None:
     """A port that was not named at first is defined where its first rows stand."""
@@ -421,14 +423,14 @@ def test_other_writers_files_are_read(
     assert (reader.ending, reader.losses) == ("", ())
 
 
-def test_where_no_port_is_named_the_file_stands_in(recorded: Recorded, tmp_path: Path) -> None:
+def test_without_a_port_name_the_file_name_is_used(recorded: Recorded, tmp_path: Path) -> None:
     path = tmp_path / "other.mcap"
     _rewritten(recorded[0], path, port=False)
     assert {row.port for row in RecordingReader(path)} == {"other.mcap"}
 
 
 @pytest.mark.parametrize("options", [{}, {"use_chunking": False}])
-def test_other_writers_files_may_be_cut_too(
+def test_truncated_files_of_other_writers_are_read(
     recorded: Recorded, tmp_path: Path, options: dict[str, object]
 ) -> None:
     path = tmp_path / "other.mcap"
@@ -442,7 +444,7 @@ def test_other_writers_files_may_be_cut_too(
     assert (reader.ending, reader.losses) != ("", ())
 
 
-def test_a_schema_that_lacks_what_rows_are_made_of(
+def test_a_schema_without_a_needed_field_is_a_loss(
     recorded: Recorded, tmp_path: Path, replaced: Callable[[bytes, bytes, bytes], bytes]
 ) -> None:
     path = tmp_path / "other.mcap"
@@ -457,7 +459,7 @@ def test_a_schema_that_lacks_what_rows_are_made_of(
     )
 
 
-def test_a_fault_that_this_version_does_not_know_is_told(
+def test_an_unknown_fault_is_a_loss(
     recorded: Recorded, tmp_path: Path, replaced: Callable[[bytes, bytes, bytes], bytes]
 ) -> None:
     path = tmp_path / "newer.mcap"
@@ -490,7 +492,7 @@ def test_a_channel_may_be_described_after_its_first_messages(
 
 
 @pytest.mark.parametrize("baud", ["9" * 5000, "fast", "-1", "²", ""])
-def test_a_baud_that_is_none_is_not_told(tmp_path: Path, baud: str) -> None:
+def test_an_invalid_baud_is_ignored(tmp_path: Path, baud: str) -> None:
     path = tmp_path / "baud.mcap"
     with path.open("wb") as file:
         writer = Writer(file)

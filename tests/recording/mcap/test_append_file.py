@@ -26,9 +26,9 @@ PAGE, SECTOR = 4096, 512
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """One write (`data` at `place`), one change of the length, or one barrier."""
+    """One write (`data` at `offset`), one change of the length, or one barrier."""
 
-    place: int
+    offset: int
     data: bytes | None = None
     barrier: bool = False
 
@@ -36,18 +36,18 @@ class _Step:
         if self.barrier:
             return
         if self.data is None:
-            del content[self.place :]
+            del content[self.offset :]
             return
-        content.extend(bytes(max(0, self.place - len(content))))
-        content[self.place : self.place + len(self.data)] = self.data
+        content.extend(bytes(max(0, self.offset - len(content))))
+        content[self.offset : self.offset + len(self.data)] = self.data
 
     def cut(self, size: int) -> "list[_Step]":
         """The parts of the write that cannot be torn, if whole blocks of `size` cannot."""
         if self.data is None:
             return [self]
-        first = size - self.place % size
+        first = size - self.offset % size
         cuts = [0, *range(first, len(self.data), size), len(self.data)]
-        return [_Step(self.place + start, self.data[start:stop]) for start, stop in pairwise(cuts)]
+        return [_Step(self.offset + start, self.data[start:stop]) for start, stop in pairwise(cuts)]
 
 
 @contextmanager
@@ -55,9 +55,9 @@ def _watched(monkeypatch: pytest.MonkeyPatch, steps: list[_Step]) -> Iterator[No
     """Notes each system call that writes, and lets it through."""
     pwrite, truncate, sync = os.pwrite, os.ftruncate, os.fdatasync
 
-    def noted_write(descriptor: int, data: bytes, place: int) -> int:
-        steps.append(_Step(place, bytes(data)))
-        return pwrite(descriptor, data, place)
+    def noted_write(descriptor: int, data: bytes, offset: int) -> int:
+        steps.append(_Step(offset, bytes(data)))
+        return pwrite(descriptor, data, offset)
 
     def noted_truncate(descriptor: int, size: int) -> None:
         steps.append(_Step(size))
@@ -104,7 +104,7 @@ def _flushes(
 
 
 @pytest.mark.parametrize("long_summary", [mcap_file.LONG_SUMMARY, 0])
-def test_killed_between_any_two_pages_of_any_write_the_file_opens(
+def test_the_file_opens_after_a_kill_between_any_two_pages_of_any_write(
     tmp_path: Path, make_rows: Rows, monkeypatch: pytest.MonkeyPatch, long_summary: int
 ) -> None:
     monkeypatch.setattr(mcap_file, "LONG_SUMMARY", long_summary)
@@ -120,7 +120,7 @@ def test_killed_between_any_two_pages_of_any_write_the_file_opens(
     assert states > 80
 
 
-def test_the_power_cut_in_any_write_behind_the_guard_the_file_opens(
+def test_the_file_opens_after_a_power_cut_in_any_write_after_the_guard(
     tmp_path: Path, make_rows: Rows, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Sectors between two barriers reach the disk in any order.

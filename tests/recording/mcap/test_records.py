@@ -9,9 +9,7 @@ from fte_sniff.recording.mcap.records import RunningChecksum
 
 
 @given(st.lists(st.sampled_from([0, 1, 9, 60_000, 64 * 1024, 70_000]), max_size=30), st.data())
-def test_however_it_is_cut_and_whenever_it_is_asked_for(
-    sizes: list[int], data: st.DataObject
-) -> None:
+def test_the_running_checksum_is_that_of_all_pieces(sizes: list[int], data: st.DataObject) -> None:
     running, whole = RunningChecksum(), b""
     for number, size in enumerate(sizes):
         piece = bytes([number]) * size

@@ -59,7 +59,7 @@ def test_an_index_changes_nothing_but_the_speed(
 
 
 @given(_RECORDS, st.lists(st.integers(0, 2**64 - 1), max_size=3), st.data())
-def test_a_false_index_is_not_believed(
+def test_a_wrong_index_is_ignored(
     lengths: list[int | None], far: list[int], data: st.DataObject
 ) -> None:
     chunk, starts = _chunk(lengths)
@@ -71,19 +71,19 @@ def test_a_false_index_is_not_believed(
 
 
 @pytest.mark.parametrize("body", [b"", b"\1\0\0\0\0", _index([1])[:-1], _index([1]) + b"\0"])
-def test_an_index_that_is_none_names_no_starts(body: bytes) -> None:
+def test_an_invalid_index_has_no_starts(body: bytes) -> None:
     assert indexed_starts([_index([0]), body], 100) is None
 
 
 @pytest.mark.parametrize("cut", [1, MESSAGE_HEAD, MESSAGE_HEAD + 9])
-def test_records_beyond_the_end_are_refused(cut: int) -> None:
+def test_records_beyond_the_end_are_an_error(cut: int) -> None:
     data, starts = _chunk([10, 10, 10])
     named = indexed_starts([_index(starts)], len(data) - cut)
     with pytest.raises(RecordError, match="beyond"):
         index_messages(data[:-cut], named)
 
 
-def test_a_message_too_short_for_its_head_is_refused() -> None:
+def test_a_message_too_short_for_its_head_is_an_error() -> None:
     data = HEAD.pack(Opcode.MESSAGE, 5) + b"abcde"
     with pytest.raises(RecordError, match="without its head"):
         index_messages(data, None)

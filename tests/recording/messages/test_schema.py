@@ -64,7 +64,7 @@ def test_the_fields_are_those_that_users_plot() -> None:
     assert found == FIELDS
 
 
-def test_each_schema_stands_alone_with_its_enums_inside_and_every_field_has_presence() -> None:
+def test_each_schema_is_self_contained_and_every_field_has_presence() -> None:
     files = set()
     for topic in TOPICS:
         (file,) = FileDescriptorSet.FromString(schema_data(topic.schema)).file
@@ -88,23 +88,23 @@ def test_sound_frames_of_one_schema_are_equally_long(rows: list[Frame]) -> None:
 
 
 @given(sound_frames())
-def test_a_message_tells_the_values_and_nan_for_what_does_not_apply(row: Frame) -> None:
+def test_a_message_holds_the_values_and_nan_for_fields_of_other_kinds(row: Frame) -> None:
     topic = topic_of(row)
-    told = _decoded(topic, encode_row(topic, row, row.t_ns or 0))
+    values = _decoded(topic, encode_row(topic, row, row.t_ns or 0))
     own = {"cmd": row.cmd, "raw": row.raw, "offset": row.offset, **row.values}
-    assert {name: told[name] for name in own} == own
+    assert {name: values[name] for name in own} == own
     others = set(FIELDS[schema_name(topic)]) - set(ROW) - set(own)
-    assert all(math.isnan(told[name]) for name in others)  # type: ignore[arg-type]
-    assert set(told) == set(FIELDS[schema_name(topic)]) - {"faults", "time_ns", "order_uncertain"}
+    assert all(math.isnan(values[name]) for name in others)  # type: ignore[arg-type]
+    assert set(values) == set(FIELDS[schema_name(topic)]) - {"faults", "time_ns", "order_uncertain"}
 
 
 def test_a_speed_frame_plots_no_pulses() -> None:
     kind = next(kind for kind in KINDS if kind.name == "speed")
     row: Row = Frame("port", 0, encode(kind, {"motor": 1, "rpm": 0}), 5)
-    told = _decoded(topic_of(row), encode_row(topic_of(row), row, 5))
-    assert told["rpm"] == 0
-    assert math.isnan(told["pulses"])  # type: ignore[arg-type]
-    assert told["kind"] == 2
+    values = _decoded(topic_of(row), encode_row(topic_of(row), row, 5))
+    assert values["rpm"] == 0
+    assert math.isnan(values["pulses"])  # type: ignore[arg-type]
+    assert values["kind"] == 2
 
 
 def _frame(kind_name: str, num: int = 1, faults: tuple[Fault, ...] = ()) -> Frame:
@@ -147,7 +147,7 @@ def test_a_suspect_frame_stays_with_its_kind() -> None:
     assert topic_of(suspect).name == "/fte/control/motor2"
 
 
-def test_what_cannot_be_believed_is_kept_apart() -> None:
+def test_malformed_rows_have_their_own_topic() -> None:
     unknown = Frame("port", 0, bytes.fromhex("AA7701000000000000EE"), 0, (Fault.UNKNOWN_CMD,))
     rows = [
         unknown,
