@@ -1,24 +1,25 @@
-"""Filter, statistics, models and the row store. Knows no screen and no file.
+"""Filter, statistics, models and the row store: no screen and no file.
 
 Modules:
 
-    baud_guess    Is a line at the wrong baud rate.
-    counters      Counters, rates, histograms over batches.
+    baud_guess    Diagnosis of a line: sound, silent, inverted, or at another
+                  baud rate.
+    counters      Counters over rows: durations, counts over time, tallies,
+                  rates.
     dataframe     RowBatch to polars DataFrame.
     feed          Follow a growing store; gaps and baud changes.
     fields        Value fields of a frame: names, types, decode from raw.
     filter        The filter language: SQL boolean expressions over the row
                   columns.
-    live_models   Models that follow a growing store, with checkpoints of motor
-                  state for any row.
-    motor_stats   Flags seen and answer times.
-    motors        Motor state from commands and replies.
-    row_store     Append-only row store, blocks, paging, filtered view.
-    search        Find next/previous and count hits.
-    search_frame  Search texts with polars.
-    statistics    Counts, rates, faults per port and direction.
-    summary       All statistics over a source (`report` is the HTML page of a
-                  later command).
-    time_text     Parse times and durations that a user types.
-    traces        Min/max envelopes of values over time.
+    live_models   Models that follow a growing store, with checkpoints of the
+                  motors' state.
+    motor_stats   Statistics of motors: flags and answer times.
+    motors        State of the motors, from commands and feedback.
+    row_store     Append-only store of rows in blocks, with a filtered view.
+    search        Search in a store: the next matching row, and a counter.
+    search_frame  Text search in the displayed cells of many rows (polars).
+    statistics    Statistics of ports, streams and faults.
+    summary       Statistics of all rows of one or more inputs.
+    time_text     Times and durations that a user types.
+    traces        Targets and feedback of the motors over time, for plots.
 """

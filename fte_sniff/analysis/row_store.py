@@ -1,6 +1,7 @@
-"""Append-only row store, blocks, paging, filtered view.
+"""Append-only store of rows in blocks, with a filtered view.
 
-index   of a row since the run began; it never changes, also when older rows leave
+index     of a row since the store began; it never changes, also when older rows are dropped
+position  of a row among those that the view shows
 """
 
 from __future__ import annotations
@@ -21,49 +22,53 @@ from fte_sniff.row_batch import Codebook, RowBatch
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
-
-Places: TypeAlias = npt.NDArray[np.int64]
-"""Where rows stand in a block."""
+Offsets: TypeAlias = npt.NDArray[np.int64]
+"""Offsets of rows in a block."""
 
 
 class Block:
-    """So many rows in sequence; `start` is the index of the first."""
+    """A run of consecutive rows; `start` is the index of the first."""
 
-    def __init__(self, start: int, room: int, codebook: Codebook) -> None:
+    def __init__(self, start: int, capacity: int, codebook: Codebook) -> None:
         self.start = start
-        self.capacity = room
-        """Rows that fit into it."""
-        self.rows = RowBatch.allocate(codebook, room)
+        self.capacity = capacity
+        self.rows = RowBatch.allocate(codebook, capacity)
         self.dropped = False
-        """Whether its rows are not in memory; all else of it stays."""
+        """Whether the rows are not in memory; everything else stays."""
         self.count = 0
         self.faulty = False
-        """Whether any of its rows has a fault; known also while they are not in memory."""
+        """Whether any row has a fault."""
         self.raised = False
-        """The same of a flag byte that tells something else than that all is in order."""
-        self.judged = 0
-        """Rows that the filter has seen, from the start."""
-        self.places: npt.NDArray[np.uint16] = np.empty(0, np.uint16)
-        self.wanted = 0
-        """How many of `places` are in use: those of wanted rows, rising."""
+        """Whether any row has a raised flag byte."""
+        self.filtered = 0
+        """Rows that the filter was applied to, from the start."""
+        self.matching = 0
+        self._matches: npt.NDArray[np.uint16] = np.empty(0, np.uint16)
 
     @property
-    def room(self) -> int:
-        """Rows that still fit."""
+    def free(self) -> int:
+        """Rows that can still be appended."""
         return self.capacity - self.count
 
     @property
     def end(self) -> int:
-        """Index behind the last row."""
+        """Index after the last row."""
         return self.start + self.count
 
+    @property
+    def matches(self) -> npt.NDArray[np.uint16]:
+        """Offsets of the rows that pass the filter, rising."""
+        return self._matches[: self.matching]
+
     def append(self, rows: RowBatch) -> None:
-        """Store rows after those that are there."""
+        """Append rows, not more than `free`."""
         self.rows.assign(self.count, rows)
         self.count += len(rows)
+        self.faulty |= bool((rows.faults != rows.codebook.fault_code(())).any())
+        self.raised = self.raised or bool(raised(rows).any())
 
     def drop(self) -> None:
-        """Free the rows; their number and the filter's results stay."""
+        """Free the memory of the rows."""
         self.rows, self.dropped = RowBatch.allocate(self.rows.codebook, 0), True
 
     def restore(self, rows: RowBatch) -> None:
@@ -76,107 +81,105 @@ class Block:
             raise ValueError(f"{len(rows)} rows came back of {self.count}")
         self.rows, self.dropped = rows, False
 
-    def forget(self) -> None:
-        """No row has been judged."""
-        self.judged = self.wanted = 0
+    def reset_filter(self) -> None:
+        """Forget the results of the filter."""
+        self.filtered = self.matching = 0
 
-    def judge(self, row_filter: RowFilter) -> int:
-        """Apply the filter to the rows that it has not seen; return how many those were."""
-        start, end = self.judged, self.count
+    def apply_filter(self, row_filter: RowFilter) -> int:
+        """Apply the filter to the rows that it was not applied to; return their number."""
+        start, end = self.filtered, self.count
         found = np.flatnonzero(row_filter.matches(self.rows[start:end])) + start
-        if len(self.places) < self.capacity:
-            self.places = np.empty(self.capacity, np.uint16)
-        self.places[self.wanted : self.wanted + len(found)] = found
-        self.wanted += len(found)
-        self.judged = end
-        if not self.room:
-            self.places = self.places[: self.wanted].copy()
+        if len(self._matches) < self.capacity:
+            self._matches = np.empty(self.capacity, np.uint16)
+        self._matches[self.matching : self.matching + len(found)] = found
+        self.matching += len(found)
+        self.filtered = end
+        if not self.free:
+            self._matches = self.matches.copy()
         return end - start
 
-    def wanted_before(self, place: int) -> int:
-        """How many wanted rows stand before a place of the block."""
-        return int(np.searchsorted(self.places[: self.wanted], place))
+    def matching_before(self, offset: int) -> int:
+        """Number of matching rows before an offset."""
+        return int(np.searchsorted(self.matches, offset))
 
 
 MOST_BLOCKS: Final = 128
-"""Full blocks that stay in memory where nobody says otherwise: some 200 megabytes."""
+"""Default number of full blocks in memory: about 200 megabytes."""
 
 
 class BlockSource(Protocol):
-    """Gives rows again that a store has seen before."""
+    """Source that can load rows again that were appended to a store."""
 
     def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
         """The rows from index `start` on, exactly `count`.
 
         Args:
-            start: index of the first: how many rows came before it since the store began.
-            count: how many.
-            codebook: the store's; ports and faults get their numbers from it.
+            start: index of the first row in the store.
+            count: number of rows.
+            codebook: the store's.
 
         Raises:
-            FileError: they cannot be read any more.
+            FileError: they can no longer be read.
         """
         ...
 
 
 class BlockCache:
-    """The blocks that may be dropped, those that were asked for last at the end."""
+    """LRU cache of the full blocks that are in memory."""
 
     def __init__(self, source: BlockSource | None, most: int, codebook: Codebook) -> None:
-        """None has been dropped.
+        """An empty cache.
 
         Args:
-            source: gives rows again; without one every block stays.
-            most: full blocks in memory at most, at least 1.
+            source: loads dropped blocks; without one every block stays in memory.
+            most: number of full blocks, at least 1.
             codebook: the store's.
         """
         self._source = source
         self._most = most
         self._codebook = codebook
-        self._held: dict[int, Block] = {}
+        self._blocks: dict[int, Block] = {}
+        """By start, the least recently used first."""
 
     @property
     def most_blocks(self) -> int | None:
-        """Full blocks in memory at most; None where every block stays."""
+        """Most full blocks in memory; None if every block stays."""
         return None if self._source is None else self._most
 
-    def bring(self, block: Block) -> Block:
-        """The same block, with its rows in memory.
+    def load(self, block: Block) -> Block:
+        """Make sure that the rows of a block are in memory.
 
         Raises:
-            FileError: they cannot be read any more.
+            FileError: they can no longer be read.
         """
         if self._source is None:
             return block
         if block.dropped:
             block.restore(self._source.load(block.start, block.count, self._codebook))
-        if not block.room:
-            self._held.pop(block.start, None)
-            self._held[block.start] = block
-            self._make_room()
+        if not block.free:
+            self._blocks.pop(block.start, None)
+            self._blocks[block.start] = block
+            while len(self._blocks) > self._most:
+                self._blocks.pop(next(iter(self._blocks))).drop()
         return block
 
-    def forget(self, block: Block) -> None:
-        """The block has left the store."""
-        self._held.pop(block.start, None)
-
-    def _make_room(self) -> None:
-        while len(self._held) > self._most:
-            self._held.pop(next(iter(self._held))).drop()
+    def remove(self, block: Block) -> None:
+        """Remove a block that left the store."""
+        self._blocks.pop(block.start, None)
 
 
 BLOCK_ROWS: Final = 32_768
-"""Rows in a block; a place in a block fits 16 bits."""
+"""Default number of rows in a block; an offset fits 16 bits."""
 
 DEFAULT_BOUND: Final = 1_000_000
-"""Rows that a run keeps where nobody says otherwise."""
+"""Default number of rows in a store."""
 
-ENDLESS: Final = 2**62
-"""The bound of a run from which no row leaves."""
+UNBOUNDED: Final = 2**62
+"""The bound of a store that never drops a row."""
 
 
-class RowRun:
-    """The latest rows, as many as the bound allows."""
+class RowStore:
+    """The latest rows, up to a bound, and a filtered view of them."""
 
     def __init__(
         self,
@@ -185,130 +188,124 @@ class RowRun:
         source: BlockSource | None = None,
         most_blocks: int = MOST_BLOCKS,
     ) -> None:
-        """No rows yet.
+        """An empty store without a filter.
 
         Args:
-            bound: rows kept at most, at least 1; the oldest leave first.
+            bound: most rows, at least 1; older ones are dropped.
             block_rows: rows in a block, 1 to 65536.
-            source: gives rows again, so that not all need to lie in memory; None where none can.
-            most_blocks: full blocks in memory at most, at least 1, where there is a source.
+            source: loads rows again, so that not all need to be in memory.
+            most_blocks: with a source, most full blocks in memory, at least 1.
+
+        Raises:
+            ValueError: a number is out of its range.
         """
         if bound < 1 or most_blocks < 1 or not 1 <= block_rows <= 2**16:
             raise ValueError(f"a store of {bound} rows in blocks of {block_rows} cannot be")
         self.bound = bound
-        """Rows kept at most."""
         self.codebook = Codebook()
-        """What the numbers of ports and faults in packed rows stand for."""
+        """Ports and faults of the rows."""
         self._block_rows = block_rows
-        self._pages = BlockCache(source, most_blocks, self.codebook)
+        self._cache = BlockCache(source, most_blocks, self.codebook)
         self._blocks: deque[Block] = deque()
         self._first = 0
         self._next = 0
+        self.view = FilteredView(self)
 
     def __len__(self) -> int:
         return self._next - self._first
 
     @property
     def most_in_memory(self) -> int:
-        """Rows that lie in memory at most; others that are kept are read again."""
-        most = self._pages.most_blocks
+        """Most rows in memory; other rows of the store are loaded again."""
+        most = self._cache.most_blocks
         return self.bound if most is None else most * self._block_rows
 
     @property
     def first(self) -> int:
-        """Index of the oldest row kept."""
+        """Index of the oldest row."""
         return self._first
 
     @property
     def next(self) -> int:
-        """Index that the next row appended will have: all rows ever appended."""
+        """Index of the next row: the number of all rows so far."""
         return self._next
 
     # Blocks
 
     @property
     def blocks(self) -> Sequence[Block]:
-        """The blocks that hold rows which are kept, the oldest first."""
+        """The blocks, the oldest first."""
         return self._blocks
 
+    def block_at(self, index: int) -> Block:
+        """The block of the row with that index, which is in the store."""
+        return self._blocks[self.block_number(index)]
+
     def block_number(self, index: int) -> int:
-        """Which of the blocks holds the row of an index that is kept."""
+        """Position of that block in `blocks`."""
         return (index - self._blocks[0].start) // self._blocks[0].capacity
 
     def in_memory(self, block: Block) -> Block:
         """The same block, with its rows in memory.
 
         Raises:
-            FileError: they cannot be read any more.
+            FileError: they can no longer be read.
         """
-        return self._pages.bring(block)
+        return self._cache.load(block)
 
     # Rows
 
-    def append(self, rows: Sequence[Row]) -> Sequence[Block]:
-        """Take rows in; tells which blocks they went to, those that have left again among them."""
+    def append(self, rows: Sequence[Row]) -> None:
+        """Append rows, and apply the filter to them."""
         batch, done = RowBatch.from_rows(rows, self.codebook), 0
-        grown = []
+        changed = []
         while done < len(batch):
-            block = self._tail()
-            piece = batch[done : done + block.room]
+            if not self._blocks or not self._blocks[-1].free:
+                capacity = min(self._block_rows, self.bound)
+                self._blocks.append(Block(self._next, capacity, self.codebook))
+            block = self._blocks[-1]
+            piece = batch[done : done + block.free]
             block.append(piece)
-            block.faulty |= bool((piece.faults != self.codebook.fault_code(())).any())
-            block.raised = block.raised or bool(raised(piece).any())
-            grown.append(self._pages.bring(block))
+            changed.append(self._cache.load(block))
             done += len(piece)
             self._next += len(piece)
             self._drop_oldest()
-        return grown
-
-    def _tail(self) -> Block:
-        if not self._blocks or not self._blocks[-1].room:
-            self._blocks.append(Block(self._next, min(self._block_rows, self.bound), self.codebook))
-        return self._blocks[-1]
+        self.view.update(changed)
 
     def _drop_oldest(self) -> None:
         self._first = max(self._first, self._next - self.bound)
         while self._blocks and self._blocks[0].end <= self._first:
-            self._pages.forget(self._blocks.popleft())
+            self._cache.remove(self._blocks.popleft())
 
     def row(self, index: int) -> Row:
-        """The row of that index.
+        """The row with that index.
 
         Raises:
-            IndexError: it has left, or has not come.
+            IndexError: it is not in the store.
         """
         if not self._first <= index < self._next:
             raise IndexError(f"row {index} is not in {self._first}..{self._next - 1}")
         return self.rows(index, index + 1)[0]
 
     def rows(self, start: int, end: int) -> list[Row]:
-        """The rows of the indices from `start` up to `end`, as far as they are kept."""
-        found: list[Row] = []
-        for block, place, stop in self._pieces(start, end):
-            found += block.rows[place:stop]
-        return found
+        """The rows with indices from `start` up to `end` that are in the store."""
+        return [row for batch in self.batches(start, end) for row in batch]
 
     def batches(self, start: int, end: int) -> Iterator[RowBatch]:
-        """The same as `rows`, in batches that are views of the store: use at once, never write."""
-        for block, place, stop in self._pieces(start, end):
-            yield block.rows[place:stop]
-
-    def _pieces(self, start: int, end: int) -> Iterator[tuple[Block, int, int]]:
-        """The blocks of those indices, in memory, and from which place to which they stand in."""
+        """The same rows as batches: views of the store, to be read at once and never changed."""
         start, end = max(start, self._first), min(end, self._next)
         while start < end:
-            block = self._pages.bring(self._blocks[self.block_number(start)])
-            stop = min(end - block.start, block.count)
-            yield block, start - block.start, stop
-            start = block.start + stop
+            block = self._cache.load(self.block_at(start))
+            stop = min(end, block.end)
+            yield block.rows[start - block.start : stop - block.start]
+            start = stop
 
 
 class FilteredView:
-    """What a filter leaves of a run; all of it where there is none."""
+    """The rows of a store that pass a filter; all rows without one."""
 
-    def __init__(self, run: RowRun) -> None:
-        """All rows of the run are shown."""
-        self._run = run
+    def __init__(self, store: RowStore) -> None:
+        self._store = store
         self._filter: RowFilter | None = None
         self._pending: list[Block] = []
         self._sums: list[int] | None = None
@@ -317,151 +314,128 @@ class FilteredView:
 
     @property
     def filter(self) -> RowFilter | None:
-        """The filter in force."""
+        """The current filter."""
         return self._filter
 
     @property
     def pending(self) -> int:
-        """Rows that the filter has still to see."""
-        return sum(block.count - block.judged for block in self._pending)
+        """Number of rows that the filter was not applied to yet."""
+        return sum(block.count - block.filtered for block in self._pending)
 
     def set_filter(self, row_filter: RowFilter | None, near: int | None = None) -> None:
-        """Put a filter in force, or none. What is there already waits for `filter_step`.
+        """Set or remove the filter; `filter_step` applies it to the rows that are there.
 
         Args:
-            row_filter: shows only the rows that it wants; None shows all.
-            near: the index around which rows are judged first; by default the newest.
+            row_filter: None shows all rows.
+            near: index of the row around which it is applied first; by default the newest.
         """
         self._filter = row_filter
         self._sums = None
         self._pending = []
-        for block in self._run.blocks:
-            block.forget()
-        if row_filter is None:
-            return
-        middle = self._run.next if near is None else near
-        far_first = sorted(self._run.blocks, key=lambda block: -abs(block.start - middle))
-        self._pending = far_first
+        for block in self._store.blocks:
+            block.reset_filter()
+        if row_filter is not None:
+            middle = self._store.next if near is None else near
+            self._pending = sorted(self._store.blocks, key=lambda block: -abs(block.start - middle))
 
     def filter_step(self, budget_rows: int = 4 * BLOCK_ROWS) -> bool:
-        """Judge some of the rows that wait, about `budget_rows` of them; True when none is left."""
+        """Apply the filter to about `budget_rows` pending rows; True if none is left."""
         while self._filter and self._pending and budget_rows > 0:
-            block = self._run.in_memory(self._pending.pop())
-            budget_rows -= block.judge(self._filter)
+            block = self._store.in_memory(self._pending.pop())
+            budget_rows -= block.apply_filter(self._filter)
             self._sums = None
         return not self._pending
 
-    def follow(self, grown: Iterable[Block]) -> None:
-        """Judge the rows that came to these blocks, but for blocks that wait as a whole."""
+    def update(self, changed: Iterable[Block]) -> None:
+        """Apply the filter to rows that were appended to blocks."""
         self._sums = None
-        first = self._run.first
+        first = self._store.first
         self._pending = [block for block in self._pending if block.end > first]
         if self._filter is None:
             return
-        for block in grown:
+        for block in changed:
             if block.end > first and block not in self._pending:
-                self._run.in_memory(block).judge(self._filter)
+                self._store.in_memory(block).apply_filter(self._filter)
 
-    # What it leaves
+    # The rows
 
     @property
     def count(self) -> int:
-        """How many rows are shown: all, or those that the filter is known to want."""
+        """Number of rows that are known to pass."""
         if self._filter is None:
-            return len(self._run)
-        return self._wanted_sums()[-1] - self._gone()
+            return len(self._store)
+        return self._matching_sums()[-1] - self._dropped()
 
-    def _wanted_sums(self) -> list[int]:
-        """Wanted rows before each block, and in all."""
+    def _matching_sums(self) -> list[int]:
+        """Matching rows before each block, and in all blocks."""
         if self._sums is None:
-            self._sums = [0, *accumulate(block.wanted for block in self._run.blocks)]
+            self._sums = [0, *accumulate(block.matching for block in self._store.blocks)]
         return self._sums
 
-    def _gone(self) -> int:
-        """Wanted rows of the oldest block that have left."""
-        if not self._run.blocks:
+    def _dropped(self) -> int:
+        """Matching rows of the oldest block that are no longer in the store."""
+        if not self._store.blocks:
             return 0
-        oldest = self._run.blocks[0]
-        return oldest.wanted_before(self._run.first - oldest.start)
+        oldest = self._store.blocks[0]
+        return oldest.matching_before(self._store.first - oldest.start)
 
     def index(self, position: int) -> int:
-        """The index of the row at that position.
+        """The index of the row at a position.
 
         Raises:
-            IndexError: there are not so many, or the position is negative.
+            IndexError: there is no such position.
         """
         if not 0 <= position < self.count:
             raise IndexError(f"position {position} is not in 0..{self.count - 1}")
         if self._filter is None:
-            return self._run.first + position
-        rank = position + self._gone()
-        sums = self._wanted_sums()
+            return self._store.first + position
+        rank = position + self._dropped()
+        sums = self._matching_sums()
         at = bisect_right(sums, rank) - 1
-        block = self._run.blocks[at]
-        return block.start + int(block.places[rank - sums[at]])
+        block = self._store.blocks[at]
+        return block.start + int(block.matches[rank - sums[at]])
 
     def position_of(self, index: int) -> int:
-        """How many shown rows stand before that index: its own position, where it is shown."""
-        run = self._run
-        index = min(max(index, run.first), run.next)
-        if self._filter is None or not run.blocks:
-            return index - run.first
-        at = min(run.block_number(index), len(run.blocks) - 1)
-        block = run.blocks[at]
-        return self._wanted_sums()[at] + block.wanted_before(index - block.start) - self._gone()
+        """Number of shown rows before an index: the position of a shown row."""
+        store = self._store
+        index = min(max(index, store.first), store.next)
+        if self._filter is None or not store.blocks:
+            return index - store.first
+        at = min(store.block_number(index), len(store.blocks) - 1)
+        block = store.blocks[at]
+        before = self._matching_sums()[at] + block.matching_before(index - block.start)
+        return before - self._dropped()
 
     def row(self, position: int) -> Row:
-        """The row at that position.
+        """The row at a position.
 
         Raises:
-            IndexError: there are not so many, or the position is negative.
+            IndexError: there is no such position.
         """
-        return self._run.row(self.index(position))
+        return self._store.row(self.index(position))
 
     def has(self, index: int) -> bool:
-        """Whether a row of that index is kept and shown."""
-        if not self._run.first <= index < self._run.next:
+        """Whether the row with that index is in the store and shown."""
+        if not self._store.first <= index < self._store.next:
             return False
         position = self.position_of(index)
         return position < self.count and self.index(position) == index
 
     def slice(self, start: int, end: int) -> list[tuple[int, Row]]:
-        """Index and row of the positions from `start` up to `end`, as far as there are any."""
+        """Index and row of the positions from `start` up to `end` that exist."""
         start, end = max(start, 0), min(end, self.count)
         if start >= end:
             return []
         if self._filter is None:
-            first = self._run.first + start
-            return list(enumerate(self._run.rows(first, self._run.first + end), first))
+            first = self._store.first + start
+            return list(enumerate(self._store.rows(first, self._store.first + end), first))
         indices = [self.index(position) for position in range(start, end)]
-        return [(index, self._run.row(index)) for index in indices]
+        return [(index, self._store.row(index)) for index in indices]
 
-    def places(self, block: Block) -> Places:
-        """Places of the block's rows that are kept and shown, rising."""
-        first = max(0, self._run.first - block.start)
+    def offsets(self, block: Block) -> Offsets:
+        """Offsets of the block's shown rows, rising."""
+        first = max(0, self._store.first - block.start)
         if self._filter is None:
             return np.arange(first, block.count)
-        wanted = block.places[: block.wanted].astype(np.int64)
-        return wanted[wanted >= first]
-
-
-class RowStore(RowRun):
-    """A bounded run of rows, judged by a filter as they come."""
-
-    def __init__(
-        self,
-        bound: int = DEFAULT_BOUND,
-        block_rows: int = BLOCK_ROWS,
-        source: BlockSource | None = None,
-        most_blocks: int = MOST_BLOCKS,
-    ) -> None:
-        """An empty store without a filter; what is told of it is that of a `RowRun`."""
-        super().__init__(bound, block_rows, source, most_blocks)
-        self.shown = FilteredView(self)
-        """The rows that are shown, and the filter."""
-
-    def append(self, rows: Sequence[Row]) -> Sequence[Block]:
-        """Take rows in; under a filter they are judged at once."""
-        grown = super().append(rows)
-        self.shown.follow(grown)
-        return grown
+        matches = block.matches.astype(np.int64)
+        return matches[matches >= first]

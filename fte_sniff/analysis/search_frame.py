@@ -1,4 +1,7 @@
-"""Search texts with polars."""
+"""Text search in the displayed cells of many rows.
+
+A module of its own because it imports polars, which a screen without a search does not need.
+"""
 
 from __future__ import annotations
 
@@ -18,25 +21,25 @@ from fte_sniff.row_batch import RowBatch
 _HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]
 
 
-def tell(
+def contains_text(
     text: str,
     columns: Collection[str],
     rows: RowBatch,
 ) -> npt.NDArray[np.bool_]:
     """Whether each row has the text in one of these columns."""
     found = np.zeros(len(rows), np.bool_)
-    for part in _PARTS:
+    for cell in _CELLS:
         if found.all():
             break
-        if part.signs.issuperset(text) and (part.column is None or part.column in columns):
-            frame = row_frame(rows, part.names)
-            has = part.text.str.contains(text, literal=True).fill_null(False)
+        if cell.signs.issuperset(text) and (cell.column is None or cell.column in columns):
+            frame = row_frame(rows, cell.names)
+            has = cell.text.str.contains(text, literal=True).fill_null(False)
             found |= frame.select(has=has)["has"].to_numpy()
     return found
 
 
-def _said(kind: FrameKind, form: int) -> pl.Expr:
-    """A kind with its values as the screen tells them, in the form of that place."""
+def _kind_text(kind: FrameKind, form: int) -> pl.Expr:
+    """A kind with its values as displayed, in one of the forms of `value_heads`."""
     heads = value_heads(kind)[form]
     short = None if form == 0 else short_feedback(kind, len(kind.name))
     values = [_value(field, head) for field, head in zip(kind.fields, heads, strict=True)]
@@ -48,15 +51,15 @@ def _value(field: Field, head: str) -> pl.Expr:
     if field.defined_bits is None:
         return pl.format(f" {head.lower()}{{}}", value)
     digits = value.replace_strict(list(range(256)), _HEX_WORDS, return_dtype=pl.String())
-    told = pl.format(f" {head.lower()}{{}}", digits)
-    return pl.when(value == field.default).then(pl.lit("")).otherwise(told)
+    text = pl.format(f" {head.lower()}{{}}", digits)
+    return pl.when(value == field.default).then(pl.lit("")).otherwise(text)
 
 
 def _values(form: int) -> pl.Expr:
-    said: pl.Expr = pl.lit(None, pl.String)
+    text: pl.Expr = pl.lit(None, pl.String)
     for kind in KINDS:
-        said = pl.when(pl.col("kind") == kind.name).then(_said(kind, form)).otherwise(said)
-    return said
+        text = pl.when(pl.col("kind") == kind.name).then(_kind_text(kind, form)).otherwise(text)
+    return text
 
 
 def _field_names() -> Iterator[str]:
@@ -65,31 +68,31 @@ def _field_names() -> Iterator[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
-    """Something that is told of every row."""
+class _Cell:
+    """A displayed text of every row."""
 
     column: str | None
-    """The only one that tells it; None where several do."""
+    """Its column; None if every table shows it."""
     names: frozenset[str]
-    """What it is told from."""
+    """Columns that it is computed from."""
     signs: frozenset[str]
-    """The characters it can have; a text with another is not in it."""
+    """Characters that it can contain."""
     text: pl.Expr
 
 
 _DIGITS: Final = frozenset("0123456789")
 _WORD_SIGNS: Final = _DIGITS | frozenset("abcdefghijklmnopqrstuvwxyz_=- ")
-_PARTS: Final = (
+_CELLS: Final = (
     *(
-        _Part(None, frozenset({"kind", *_field_names()}), _WORD_SIGNS, _values(form))
+        _Cell(None, frozenset({"kind", *_field_names()}), _WORD_SIGNS, _values(form))
         for form in range(VALUE_FORMS)
     ),
-    _Part(
+    _Cell(
         "time",
         frozenset({"time"}),
         _DIGITS | frozenset(":."),
         pl.col("time").dt.strftime("%H:%M:%S.%f"),
     ),
-    _Part("offset", frozenset({"offset"}), _DIGITS, pl.col("offset").cast(pl.String())),
+    _Cell("offset", frozenset({"offset"}), _DIGITS, pl.col("offset").cast(pl.String())),
 )
-"""What is told of a row, but for its port and faults, which many rows share."""
+"""All but port and faults, which many rows share."""

@@ -173,7 +173,7 @@ class NavigationActions(ScreenActions):
     def _warn_outside(self, line: str, t_ns: int) -> None:
         """Report a time before the first or after the last shown row."""
         store, zone = self._model.store, self._table.view.shown_zone
-        first, last = time_at(store, 0), time_at(store, max(0, store.shown.count - 1))
+        first, last = time_at(store, 0), time_at(store, max(0, store.view.count - 1))
         if last is not None and t_ns > last:
             text, end = _("{time} is after the last row ({end})"), last
         elif first is not None and t_ns < first:
@@ -362,7 +362,7 @@ class FindActions(ScreenActions):
         """Search to the end of the rows, then from the other end to the start."""
         store = self._model.store
         rows_at_start = len(store)
-        mask = partial(search.mask, columns={column.name for column in self._table.columns})
+        mask = partial(search.matches, columns={column.name for column in self._table.columns})
         index: int | None = start
         for wrapped in (False, True):
             if wrapped:
@@ -375,7 +375,7 @@ class FindActions(ScreenActions):
                 distance = abs(index - start)
                 seen = rows_at_start - distance if wrapped else distance
                 yield SearchProgress(step.found, seen, wrapped)
-                index = step.onward
+                index = step.next_index
 
     def _show_hit(self, progress: SearchProgress) -> None:
         if progress.found is None or not self._table.jump_to_index(progress.found):
@@ -384,9 +384,9 @@ class FindActions(ScreenActions):
             self._inform(_("there was no further one: it went on from the other end"))
 
     def _report_no_hit(self, search: Search) -> None:
-        if self._model.store.shown.pending:
+        if self._model.store.view.pending:
             text = _("no row so far has {text}; the filter is still at work")
-        elif self._model.store.shown.filter is None:
+        elif self._model.store.view.filter is None:
             text = _("no row has {text}")
         else:
             text = _("no row that the filter shows has {text}")

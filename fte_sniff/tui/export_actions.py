@@ -87,7 +87,7 @@ class ExportActions(ScreenActions):
 
     def _rows_to_copy(self) -> list[Row] | None:
         """The rows to copy; None where there are none, or too many."""
-        shown_rows, selected = self._model.store.shown, self._table.selected
+        shown_rows, selected = self._model.store.view, self._table.selected
         if not selected:
             row = self._table.cursor_row
             return None if row is None else [row]
@@ -121,14 +121,14 @@ class ExportActions(ScreenActions):
         if self._save_job is not None:
             text = _("{file} is still being saved; esc ends that")
             self._inform(text.format(file=printable(str(self._save_job.path))))
-        elif not self._model.store.shown.count:
+        elif not self._model.store.view.count:
             self._inform(_("no row is shown that could be saved"))
         else:
             self._report_row_count()
             self._save_field.open()
 
     def _report_row_count(self) -> None:
-        shown_rows, selected = self._model.store.shown, self._table.selected
+        shown_rows, selected = self._model.store.view, self._table.selected
         if selected:
             count = shown_rows.position_of(selected.stop) - shown_rows.position_of(selected.start)
             self._inform(_("{count:,} selected rows would be saved").format(count=count))
@@ -150,7 +150,7 @@ class ExportActions(ScreenActions):
             self._notice.warn(error_text(error))
             return
         self._show_progress(job, 0)
-        self._start_worker(SAVE_GROUP, partial(self._write, job, indices, store.shown.filter))
+        self._start_worker(SAVE_GROUP, partial(self._write, job, indices, store.view.filter))
 
     def _export_source(self, selected: range) -> ExportSource:
         """Facts about the rows that are saved: those shown, or the selected ones among them."""
@@ -159,9 +159,9 @@ class ExportActions(ScreenActions):
         if selected:
             first, last = store.row(selected.start), store.row(selected.stop - 1)
             source = source.within(first.t_ns, last.t_ns)
-        if store.shown.filter is not None:
+        if store.view.filter is not None:
             rows = len(selected or range(store.first, store.next))
-            selection = Selection(store.shown.filter.text, rows)
+            selection = Selection(store.view.filter.text, rows)
             source = replace(source, selections=[*source.selections, selection])
         return source
 

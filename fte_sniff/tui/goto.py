@@ -138,7 +138,7 @@ def row_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | None
         None where no shown row has the byte, or a time is needed and there are none. A position
         may be past the last row.
     """
-    last = max(0, store.shown.count - 1)
+    last = max(0, store.view.count - 1)
     match goal:
         case ToRow(number):
             return number - 1
@@ -151,10 +151,10 @@ def row_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | None
 
 
 def _row_with_byte(store: RowStore, cursor: int, offset: int) -> int | None:
-    if cursor >= store.shown.count:
+    if cursor >= store.view.count:
         return None
-    index = find_byte(store, store.shown.row(cursor).port, offset)
-    return None if index is None else store.shown.position_of(index)
+    index = find_byte(store, store.view.row(cursor).port, offset)
+    return None if index is None else store.view.position_of(index)
 
 
 def _first_from(store: RowStore, t_ns: int) -> int:
@@ -164,12 +164,12 @@ def _first_from(store: RowStore, t_ns: int) -> int:
         found = time_at(store, position)
         return NO_TIME if found is None else found
 
-    return bisect_left(range(store.shown.count), t_ns, key=time)
+    return bisect_left(range(store.view.count), t_ns, key=time)
 
 
 def time_at(store: RowStore, position: int) -> int | None:
     """Time of a shown row; None where there is no such row, or it has no time."""
-    return store.shown.row(position).t_ns if position < store.shown.count else None
+    return store.view.row(position).t_ns if position < store.view.count else None
 
 
 class GotoField(PromptField):

@@ -9,7 +9,7 @@ from datetime import tzinfo
 from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, ENDLESS, BlockSource, RowStore
+from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, UNBOUNDED, BlockSource, RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.session.save import UNKNOWN, ExportSource
 from fte_sniff.tui.table.columns import ColumnChoice
@@ -71,7 +71,7 @@ class StartOptions:
         """A store bounded by `keep_rows`; one for all rows where a source can read them again."""
         if source is None:
             return RowStore(self.keep_rows)
-        return RowStore(ENDLESS, source=source, most_blocks=max(2, self.keep_rows // BLOCK_ROWS))
+        return RowStore(UNBOUNDED, source=source, most_blocks=max(2, self.keep_rows // BLOCK_ROWS))
 
 
 DEFAULTS: Final = StartOptions()

@@ -57,7 +57,7 @@ class ViewModel:
 
     def __init__(self, feed: Feed, row_filter: RowFilter | None, store: RowStore) -> None:
         self.store = store
-        self.store.shown.set_filter(row_filter)
+        self.store.view.set_filter(row_filter)
         self.state = FeedState("")
         self.tally = Tally()
         """Counts over all rows that were polled."""
@@ -90,8 +90,8 @@ class ViewModel:
             self._events[event.kind] += 1
             if event.kind is PortEventKind.LINE_ERROR:
                 self._line_errors += event.count
-        changed = bool(update.rows) or bool(self.store.shown.pending)
-        self.store.shown.filter_step()
+        changed = bool(update.rows) or bool(self.store.view.pending)
+        self.store.view.filter_step()
         self._update_rate(now_ns)
         return ViewUpdate(changed, update.events, ended, trouble, stream_changes)
 
@@ -145,7 +145,7 @@ class ViewModel:
     @property
     def filter_text(self) -> str:
         """Number of rows that pass the filter; empty without a filter."""
-        shown = self.store.shown
+        shown = self.store.view
         if shown.filter is None:
             return ""
         form = _("{shown:,} of {all:,} rows")
@@ -156,7 +156,7 @@ class ViewModel:
     @property
     def empty_text(self) -> str:
         """Why no row is shown."""
-        if self.store.shown.pending:
+        if self.store.view.pending:
             return _("filtering ...")
         if len(self.store):
             return _("the filter hides all {count:,} rows; F shows them again").format(
@@ -166,8 +166,8 @@ class ViewModel:
 
     def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
         """Show only rows that pass the filter; those near the index `near` are tested first."""
-        self.store.shown.set_filter(row_filter, near)
-        self.store.shown.filter_step()
+        self.store.view.set_filter(row_filter, near)
+        self.store.view.filter_step()
 
 
 STEP_PAUSE_S: Final = 0.005
@@ -194,10 +194,10 @@ class HitStatus:
         """Count new rows; start again where the search, the columns or the filter changed."""
         search = self._table.search
         columns = frozenset(column.name for column in self._table.columns)
-        wanted = (search, columns, self._store.shown.filter)
+        wanted = (search, columns, self._store.view.filter)
         if wanted != self._counted:
             self._counted, self._due_s = wanted, 0.0
-            test = search and partial(search.mask, columns=columns)
+            test = search and partial(search.matches, columns=columns)
             self._counter = HitCounter(self._store, test) if test else None
         if self._counter is not None and not self._stepping and monotonic() >= self._due_s:
             self._step()
@@ -215,9 +215,9 @@ class HitStatus:
         if self._counter is None or self._table.search is None:
             return ""
         index = self._table.cursor_index
-        position = self._counter.standing(-1 if index is None else index)
+        position = self._counter.position(-1 if index is None else index)
         form = HITS if position.number is None else HIT
-        return _(form).format(number=position.number, all=position.all)
+        return _(form).format(number=position.number, all=position.total)
 
 
 WAKE_INTERVAL_S: Final = 1 / 25

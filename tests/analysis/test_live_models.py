@@ -1,4 +1,4 @@
-"""The models behind a store that grows, forgets and is looked back at."""
+"""Models that follow a growing store, and states and traces of the past."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _motors(rows: Sequence[Row]) -> Motors:
     st.integers(1, 9),
     st.lists(st.integers(0, 60), max_size=4),
 )
-def test_the_state_at_any_row_is_that_of_all_rows_up_to_it(
+def test_the_state_at_a_row_equals_that_after_all_rows_up_to_it(
     count: int, budget: int, every: int, block_rows: int, looks: list[int]
 ) -> None:
     rows = _rows(count)
@@ -64,7 +64,7 @@ def test_the_state_at_any_row_is_that_of_all_rows_up_to_it(
             assert motors.states(now) == _motors(rows[: index + 1]).states(now)
 
 
-def test_rows_that_leave_before_they_are_looked_at_are_told() -> None:
+def test_rows_that_leave_before_they_are_observed_are_counted() -> None:
     store = RowStore(100, 32)
     following = LiveModels(store, LineSetup(), 32)
     store.append(_rows(250))
@@ -75,7 +75,7 @@ def test_rows_that_leave_before_they_are_looked_at_are_told() -> None:
     assert following.motors_at(200) is not None
 
 
-def test_nothing_is_told_of_rows_that_were_not_looked_at() -> None:
+def test_rows_that_were_not_observed_have_no_state() -> None:
     store = RowStore()
     following = LiveModels(store, LineSetup())
     store.append(_rows(50))
@@ -85,7 +85,7 @@ def test_nothing_is_told_of_rows_that_were_not_looked_at() -> None:
 
 
 @pytest.mark.parametrize("window_ms", [10, 200, 5000])
-def test_traces_of_the_past_reach_back_as_far_as_is_asked(window_ms: int) -> None:
+def test_traces_of_the_past_cover_the_window(window_ms: int) -> None:
     rows = _rows(2000)
     store = RowStore(5000, 64)
     following = LiveModels(store, LineSetup(), 128)
@@ -117,7 +117,7 @@ def test_traces_of_the_past_reach_back_as_far_as_is_asked(window_ms: int) -> Non
     st.lists(st.integers(0, 40), max_size=4).map(sorted),
     st.integers(0, 39),
 )
-def test_nothing_is_measured_across_a_gap(
+def test_no_measurement_spans_a_gap(
     count: int, budget: int, every: int, places: list[int], look: int
 ) -> None:
     rows = _rows(count)
@@ -144,7 +144,7 @@ def test_nothing_is_measured_across_a_gap(
         assert motors.states(rows[look].t_ns) == expected.states(rows[look].t_ns)
 
 
-def test_rows_that_left_before_they_were_looked_at_are_no_silence() -> None:
+def test_missed_rows_are_not_silence() -> None:
     store = RowStore(10, 5)
     following = LiveModels(store, LineSetup())
     rows = _rows(100)
@@ -159,7 +159,7 @@ def test_rows_that_left_before_they_were_looked_at_are_no_silence() -> None:
     assert port.silences.count == 4 + 9
 
 
-def test_the_use_of_a_line_is_reckoned_by_what_the_recording_says() -> None:
+def test_utilization_uses_the_recorded_baud() -> None:
     store = RowStore(100)
     following = LiveModels(store, LineSetup())
     bauds = [(0, 9600), (3, 57_600)]

@@ -54,7 +54,7 @@ def states_of(rows: list[Row], cuts: list[int], now_ns: int = 40 * SECOND) -> li
 
 
 @given(row_lists(), st.lists(st.integers(0, 25), max_size=4))
-def test_it_makes_no_difference_where_batches_are_cut(rows: list[Row], cuts: list[int]) -> None:
+def test_batches_of_any_size_give_the_same_states(rows: list[Row], cuts: list[int]) -> None:
     assert states_of(rows, cuts) == states_of(rows, [])
 
 
@@ -76,7 +76,7 @@ def _tells(row: Row, motor: int) -> bool:
 
 
 @given(row_lists())
-def test_a_state_is_what_the_last_frames_said(rows: list[Row]) -> None:
+def test_a_state_has_the_values_of_the_last_frames(rows: list[Row]) -> None:
     for state in states_of(rows, []):
         commands = [row for row in rows if _commands(row, state.motor)]
         feedback = [row for row in rows if _tells(row, state.motor)]
@@ -116,7 +116,7 @@ def _row(name: str, t_ns: int | None, **values: int) -> Row:
     return Frame("p", 0, encode(KIND_BY_NAME[name], values), t_ns)
 
 
-def test_a_motor_that_said_nothing_has_no_numbers() -> None:
+def test_a_motor_without_frames_has_no_values() -> None:
     state = states_of([_row("reset", 0)], [])[2]
     assert state.present == {}
     assert state.online is None
@@ -125,7 +125,7 @@ def test_a_motor_that_said_nothing_has_no_numbers() -> None:
     assert (state.answered, state.unanswered, state.waiting_since_ns) == (0, 0, None)
 
 
-def test_the_limit_of_a_position_command_is_no_speed_that_was_reached() -> None:
+def test_the_speed_limit_of_a_position_command_is_not_present_speed() -> None:
     state = states_of([_row("position", 5, motor=1, rpm=1000, pulses=-7)], [])[0]
     assert state.target is not None
     assert dict(state.target.values) == {"rpm": 1000, "pulses": -7}
@@ -133,7 +133,7 @@ def test_the_limit_of_a_position_command_is_no_speed_that_was_reached() -> None:
     assert state.waiting_since_ns == 5
 
 
-def test_online_is_told_by_the_feedback_of_any_motor() -> None:
+def test_online_comes_from_the_feedback_of_any_motor() -> None:
     rows = [
         _row("speed_feedback", 1, motor=1, rpm=0, online=0x0F),
         _row("speed_feedback", 2, motor=2, rpm=0, online=0x0B),
@@ -193,7 +193,7 @@ def paired_by_hand(events: list[tuple[bool, int]]) -> tuple[list[int], int, bool
 
 
 @given(EXCHANGES, st.lists(st.integers(0, 40), max_size=4))
-def test_batches_of_any_size_give_what_the_rule_says(
+def test_pairing_in_batches_of_any_size_follows_the_rule(
     events: list[tuple[bool, int]], cuts: list[int]
 ) -> None:
     pairing = Pairing()
@@ -208,7 +208,7 @@ def test_batches_of_any_size_give_what_the_rule_says(
     assert pairing.answered + pairing.unanswered + pairing.waiting == asked
 
 
-def test_pairs_without_times_are_counted_and_not_measured() -> None:
+def test_pairs_without_times_are_counted_but_not_measured() -> None:
     pairing = Pairing()
     one = np.array([0]), np.array([1]), np.array([NO_TIME])
     other = np.array([1]), np.array([1]), np.array([NO_TIME])

@@ -51,15 +51,15 @@ class StoreMachine(RuleBasedStateMachine):
 
     @rule(row_filter=st.none() | st.sampled_from(FILTERS), near=st.none() | st.integers(-3, 40))
     def set_filter(self, row_filter: RowFilter | None, near: int | None) -> None:
-        self.store.shown.set_filter(row_filter, near)
+        self.store.view.set_filter(row_filter, near)
         self.filter = row_filter
 
     @rule(budget=st.integers(1, 6))
     def step(self, budget: int) -> None:
-        before = self.store.shown.pending
-        done = self.store.shown.filter_step(budget)
-        assert done == (self.store.shown.pending == 0)
-        assert before - self.store.shown.pending >= min(budget, before)
+        before = self.store.view.pending
+        done = self.store.view.filter_step(budget)
+        assert done == (self.store.view.pending == 0)
+        assert before - self.store.view.pending >= min(budget, before)
 
     @invariant()
     def the_latest_rows_are_kept_as_they_came(self) -> None:
@@ -79,8 +79,8 @@ class StoreMachine(RuleBasedStateMachine):
             for index in range(store.first, store.next)
             if self.filter is None or self.filter.select([self.all[index]])
         ]
-        shown = [store.shown.index(position) for position in range(store.shown.count)]
-        if store.shown.pending:
+        shown = [store.view.index(position) for position in range(store.view.count)]
+        if store.view.pending:
             assert shown == [index for index in wanted if index in set(shown)]
         else:
             assert shown == wanted
@@ -88,24 +88,24 @@ class StoreMachine(RuleBasedStateMachine):
     @invariant()
     def positions_and_indices_agree(self) -> None:
         store = self.store
-        shown = store.shown.slice(-3, store.shown.count + 3)
+        shown = store.view.slice(-3, store.view.count + 3)
         assert [index for index, _ in shown] == [
-            store.shown.index(position) for position in range(store.shown.count)
+            store.view.index(position) for position in range(store.view.count)
         ]
         assert [row for _, row in shown] == [self.all[index] for index, _ in shown]
         faulty = [index for index, row in shown if row.faults]
         for index in range(store.first - 2, store.next + 3):
-            assert store.shown.position_of(index) == sum(other < index for other, _ in shown)
+            assert store.view.position_of(index) == sum(other < index for other, _ in shown)
             behind = [other for other in faulty if other > index]
             before = [other for other in faulty if other < index]
             assert find_fault(store, index, 1) == (behind[0] if behind else None)
             assert find_fault(store, index, -1) == (before[-1] if before else None)
-            assert store.shown.has(index) == any(other == index for other, _ in shown)
+            assert store.view.has(index) == any(other == index for other, _ in shown)
 
     @invariant()
     def what_passes_a_test_is_found_block_by_block(self) -> None:
         store = self.store
-        shown = store.shown.slice(0, store.shown.count)
+        shown = store.view.slice(0, store.view.count)
         for index in range(store.first - 2, store.next + 3):
             behind = [other for other, row in shown if other >= index and len(row.raw) > 10]
             before = [other for other, row in shown if other <= index and len(row.raw) > 10]
@@ -142,8 +142,8 @@ def _walked(store: RowStore, index: int, by: int) -> int | None:
         return np.array([at in rows.long for at in range(len(rows))], np.bool_)
 
     step = find_step(store, is_long, index, by)
-    while step.onward is not None:
-        step = find_step(store, is_long, step.onward, by)
+    while step.next_index is not None:
+        step = find_step(store, is_long, step.next_index, by)
     return step.found
 
 
@@ -151,15 +151,15 @@ StoreMachine.TestCase.settings = examples(30, stateful_step_count=15)
 test_a_store_is_a_bounded_list_with_a_filter = StoreMachine.TestCase
 
 
-def test_a_new_filter_begins_where_one_looks() -> None:
+def test_a_new_filter_starts_near_the_given_row() -> None:
     store = RowStore(1_000, block_rows=10)
     store.append([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)])
-    store.shown.set_filter(RowFilter.parse("noise"), near=42)
-    assert not store.shown.filter_step(1)
-    assert [index for index, _ in store.shown.slice(0, 100)] == list(range(40, 50))
+    store.view.set_filter(RowFilter.parse("noise"), near=42)
+    assert not store.view.filter_step(1)
+    assert [index for index, _ in store.view.slice(0, 100)] == list(range(40, 50))
 
 
-def test_blocks_beyond_the_bound_of_memory_are_read_again_when_they_are_asked_for() -> None:
+def test_dropped_blocks_are_loaded_again_when_needed() -> None:
     rows: list[Row] = [
         Damage("port", at, bytes(1 + at % 20), None, (Fault.NOISE,)) for at in range(1000)
     ]
@@ -173,18 +173,18 @@ def test_blocks_beyond_the_bound_of_memory_are_read_again_when_they_are_asked_fo
     assert source.loads == 2
     assert store.rows(0, 20) == rows[:20]
     assert source.loads == 2
-    store.shown.set_filter(RowFilter.parse("length = 7"))
-    while not store.shown.filter_step(100):
+    store.view.set_filter(RowFilter.parse("length = 7"))
+    while not store.view.filter_step(100):
         pass
     loads = source.loads
-    assert store.shown.count == 50
-    assert store.shown.position_of(500) == 25
+    assert store.view.count == 50
+    assert store.view.position_of(500) == 25
     assert source.loads == loads
-    assert [row for _, row in store.shown.slice(24, 26)] == [rows[486], rows[506]]
+    assert [row for _, row in store.view.slice(24, 26)] == [rows[486], rows[506]]
     assert source.loads > loads
 
 
-def test_other_rows_than_there_were_are_refused() -> None:
+def test_a_source_that_loads_other_rows_is_refused() -> None:
     rows: list[Row] = [Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(100)]
     source = Again(rows)
     store = RowStore(1000, 10, source, most_blocks=1)
@@ -195,16 +195,16 @@ def test_other_rows_than_there_were_are_refused() -> None:
 
 
 @pytest.mark.parametrize("position", [-1, 3])
-def test_a_position_that_is_not_there_is_an_error(position: int) -> None:
+def test_a_position_that_does_not_exist_is_an_error(position: int) -> None:
     store = RowStore()
     store.append([Damage("port", at, b"\0", None, (Fault.NOISE,)) for at in range(3)])
     with pytest.raises(IndexError):
-        store.shown.row(position)
+        store.view.row(position)
     with pytest.raises(IndexError):
         store.row(position)
 
 
 @pytest.mark.parametrize(("bound", "block_rows"), [(0, 10), (10, 0), (10, 2**16 + 1)])
-def test_a_store_of_no_rows_cannot_be(bound: int, block_rows: int) -> None:
+def test_sizes_out_of_range_are_refused(bound: int, block_rows: int) -> None:
     with pytest.raises(ValueError, match="cannot be"):
         RowStore(bound, block_rows)

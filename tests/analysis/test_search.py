@@ -45,7 +45,7 @@ ROWS: Sequence[Row] = (
 
 
 def found(typed: str, rows: Sequence[Row] = ROWS) -> list[int]:
-    mask = Search.parse(typed).mask(RowBatch.from_rows(rows))
+    mask = Search.parse(typed).matches(RowBatch.from_rows(rows))
     return [int(at) for at in np.flatnonzero(mask)]
 
 
@@ -84,7 +84,7 @@ def found(typed: str, rows: Sequence[Row] = ROWS) -> list[int]:
         ("...", []),
     ],
 )
-def test_what_is_seen_is_found(typed: str, rows: list[int]) -> None:
+def test_displayed_texts_are_found(typed: str, rows: list[int]) -> None:
     assert found(typed) == rows
 
 
@@ -97,29 +97,29 @@ def test_what_is_seen_is_found(typed: str, rows: list[int]) -> None:
         ("1230", "offset", [0, 1, 2]),
     ],
 )
-def test_what_no_column_tells_is_not_looked_at(typed: str, column: str, rows: list[int]) -> None:
+def test_hidden_columns_are_not_searched(typed: str, column: str, rows: list[int]) -> None:
     batch = RowBatch.from_rows(ROWS)
     search = Search.parse(typed)
     others = set(COLUMN_BY_NAME) - {column}
-    assert search.mask(batch, {column}).nonzero()[0].tolist() == rows
-    assert not search.mask(batch, others).any()
+    assert search.matches(batch, {column}).nonzero()[0].tolist() == rows
+    assert not search.matches(batch, others).any()
 
 
 @pytest.mark.parametrize("typed", ["motor=1", "speed", "noise", "aa 01"])
-def test_kind_values_faults_and_bytes_are_looked_at_in_any_columns(typed: str) -> None:
+def test_kind_values_faults_and_bytes_are_always_searched(typed: str) -> None:
     batch = RowBatch.from_rows(ROWS)
     search = Search.parse(typed)
-    assert (search.mask(batch, ()) == search.mask(batch)).all()
+    assert (search.matches(batch, ()) == search.matches(batch)).all()
 
 
 @pytest.mark.parametrize("typed", ["hex:", "hex:A", "hex:zz", "hex:A A", "hex:aa0"])
-def test_what_is_no_hex_is_told(typed: str) -> None:
+def test_invalid_hex_is_refused(typed: str) -> None:
     with pytest.raises(InputTextError, match="is not hex: two digits a byte"):
         Search.parse(typed)
 
 
 @given(st.binary(min_size=10, max_size=40), st.data())
-def test_bytes_side_by_side_are_found_and_set_off(raw: bytes, data: st.DataObject) -> None:
+def test_bytes_in_sequence_are_found_and_marked(raw: bytes, data: st.DataObject) -> None:
     start = data.draw(st.integers(0, len(raw) - 1))
     end = data.draw(st.integers(start + 1, len(raw)))
     wanted = raw[start:end]
@@ -127,19 +127,19 @@ def test_bytes_side_by_side_are_found_and_set_off(raw: bytes, data: st.DataObjec
     row = Damage("p", 0, raw, None, (Fault.NOISE,))
     assert found(search.typed, [row]) == [0]
     shown = spaced_hex(raw)
-    assert all(shown[a:b] == spaced_hex(wanted) for a, b in search.places(shown))
-    assert search.places(shown)
+    assert all(shown[a:b] == spaced_hex(wanted) for a, b in search.spans(shown))
+    assert search.spans(shown)
 
 
 @given(st.binary(min_size=10, max_size=14), st.binary(min_size=1, max_size=2))
-def test_bytes_that_are_not_there_are_not_found(raw: bytes, wanted: bytes) -> None:
+def test_missing_bytes_are_not_found(raw: bytes, wanted: bytes) -> None:
     row = Damage("p", 0, raw, None, (Fault.NOISE,))
     assert bool(found(f"hex:{wanted.hex()}", [row])) == (wanted in raw)
 
 
-def test_places_are_those_of_the_text_whatever_its_case() -> None:
-    assert Search.parse("Speed").places("speed SPEED_feedback") == [(0, 5), (6, 11)]
-    assert Search.parse("a.c").places("abc a.c") == [(4, 7)]
+def test_spans_ignore_case() -> None:
+    assert Search.parse("Speed").spans("speed SPEED_feedback") == [(0, 5), (6, 11)]
+    assert Search.parse("a.c").spans("abc a.c") == [(4, 7)]
 
 
 TEN_BYTES = RowFilter.parse("length = 10")
@@ -175,8 +175,8 @@ def test_the_nearest_fault_is_found(
     store = RowStore(bound, block_rows=8)
     store.append(rows_with_faults(faulty))
     if filtered:
-        store.shown.set_filter(TEN_BYTES)
-        store.shown.filter_step()
+        store.view.set_filter(TEN_BYTES)
+        store.view.filter_step()
     shown = [
         at
         for at in range(store.first, store.next)
@@ -193,7 +193,7 @@ def test_the_nearest_fault_is_found(
     st.booleans(),
     st.integers(1, 70),
 )
-def test_the_nearest_raised_flag_is_found_and_bytes_of_no_frame_raise_none(
+def test_the_nearest_raised_flag_is_found_and_only_in_frames(
     flags: list[tuple[bool, bool]], start: int, by: int, filtered: bool, bound: int
 ) -> None:
     rows: list[Row] = [
@@ -205,8 +205,8 @@ def test_the_nearest_raised_flag_is_found_and_bytes_of_no_frame_raise_none(
     store = RowStore(bound, block_rows=8)
     store.append(rows)
     if filtered:
-        store.shown.set_filter(RowFilter.parse("kind = 'speed_feedback'"))
-        store.shown.filter_step()
+        store.view.set_filter(RowFilter.parse("kind = 'speed_feedback'"))
+        store.view.filter_step()
     shown = [
         at
         for at in range(store.first, store.next)
@@ -233,37 +233,37 @@ def counter_of(store: RowStore) -> HitCounter:
 
 
 def position_by_hand(store: RowStore, index: int) -> HitPosition:
-    places = [store.shown.index(at) for at in range(store.shown.count)]
-    passing = [at for at in places if at % 3 == 0]
+    indices = [store.view.index(at) for at in range(store.view.count)]
+    passing = [at for at in indices if at % 3 == 0]
     number = passing.index(index) + 1 if index in passing else None
-    return HitPosition(number, len(passing), left_out=False, behind=False)
+    return HitPosition(number, len(passing))
 
 
 @pytest.mark.parametrize("row_filter", [None, "motor = 1", "rpm > 10", "motor = 9"])
 @pytest.mark.parametrize("bound", [1000, 50])
-def test_each_row_stands_where_it_does_by_hand(row_filter: str | None, bound: int) -> None:
+def test_hit_positions_equal_a_count_by_hand(row_filter: str | None, bound: int) -> None:
     store = RowStore(bound, block_rows=16)
-    store.shown.set_filter(RowFilter.parse(row_filter) if row_filter else None)
+    store.view.set_filter(RowFilter.parse(row_filter) if row_filter else None)
     hits = HitCounter(store, third)
     for start in range(0, 120, 7):
         store.append(rows_between(start, start + 7))
         while hits.step():
             pass
         for index in range(store.first, store.next):
-            assert hits.standing(index) == position_by_hand(store, index)
+            assert hits.position(index) == position_by_hand(store, index)
 
 
-def test_what_is_not_counted_yet_is_behind() -> None:
+def test_the_total_grows_with_every_step() -> None:
     store = RowStore(1000, block_rows=16)
     store.append(rows_between(0, 40))
     hits = HitCounter(store, third)
-    assert hits.standing(3) == HitPosition(None, 0, left_out=False, behind=True)
+    assert hits.position(3) == HitPosition(None, 0)
     assert hits.step()
-    assert hits.standing(3) == HitPosition(2, 6, left_out=False, behind=True)
+    assert hits.position(3) == HitPosition(2, 6)
     while hits.step():
         pass
     store.append(rows_between(40, 45))
-    assert hits.standing(3) == HitPosition(2, 14, left_out=False, behind=True)
+    assert hits.position(3) == HitPosition(2, 14)
 
 
 class Again:
@@ -271,18 +271,15 @@ class Again:
         return RowBatch.from_rows(rows_between(start, start + count), codebook)
 
 
-def test_rows_that_left_memory_before_they_were_counted_are_left_out_and_said_to_be() -> None:
+def test_rows_that_left_memory_before_they_were_counted_are_skipped() -> None:
     store = RowStore(1000, block_rows=16, source=Again(), most_blocks=2)
     store.append(rows_between(0, 64))
     late = counter_of(store)
-    assert (
-        late.standing(63) == HitPosition(6, 6 + 5, left_out=True, behind=False)
-        or late.standing(63).left_out
-    )
+    assert late.position(63) == HitPosition(11, 11)
     early = RowStore(1000, block_rows=16, source=Again(), most_blocks=2)
     hits = HitCounter(early, third)
     for start in range(0, 64, 16):
         early.append(rows_between(start, start + 16))
         while hits.step():
             pass
-    assert hits.standing(63) == HitPosition(22, 22, left_out=False, behind=False)
+    assert hits.position(63) == HitPosition(22, 22)

@@ -36,18 +36,18 @@ from fte_sniff.row_batch import Codebook, RowBatch
 
 SECOND = 1_000_000_000
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=15)
-BENCH = LineSetup()
+SETUP = LineSetup()
 
 
 def statistics_of(rows: list[Row], cut: int = 0) -> Statistics:
-    found, codebook = Statistics(BENCH), Codebook()
+    found, codebook = Statistics(SETUP), Codebook()
     for part in (rows[:cut], rows[cut:]):
         found.observe(Decoded(RowBatch.from_rows(part, codebook)), codebook)
     return found
 
 
 @given(ROWS)
-def test_counts_are_what_one_counts_by_hand(rows: list[Row]) -> None:
+def test_counts_equal_a_count_by_hand(rows: list[Row]) -> None:
     found = statistics_of(rows)
     ports = {numbers.port: numbers for numbers in found.ports()}
     assert {name: numbers.rows for name, numbers in ports.items()} == Counter(
@@ -84,7 +84,7 @@ def _rising(steps: list[int]) -> list[Row]:
 
 
 @given(st.lists(st.integers(0, SECOND), max_size=30), st.integers(0, 30))
-def test_it_makes_no_difference_where_batches_are_cut(steps: list[int], cut: int) -> None:
+def test_batches_of_any_size_give_the_same_statistics(steps: list[int], cut: int) -> None:
     rows = _rising(steps)
     once, parts = statistics_of(rows), statistics_of(rows, cut)
     now = sum(steps)
@@ -117,7 +117,7 @@ def test_a_periodic_stream_has_its_rate_and_no_jitter() -> None:
     assert stream.periods.percentile_ns(50) == pytest.approx(SECOND / 100, rel=0.0005)
     assert stream.jitter_ns == 0
     (port,) = found.ports()
-    taken = FRAME_LENGTH * byte_time_ns(BENCH.baud)
+    taken = FRAME_LENGTH * byte_time_ns(SETUP.baud)
     assert port.share == pytest.approx(101 * taken / (SECOND + taken))
     assert port.silences.longest_ns == SECOND // 100 - taken
     assert port.silences.count == 100
@@ -130,7 +130,7 @@ def test_one_period_does_not_vary(frames: int, jitter_ns: float | None) -> None:
 
 
 def test_rows_back_to_back_fill_the_line() -> None:
-    (port,) = statistics_of(_periodic(500, FRAME_LENGTH * byte_time_ns(BENCH.baud))).ports()
+    (port,) = statistics_of(_periodic(500, FRAME_LENGTH * byte_time_ns(SETUP.baud))).ports()
     assert port.share == pytest.approx(1)
     assert port.silences.count == 0
 
@@ -144,7 +144,7 @@ def test_without_times_there_is_no_rate_and_no_share() -> None:
 
 
 def test_port_events_are_counted_also_before_the_first_row() -> None:
-    found = Statistics(BENCH)
+    found = Statistics(SETUP)
     found.observe_events([PortEvent(1, "p", PortEventKind.OPENED, "")])
     found.observe_events([PortEvent(2, "p", PortEventKind.LINE_ERROR, "parity")] * 2)
     (port,) = found.ports()
@@ -155,7 +155,7 @@ def test_port_events_are_counted_also_before_the_first_row() -> None:
     assert (port.rows, port.share, port.silences.longest_ns) == (0, None, None)
 
 
-def test_a_bench_tells_turns() -> None:
+def test_turns_come_from_resolution_and_gear_ratio() -> None:
     assert LineSetup().turns(500) is None
     assert LineSetup(resolution=500, gear_ratio=20).turns(-15_000) == -1.5
 
@@ -163,12 +163,12 @@ def test_a_bench_tells_turns() -> None:
 MS = 1_000_000
 
 
-def survey_of(*sources: Sequence[Row], baud: int = 115_200) -> StatisticsSummary:
-    survey = StatisticsSummary(LineSetup(baud))
+def summary_of(*sources: Sequence[Row], baud: int = 115_200) -> StatisticsSummary:
+    summary = StatisticsSummary(LineSetup(baud))
     for number, rows in enumerate(sources):
-        survey.begin(f"{number}.mcap", {})
-        survey.observe(rows)
-    return survey
+        summary.begin(f"{number}.mcap", {})
+        summary.observe(rows)
+    return summary
 
 
 def frame(kind: str, t_ns: int | None, *, port: str = "p", **values: int) -> Frame:
@@ -176,21 +176,21 @@ def frame(kind: str, t_ns: int | None, *, port: str = "p", **values: int) -> Fra
 
 
 @given(ROWS, ROWS)
-def test_extents_status_and_faults_are_what_one_counts(one: list[Row], other: list[Row]) -> None:
-    survey, rows = survey_of(one, other), [*one, *other]
-    for source, own in zip(survey.sources, (one, other), strict=True):
+def test_totals_status_and_faults_equal_a_count_by_hand(one: list[Row], other: list[Row]) -> None:
+    summary, rows = summary_of(one, other), [*one, *other]
+    for source, own in zip(summary.sources, (one, other), strict=True):
         assert (source.count.rows, source.count.bytes) == (len(own), sum(len(r.raw) for r in own))
     times = [row.t_ns for row in rows if row.t_ns is not None]
-    total = survey.total
+    total = summary.total
     assert total.rows == len(rows)
     assert (total.first_ns, total.last_ns) == (min(times, default=None), max(times, default=None))
-    for status, count in survey.faults.by_status().items():
+    for status, count in summary.faults.by_status().items():
         having: list[Row] = [row for row in rows if row.status is status]
         assert (count.rows, count.bytes) == (len(having), sum(len(row.raw) for row in having))
     for port in {row.port for row in rows}:
         for fault in Fault:
             having = [row for row in rows if fault in row.faults and row.port == port]
-            found = survey.faults.by_fault(port).get(fault)
+            found = summary.faults.by_fault(port).get(fault)
             assert (found.rows if found else 0) == len(having)
             assert (found.bytes if found else 0) == sum(len(row.raw) for row in having)
             times = [row.t_ns for row in having if row.t_ns is not None]
@@ -199,7 +199,7 @@ def test_extents_status_and_faults_are_what_one_counts(one: list[Row], other: li
 
 
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=5), st.integers(0, 300))
-def test_pieces_with_gaps_between_tell_what_each_tells_alone(sizes: list[int], cut: int) -> None:
+def test_gaps_leave_the_measurements_of_the_rows_between_them(sizes: list[int], cut: int) -> None:
     pieces, gaps, t_ns = [], list[Gap](), SECOND
     for size in sizes:
         pieces.append([frame("speed", t_ns + at * MS, motor=1, rpm=5) for at in range(size)])
@@ -207,30 +207,30 @@ def test_pieces_with_gaps_between_tell_what_each_tells_alone(sizes: list[int], c
         gaps.append(Gap(GapKind.DAMAGE, None, end, end + SECOND))
         t_ns += size * MS + 2 * SECOND
     rows = [row for piece in pieces for row in piece]
-    survey = StatisticsSummary(LineSetup(115_200))
-    survey.begin("a.mcap", {}, gaps)
-    survey.observe(rows[:cut])
-    survey.observe(rows[cut:])
-    (port,), (stream,) = survey.ports(), survey.streams()
+    summary = StatisticsSummary(LineSetup(115_200))
+    summary.begin("a.mcap", {}, gaps)
+    summary.observe(rows[:cut])
+    summary.observe(rows[cut:])
+    (port,), (stream,) = summary.ports(), summary.streams()
     measured = len(rows) - len(pieces)
     assert (stream.periods.count, port.silences.count) == (measured, measured)
     for per_s in (stream.per_s, port.per_s):
         assert per_s == (pytest.approx(1000) if measured else None)
     taken = 10 * byte_time_ns(115_200)
     assert port.share == pytest.approx(len(rows) * taken / (measured * MS + len(pieces) * taken))
-    answers = survey.answers()[0]
+    answers = summary.answers()[0]
     assert (answers.unanswered, answers.neither) == (measured, len(pieces))
 
 
 @given(ROWS)
-def test_directions_and_ranges_are_what_one_counts(rows: list[Row]) -> None:
-    survey = survey_of(rows)
+def test_directions_and_ranges_equal_a_count_by_hand(rows: list[Row]) -> None:
+    summary = summary_of(rows)
     frames = [row for row in rows if isinstance(row, Frame)]
-    for port in survey.ports():
+    for port in summary.ports():
         for direction in Direction:
             own = [f for f in frames if f.port == port.port and f.direction is direction]
             assert port.frames[direction] == len(own)
-    for stream in survey.streams():
+    for stream in summary.streams():
         values = [
             f.values
             for f in frames
@@ -245,11 +245,11 @@ def test_directions_and_ranges_are_what_one_counts(rows: list[Row]) -> None:
 
 
 @given(ROWS, st.integers(0, 15))
-def test_answers_are_those_of_the_motors_pane(rows: list[Row], cut: int) -> None:
-    survey = survey_of(rows[:cut], rows[cut:])
+def test_answers_equal_those_of_the_motor_states(rows: list[Row], cut: int) -> None:
+    summary = summary_of(rows[:cut], rows[cut:])
     motors = Motors()
     motors.observe(Decoded(RowBatch.from_rows(rows)))
-    for found, state in zip(survey.answers(), motors.states(None), strict=True):
+    for found, state in zip(summary.answers(), motors.states(None), strict=True):
         assert (found.motor, found.commands, found.feedback, found.answered, found.unanswered) == (
             state.motor,
             state.commands,
@@ -266,14 +266,14 @@ def _resets(rows: list[Row]) -> int:
     return sum(isinstance(row, Frame) and row.kind is KIND_BY_NAME["reset"] for row in rows)
 
 
-def test_delays_are_over_all_answers_and_know_when_the_longest_was() -> None:
+def test_delays_cover_all_answers_and_have_the_time_of_the_longest() -> None:
     rows: list[Row] = []
     for number in range(1000):
         asked = number * SECOND
         late = 200 * MS if number == 7 else 5 * MS
         rows.append(frame("speed", asked, motor=2, rpm=5))
         rows.append(frame("speed_feedback", asked + late, motor=2, rpm=5))
-    found = survey_of(rows).answers()[1]
+    found = summary_of(rows).answers()[1]
     assert (found.answered, found.unanswered, found.waiting) == (1000, 0, False)
     assert found.delays.count == 1000
     assert found.delays.percentile_ns(50) == pytest.approx(5 * MS, rel=0.05)
@@ -287,12 +287,12 @@ def test_delays_are_over_all_answers_and_know_when_the_longest_was() -> None:
     ),
     st.integers(0, 20),
 )
-def test_flags_are_what_one_counts(told: list[tuple[int, int, int]], cut: int) -> None:
+def test_flags_equal_a_count_by_hand(told: list[tuple[int, int, int]], cut: int) -> None:
     rows = [
         frame("speed_feedback", at * MS, motor=motor, rpm=0, error=error, online=online)
         for at, (motor, error, online) in enumerate(told)
     ]
-    for flags in survey_of(rows[:cut], rows[cut:]).flags():
+    for flags in summary_of(rows[:cut], rows[cut:]).flags():
         own = [(at, error) for at, (motor, error, _) in enumerate(told) if motor == flags.motor]
         bits = {}
         for bit in range(8):
@@ -310,30 +310,30 @@ def test_flags_are_what_one_counts(told: list[tuple[int, int, int]], cut: int) -
         assert flags.times_lost == sum(one and not other for one, other in pairwise(there))
 
 
-def test_the_use_of_a_line_follows_its_baud() -> None:
+def test_utilization_follows_a_baud_change() -> None:
     slow, fast = byte_time_ns(9600), byte_time_ns(115_200)
     rows = [frame("reset", at * SECOND) for at in range(4)]
     change = PortEvent(2 * SECOND - 1, "p", PortEventKind.BAUD_CHANGED, "", 9600)
     expected = (20 * fast + 20 * slow) / (3 * SECOND + 10 * slow)
     for cut in range(5):
-        survey = StatisticsSummary(LineSetup(1200))
-        survey.begin("a", {"p": 115_200})
-        survey.observe(rows[:cut], [change] if cut > 1 else [])
+        summary = StatisticsSummary(LineSetup(1200))
+        summary.begin("a", {"p": 115_200})
+        summary.observe(rows[:cut], [change] if cut > 1 else [])
         # The next file of a capture tells how it began.
-        survey.begin("b", {"p": 115_200})
-        survey.observe(rows[cut:], [] if cut > 1 else [change])
-        (port,) = survey.ports()
+        summary.begin("b", {"p": 115_200})
+        summary.observe(rows[cut:], [] if cut > 1 else [change])
+        (port,) = summary.ports()
         assert port.share == pytest.approx(expected), cut
         assert port.baud == 9600
         assert [event.kind for event in port.events] == [PortEventKind.BAUD_CHANGED]
 
 
-def test_a_baud_that_the_user_said_is_not_overruled() -> None:
-    survey = StatisticsSummary(LineSetup(1200))
-    survey.begin("a", {})
+def test_the_baud_of_the_user_has_priority() -> None:
+    summary = StatisticsSummary(LineSetup(1200))
+    summary.begin("a", {})
     rows = [frame("reset", at * SECOND) for at in range(2)]
-    survey.observe(rows, [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)])
-    assert survey.ports()[0].baud == 1200
+    summary.observe(rows, [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)])
+    assert summary.ports()[0].baud == 1200
 
 
 TIMED = [frame("reset", at) for at in (10, 20, 30, 40)]
@@ -354,16 +354,16 @@ UNTIMED = [replace(TIMED[0], t_ns=None)]
         ([TIMED, UNTIMED], False),
     ],
 )
-def test_whether_inputs_follow_each_other(sources: list[list[Row]], in_order: bool) -> None:
-    assert survey_of(*sources).in_order is in_order
+def test_inputs_without_overlap_are_in_order(sources: list[list[Row]], in_order: bool) -> None:
+    assert summary_of(*sources).in_order is in_order
 
 
-def test_a_survey_of_nothing() -> None:
-    survey = survey_of([])
-    assert survey.total.rows == 0
-    assert survey.total.duration_ns is None
-    assert survey.ports() == []
-    assert survey.streams() == []
-    assert {status: count.rows for status, count in survey.faults.by_status().items()} == (
+def test_a_summary_without_rows() -> None:
+    summary = summary_of([])
+    assert summary.total.rows == 0
+    assert summary.total.duration_ns is None
+    assert summary.ports() == []
+    assert summary.streams() == []
+    assert {status: count.rows for status, count in summary.faults.by_status().items()} == (
         dict.fromkeys(Status, 0)
     )

@@ -295,7 +295,7 @@ def test_values_are_found_in_whatever_form_they_are_told(row: Frame, width: int)
     text = values_text(row, width)
     short = kind_text(row.kind.name, max(width, 11))
     for typed in filter(None, (text, short)):
-        assert Search.parse(typed).mask(RowBatch.from_rows([row])).all()
+        assert Search.parse(typed).matches(RowBatch.from_rows([row])).all()
 
 
 @pytest.mark.parametrize(

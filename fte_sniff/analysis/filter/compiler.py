@@ -140,7 +140,7 @@ class Compiler:
 
     def minus(self, term: Term, start: int) -> Term:
         """The negative of a number."""
-        self._expect(term, TermType.NUMBER, TranslatableText("'-' stands before a number"))
+        self._expect(term, TermType.NUMBER, TranslatableText("'-' needs a number"))
         made = self.combine(f"(- {term.sql})", (term,), of_type=TermType.NUMBER)
         return replace(made, start=start, label=f"-{term.label}")
 
@@ -161,11 +161,11 @@ class Compiler:
         if wanted is TermType.TEXT:
             return self._as_text(term, name)
         if wanted is TermType.LITERAL and digits:
-            why = TranslatableText("{name} wants a text in quotes", name=name)
+            why = TranslatableText("{name} needs a text in quotes", name=name)
             self._expect(term, wanted, why)
             return quoted(self._hex_digits(term))
         type_name = TranslatableText(wanted.value)
-        why = TranslatableText("{name} wants {wanted}", name=name, wanted=type_name)
+        why = TranslatableText("{name} needs {type}", name=name, type=type_name)
         self._expect(term, wanted, why)
         return term.sql
 
@@ -244,7 +244,7 @@ class Compiler:
             right = self.condition(right)
         if left.type in (TermType.WORD, TermType.TRUTH) and sign not in ("=", "!="):
             what = TranslatableText("{left} has no order", left=left.label)
-            fix = TranslatableText("ask with =, !=, IN or LIKE instead")
+            fix = TranslatableText("use =, !=, IN or LIKE instead")
             raise self._errors.about(left, what, fix)
         field, value = self._operands(left, right)
         return self.combine(f"({field} {sign} {value})", (left, right))
@@ -344,7 +344,7 @@ class Compiler:
 
     def _expect_pattern(self, pattern: Term, operator: str) -> None:
         if pattern.type is not TermType.LITERAL:
-            what = TranslatableText("{sign} wants a pattern in quotes", sign=operator)
+            what = TranslatableText("{sign} needs a pattern in quotes", sign=operator)
             fix = TranslatableText("as in port {sign} '%USB%'", sign=operator)
             raise self._errors.about(pattern, what, fix)
 
@@ -392,7 +392,7 @@ class Compiler:
     def _not_a_value(self, left: Term, name: Term) -> FilterError:
         if left.type in (TermType.TEXT, TermType.HEX):
             what = TranslatableText("unknown name '{term}'", term=name.label)
-            fix = TranslatableText("a text stands in quotes: '{name}'", name=name.label)
+            fix = TranslatableText("write a text in quotes: '{name}'", name=name.label)
             return self._errors.about(name, what, fix)
         if name.label.lower() in COLUMN_OF_WORD:
             return self._errors.mismatch(left, name)
@@ -441,7 +441,7 @@ class Compiler:
             return f"CAST({term.sql} AS VARCHAR)"
         if term.type in (TermType.TEXT, TermType.HEX):
             return term.sql
-        why = TranslatableText("{sign} wants a text", sign=operator)
+        why = TranslatableText("{sign} needs a text", sign=operator)
         raise self._errors.wrong_type(term, why)
 
     def _hex_digits(self, literal: Term, wildcards: str = "") -> str:

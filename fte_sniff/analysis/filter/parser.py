@@ -89,14 +89,12 @@ _BAD_CHARACTERS: Final = {
     '"': TranslatableText("this quote is never closed"),
     "`": TranslatableText("this quote is never closed"),
     ";": TranslatableText("a filter is one expression; leave out the ';'"),
-    "^": TranslatableText(
-        "there is no '^'; bits are asked for with & and |, as in online & 0x01 = 1"
-    ),
+    "^": TranslatableText("there is no '^'; use & and | for bits, as in online & 0x01 = 1"),
     ".": TranslatableText("names have no dots; write the field alone"),
     ":": TranslatableText("there is no ':'; times are texts, as in time > '12:00:05'"),
     **dict.fromkeys(
         "\u2018\u2019\u201c\u201d\u201e\u00ab\u00bb\uff07\uff02",
-        TranslatableText("texts stand in plain single quotes, as in kind = 'speed'"),
+        TranslatableText("write texts in plain single quotes, as in kind = 'speed'"),
     ),
     **dict.fromkeys(
         "\uff08\uff09\uff0c\uff1d\uff1e\uff1c\uff01",
@@ -342,7 +340,7 @@ class _Parser:
             raise error_at(self._text, token.start, what, fix)
         if self._accept("ANY"):
             right = self._brackets()
-            what = TranslatableText("ANY wants a list")
+            what = TranslatableText("ANY needs a list")
             self._expect_list(right, what, TranslatableText("as in 'noise' = ANY(faults)"))
         else:
             right = self._value()
@@ -372,7 +370,7 @@ class _Parser:
         word = self._accept("NULL", "TRUE", "FALSE")
         if word is None:
             raise self._unexpected(
-                TranslatableText("after IS stands NULL, TRUE, FALSE; a value is asked for with =")
+                TranslatableText("write NULL, TRUE or FALSE after IS; compare a value with =")
             )
         if word == "NULL":
             found = self._compiler.is_null(left)
@@ -398,7 +396,7 @@ class _Parser:
     def _in(self, left: Term) -> Term:
         if not self._at("("):
             right = self._value()
-            what = TranslatableText("IN wants a list")
+            what = TranslatableText("IN needs a list")
             self._expect_list(right, what, TranslatableText("write it in brackets: IN (1, 2)"))
             return self._compiler.compare(right, "=", left)
         items = self._arguments()

@@ -55,27 +55,27 @@ class RowFilter:
         found = parse(text)
         try:
             made = cls(text, found.sql, found.names, pl.sql_expr(found.sql))
-            made.mask(_TRIAL)
+            made.mask(_TEST_FRAME)
         except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
             raise _refused(error) from None
         return made
 
     def mask(self, frame: pl.DataFrame) -> pl.Series:
-        """For every row of a frame of `row_frame`'s columns whether it is wanted; never null.
+        """Whether each row of a frame with `row_frame`'s columns passes; never null.
 
         Raises:
             FilterError: the filter cannot be computed for these rows.
         """
         try:
-            found = frame.select(wanted=self.expression).to_series()
+            found = frame.select(passes=self.expression).to_series()
         except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
             raise _refused(error) from None
-        if len(found) != frame.height:  # polars gives a constant as a single row
+        if len(found) != frame.height:  # polars evaluates a constant to one row
             found = found.new_from_index(0, frame.height)
         return found.fill_null(False)
 
     def matches(self, rows: Sequence[Row]) -> Bools:
-        """Whether each row is wanted.
+        """Whether each row passes.
 
         Raises:
             FilterError: the filter cannot be computed for these rows.
@@ -83,7 +83,7 @@ class RowFilter:
         return self.mask(row_frame(rows, self.names or ("offset",))).to_numpy()
 
     def select(self, rows: Sequence[Row]) -> list[Row]:
-        """The rows that are wanted, in their order."""
+        """The rows that pass, in order."""
         return list(compress(rows, self.matches(rows))) if rows else []
 
 
@@ -94,8 +94,8 @@ def _refused(error: BaseException) -> FilterError:
     )
 
 
-def _trial_rows() -> Iterator[Row]:
-    """Rows of every kind with their values at both ends, and rows that have none."""
+def _test_rows() -> Iterator[Row]:
+    """Rows of every kind with the lowest and highest values, and a row without values."""
     for kind in KINDS:
         for end in ("low", "high"):
             values = {field.name: getattr(field, end) for field in kind.fields}
@@ -103,4 +103,4 @@ def _trial_rows() -> Iterator[Row]:
     yield Damage("port", 0, b"", None, (Fault.NOISE, Fault.LINE_ERROR))
 
 
-_TRIAL: Final = row_frame(list(_trial_rows()))
+_TEST_FRAME: Final = row_frame(list(_test_rows()))

@@ -154,7 +154,7 @@ class FilterErrors:
         """The types of two terms cannot be compared."""
         if left.type in UNTYPED and right.type in UNTYPED:
             what = TranslatableText("two texts are compared")
-            fix: str = TranslatableText("a field's name stands without single quotes")
+            fix: str = TranslatableText("write a field's name without single quotes")
             return self.about(left, what, fix)
         if left.column is None and right.type is TermType.LITERAL:
             near = nearest(right.label, COLUMN_BY_NAME) or "name a field"

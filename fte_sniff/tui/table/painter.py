@@ -148,7 +148,7 @@ class Painter:
     def _highlighted(self, text: str, style: Style) -> list[Segment]:
         """The text with the hits of the search."""
         segments, end = [], 0
-        for start, stop in self.search.places(text) if self.search else ():
+        for start, stop in self.search.spans(text) if self.search else ():
             segments.append(Segment(text[end:start], style))
             segments.append(Segment(text[start:stop], self.palette.found))
             end = stop
@@ -195,7 +195,7 @@ def row_cells(
     end = min(viewport.top + viewport.height, viewport.count)
     since_ns = _since(store, viewport.top, times, marks, start_ns)
     cells = []
-    for index, row in store.shown.slice(viewport.top, end):
+    for index, row in store.view.slice(viewport.top, end):
         cells.append(RowCell(row, _sign(index, marks, selected), since_ns))
         if times is TimeStyle.BEFORE:
             since_ns = row.t_ns
@@ -213,7 +213,7 @@ def _since(
 ) -> int | None:
     """The time from which that of the window's first row is counted."""
     if times is TimeStyle.BEFORE:
-        return store.shown.row(top - 1).t_ns if 0 < top <= store.shown.count else None
+        return store.view.row(top - 1).t_ns if 0 < top <= store.view.count else None
     if times is TimeStyle.MARK:
         latest = marks.latest
         return None if latest is None or latest < store.first else store.row(latest).t_ns

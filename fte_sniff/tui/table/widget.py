@@ -146,13 +146,13 @@ class RowTable(ScrollView, can_focus=True):
     def cursor_row(self) -> Row | None:
         """The row under the cursor; None where there are no rows."""
         viewport = self.viewport
-        return self._store.shown.row(viewport.cursor) if viewport.count else None
+        return self._store.view.row(viewport.cursor) if viewport.count else None
 
     @property
     def cursor_index(self) -> int | None:
         """Index of the row under the cursor; None where there are no rows."""
         viewport = self.viewport
-        return self._store.shown.index(viewport.cursor) if viewport.count else None
+        return self._store.view.index(viewport.cursor) if viewport.count else None
 
     @property
     def last_index(self) -> int:
@@ -198,7 +198,7 @@ class RowTable(ScrollView, can_focus=True):
 
     def sync(self) -> None:
         """Draw the rows that the store shows now; the cursor stays on its row."""
-        shown, viewport = self._store.shown, self.viewport
+        shown, viewport = self._store.view, self.viewport
         count = shown.position_of(self._pause_index if viewport.paused else self._store.next)
         viewport.refit(count, shown.position_of(self._cursor_index), shown.count - count)
         if viewport.following:
@@ -208,7 +208,7 @@ class RowTable(ScrollView, can_focus=True):
     def _update_cursor_index(self) -> None:
         """Note the index of the cursor's row, which stays the same when rows are filtered."""
         if self.viewport.count:
-            self._cursor_index = self._store.shown.index(self.viewport.cursor)
+            self._cursor_index = self._store.view.index(self.viewport.cursor)
 
     def _on_moved(self) -> None:
         self._update_cursor_index()
@@ -370,7 +370,7 @@ class RowTable(ScrollView, can_focus=True):
 
     def jump_to_index(self, index: int) -> bool:
         """Put the cursor on a shown row by its index; False where a pause hides it."""
-        position = self._store.shown.position_of(index)
+        position = self._store.view.position_of(index)
         if position >= self.viewport.count:
             return False
         self.jump(position)
@@ -388,6 +388,6 @@ class RowTable(ScrollView, can_focus=True):
 
     def jump_to_mark(self, by: int) -> bool:
         """Go to the nearest shown mark, if there is one."""
-        shown = filter(self._store.shown.has, self.marks.beyond(self._cursor_index, by))
+        shown = filter(self._store.view.has, self.marks.beyond(self._cursor_index, by))
         index = next(shown, None)
         return index is not None and self.jump_to_index(index)
