@@ -1,14 +1,17 @@
-"""Statistics of motors: flags and answer times."""
+"""Statistics of motors: flags and their texts, and answer times."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from fte_sniff.analysis.counters import Durations
 from fte_sniff.analysis.fields import NO_TIME, Bools, Decoded, Ints
 from fte_sniff.analysis.motors import BITS, MotorFrames, MotorRows, Pairing
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import MOTORS
 
 
@@ -82,6 +85,60 @@ class FlagCounts:
         for motor in self._motors.values():
             motor.error_bits = dict(sorted(motor.error_bits.items()))
         return list(self._motors.values())
+
+
+FLAGS_IN_ORDER: Final = TranslatableText(
+    "no ERROR bit was ever set, and every motor was always ONLINE"
+)
+
+TimeText = Callable[[int | None], str]
+"""Formats nanoseconds since 1970 UTC; a dash for None."""
+
+
+def flag_texts(
+    motors: Sequence[FlagStats], time_text: TimeText, *, in_order: bool
+) -> Iterator[TranslatableText]:
+    """A line for each flag that was raised; `in_order` says whether rows are ordered by time."""
+    for motor in motors:
+        for bit, seen in motor.error_bits.items():
+            yield TranslatableText(
+                "motor {motor}: ERROR bit {bit} set in {seen}",
+                motor=motor.motor,
+                bit=bit,
+                seen=_count_text(seen, time_text),
+            )
+        if motor.offline.frames:
+            text = TranslatableText(
+                "motor {motor}: not ONLINE in {seen}",
+                motor=motor.motor,
+                seen=_count_text(motor.offline, time_text),
+            )
+            lost = _lost_text(motor.times_lost)
+            yield TranslatableText("{one}; {other}", one=text, other=lost) if in_order else text
+
+
+def _count_text(seen: FlagCount, time_text: TimeText) -> TranslatableText:
+    """`12 frames, 12:00:01.000 to 12:00:09.000`."""
+    frames = TranslatableText("{count:,} frames", count=seen.frames)
+    if seen.frames == 1:
+        frames = TranslatableText("1 frame")
+    if seen.first_ns is None:
+        return frames
+    times = from_to(seen.first_ns, seen.last_ns, time_text)
+    return TranslatableText("{frames}, {time}", frames=frames, time=times)
+
+
+def _lost_text(times: int) -> TranslatableText:
+    if times == 1:
+        return TranslatableText("lost once")
+    return TranslatableText("lost {count:,} times", count=times)
+
+
+def from_to(first_ns: int, last_ns: int | None, time_text: TimeText) -> str:
+    """`12:00:01.000 to 12:00:09.000`; one time if both are the same."""
+    if first_ns == last_ns:
+        return time_text(first_ns)
+    return TranslatableText("{start} to {end}", start=time_text(first_ns), end=time_text(last_ns))
 
 
 @dataclass(slots=True)

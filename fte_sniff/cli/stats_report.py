@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Final
 from rich.cells import cell_len
 from rich.text import Text
 
+from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, TimeText, flag_texts, from_to
 from fte_sniff.cli.output import gap_text
 from fte_sniff.cli.stats_json import COUNTED, ReportOptions, line_use
 from fte_sniff.errors import printable
-from fte_sniff.formats.text_layout import STATUS_MARK
-from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
-from fte_sniff.tui.panes.statistics import ALL_IN_ORDER, When, flag_words, from_to
-from fte_sniff.tui.text import (
+from fte_sniff.formats.cell_text import (
     UNKNOWN,
     clock_text,
     fit,
@@ -26,6 +24,8 @@ from fte_sniff.tui.text import (
     share_text,
     span_text,
 )
+from fte_sniff.formats.text_layout import STATUS_MARK
+from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import RowCount
@@ -40,24 +40,26 @@ LEAST_NAME = 21
 
 
 class TextTable:
-    """One table."""
+    """A table that fits a width: names lose their start, then the last columns are dropped.
+
+    `rich.table.Table` would wrap or cut cells in all columns instead.
+    """
 
     def __init__(self, heads: Sequence[str]) -> None:
-        """No lines yet; the first head is that of the names."""
         self._lines = [("", list(heads), "")]
 
-    def add(self, cells: Sequence[str], style: str = "", mark: str = "") -> None:
-        """One more line: the name, and as many cells as there are heads for.
+    def append(self, cells: Sequence[str], style: str = "", mark: str = "") -> None:
+        """Append a line.
 
         Args:
-            cells: the name first.
+            cells: the name, then a cell for each further head.
             style: of mark and name.
-            mark: stands left of the name, in a column of its own.
+            mark: the text left of the name, in a column of its own.
         """
         self._lines.append((mark, list(cells), style))
 
     def lines(self, width: int | None) -> Iterator[Text]:
-        """All lines, in at most so many cells if they can be; None for as many as they take."""
+        """The lines in at most `width` cells, if they can be shortened so far; None: no limit."""
         marks = max(cell_len(mark) for mark, _, _ in self._lines)
         names, *widths = (
             max(map(cell_len, column))
@@ -69,11 +71,11 @@ class TextTable:
             while len(widths) > 1 and names + sum(widths) + 2 * len(widths) > room:
                 widths.pop()
         for number, (mark, (name, *cells), style) in enumerate(self._lines):
-            told = "".join(
+            values = "".join(
                 f"  {fit_right(cell, room)}" for cell, room in zip(cells, widths, strict=False)
             )
             lead = f"{padded(mark, marks)}{padded(fit_path(name, names), names)}"
-            line = Text.assemble((lead, style), told, style="" if number else HEAD_STYLE)
+            line = Text.assemble((lead, style), values, style="" if number else HEAD_STYLE)
             line.rstrip()
             yield line
 
@@ -114,7 +116,7 @@ def report_lines(
         yield from _motor_notes(summary, when)
 
 
-def _clock(total: RowCount) -> When:
+def _clock(total: RowCount) -> TimeText:
     """Times of day, with the day before them where there is more than one."""
     days = total.first_ns is not None and total.last_ns is not None
     several = days and (total.first_ns or 0) // _DAY_NS != (total.last_ns or 0) // _DAY_NS
@@ -156,7 +158,7 @@ def _files(summary: StatisticsSummary) -> TextTable:
     for source in summary.sources:
         count = source.count
         first = UNKNOWN if count.first_ns is None else iso_time(count.first_ns)[:23]
-        table.add([printable(source.name), f"{count.rows:,}", f"{count.bytes:,}", first])
+        table.append([printable(source.name), f"{count.rows:,}", f"{count.bytes:,}", first])
     return table
 
 
@@ -174,7 +176,7 @@ def _share(count: int, whole: int) -> str:
     return f"{count:,} ({share_text(count / whole)})" if count else "0"
 
 
-def _port(port: PortStats, when: When) -> Iterator[Text]:
+def _port(port: PortStats, when: TimeText) -> Iterator[Text]:
     yield _line("port", Text(printable(port.port), "bold"))
     rate = "" if port.per_s is None else f", {rate_text(port.per_s)}"
     yield _line("  rows", f"{port.rows:,}{rate}, {port.bytes:,} bytes")
@@ -188,7 +190,7 @@ def _port(port: PortStats, when: When) -> Iterator[Text]:
         yield _line("" if number else "  events", _event(event, when))
 
 
-def _faults(faults: Mapping[Fault, RowCount], port: PortStats, when: When) -> TextTable:
+def _faults(faults: Mapping[Fault, RowCount], port: PortStats, when: TimeText) -> TextTable:
     table = TextTable(["fault", "rows", "of all", "bytes", "of all", "first", "last"])
     for fault, count in faults.items():
         status = status_of((fault,))
@@ -197,11 +199,11 @@ def _faults(faults: Mapping[Fault, RowCount], port: PortStats, when: When) -> Te
             *(f"{count.bytes:,}", share_text(count.bytes / max(1, port.bytes))),
             *(when(count.first_ns), when(count.last_ns)),
         ]
-        table.add(cells, _STYLE[status], f"{STATUS_MARK[status]} ")
+        table.append(cells, _STYLE[status], f"{STATUS_MARK[status]} ")
     return table
 
 
-def _silence(port: PortStats, when: When) -> str:
+def _silence(port: PortStats, when: TimeText) -> str:
     silences = port.silences
     if silences.longest_ns is None:
         return "never"
@@ -210,7 +212,7 @@ def _silence(port: PortStats, when: When) -> str:
     return f"longest {span_text(silences.longest_ns)} until {until}; 50 % {half}, 99 % {most}"
 
 
-def _event(event: EventStats, when: When) -> str:
+def _event(event: EventStats, when: TimeText) -> str:
     """`line error 3 (12 in all), 12:00:01.000 to 12:00:09.000`."""
     words = f"{str(event.kind).replace('_', ' ')} {event.count:,}"
     if event.kind in COUNTED:
@@ -219,7 +221,7 @@ def _event(event: EventStats, when: When) -> str:
 
 
 def _streams(
-    streams: Sequence[StreamStats], port: PortStats, when: When, width: int | None
+    streams: Sequence[StreamStats], port: PortStats, when: TimeText, width: int | None
 ) -> Iterator[Text]:
     """What has a period, and the values; those of motors apart from those of the chassis."""
     if port.first_ns is not None:
@@ -233,7 +235,7 @@ def _streams(
         yield from _values(some).lines(width)
 
 
-def _periods(streams: Sequence[StreamStats], when: When) -> TextTable:
+def _periods(streams: Sequence[StreamStats], when: TimeText) -> TextTable:
     heads = ["frames", "rate", "period", "jitter", "longest", "until", "99 %"]
     table = TextTable([STREAM, *heads])
     for stream in streams:
@@ -244,7 +246,7 @@ def _periods(streams: Sequence[StreamStats], when: When) -> TextTable:
             *(span_text(periods.longest_ns), when(periods.longest_at_ns)),
             span_text(periods.percentile_ns(99)),
         ]
-        table.add(cells, mark=_MARKED)
+        table.append(cells, mark=_MARKED)
     return table
 
 
@@ -255,7 +257,7 @@ def _values(streams: Sequence[StreamStats]) -> TextTable:
     for stream in streams:
         ranges = (stream.ranges.get(name) for name in names)
         cells = (UNKNOWN if ends is None else "{} .. {}".format(*ends) for ends in ranges)
-        table.add([_stream_name(stream), f"{stream.count:,}", *cells], mark=_MARKED)
+        table.append([_stream_name(stream), f"{stream.count:,}", *cells], mark=_MARKED)
     return table
 
 
@@ -276,7 +278,7 @@ def _motors(summary: StatisticsSummary) -> TextTable:
     ]
     table = TextTable(["motor", *heads])
     for one in summary.answers():
-        table.add([str(one.motor), *_answers(one, summary)])
+        table.append([str(one.motor), *_answers(one, summary)])
     return table
 
 
@@ -292,7 +294,7 @@ def _answers(one: AnswerStats, summary: StatisticsSummary) -> list[str]:
     ]
 
 
-def _motor_notes(summary: StatisticsSummary, when: When) -> Iterator[Text]:
+def _motor_notes(summary: StatisticsSummary, when: TimeText) -> Iterator[Text]:
     """What the table of motors leaves to be told."""
     if not summary.in_order:
         yield Text("the inputs do not follow each other in time: what answered what is not known")
@@ -300,10 +302,10 @@ def _motor_notes(summary: StatisticsSummary, when: When) -> Iterator[Text]:
         yield Text("neither: resets, which await no answer, and commands still open where rows end")
     if not any(one.feedback for one in summary.answers()):
         return
-    told = list(flag_words(summary.flags(), when, in_order=summary.in_order))
+    told = list(flag_texts(summary.flags(), when, in_order=summary.in_order))
     yield from (Text(f"! {words}", _WORRY) for words in told)
     if not told:
-        yield Text(ALL_IN_ORDER)
+        yield Text(FLAGS_IN_ORDER)
 
 
 def _line(label: str, text: str | Text) -> Text:

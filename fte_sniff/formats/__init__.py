@@ -2,11 +2,12 @@
 
 Modules:
 
-    input_kind   Which format a file has; raw bytes.
+    cell_text    Text fitted to terminal cells; times and numbers in few characters (rich).
+    input_kind   The format of an input; chunks of raw bytes.
     logs         Logs of other tools, read as rows.
-    parquet      Write Parquet (polars).
-    text_frame   Text rows of a whole DataFrame (polars).
-    text_layout  Column widths and order of a text table; needs no polars.
-    text_table   Aligned text rows and dissection, plain and coloured.
-    writers      Registry and CSV, JSONL, hex writers.
+    parquet      Write Parquet files (polars).
+    text_frame   Lines of a text table from a whole DataFrame (polars).
+    text_layout  Cells of a text table: row texts, widths and order.
+    text_table   Rows as lines of a table, and explained byte by byte.
+    writers      Output formats, and the writers of CSV, JSONL and hex.
 """

@@ -17,6 +17,6 @@ Modules:
     status_bar      Title line, status line and key line.
     table           The table of rows.
     terminal        Terminal driver: output that never blocks, job control.
-    text            Numbers, times and text fitted to a width.
+    text            The values of rows in short words, fitted to a width.
     view_model      Rows polled from a feed, and their counts.
 """

@@ -16,6 +16,7 @@ from textual.worker import WorkType
 from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
 from fte_sniff.analysis.search import Search, find_raised, find_step
 from fte_sniff.errors import FteSniffError, printable
+from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.session.save import SaveJob
 from fte_sniff.tui.goto import GotoField, ToOffset, parse_goal, row_of, time_at, time_of
 from fte_sniff.tui.help import HelpPage
@@ -28,7 +29,6 @@ from fte_sniff.tui.pickers import ChosenColumns, ColumnChooser, Entry, Picker
 from fte_sniff.tui.prompt import FilterField, SaveField, SearchField, parse_filter, preload_filter
 from fte_sniff.tui.table.columns import TimeStyle, column_of
 from fte_sniff.tui.table.widget import RowTable, TableHeader
-from fte_sniff.tui.text import clock_text
 from fte_sniff.tui.view_model import ViewModel
 
 

@@ -17,6 +17,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Static
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
+from fte_sniff.formats.cell_text import padded, wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, Status, status_of
 from fte_sniff.tui.i18n import _, later
@@ -25,7 +26,6 @@ from fte_sniff.tui.panes.detail import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
 from fte_sniff.tui.table.columns import MARKS, RAISED_MARK, TimeStyle
 from fte_sniff.tui.table.painter import Sign
-from fte_sniff.tui.text import padded, wrap
 
 RAISED = later("ERROR or ONLINE reports that a motor is not in order")
 

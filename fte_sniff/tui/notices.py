@@ -12,9 +12,9 @@ from textual.timer import Timer
 from textual.widget import Widget
 
 from fte_sniff.errors import printable
+from fte_sniff.formats.cell_text import ELLIPSIS, clock_text, fit_path, wrap
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.text import ELLIPSIS, clock_text, fit_path, wrap
 
 _PATH = re.compile(r"[!-~]*/[!-~]+")
 _LONG_WORD = 12

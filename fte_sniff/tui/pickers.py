@@ -17,6 +17,7 @@ from textual.containers import Vertical
 from textual.screen import ModalScreen, ScreenResultType
 from textual.widget import Widget
 
+from fte_sniff.formats.cell_text import fit
 from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.keys import CHOOSING, PICKING, bindings, translate_keys
@@ -29,7 +30,6 @@ from fte_sniff.tui.table.columns import (
     ColumnChoice,
     TableColumn,
 )
-from fte_sniff.tui.text import fit
 
 Picked = TypeVar("Picked")
 

@@ -15,9 +15,9 @@ from textual.widget import Widget
 
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import printable
+from fte_sniff.formats.cell_text import fit, fit_path
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.keys import SHOWN_FIRST, key_names
-from fte_sniff.tui.text import fit, fit_path
 
 NAME = "fte-sniff"
 

@@ -32,6 +32,7 @@ from fte_sniff.errors import (
     unreadable,
     unwritable,
 )
+from fte_sniff.formats.cell_text import wrap
 from fte_sniff.protocol import LineErrorCounts, PortEvent, PortEventKind
 from fte_sniff.protocol.dissect import dissect, explain
 from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, stopped_by_removal
@@ -43,7 +44,6 @@ from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.notices import event_text
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.status_bar import Mode, StatusCounters, badge_text, status_text, title_text
-from fte_sniff.tui.text import wrap
 from tests.analysis.filter.test_parser import MISTAKES
 from tests.tui.conftest import Rows, Scenario, lines, page, play, press, settle, type_line
 

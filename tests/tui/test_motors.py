@@ -15,12 +15,13 @@ from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.traces import EnvelopeColumns, Traces
+from fte_sniff.formats.cell_text import rate_text, share_text, short_number, sparkline
 from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.panes.motors import SECOND_NS, MotorsView, grid
 from fte_sniff.tui.panes.plot import Canvas, Curves, PlotStyles, dots_across, plot
 from fte_sniff.tui.table.theme import DARK
-from fte_sniff.tui.text import rate_text, share_text, short_number, span_text, sparkline, turns_text
+from fte_sniff.tui.text import span_text, turns_text
 from tests.tui.conftest import NOON_NS
 
 STROKES = PlotStyles(Style(color="red"), Style(color="blue"), Style())

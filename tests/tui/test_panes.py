@@ -15,7 +15,7 @@ from textual.pilot import Pilot
 
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.live_models import LiveModels
-from fte_sniff.analysis.motor_stats import FlagCounts
+from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, FlagCounts
 from fte_sniff.analysis.motors import motor_rows
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup, Statistics
@@ -37,7 +37,7 @@ from fte_sniff.tui.panes.bytes import BytesPane, dump, neighbours
 from fte_sniff.tui.panes.detail import DetailLayout, DetailPane, detail_text
 from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsPane, MotorsView, grid
 from fte_sniff.tui.panes.pane import Pane
-from fte_sniff.tui.panes.statistics import ALL_IN_ORDER, StatisticsPage, StatisticsPane
+from fte_sniff.tui.panes.statistics import StatisticsPage, StatisticsPane
 from fte_sniff.tui.table.theme import DARK, LIGHT
 from tests.analysis import conftest
 from tests.tui.conftest import (
@@ -507,12 +507,12 @@ def feedback(at_ms: int, motor: int, error: int = 0, online: int = 0x0F) -> Row:
 
 def test_what_flag_bytes_told_of_a_motor_is_told_as_stats_does() -> None:
     rows = [feedback(at, 1 + at % 4) for at in range(100)]
-    assert ALL_IN_ORDER in _page(rows, 100).text.plain
+    assert FLAGS_IN_ORDER in _page(rows, 100).text.plain
     rows += [feedback(at, 1 + at % 4, 8 if at % 4 == 3 else 0, 7) for at in range(100, 123)]
     lines = _page(rows, 100).text.plain.split("\n")
     assert "^ motor 4: ERROR bit 3 set in 5 frames, 12:00:00.103 to 12:00:00.119" in lines
     assert "^ motor 4: not ONLINE in 23 frames, 12:00:00.100 to 12:00:00.122; lost once" in lines
-    assert not [line for line in lines if "motor 3:" in line or ALL_IN_ORDER in line]
+    assert not [line for line in lines if "motor 3:" in line or FLAGS_IN_ORDER in line]
 
 
 def test_where_nothing_was_told_back_nothing_is_said_of_flags(speed_rows: Rows) -> None:

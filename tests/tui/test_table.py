@@ -12,6 +12,14 @@ from rich.cells import cell_len
 from rich.style import Style
 
 from fte_sniff.analysis.search import Search
+from fte_sniff.formats.cell_text import (
+    clock_text,
+    elapsed_text,
+    fit,
+    fit_path,
+    fit_right,
+    short_names,
+)
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import (
     COLUMNS,
@@ -32,16 +40,7 @@ from fte_sniff.tui.table.painter import Painter, RowCell
 from fte_sniff.tui.table.theme import DARK, LIGHT, Palette
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.table.widget import ScrollScale
-from fte_sniff.tui.text import (
-    clock_text,
-    elapsed_text,
-    fit,
-    fit_path,
-    fit_right,
-    kind_text,
-    short_names,
-    values_text,
-)
+from fte_sniff.tui.text import short_kind, short_values
 
 PORTS = st.text(max_size=30)
 TIMES = st.one_of(st.none(), st.integers(0, 2**63 - 1))
@@ -102,7 +101,7 @@ def test_the_port_is_shown_only_where_there_are_several() -> None:
 
 @given(ANY_ROW, st.sampled_from((40, 80, 200)), st.sampled_from((1, 2)))
 def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> None:
-    values = {**record(row), VALUES: values_text(row)}
+    values = {**record(row), VALUES: short_values(row)}
     for column in layout_for(width, look_of(ports)).columns:
         cell = column.cell(values[column.name])
         assert cell_len(cell) == column.width
@@ -160,12 +159,12 @@ def test_flags_stand_among_the_values_only_where_they_are_out_of_order(
     values: dict[str, int], text: str
 ) -> None:
     raw = encode(KIND_BY_NAME["speed_feedback"], values)
-    assert values_text(Frame("p", 0, raw, None)) == text
+    assert short_values(Frame("p", 0, raw, None)) == text
 
 
 @given(KIND_FRAMES)
 def test_the_longest_values_fit_where_there_is_room(row: Frame) -> None:
-    assert values_text(row) in painted(row, 128)
+    assert short_values(row) in painted(row, 128)
 
 
 def test_ports_are_told_apart_by_their_ends() -> None:
@@ -212,7 +211,7 @@ def test_a_cell_at_the_edge_is_whole_or_says_that_it_is_cut(
 ) -> None:
     seen = layout_for(width, TableView()).without(hidden).within(width)
     assert seen.width <= max(width, 1)
-    values = {**record(row), VALUES: values_text(row)}
+    values = {**record(row), VALUES: short_values(row)}
     for column in seen.columns:
         cell, whole = (one.cell(values[column.name]).strip() for one in (column, column.sized(99)))
         assert cell == whole or "…" in cell or column.name in ("time", "kind", VALUES)
@@ -286,14 +285,14 @@ def test_a_row_whose_order_is_not_certain_has_a_sign_and_the_pane_says_what_it_m
 )
 def test_values_are_told_in_the_longest_form_that_fits(width: int, text: str) -> None:
     raw = encode(KIND_BY_NAME["position"], {"motor": 2, "rpm": -863, "pulses": -863})
-    assert values_text(Frame("p", 0, raw, None), width) == text
+    assert short_values(Frame("p", 0, raw, None), width) == text
 
 
 @given(KIND_FRAMES, st.integers(0, 60))
 def test_values_are_found_in_whatever_form_they_are_told(row: Frame, width: int) -> None:
     assert row.kind is not None
-    text = values_text(row, width)
-    short = kind_text(row.kind.name, max(width, 11))
+    text = short_values(row, width)
+    short = short_kind(row.kind.name, max(width, 11))
     for typed in filter(None, (text, short)):
         assert Search.parse(typed).matches(RowBatch.from_rows([row])).all()
 
@@ -303,8 +302,8 @@ def test_values_are_found_in_whatever_form_they_are_told(row: Frame, width: int)
     [(17, "position_feedback"), (11, "position fb"), (8, "posit fb"), (3, " fb"), (0, "")],
 )
 def test_a_kind_that_is_cut_still_says_that_it_is_feedback(width: int, text: str) -> None:
-    assert kind_text("position_feedback", width) == text
-    assert kind_text("position", 6) == "posit…"
+    assert short_kind("position_feedback", width) == text
+    assert short_kind("position", 6) == "posit…"
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.errors import printable
+from fte_sniff.formats.cell_text import moment_text, padded, wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
 from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
@@ -20,7 +21,7 @@ from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.table.columns import MARKS
 from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.text import moment_text, padded, turns_text, wrap
+from fte_sniff.tui.text import turns_text
 
 TITLE = later("the row, byte by byte")
 NO_ROW = later("no row")

@@ -15,12 +15,13 @@ from fte_sniff.analysis.fields import subject
 from fte_sniff.analysis.motors import Flags, Motors, MotorState
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.traces import QUANTITIES, Traces
+from fte_sniff.formats.cell_text import UNKNOWN, clock_text, padded, rate_text
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, Field, FrameKind, Status
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.plot import Curves, PlotStyles, dots_across, plot
 from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.text import UNKNOWN, clock_text, padded, rate_text, span_text, turns_text
+from fte_sniff.tui.text import span_text, turns_text
 
 SECOND_NS: Final = 1_000_000_000
 

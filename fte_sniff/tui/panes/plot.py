@@ -16,7 +16,7 @@ from rich.text import Text
 
 from fte_sniff.analysis.fields import Bools, Ints
 from fte_sniff.analysis.traces import EnvelopeColumns, Floats
-from fte_sniff.tui.text import fit_right, short_number
+from fte_sniff.formats.cell_text import fit_right, short_number
 
 ACROSS: Final = 2
 """Dots across in a cell."""

@@ -6,23 +6,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.counters import Durations, TimeSeries
-from fte_sniff.analysis.motor_stats import FlagStats
+from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, FlagStats, TimeText, flag_texts
 from fte_sniff.analysis.statistics import PortStats, Statistics, StreamStats
 from fte_sniff.errors import printable
-from fte_sniff.protocol import Direction, status_of
-from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.notices import event_words
-from fte_sniff.tui.panes.pane import Pane, PaneContext
-from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
-from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.text import (
+from fte_sniff.formats.cell_text import (
     UNKNOWN,
     clock_text,
     fit,
@@ -30,56 +24,15 @@ from fte_sniff.tui.text import (
     fit_right,
     rate_text,
     share_text,
-    span_text,
     sparkline,
 )
-
-if TYPE_CHECKING:
-    from fte_sniff.analysis.motor_stats import FlagCount
-
-
-ERROR_BIT: Final = later("motor {motor}: ERROR bit {bit} set in {seen}")
-NOT_ONLINE: Final = later("motor {motor}: not ONLINE in {seen}")
-ONE_FRAME: Final = later("1 frame")
-FRAMES: Final = later("{count:,} frames")
-WHEN: Final = later("{frames}, {time}")
-FROM_TO: Final = later("{start} to {end}")
-LOST_ONCE: Final = later("lost once")
-LOST: Final = later("lost {count:,} times")
-ALL_IN_ORDER: Final = later("no ERROR bit was ever set, and every motor was always ONLINE")
-
-When = Callable[[int | None], str]
-"""Formats a time; a dash for None."""
-
-
-def flag_words(flags: Sequence[FlagStats], when: When, *, in_order: bool) -> Iterator[str]:
-    """A line for each flag that was raised; `in_order` says whether rows are ordered by time."""
-    for motor in flags:
-        for bit, seen in motor.error_bits.items():
-            yield _(ERROR_BIT).format(motor=motor.motor, bit=bit, seen=_seen(seen, when))
-        if motor.offline.frames:
-            line = _(NOT_ONLINE).format(motor=motor.motor, seen=_seen(motor.offline, when))
-            yield f"{line}; {_lost(motor.times_lost)}" if in_order else line
-
-
-def from_to(first_ns: int, last_ns: int | None, when: When) -> str:
-    """`12:00:01.000 to 12:00:09.000`; one time where both are the same."""
-    if first_ns == last_ns:
-        return when(first_ns)
-    return _(FROM_TO).format(start=when(first_ns), end=when(last_ns))
-
-
-def _seen(seen: FlagCount, when: When) -> str:
-    """`12 frames, 12:00:01.000 to 12:00:09.000`."""
-    frames = _(ONE_FRAME) if seen.frames == 1 else _(FRAMES).format(count=seen.frames)
-    if seen.first_ns is None:
-        return frames
-    return _(WHEN).format(frames=frames, time=from_to(seen.first_ns, seen.last_ns, when))
-
-
-def _lost(times: int) -> str:
-    return _(LOST_ONCE) if times == 1 else _(LOST).format(count=times)
-
+from fte_sniff.protocol import Direction, status_of
+from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.notices import event_words
+from fte_sniff.tui.panes.pane import Pane, PaneContext
+from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
+from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.text import span_text
 
 PORT_ROWS: Final = later("{rows:,} rows, {bytes:,} bytes")
 PORT_USE: Final = later("  {share} of the time used, at {baud:,} baud")
@@ -116,10 +69,10 @@ class _Column:
 
     head: str
     width: int
-    cell: Callable[[StreamStats, When], str]
+    cell: Callable[[StreamStats, TimeText], str]
 
 
-def _percentile(percent: float) -> Callable[[StreamStats, When], str]:
+def _percentile(percent: float) -> Callable[[StreamStats, TimeText], str]:
     return lambda stream, _when: span_text(stream.periods.percentile_ns(percent))
 
 
@@ -181,7 +134,7 @@ class StatisticsPage:
         if not ports:
             yield self._muted(_(NO_ROWS))
             return
-        raised = list(flag_words(self.flags, self._when, in_order=True))
+        raised = [_(text) for text in flag_texts(self.flags, self._when, in_order=True)]
         if raised:
             # A motor with an error is on top, so that nobody has to scroll to it.
             for line in raised:
@@ -196,7 +149,7 @@ class StatisticsPage:
             yield Text()
         yield from self._faults()
         if not raised and any(one.kind.direction is Direction.FEEDBACK for one in streams):
-            yield Text(_(ALL_IN_ORDER))
+            yield Text(_(FLAGS_IN_ORDER))
 
     def _port(self, port: PortStats) -> Iterator[Text]:
         rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)

@@ -11,17 +11,10 @@ from functools import cache
 from rich.cells import cell_len
 
 from fte_sniff.errors import printable
+from fte_sniff.formats.cell_text import clock_text, elapsed_text, fit, fit_right, short_names
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, VALUE_FIELDS, Field, Status, Value
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.text import (
-    bytes_text,
-    clock_text,
-    elapsed_text,
-    fit,
-    fit_right,
-    kind_text,
-    short_names,
-)
+from fte_sniff.tui.text import bytes_text, short_kind
 
 
 class TimeStyle(StrEnum):
@@ -239,7 +232,7 @@ def _elapsed_cell(value: Value, width: int) -> str:
 
 
 def _kind_cell(value: Value, width: int) -> str:
-    return kind_text(str(value), width)
+    return short_kind(str(value), width)
 
 
 def _flags_cell(value: Value, width: int) -> str:

@@ -24,7 +24,7 @@ from fte_sniff.tui.table.columns import (
 )
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
-from fte_sniff.tui.text import faulty_text, is_raised, values_text
+from fte_sniff.tui.text import faulty_text, is_raised, short_values
 
 FAULT_COLUMNS = ("kind", VALUES, *(field.name for field in VALUE_FIELDS), "raw")
 """Columns that a row without values uses to show its faults."""
@@ -128,7 +128,7 @@ class Painter:
         if column.name == "raw" and row.faults and self._faults_cut:
             return faulty_text(row, column.width)
         if column.name == VALUES:
-            return column.cell(values_text(row, column.width))
+            return column.cell(short_values(row, column.width))
         return column.cell(values[column.name])
 
     def _spanned(self, row: Row) -> list[int]:

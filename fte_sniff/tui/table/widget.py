@@ -21,13 +21,13 @@ from textual.widget import Widget
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Search, find_fault, find_raised
 from fte_sniff.errors import FteSniffError
+from fte_sniff.formats.cell_text import fit
 from fte_sniff.protocol import Row
 from fte_sniff.tui.keys import MOVING, bindings, translate_keys
 from fte_sniff.tui.table.columns import TableColumn, TableView, layout_for
 from fte_sniff.tui.table.painter import Painter, RowCell, Sign, row_cells
 from fte_sniff.tui.table.theme import palette_of
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
-from fte_sniff.tui.text import fit
 
 WHEEL_ROWS = 3
 """Rows that one notch of the mouse wheel scrolls."""

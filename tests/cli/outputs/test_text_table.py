@@ -13,7 +13,7 @@ CELLS = st.text(st.sampled_from("019.,msµ–"), max_size=12)
 def table_of(lines: list[list[str]]) -> TextTable:
     table = TextTable(lines[0])
     for line in lines[1:]:
-        table.add(line, mark="! ")
+        table.append(line, mark="! ")
     return table
 
 

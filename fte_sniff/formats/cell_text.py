@@ -1,0 +1,209 @@
+"""Text fitted to terminal cells; times, durations and numbers in few characters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime, tzinfo
+from itertools import takewhile
+from textwrap import wrap as wrap_ascii
+from typing import Final
+
+from rich.cells import cell_len, chop_cells, set_cell_size
+
+from fte_sniff.errors import TranslatableText
+from fte_sniff.protocol import iso_time
+
+ELLIPSIS = "…"
+"""The mark of cut text."""
+
+_WIDE = "\u2e80-\u9fff\uff00-\uffef"
+_CLOSING = "，。；：、）”！？"
+_UNITS = re.compile(rf"\s+|[（“]*[{_WIDE}][{_CLOSING}]*|[^\s{_WIDE}]+[{_CLOSING}]*")
+"""Units that a line break never divides; wide characters are units of their own."""
+
+
+def fit(text: str, width: int) -> str:
+    """Pad a text at the right, or cut it with an ellipsis, to exactly `width` cells."""
+    if text.isascii():
+        room = width - len(text)
+        if room >= 0:
+            return text + " " * room
+        return text[: width - 1] + ELLIPSIS if width > 0 else ""
+    if cell_len(text) <= width:
+        return set_cell_size(text, width)
+    return set_cell_size(text, width - 1) + ELLIPSIS if width > 0 else ""
+
+
+def fit_right(text: str, width: int) -> str:
+    """Pad a text at the left, or cut it with an ellipsis, to exactly `width` cells."""
+    room = width - cell_len(text)
+    return " " * room + text if room >= 0 else fit(text, width)
+
+
+def fit_path(path: str, width: int) -> str:
+    """Cut a path to at most `width` cells; its end, which distinguishes files, is kept."""
+    if cell_len(path) <= width:
+        return path
+    kept = ""
+    for character in reversed(path):
+        if cell_len(kept) + cell_len(character) > width - 1:
+            break
+        kept = character + kept
+    return ELLIPSIS + kept if width > 0 else ""
+
+
+def wrap(text: str, width: int) -> list[str]:
+    """Break a text into lines of at most `width` cells; an empty text has no lines."""
+    width = max(1, width)
+    if text.isascii():
+        return wrap_ascii(text, width, break_on_hyphens=False)
+    lines, line = [], ""
+    for unit in _UNITS.findall(text):
+        if cell_len(line + unit.rstrip()) <= width:
+            line += unit
+            continue
+        if line.strip():
+            lines.append(line.rstrip())
+        *whole, line = chop_cells(unit.lstrip(), width) or [""]
+        lines += whole
+    return [*lines, line.rstrip()] if line.strip() else lines
+
+
+def padded(text: str, width: int) -> str:
+    """Pad a text at the right to at least `width` cells."""
+    return text + " " * (width - cell_len(text))
+
+
+def clock_text(t_ns: int, digits: int, zone: tzinfo = UTC) -> str:
+    """The time of day in a zone, with 1-9 digits after the second."""
+    seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
+    return f"{datetime.fromtimestamp(seconds, zone):%H:%M:%S}.{nanoseconds:09d}"[: 9 + digits]
+
+
+def moment_text(t_ns: int, zone: tzinfo = UTC) -> str:
+    """Date and time in a zone as ISO 8601 with nine digits, and the offset if it is not UTC."""
+    if zone == UTC:
+        return iso_time(t_ns)
+    seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
+    moment = datetime.fromtimestamp(seconds, zone)
+    return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}{moment.isoformat()[19:]}"
+
+
+def elapsed_text(ns: int, width: int) -> str:
+    """A time difference in signed seconds, with 6, 3 or no decimals to fit the width."""
+    sign, seconds, rest = "-" if ns < 0 else "+", *divmod(abs(ns), 1_000_000_000)
+    for digits in (6, 3):
+        text = f"{sign}{seconds}.{rest:09d}"[: len(f"{seconds}") + 2 + digits]
+        if len(text) <= width:
+            return text
+    return f"{sign}{seconds}"
+
+
+UNKNOWN: Final = "–"
+"""The text of an unknown or inapplicable value."""
+
+_SPANS: Final = (
+    (1_000, 1, "{:.0f} ns"),
+    (1_000_000, 1_000, "{:.3g} µs"),
+    (1_000_000_000, 1_000_000, "{:.3g} ms"),
+    (120_000_000_000, 1_000_000_000, "{:.3g} s"),
+    (7_200_000_000_000, 60_000_000_000, "{:.3g} min"),
+    (172_800_000_000_000, 3_600_000_000_000, "{:.3g} h"),
+)
+_DAYS: Final = 86_400_000_000_000
+_SHORT: Final = ((1e9, "G"), (1e6, "M"), (1e4, "k"))
+_BLOCKS: Final = " ▁▂▃▄▅▆▇█"
+
+
+def span_text(ns: float | None) -> str:
+    """A duration of 0 or more nanoseconds in three digits: `2.15 ms`; `UNKNOWN` for None."""
+    if ns is None:
+        return UNKNOWN
+    for below, unit, form in _SPANS:
+        # A number that rounds up to the next unit has that unit.
+        if ns < below * 0.9995:
+            return _plain(form, ns / unit)
+    return TranslatableText("{days:,.0f} days", days=ns / _DAYS)
+
+
+def _plain(form: str, number: float) -> str:
+    """Three digits without an exponent."""
+    return form.replace(".3g", ".0f").format(number) if number >= 100 else form.format(number)
+
+
+def rate_text(per_s: float | None) -> str:
+    """A rate: `12.5/s`; a small one is `<0.1/s`, not 0."""
+    if per_s is None:
+        return UNKNOWN
+    if 0 < per_s < 0.05:
+        return "<0.1/s"
+    return f"{per_s:,.0f}/s" if per_s >= 1000 else f"{per_s:.1f}/s"
+
+
+def share_text(share: float | None) -> str:
+    """A share of 1: `12.5 %`; a small one is `<0.1 %`, not 0."""
+    if share is None:
+        return UNKNOWN
+    return "<0.1 %" if 0 < share < 0.0005 else f"{share * 100:.1f} %"
+
+
+def short_number(value: float) -> str:
+    """A number of up to ten digits in at most six cells: `-12.3k`."""
+    for unit, sign in _SHORT:
+        if abs(value) >= unit:
+            scaled = value / (1e3 if sign == "k" else unit)
+            return f"{scaled:.0f}{sign}" if abs(scaled) >= 100 else f"{scaled:.3g}{sign}"
+    return f"{value:.0f}"
+
+
+def sparkline(values: Sequence[float], width: int, full: float | None = None) -> str:
+    """Draw values as blocks in `width` cells; a cell shows its greatest value.
+
+    `full` is the value of a full cell, by default the greatest value. Only 0 is an empty cell.
+    """
+    if not values or width < 1:
+        return ""
+    width = min(width, len(values))
+    edges = [len(values) * cell // width for cell in range(width + 1)]
+    tops = [max(values[edges[cell] : edges[cell + 1]]) for cell in range(width)]
+    most = full or max(tops) or 1
+    steps = len(_BLOCKS) - 1
+    return "".join(
+        _BLOCKS[min(steps, max(1, round(top / most * steps))) if top > 0 else 0] for top in tops
+    )
+
+
+_SEPARATORS = "/\\:?& "
+
+
+def short_names(names: Sequence[str], width: int) -> dict[str, str]:
+    """Shorten names to at most `width` cells, keeping them distinct if the width allows.
+
+    The common prefix, up to the last part of a path, is removed. Longer names are cut in the
+    middle; if two would be equal, at the start; otherwise they are numbered.
+    """
+    parts = _without_prefix(names)
+    ways = (
+        [_cut_middle(part, width) for part in parts],
+        [fit_path(part, width) for part in parts],
+        [fit(part, width).rstrip() for part in parts],
+    )
+    numbered = [fit(f"{at} {part}", width).rstrip() for at, part in enumerate(parts, 1)]
+    chosen = next((way for way in ways if len(set(way)) == len(set(names))), numbered)
+    return dict(zip(names, chosen, strict=True))
+
+
+def _without_prefix(names: Sequence[str]) -> list[str]:
+    signs = zip(*names, strict=False) if len(set(names)) > 1 else ()
+    common = "".join(sign[0] for sign in takewhile(lambda sign: len(set(sign)) == 1, signs))
+    start = 1 + max(common.rfind(separator) for separator in _SEPARATORS)
+    parts = [name[start:] for name in names]
+    return parts if all(parts) else list(names)
+
+
+def _cut_middle(text: str, width: int) -> str:
+    if cell_len(text) <= width:
+        return text
+    left = (width - 1) // 2
+    return fit(text, left + 1).rstrip(ELLIPSIS).rstrip() + fit_path(text, width - left)
