@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from fte_sniff.cli.input_files import ReadOptions, check_inputs, input_arguments, open_inputs
 from fte_sniff.cli.options import FileName, filter_option, row_filter, span_options, time_range
-from fte_sniff.cli.output import file_output, format_for, format_option, summary, text_output
+from fte_sniff.cli.output import format_option, summary
 from fte_sniff.cli.streams import print_err
-from fte_sniff.formats.writers import OutputFormat, row_writer
-from fte_sniff.session.pipeline import InputReading, write_rows
-
-if TYPE_CHECKING:
-    from fte_sniff.recording.bulk_writer import NamedFacts
+from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
+from fte_sniff.session.pipeline import InputReading
+from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -55,7 +53,7 @@ def command(
     fte-sniff decode samples/clean.hex --format csv -o clean.csv
     """
     check_inputs(files, output)
-    form = form or format_for(output)
+    form = form or _format_for(output)
     wanted = row_filter(filter_text)
     inputs = open_inputs(files, how)
     span = time_range(since, until, (one.times for one in inputs), how.zone_given())
@@ -74,67 +72,85 @@ def command(
     print_err(line)
 
 
-def _write(form: OutputFormat, output: Path | None, reading: InputReading, *, force: bool) -> None:
-    if form is OutputFormat.PARQUET:
-        from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
-        from fte_sniff.formats.parquet import write_parquet
+def _format_for(output: Path | None) -> OutputFormat:
+    """The format for the extension of the output; a table without an extension.
 
-        with file_output(output, form, force=force) as path:
-            write_parquet((table_frame(batch.rows) for batch in reading), path, dict(TABLE_SCHEMA))
-    elif form is OutputFormat.MCAP:
-        _write_recording(output, reading, force=force)
-    elif form is OutputFormat.RAW:
-        _write_raw(output, reading, force=force)
-    else:
-        with text_output(output, force=force) as stream:
-            writer = row_writer(form, stream, ports=len(reading.inputs) > 1)
-            for batch in reading:
-                write_rows(writer, batch.rows)
-                # A reader of the pipe gets each batch at once.
-                stream.flush()
-            writer.close()
+    Raises:
+        UsageError: the extension is unknown.
+    """
+    end = "" if output is None else output.suffix.lower()
+    if not end:
+        return OutputFormat.TABLE
+    if end not in FORMAT_BY_SUFFIX:
+        raise UsageError(
+            f"{output}: the extension selects the format, and {end} is not one of"
+            f" {' '.join(FORMAT_BY_SUFFIX)}; use one of them, or --format"
+        )
+    return FORMAT_BY_SUFFIX[end]
 
 
-def _write_raw(output: Path | None, reading: InputReading, *, force: bool) -> None:
-    from fte_sniff.session.save import UNKNOWN, RawSink
+def _write(form: OutputFormat, path: Path | None, reading: InputReading, *, force: bool) -> None:
+    """Write to standard output (None or `-`), or to a file that replaces `path` when complete.
 
-    with file_output(output, OutputFormat.RAW, force=force) as path:
-        sink = RawSink(path, UNKNOWN)
+    A command that fails leaves no file, and an old file stays until the new one is complete. After
+    Ctrl-C the rows so far are kept if they are text, and this is reported.
+
+    Raises:
+        UsageError: the format needs a file, or standard output is a terminal.
+        FileError: the file exists (and `force` is not set), or cannot be written.
+        BrokenPipeError: standard output lost its reader.
+    """
+    is_text = form not in (OutputFormat.RAW, OutputFormat.MCAP, OutputFormat.PARQUET)
+    if path is None or str(path) == "-":
+        stdout = None if is_text else _binary_stdout(form, path)
+        _write_all(open_sink(form, stdout, reading.source), "standard output", reading)
+        return
+    try:
+        if is_text and path.exists() and not path.is_file() and not path.is_dir():
+            _write_all(open_sink(form, path, reading.source), path, reading)  # a device or a pipe
+            return
+        if path.is_dir():
+            raise IsADirectoryError
+        if path.exists() and not force:
+            raise FileExistsError
+        export = FileExport(path, form, reading.source)
         try:
-            for batch in reading:
-                sink.write(batch.rows)
+            _write_all(export.sink, path, reading)
+            export.commit()
+        except KeyboardInterrupt:
+            if is_text and reading.written:
+                export.commit()
+                print_err(f"fte-sniff: interrupted; {path} holds the rows up to there")
+            raise
         finally:
-            sink.end()
-    if len(sink.ports) > 1:
+            export.abandon()
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def _write_all(sink: Sink, name: object, reading: InputReading) -> None:
+    try:
+        for batch in reading:
+            sink.write(batch.rows, batch.events)
+        sink.close()
+    except BaseException:
+        sink.abandon()
+        raise
+    if isinstance(sink, RawSink) and len(sink.ports) > 1:
         reading.notes.append(
-            f"{_output_name(output)}: holds the bytes of {len(sink.ports)} ports in one stream, and"
-            " nothing in it separates them; for one of them use"
-            f" --filter \"port = '{min(sink.ports)}'\""
+            f"{name}: holds the bytes of {len(sink.ports)} ports in one stream, and nothing in it"
+            f" separates them; for one of them use --filter \"port = '{min(sink.ports)}'\""
         )
 
 
-def _output_name(output: Path | None) -> str:
-    return "standard output" if str(output) == "-" else str(output)
-
-
-def _write_recording(output: Path | None, reading: InputReading, *, force: bool) -> None:
-    from fte_sniff.recording.bulk_writer import write_recording
-    from fte_sniff.recording.metadata import (
-        LEFT_OUT_NAME,
-        PART_FACTS,
-        SELECTION_NAME,
-        gap_to_metadata,
-    )
-    from fte_sniff.row_batch import RowBatch
-
-    with file_output(output, OutputFormat.MCAP, force=force) as path:
-        ports = [port for one in reading.inputs for port in one.ports]
-        facts = {name: fact for one in reading.inputs for name, fact in one.facts.items()}
-        own = {name: fact for name, fact in facts.items() if name not in PART_FACTS}
-
-        def metadata() -> Iterator[NamedFacts]:
-            yield from ((LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in reading.gaps)
-            yield from ((SELECTION_NAME, one.to_metadata()) for one in reading.selections)
-
-        batches = (RowBatch.from_rows(batch.rows, events=batch.events) for batch in reading)
-        write_recording(path, ports, batches, own, metadata)
+def _binary_stdout(form: OutputFormat, path: Path | None) -> Path:
+    """Standard output as a file, for binary formats that are written in sequence."""
+    in_sequence = form is not OutputFormat.PARQUET
+    if path is None:
+        pipe = ", or - for a pipe" if in_sequence else ""
+        raise UsageError(f"{form} is not text: name a file to write it to with -o{pipe}")
+    if not in_sequence:
+        raise UsageError(f"{form} is not written in sequence: name a file to write it to with -o")
+    if sys.stdout.isatty():
+        raise UsageError(f"{form} is not text for a terminal: send it to a pipe, or name a file")
+    return Path(f"/dev/fd/{sys.stdout.fileno()}")

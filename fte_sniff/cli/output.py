@@ -1,26 +1,19 @@
-"""Outputs of a command: format, path, overwriting, and the summary at the end."""
+"""The format option of a command, and its summary at the end."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import FileError, UsageError, printable, unwritable
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
+from fte_sniff.errors import printable
+from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol import Gap, Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Tally
 
-
-_IN_SEQUENCE = (OutputFormat.RAW, OutputFormat.MCAP)
-"""Binary formats that are written in sequence, so that a pipe can take them."""
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -38,134 +31,6 @@ def format_option(
         show_default=default is not None,
         help="Format of the rows; a table has no colours if the output is not a terminal.",
     )
-
-
-def format_for(output: Path | None) -> OutputFormat:
-    """The format for the extension of the output; a table without an extension.
-
-    Raises:
-        UsageError: the extension is unknown.
-    """
-    end = "" if output is None else output.suffix.lower()
-    if not end:
-        return OutputFormat.TABLE
-    if end not in FORMAT_BY_SUFFIX:
-        raise UsageError(
-            f"{output}: the extension selects the format, and {end} is not one of"
-            f" {' '.join(FORMAT_BY_SUFFIX)}; use one of them, or --format"
-        )
-    return FORMAT_BY_SUFFIX[end]
-
-
-@contextmanager
-def text_output(path: Path | None, *, force: bool) -> Iterator[TextIO]:
-    """Open standard output, or a file that replaces `path` when it is complete.
-
-    Rows go to a temporary file in the same folder first, so that a command that fails leaves no
-    file, and an old file stays until the new one is complete. After Ctrl-C the rows so far are
-    kept, and this is reported.
-
-    Raises:
-        FileError: the file exists (and `force` is not set), or cannot be written.
-    """
-    if path is None or str(path) == "-":
-        yield sys.stdout
-        return
-    try:
-        if path.exists() and not path.is_file() and not path.is_dir():
-            with path.open("w", encoding="utf-8", newline="") as device:
-                yield device
-            return
-        check_output_path(path, force=force)
-        with _beside(path) as file:
-            yield file
-    except OSError as error:
-        raise unwritable(path, error) from error
-
-
-@contextmanager
-def file_output(path: Path | None, form: OutputFormat, *, force: bool) -> Iterator[Path]:
-    """The path to write a binary file to; it replaces `path` when it is complete.
-
-    `-` is standard output, for formats that are written in sequence.
-
-    Raises:
-        UsageError: no file was named, or the format cannot go to standard output.
-        FileError: the file exists (and `force` is not set), or cannot be written.
-        BrokenPipeError: standard output lost its reader.
-    """
-    if path is None:
-        raise UsageError(f"{form} is not text: name a file to write it to with -o{_or_pipe(form)}")
-    if str(path) == "-":
-        with _stdout_as_file(form) as stdout:
-            yield stdout
-        return
-    part = path.with_name(f"{path.name}.part")
-    try:
-        check_output_path(path, force=force)
-        try:
-            yield part
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise unwritable(path, error) from error
-
-
-def _or_pipe(form: OutputFormat) -> str:
-    return ", or - for a pipe" if form in _IN_SEQUENCE else ""
-
-
-@contextmanager
-def _stdout_as_file(form: OutputFormat) -> Iterator[Path]:
-    if form not in _IN_SEQUENCE:
-        raise UsageError(f"{form} is not written in sequence: name a file to write it to with -o")
-    if sys.stdout.isatty():
-        raise UsageError(f"{form} is not text for a terminal: send it to a pipe, or name a file")
-    try:
-        yield Path(f"/dev/fd/{sys.stdout.fileno()}")
-    except FileError as error:
-        if isinstance(error.__cause__, BrokenPipeError):
-            raise error.__cause__ from error
-        raise
-
-
-def check_output_path(path: Path, *, force: bool) -> None:
-    """Refuse a path that cannot be an output.
-
-    Raises:
-        OSError: it is a directory, or it exists and `force` is not set.
-    """
-    if path.is_dir():
-        raise IsADirectoryError
-    if path.exists() and not force:
-        raise FileExistsError
-
-
-@contextmanager
-def _beside(path: Path) -> Iterator[TextIO]:
-    """A temporary file next to `path`; replaces it at the end if anything was written."""
-    part = path.with_name(f"{path.name}.part")
-    with part.open("w", encoding="utf-8", newline="") as file:
-        try:
-            try:
-                yield file
-            except KeyboardInterrupt:
-                if _settled(file, part, path):
-                    print_err(f"fte-sniff: interrupted; {path} holds the rows up to there")
-                raise
-            _settled(file, part, path)
-        finally:
-            part.unlink(missing_ok=True)
-
-
-def _settled(file: TextIO, part: Path, path: Path) -> bool:
-    """Move the file to its path if it is not empty."""
-    file.flush()
-    some = file.tell() > 0
-    if some:
-        part.replace(path)
-    return some
 
 
 ENOUGH_ROWS = 5

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from mcap.records import Metadata
@@ -28,7 +26,7 @@ from fte_sniff.row_batch import Array, RowBatch
 
 
 class BackgroundPacker:
-    """Compresses chunks in threads and writes them in order; on exit all are written."""
+    """Compresses chunks in threads and writes them in order."""
 
     def __init__(self, file: McapFile) -> None:
         """Take the file; it must not be written otherwise meanwhile."""
@@ -36,9 +34,6 @@ class BackgroundPacker:
         self._threads = ThreadPoolExecutor(cores(), "compresses chunks")
         self._under_way: deque[Future[PackedChunk]] = deque()
         self._most_under_way = cores() + 1
-
-    def __enter__(self) -> Self:
-        return self
 
     def write(self, batch: McapBatch) -> None:
         """Write a chunk; blocks while enough chunks are under way.
@@ -51,17 +46,15 @@ class BackgroundPacker:
         definitions = self._file.definitions_for(batch)
         self._under_way.append(self._threads.submit(packed, definitions, batch))
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        try:
-            while kind is None and self._under_way:
-                self._write_first()
-        finally:
-            self._threads.shutdown(cancel_futures=True)
+    def close(self) -> None:
+        """Write the chunks that are under way, and end the threads."""
+        while self._under_way:
+            self._write_first()
+        self._threads.shutdown()
+
+    def abandon(self) -> None:
+        """End the threads; chunks that are under way are lost."""
+        self._threads.shutdown(cancel_futures=True)
 
     def _write_first(self) -> None:
         self._file.write_chunk(self._under_way.popleft().result())
@@ -80,57 +73,103 @@ def write_recording(
     ports: Sequence[PortFacts],
     batches: Iterable[RowBatch],
     facts: Mapping[str, str] | None = None,
-    metadata: Callable[[], Iterable[NamedFacts]] = tuple,
 ) -> None:
-    """Write a recording; an existing file is replaced.
-
-    Args:
-        path: the file.
-        ports: the known ports; rows of other ports are accepted too.
-        batches: the rows and events.
-        facts: further content of the file's first metadata record.
-        metadata: gives further metadata records; called after the last batch.
+    """Write a recording with a `BulkWriter`.
 
     Raises:
         FileError: the file cannot be written, or what the batches raise.
     """
     try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+        writer = BulkWriter(path, ports, facts)
+        try:
+            for batch in batches:
+                writer.write(batch)
+            writer.close()
+        finally:
+            writer.abandon()
     except OSError as error:
         raise unwritable(path, error) from error
-    try:
-        writer = _Writer(descriptor, ports, facts or {})
-        writer.write_all(batches)
-        writer.close(metadata())
-    except OSError as error:
-        raise unwritable(path, error) from error
-    finally:
-        os.close(descriptor)
 
 
-class _Writer:
+class BulkWriter:
+    """Writes a recording; an existing file is replaced.
+
+    After an error the only call that is allowed is `abandon`.
+    """
+
     def __init__(
-        self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str]
+        self, path: Path, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
     ) -> None:
+        """Create the file.
+
+        Args:
+            path: the file.
+            ports: the known ports; rows of other ports are accepted too.
+            facts: further content of the file's first metadata record.
+
+        Raises:
+            OSError: the file cannot be created or written.
+        """
         keep_freed_memory()
-        known = {port.name: port for port in ports}
-        target = Stream(descriptor)
-        self._file, self._packer = begin_recording(target, list(known.values()), facts)
         self._last_time = 0
+        self._waiting: list[RowBatch] = []
+        self._waiting_rows = 0
+        known = {port.name: port for port in ports}
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+        try:
+            self._file, self._packer = begin_recording(
+                Stream(self._descriptor), list(known.values()), facts or {}
+            )
+        except OSError:
+            os.close(self._descriptor)
+            raise
+        self._background = BackgroundPacker(self._file)
+        self._closed = False
 
-    def write_all(self, batches: Iterable[RowBatch]) -> None:
-        with BackgroundPacker(self._file) as packer:
-            for rows in batches:
-                _check_times(rows)
-                for chunk in _chunks(rows):
-                    if len(chunk) or chunk.events:
-                        packer.write(self._messages(chunk))
+    def write(self, batch: RowBatch) -> None:
+        """Write rows and events; small batches without events share a chunk.
 
-    def close(self, metadata: Iterable[NamedFacts]) -> None:
+        Raises:
+            FileError: a row has no time.
+            OSError: the file cannot be written.
+        """
+        _check_times(batch)
+        if batch.events:
+            self._write_waiting()
+        if len(batch) or batch.events:
+            self._waiting.append(batch)
+            self._waiting_rows += len(batch)
+        if batch.events or self._waiting_rows >= CHUNK_ROWS:
+            self._write_waiting()
+
+    def close(self, metadata: Iterable[NamedFacts] = ()) -> None:
+        """Write the waiting rows, further metadata records and the index; close the file.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        self._write_waiting()
+        self._background.close()
         self._file.write_metadata(
             Metadata(name, encodable_items(facts)) for name, facts in metadata
         )
         self._file.close()
+        self._closed = True
+        os.close(self._descriptor)
+
+    def abandon(self) -> None:
+        """Close the file as it is; nothing if it is closed already."""
+        if not self._closed:
+            self._closed = True
+            self._background.abandon()
+            os.close(self._descriptor)
+
+    def _write_waiting(self) -> None:
+        if self._waiting:
+            batch = RowBatch.concat(self._waiting)
+            self._waiting, self._waiting_rows = [], 0
+            for chunk in _chunks(batch):
+                self._background.write(self._messages(chunk))
 
     def _messages(self, chunk: RowBatch) -> McapBatch:
         times = self._log_times(chunk.t_ns)

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from fte_sniff.analysis.feed import GapDetector
-from fte_sniff.formats.writers import FrameWriter, RowWriter
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.recording.row_ranges import TimeRange
-from fte_sniff.session.inputs import Input, InputBatch, Rows
+from fte_sniff.session.inputs import Input, InputBatch
 from fte_sniff.session.replay import Read, RecordingPages
 from fte_sniff.session.save import ExportSource
 
@@ -55,38 +54,43 @@ class InputReading:
         self.notes: list[str] = []
         self.written = 0
         """Rows that were handed on."""
+        self._gaps: list[Gap] = []
+        self._selections: list[Selection] = []
+        self.source = ExportSource(
+            [port.name for one in inputs for port in one.ports],
+            _bauds(inputs),
+            self._gaps,
+            self._selections,
+            {name: fact for one in inputs for name, fact in one.facts.items()},
+        )
+        """What is known about the rows; complete once `__iter__` has ended."""
 
     @property
     def reported_gaps(self) -> list[Gap]:
         """The gaps in the span that the inputs report."""
         return [gap for gaps in self.gaps_of for gap in gaps]
 
-    @property
-    def gaps(self) -> list[Gap]:
-        """All gaps between the rows that were read, reported or found; the filter makes none."""
-        first_ns = None if self._span is None else self._span.first_ns
-        last_ns = None if self._span is None else self._span.end_ns - 1
-        if self.written == self._limit:
-            last_ns = self._last_ns or 0
-        clipped = [gap.within(first_ns, last_ns) for gap in (*self.reported_gaps, *self._found)]
-        return [gap for gap in clipped if gap is not None]
-
-    @property
-    def selections(self) -> list[Selection]:
-        """The filters that chose the rows, those before them included."""
-        from fte_sniff.recording.metadata import Selection
-
-        found = [selection for one in self.inputs for selection in one.selections()]
-        if self._wanted is not None:
-            found.append(Selection(self._wanted.text, self.tally.rows))
-        return found
-
     def __iter__(self) -> Iterator[InputBatch]:
         """The rows that are wanted, up to the limit."""
         for one in self.inputs:
             yield from self.of(one)
             if self.written == self._limit:
-                return
+                break
+        self._gaps += self._gaps_between_rows()
+        self._selections += [selection for one in self.inputs for selection in one.selections()]
+        if self._wanted is not None:
+            from fte_sniff.recording.metadata import Selection
+
+            self._selections.append(Selection(self._wanted.text, self.tally.rows))
+
+    def _gaps_between_rows(self) -> Iterator[Gap]:
+        """All gaps between the rows that were read, reported or found; the filter makes none."""
+        first_ns = None if self._span is None else self._span.first_ns
+        last_ns = None if self._span is None else self._span.end_ns - 1
+        if self.written == self._limit:
+            last_ns = self._last_ns or 0
+        clipped = (gap.within(first_ns, last_ns) for gap in (*self.reported_gaps, *self._found))
+        return (gap for gap in clipped if gap is not None)
 
     def of(self, one: Input) -> Iterator[InputBatch]:
         """Those of one input, which is the next."""
@@ -180,17 +184,3 @@ class Viewing:
 def _bauds(inputs: Sequence[Input]) -> dict[str, int]:
     """Bits per second by port, as the inputs tell."""
     return {port.name: port.baud for one in inputs for port in one.ports if port.baud}
-
-
-def write_rows(writer: RowWriter, rows: Rows) -> None:
-    """Write rows; a batch is written at once if the format allows it."""
-    if (
-        isinstance(rows, list)
-        or not isinstance(writer, FrameWriter)
-        or (writer.shows_order and rows.unordered.any())
-    ):
-        writer.write(rows)
-    else:
-        from fte_sniff.analysis.dataframe import table_frame
-
-        writer.write_frame(table_frame(rows))

@@ -3,162 +3,165 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import Full, Queue
 from threading import Thread
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Protocol
-
-from mcap.records import Metadata
+from typing import TYPE_CHECKING, Final, Protocol, TextIO
 
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat, row_writer
-from fte_sniff.protocol import Gap, Row
-from fte_sniff.recording.metadata import (
-    LEFT_OUT_NAME,
-    SELECTION_NAME,
-    PortFacts,
-    Selection,
-    gap_to_metadata,
+from fte_sniff.formats.writers import (
+    FORMAT_BY_SUFFIX,
+    FrameWriter,
+    OutputFormat,
+    RowWriter,
+    row_writer,
 )
-from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.protocol import Gap, PortEvent
 
 if TYPE_CHECKING:
     import polars as pl
 
+    from fte_sniff.recording.metadata import Selection
+    from fte_sniff.session.inputs import Rows
+
 
 @dataclass(frozen=True, slots=True)
 class ExportSource:
-    """Where rows come from."""
+    """What is known about the rows that are written."""
 
     ports: Sequence[str] = ()
-    """The ports that they may come from."""
+    """The ports that the rows may come from."""
     bauds: Mapping[str, int] = field(default_factory=dict)
-    """Bits per second by port; a port whose baud nobody said is not in it."""
+    """Bits per second by port; a port of unknown baud is not in it."""
     gaps: Sequence[Gap] = ()
     """Gaps between the rows; more may be found while a file is read."""
     selections: Sequence[Selection] = ()
     """The filters that chose the rows."""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    """Metadata of the recordings that the rows come from."""
 
     def within(self, first_ns: int | None, last_ns: int | None) -> ExportSource:
-        """The same for the rows between two times alone; None for no bound."""
+        """The same for the rows between two times; None for no bound."""
         clipped = [gap.within(first_ns, last_ns) for gap in self.gaps]
         return replace(self, gaps=[gap for gap in clipped if gap is not None])
 
 
 UNKNOWN = ExportSource()
-"""Nobody said anything."""
+"""Nothing is known about the rows."""
 
 
 class Sink(Protocol):
-    """Takes rows. Each method may raise OSError or FileError."""
+    """Writes rows in one format. Each method may raise OSError or FileError."""
 
-    def write(self, rows: Sequence[Row]) -> None:
-        """Take the next rows."""
+    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+        """Write rows; a recording also holds the port events between them."""
         ...
 
-    def end(self) -> None:
-        """Write what is still owed, and close the file."""
+    def close(self) -> None:
+        """Write what the format requires at its end, and close the file."""
         ...
 
     def abandon(self) -> None:
-        """Close the file as it is, and take away what lies beside it."""
+        """Close the file as it is."""
         ...
+
+
+def open_sink(form: OutputFormat, path: Path | None, source: ExportSource) -> Sink:
+    """Create the file, or replace it.
+
+    Args:
+        form: the format.
+        path: the file; None for standard output, for text formats.
+        source: what is known about the rows; its gaps and selections are read on closing.
+
+    Raises:
+        OSError: the file cannot be created.
+    """
+    match form:
+        case OutputFormat.PARQUET if path is not None:
+            return ParquetSink(path)
+        case OutputFormat.MCAP if path is not None:
+            return RecordingSink(path, source)
+        case OutputFormat.RAW if path is not None:
+            return RawSink(path)
+        case _:
+            return TextSink(form, path, ports=len(source.ports) > 1)
 
 
 class TextSink:
-    """Rows as the lines of one of the text formats."""
+    """Writes rows as text; each batch is flushed, so that the reader of a pipe gets it at once."""
 
-    def __init__(self, form: OutputFormat, path: Path, origin: ExportSource) -> None:
-        self._stream = path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
-        self._writer = row_writer(form, self._stream, ports=len(origin.ports) > 1)
+    def __init__(self, form: OutputFormat, path: Path | None, *, ports: bool) -> None:
+        self._stream: TextIO = (
+            sys.stdout
+            if path is None
+            else path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
+        )
+        self._writer = row_writer(form, self._stream, ports=ports)
 
-    def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows' lines."""
-        self._writer.write(rows)
+    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+        """See `Sink`."""
+        write_rows(self._writer, rows)
+        self._stream.flush()
 
-    def end(self) -> None:
-        """Write the head, if no row has brought it, and close."""
+    def close(self) -> None:
+        """See `Sink`."""
         self._writer.close()
-        self._stream.close()
+        self.abandon()
 
     def abandon(self) -> None:
-        """Close."""
-        self._stream.close()
+        """See `Sink`."""
+        if self._stream is not sys.stdout:
+            self._stream.close()
+
+
+def write_rows(writer: RowWriter, rows: Rows) -> None:
+    """Write rows; a batch is written at once if the format allows it."""
+    if (
+        isinstance(rows, list)
+        or not isinstance(writer, FrameWriter)
+        or (writer.shows_order and rows.unordered.any())
+    ):
+        writer.write(rows)
+    else:
+        from fte_sniff.analysis.dataframe import table_frame
+
+        writer.write_frame(table_frame(rows))
 
 
 class RawSink:
-    """The bytes as they came."""
+    """Writes the bytes of the rows."""
 
-    def __init__(self, path: Path, _origin: ExportSource) -> None:
+    def __init__(self, path: Path) -> None:
         self._stream = path.open("wb")
         self.ports: set[str] = set()
-        """Where the rows came from; nothing in the file tells them apart."""
+        """The ports of the rows; nothing in the file separates them."""
 
-    def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows' bytes."""
-        from fte_sniff.row_batch import RowBatch
-
-        if isinstance(rows, RowBatch):
+    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+        """See `Sink`."""
+        if isinstance(rows, list):
+            self.ports.update(row.port for row in rows)
+            self._stream.writelines(row.raw for row in rows)
+        else:
             self.ports.update(rows.codebook.ports[code] for code in set(rows.port.tolist()))
             self._stream.write(rows.tobytes())
-            return
-        self.ports.update(row.port for row in rows)
-        self._stream.writelines(row.raw for row in rows)
 
-    def end(self) -> None:
-        """Close."""
+    def close(self) -> None:
+        """See `Sink`."""
         self._stream.close()
 
-    abandon = end
-
-
-def _parquet(path: Path, origin: ExportSource) -> Sink:
-    # polars takes long to load, and a screen names the forms before anything is saved.
-
-    return ParquetSink(path, origin)
-
-
-def _recording(path: Path, origin: ExportSource) -> Sink:
-    # The same holds for what writes recordings.
-
-    return RecordingSink(path, origin)
-
-
-def _text(form: OutputFormat) -> Callable[[Path, ExportSource], Sink]:
-    return lambda path, origin: TextSink(form, path, origin)
-
-
-def _sink_of(form: OutputFormat) -> Callable[[Path, ExportSource], Sink]:
-    match form:
-        case OutputFormat.PARQUET:
-            return _parquet
-        case OutputFormat.MCAP:
-            return _recording
-        case OutputFormat.RAW:
-            return RawSink
-        case _:
-            return _text(form)
-
-
-SINKS: Final[Mapping[str, Callable[[Path, ExportSource], Sink]]] = {
-    end: _sink_of(form) for end, form in FORMAT_BY_SUFFIX.items()
-}
-"""By the end of a file's name, what takes rows for it."""
+    abandon = close
 
 
 OVERWRITE: Final = "!"
-"""What stands behind a name whose file may be replaced."""
+"""After a file name, it allows the file to be replaced."""
 
 EXAMPLE: Final = "rows.csv"
-"""A name as one would type it."""
-
-FORMS: Final = MappingProxyType(SINKS)
-"""By the end of a file's name, what is written to it."""
+"""An example of a file name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,38 +170,40 @@ class SaveTarget:
 
     path: Path
     replace: bool
-    """Whether a file that is there may be replaced."""
+    """Whether an existing file may be replaced."""
     in_use: Sequence[str] = ()
-    """Files that rows come from or are recorded to; none of them is ever replaced."""
+    """Files that rows come from or are recorded to; they are never replaced."""
 
     @classmethod
     def parse(cls, line: str, in_use: Sequence[str] = ()) -> SaveTarget:
-        """The file that a line names; `!` behind the name lets a file be replaced.
-
-        Args:
-            line: as it was typed.
-            in_use: files that may not be replaced in any case.
+        """The file that a typed line names; `!` after the name allows an existing file.
 
         Raises:
-            UsageError: the name's end is none of `FORMS`.
-            FileError: the file is there already or in use, or there is no such folder.
+            UsageError: the suffix is not in `FORMAT_BY_SUFFIX`.
+            FileError: see `check`.
         """
         name = line.strip()
         replace = name.endswith(OVERWRITE)
         path = Path(name.removesuffix(OVERWRITE).rstrip())
         with suppress(RuntimeError):  # no such user
             path = path.expanduser()
-        if path.suffix.lower() not in FORMS:
-            raise UsageError("the name's end says what is written: {forms}", forms=" ".join(FORMS))
+        if path.suffix.lower() not in FORMAT_BY_SUFFIX:
+            forms = " ".join(FORMAT_BY_SUFFIX)
+            raise UsageError("the name's end says what is written: {forms}", forms=forms)
         target = cls(path, replace, in_use)
         target.check()
         return target
 
+    @property
+    def form(self) -> OutputFormat:
+        """The format, by the suffix."""
+        return FORMAT_BY_SUFFIX[self.path.suffix.lower()]
+
     def check(self) -> None:
-        """See whether a file can be made there now.
+        """Check that the file can be created now.
 
         Raises:
-            FileError: it cannot.
+            FileError: it exists or is in use, or its folder does not exist.
         """
         if self.path.is_dir():
             raise FileError("{path} is a folder; name a file in it", path=self.path)
@@ -222,99 +227,109 @@ class SaveTarget:
 
 
 def _same(path: Path, other: str) -> bool:
-    """Whether both are one file, by whatever names; a file that is gone is none."""
     try:
         return path.samefile(other)
     except OSError:
         return False
 
 
-class SaveJob:
-    """One file under way."""
+class FileExport:
+    """A sink whose file has a temporary name until it is complete."""
 
-    def __init__(self, target: SaveTarget, origin: ExportSource) -> None:
-        """Begin the file.
-
-        Args:
-            target: where it is to lie.
-            origin: where the rows come from.
+    def __init__(self, path: Path, form: OutputFormat, source: ExportSource) -> None:
+        """Create the temporary file, in the same folder; an old one is replaced.
 
         Raises:
-            FileError: it cannot be made there.
+            OSError: it cannot be created.
+        """
+        self.path = path
+        self._temporary = temporary_path(path)
+        try:
+            self.sink = open_sink(form, self._temporary, source)
+        except OSError:
+            self._temporary.unlink(missing_ok=True)
+            raise
+
+    def commit(self) -> None:
+        """Give the closed file its name; a file of that name is replaced."""
+        self._temporary.replace(self.path)
+
+    def abandon(self) -> None:
+        """Close and delete the temporary file."""
+        with suppress(OSError, FteSniffError):
+            self.sink.abandon()
+        with suppress(OSError):
+            self._temporary.unlink(missing_ok=True)
+
+
+def temporary_path(path: Path) -> Path:
+    """The name of a file while it is written."""
+    return path.with_name(f"{path.name}.part")
+
+
+class SaveJob:
+    """One file that is being saved; an error leaves no file."""
+
+    def __init__(self, target: SaveTarget, source: ExportSource) -> None:
+        """Create the file under its temporary name.
+
+        Raises:
+            FileError: it cannot be created.
         """
         target.check()
         self._target = target
-        self._part = target.path.with_name(f"{target.path.name}.part")
         self.rows = 0
         """Rows written so far."""
+        temporary = temporary_path(target.path)
+        if os.path.lexists(temporary):
+            raise FileError("{path} is in the way; delete it, or name another", path=temporary)
         try:
-            with self._part.open("xb"):
-                pass
-        except FileExistsError as error:
-            raise FileError(
-                "{path} is in the way; delete it, or name another", path=self._part
-            ) from error
+            self._export = FileExport(target.path, target.form, source)
         except OSError as error:
-            raise self._refused(error) from error
-        try:
-            self._sink = self._made(origin)
-        except (OSError, FteSniffError):
-            self._part.unlink(missing_ok=True)
-            raise
-
-    def _made(self, origin: ExportSource) -> Sink:
-        try:
-            return FORMS[self._target.path.suffix.lower()](self._part, origin)
-        except OSError as error:
-            raise self._refused(error) from error
+            raise self._unwritable(error) from error
 
     @property
     def path(self) -> Path:
-        """Where the file will lie."""
+        """The file."""
         return self._target.path
 
-    def write(self, rows: Sequence[Row]) -> None:
+    def write(self, rows: Rows) -> None:
         """Write the next rows.
 
         Raises:
-            FileError: they cannot be written, or the form cannot hold them; nothing is left.
+            FileError: they cannot be written, or the format cannot hold them.
         """
-        with self._all_or_nothing():
-            self._sink.write(rows)
+        with self._abandoned_on_error():
+            self._export.sink.write(rows)
         self.rows += len(rows)
 
-    def finish(self) -> None:
-        """End the file, and give it its name.
+    def close(self) -> None:
+        """Complete the file, and give it its name.
 
         Raises:
-            FileError: it cannot be ended, or a file of that name has come meanwhile; nothing is
-                left.
+            FileError: it cannot be completed, or a file of that name exists now.
         """
-        with self._all_or_nothing():
-            self._sink.end()
+        with self._abandoned_on_error():
+            self._export.sink.close()
             self._target.check()
-            self._part.replace(self._target.path)
+            self._export.commit()
 
     def abandon(self) -> None:
-        """Leave nothing."""
-        with suppress(OSError, FteSniffError):
-            self._sink.abandon()
-        with suppress(OSError):
-            self._part.unlink(missing_ok=True)
+        """Leave no file."""
+        self._export.abandon()
 
     @contextmanager
-    def _all_or_nothing(self) -> Iterator[None]:
-        """What fails leaves nothing, and its error is one of ours."""
+    def _abandoned_on_error(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
             self.abandon()
-            raise self._refused(error) from error
+            raise self._unwritable(error) from error
         except FteSniffError:
             self.abandon()
             raise
 
-    def _refused(self, error: OSError) -> FileError:
+    def _unwritable(self, error: OSError) -> FileError:
         return FileError(
             "{path} cannot be written: {reason}; name another place",
             path=self.path,
@@ -323,10 +338,10 @@ class SaveJob:
 
 
 MOST_WAITING: Final = 8
-"""Pieces that wait to be written at most."""
+"""Largest number of DataFrames that wait to be written."""
 
-_LOOK_S: Final = 0.1
-"""How long a piece waits before it is seen whether anybody still writes."""
+_CHECK_S: Final = 0.1
+"""Interval at which a blocked `write` checks that the thread still writes."""
 
 
 class _AbandonedError(Exception):
@@ -334,50 +349,48 @@ class _AbandonedError(Exception):
 
 
 class ParquetSink:
-    """Rows as `analysis.table` has their columns."""
+    """Writes the columns of `analysis.dataframe`; a thread writes the file."""
 
-    def __init__(self, path: Path, _origin: ExportSource) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
         self._waiting: Queue[pl.DataFrame | None] = Queue(MOST_WAITING)
         self._error: Exception | None = None
         self._abandoned = False
-        self._thread = Thread(target=self._write, name="writes Parquet", daemon=True)
+        self._thread = Thread(target=self._run, name="writes Parquet", daemon=True)
         self._thread.start()
 
-    def write(self, rows: Sequence[Row]) -> None:
-        """Take the rows."""
+    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+        """See `Sink`."""
         from fte_sniff.analysis.dataframe import table_frame
 
         if rows:
             self._put(table_frame(rows))
 
-    def end(self) -> None:
-        """Wait until all is written."""
+    def close(self) -> None:
+        """See `Sink`."""
         self._put(None)
         self._thread.join()
         if self._error is not None:
             raise self._error
 
     def abandon(self) -> None:
-        """Write no more."""
+        """See `Sink`."""
         self._abandoned = True
         if self._thread.is_alive():
-            try:
-                self._put(None)
-            finally:
-                self._thread.join()
+            self._put(None)
+            self._thread.join()
 
     def _put(self, frame: pl.DataFrame | None) -> None:
         while self._error is None:
             try:
-                self._waiting.put(frame, timeout=_LOOK_S)
+                self._waiting.put(frame, timeout=_CHECK_S)
             except Full:
                 continue
             return
         if not self._abandoned:
             raise self._error
 
-    def _write(self) -> None:
+    def _run(self) -> None:
         from fte_sniff.analysis.dataframe import TABLE_SCHEMA
         from fte_sniff.formats.parquet import write_parquet
 
@@ -394,35 +407,31 @@ class ParquetSink:
 
 
 class RecordingSink:
-    """Rows as a recording; each must have a time."""
+    """Writes a recording; each row must have a time."""
 
-    def __init__(self, path: Path, origin: ExportSource) -> None:
-        facts = [PortFacts(port, origin.bauds.get(port)) for port in origin.ports]
-        self._writer = RecordingWriter(path, facts, existing=Existing.REPLACE)
-        for gap in origin.gaps:
-            self._writer.write_metadata(Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)))
-        for selection in origin.selections:
-            self._writer.write_metadata(Metadata(SELECTION_NAME, selection.to_metadata()))
+    def __init__(self, path: Path, source: ExportSource) -> None:
+        from fte_sniff.recording.bulk_writer import BulkWriter
+        from fte_sniff.recording.metadata import PART_FACTS, PortFacts
 
-    def write(self, rows: Sequence[Row]) -> None:
-        """Record the rows."""
-        with _plainly():
-            self._writer.write(rows)
+        ports = [PortFacts(port, source.bauds.get(port)) for port in source.ports]
+        facts = {name: fact for name, fact in source.facts.items() if name not in PART_FACTS}
+        self._source = source
+        self._writer = BulkWriter(path, ports, facts)
 
-    def end(self) -> None:
-        """Write the index, and close."""
-        with _plainly():
-            self._writer.close()
+    def write(self, rows: Rows, events: Sequence[PortEvent] = ()) -> None:
+        """See `Sink`."""
+        from fte_sniff.row_batch import RowBatch
 
-    abandon = end
+        self._writer.write(RowBatch.from_rows(rows, events=events))
 
+    def close(self) -> None:
+        """See `Sink`."""
+        from fte_sniff.recording.metadata import LEFT_OUT_NAME, SELECTION_NAME, gap_to_metadata
 
-@contextmanager
-def _plainly() -> Iterator[None]:
-    """Give the system's own word: what a recording says of it speaks of a capture."""
-    try:
-        yield
-    except FileError as error:
-        if isinstance(error.__cause__, OSError):
-            raise error.__cause__ from None
-        raise
+        gaps = [(LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in self._source.gaps]
+        selections = [(SELECTION_NAME, one.to_metadata()) for one in self._source.selections]
+        self._writer.close([*gaps, *selections])
+
+    def abandon(self) -> None:
+        """See `Sink`."""
+        self._writer.abandon()

@@ -177,7 +177,7 @@ class ExportActions(ScreenActions):
                 job.write(rows)
                 self._show_progress(job, (index - indices.start) / len(indices))
                 await asyncio.sleep(0)
-            job.finish()
+            job.close()
         except FteSniffError as error:
             self._forget_job()
             self._notice.warn(error_text(error))

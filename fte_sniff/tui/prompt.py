@@ -19,7 +19,8 @@ from textual.widgets import Input, Static
 
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FteSniffError
-from fte_sniff.session.save import EXAMPLE, FORMS
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
+from fte_sniff.session.save import EXAMPLE
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.keys import translate_keys
 from fte_sniff.tui.notices import WrappedText
@@ -357,7 +358,7 @@ class SaveField(PromptField):
     """Asks for a file name; checks while the user types whether the file can be written."""
 
     def __init__(self, check: Check, on_submit: OnSubmit) -> None:
-        forms = " ".join(FORMS)
+        forms = " ".join(FORMAT_BY_SUFFIX)
         super().__init__(
             later("save to"),
             check,

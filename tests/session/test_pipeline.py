@@ -20,7 +20,7 @@ from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.inputs import InputBatch
-from fte_sniff.session.pipeline import write_rows
+from fte_sniff.session.save import write_rows
 
 PORTS = [
     "/dev/ttyUSB0",

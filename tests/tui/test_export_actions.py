@@ -279,7 +279,7 @@ def test_rows_without_times_make_no_recording(
         await settle(app, pilot)
         await save_to(app, pilot, tmp_path / "rows.mcap")
         await until(app, pilot, lambda: app._save_job is None)
-        assert "it has no time since 1970" in page(app)
+        assert "has no time since 1970" in page(app)
         assert not list(tmp_path.glob("rows*"))
 
     play(feed, scenario, (200, 24))
