@@ -1,9 +1,9 @@
-"""Measures what the panes cost: the models behind them, looks back, and drawing.
+"""Benchmark of the panes: their models, the state at past rows, and drawing.
 
     python -m benchmarks.panes [--rows 300000]
 
-Shares are of one core and of what the wire brings in the same time, at the most a full-duplex link
-can carry; the models are also measured against packing the rows into the store, in the same run.
+Shares are of one core at the most rows that a full-duplex link carries. The models are also
+compared with packing the rows into the store, in the same run.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.capture.simulation import parse_parameters, simulate
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Chunk, Framer, Row, byte_time_ns
 from fte_sniff.tui.panes.motors import WINDOWS_NS, MotorsView, grid
-from fte_sniff.tui.panes.statistics import StatisticsText, page
+from fte_sniff.tui.panes.statistics import StatisticsPage
 from fte_sniff.tui.table.theme import DARK
 
 START_NS = 1_769_860_800_000_000_000
 DISTINCT = 50_000
-"""Rows that are simulated; more are the same again, later."""
+"""Rows that are simulated; further rows repeat them at later times."""
 
 LINK_ROWS_S = 2 * 1_000_000_000 // (FRAME_LENGTH * byte_time_ns(DEFAULT_BAUD))
 SIZES = ((80, 15), (199, 37))
@@ -43,7 +43,7 @@ def rows(count: int) -> list[Row]:
 
 
 def seconds(work: Callable[[], object], times: int = 1) -> float:
-    """Processor time, the least of so many runs."""
+    """Processor time, the least of `times` runs."""
     best = float("inf")
     for _ in range(times):
         began = process_time()
@@ -52,10 +52,10 @@ def seconds(work: Callable[[], object], times: int = 1) -> float:
     return best
 
 
-def live(every: list[Row], looks_s: int) -> float:
-    """The share of a core that the models take when they look so often at a full link."""
+def live(every: list[Row], steps_per_s: int) -> float:
+    """Share of a core that the models use at a full link, at this many steps per second."""
     store = RowStore(len(every))
-    following, took, step = LiveModels(store, LineSetup()), 0.0, LINK_ROWS_S // looks_s
+    following, took, step = LiveModels(store, LineSetup()), 0.0, LINK_ROWS_S // steps_per_s
     for at in range(0, len(every) - step, step):
         store.append(every[at : at + step])
         took += seconds(lambda: following.step(step))
@@ -74,8 +74,10 @@ def main() -> None:
     print(
         f"models    {count / models:>12,.0f} rows/s   {packing / models:.2f} times packing's speed"
     )
-    for looks_s in (1, 6, 12):
-        print(f"live      {live(every[:60_000], looks_s):>12.2%} of a core, {looks_s} looks/s")
+    for steps_per_s in (1, 6, 12):
+        print(
+            f"live      {live(every[:60_000], steps_per_s):>12.2%} of a core, {steps_per_s} steps/s"
+        )
     index = count - 20_000
     state = seconds(lambda: following.motors_at(index), 5)
     print(f"look back {state * 1000:>12.1f} ms for the motors at any row")
@@ -86,14 +88,14 @@ def main() -> None:
     draw(following)
 
 
-def draw(following: LiveModels) -> None:
-    now = following.traces.last_ns
-    states = tuple(following.motors.states(now))
-    look = MotorsView(states, following.traces, now, WINDOWS_NS[3], LineSetup())
-    told = StatisticsText(following.statistics, now, LineSetup(), 0, 0)
+def draw(models: LiveModels) -> None:
+    now = models.traces.last_ns
+    states = tuple(models.motors.states(now))
+    view = MotorsView(states, models.traces, now, WINDOWS_NS[3], LineSetup())
     for width, height in SIZES:
-        motors = seconds(lambda w=width, h=height: grid(look, w, h, DARK), 5)
-        statistics = seconds(lambda w=width: page(told, w, DARK), 5)
+        motors = seconds(lambda w=width, h=height: grid(view, w, h, DARK), 5)
+        page = StatisticsPage(models.statistics, models.flags.stats(), now, 0, 0, width, DARK)
+        statistics = seconds(lambda page=page: page.text, 5)
         print(f"draw      {motors * 1000:>12.1f} ms motors, {width}x{height}")
         print(f"          {statistics * 1000:>12.1f} ms statistics, {width}x{height}")
 

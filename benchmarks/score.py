@@ -1,7 +1,4 @@
-"""Owns how rows are judged against what was sent: found, invented, doubted, labelled.
-
-It must not know how streams are made or framed.
-"""
+"""Score of the rows of a damaged stream against the frames that were sent."""
 
 from __future__ import annotations
 
@@ -15,41 +12,41 @@ from fte_sniff.protocol import FRAME_LENGTH, Frame, Row, Status
 
 @dataclass(slots=True)
 class Score:
-    """What rows made of a damaged stream; the shares are those of the quality table."""
+    """Counts of one damaged stream; the shares are those of the quality table."""
 
     rows: int = 0
     undamaged: int = 0
     found: int = 0
     doubted: int = 0
-    """Undamaged frames that were found and called suspect."""
+    """Undamaged frames that were found as suspect."""
     invented: int = 0
     invented_ok: int = 0
     cases: list[tuple[int, Frame]] = field(default_factory=list)
-    """Invented rows called ok: the number of the sent frame that stands there, and the row."""
+    """Invented rows with status ok: the number of the frame that was sent there, and the row."""
     missed: list[int] = field(default_factory=list)
     """Numbers of the undamaged frames that were not found."""
 
     @property
     def found_share(self) -> float:
-        """Undamaged frames found, with any status, 0-1."""
+        """Share of the undamaged frames that were found, with any status, 0-1."""
         return self.found / self.undamaged
 
     @property
     def invented_ok_share(self) -> float:
-        """Rows that are invented and called ok, of all rows, 0-1."""
+        """Share of all rows that are invented and have status ok, 0-1."""
         return self.invented_ok / self.rows
 
     @property
     def doubted_share(self) -> float:
-        """Undamaged frames called suspect, of all undamaged frames, 0-1."""
+        """Share of the undamaged frames that are suspect, 0-1."""
         return self.doubted / self.undamaged
 
 
 def score(sent: Sequence[Sent], rows: Iterable[Row]) -> Score:
-    """Judge rows by what was sent.
+    """Score rows against the frames that were sent.
 
-    A frame is invented where it starts where none began, or carries other bytes than the one that
-    began there; except where equally many bytes came in as went out, which nobody can see.
+    A row is invented where no frame starts at its offset, or one with other bytes does; except
+    where as many bytes were inserted as were lost, which cannot be detected.
     """
     began = {frame.start: number for number, frame in enumerate(sent)}
     began_with_junk = {frame.start - frame.before: number for number, frame in enumerate(sent)}
@@ -76,8 +73,8 @@ def score(sent: Sequence[Sent], rows: Iterable[Row]) -> Score:
     return total
 
 
-def told_apart(frame: Sent) -> str:
-    """What was done to a frame, as finely as its own bytes can tell a label."""
+def harm_detail(frame: Sent) -> str:
+    """The damage of a frame, in the detail that its own bytes can show."""
     if frame.harm is Harm.LOST:
         return "lost, header left" if frame.arrived[:1] == frame.raw[:1] else "lost, header too"
     if len(frame.arrived) == len(frame.raw) and frame.harm is not Harm.JUNK:
@@ -90,24 +87,24 @@ def told_apart(frame: Sent) -> str:
 
 
 def labels(sent: Sequence[Sent], rows: Iterable[Row]) -> Counter[tuple[Harm, str, str]]:
-    """What single faults between intact neighbours were called, by what was done.
+    """Labels of single damaged frames between intact ones.
 
-    Keys are the kind of harm, what was done as finely as can be told, and the label.
+    Keys are the kind of harm, its detail, and the label.
 
-    The label is the row's first fault where one row covers exactly the damaged bytes, `ok` where
-    it shows none, and `split` where no single row covers them.
+    The label is the first fault of the row that covers exactly the damaged bytes, `ok` without a
+    fault, and `split` where no single row covers them.
     """
-    by_place = {(row.offset, len(row.raw)): row for row in rows}
+    by_span = {(row.offset, len(row.raw)): row for row in rows}
     seen: Counter[tuple[Harm, str, str]] = Counter()
     for before, frame, after in zip(sent, sent[1:], sent[2:], strict=False):
         if frame.harm is None or before.harm is not None or after.harm is not None:
             continue
-        place = (
+        span = (
             (frame.start - frame.before, frame.before)
             if frame.harm is Harm.JUNK
             else (frame.start, len(frame.arrived))
         )
-        row = by_place.get(place)
+        row = by_span.get(span)
         name = "split" if row is None else row.faults[0].value if row.faults else "ok"
-        seen[frame.harm, told_apart(frame), name] += 1
+        seen[frame.harm, harm_detail(frame), name] += 1
     return seen

@@ -1,12 +1,11 @@
-"""Owns the figures for the screen: frames, CPU, memory and delay with millions of rows behind it.
+"""Benchmark of the screen: frame rate, CPU, memory and delay over millions of rows.
 
 python -m benchmarks.screen_speed [--rows 1 5 10] [--seconds 5]
 
-The screen runs as a process of its own on a pseudo-terminal of 80 by 24, and is measured from the
-other end as a terminal sees it: a frame is what lies between two signs of synchronized output, and
-the delay is the age of the newest time of day that was drawn. Rows come at 2,300 a second, twice
-what a wire carries, on top of so many million that were there before; once plain, once filtered.
-At last the whole program is watched on a simulated wire.
+The screen runs in another process on a pseudo-terminal of 80 by 24, and is measured at its other
+end: a frame ends with the end of synchronized output, and the delay is the age of the newest time
+of day in it. 2,300 rows a second, twice the rate of a wire, are added to the given millions of
+rows, without and with a filter. At the end the whole program runs on a simulated wire.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ _DAY_MS = 86_400_000
 
 @dataclass
 class Terminal:
-    """A process on a pseudo-terminal, and what it drew."""
+    """A process on a pseudo-terminal, and its frames."""
 
     command: list[str]
     _frame: bytes = b""
@@ -50,7 +49,7 @@ class Terminal:
         self._master, slave = pty.openpty()
         termios.tcsetwinsize(slave, (24, 80))
         environment = {**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
-        # An installed program is compiled; some containers say that it is to be compiled each time.
+        # Some containers disable byte code files; an installed program has them.
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         self.process = subprocess.Popen(
             self.command,
@@ -63,7 +62,7 @@ class Terminal:
         os.close(slave)
 
     def read(self, seconds: float) -> bytes:
-        """What is drawn within so many seconds; counts frames and the age of what is in them."""
+        """Read the output of this many seconds; counts frames and their ages."""
         until, found = time.monotonic() + seconds, b""
         while (left := until - time.monotonic()) > 0:
             if not select.select([self._master], [], [], left)[0]:
@@ -75,10 +74,10 @@ class Terminal:
             *whole, self._frame = (self._frame + chunk).split(FRAME_END)
             self.frames += len(whole)
             for frame in whole:
-                self._take_age(frame)
+                self._note_age(frame)
         return found
 
-    def _take_age(self, frame: bytes) -> None:
+    def _note_age(self, frame: bytes) -> None:
         now_ms = time.time() * 1000 % _DAY_MS
         times = [
             ((int(h) * 60 + int(m)) * 60 + int(s)) * 1000 + int(ms)
@@ -88,7 +87,7 @@ class Terminal:
             self.ages_ms.append(now_ms - max(times))
 
     def wait_for(self, holds: Callable[[bytes], bool], seconds: float) -> float:
-        """Seconds until what was drawn since holds; fails after so many."""
+        """Seconds until the output since the call satisfies `holds`; fails after `seconds`."""
         start, found = time.monotonic(), b""
         while not holds(found):
             if time.monotonic() - start > seconds:
@@ -97,11 +96,11 @@ class Terminal:
         return time.monotonic() - start
 
     def press(self, keys: bytes) -> None:
-        """Type."""
+        """Type keys."""
         os.write(self._master, keys)
 
     def usage(self) -> tuple[float, float]:
-        """CPU seconds used so far, and the megabytes held now."""
+        """CPU seconds so far, and resident megabytes."""
         folder = Path(f"/proc/{self.process.pid}")
         ticks = (folder / "stat").read_text().rpartition(")")[2].split()
         lines = (folder / "status").read_text().splitlines()
@@ -110,7 +109,7 @@ class Terminal:
         return cpu, int(held) / 1024
 
     def end(self) -> None:
-        """Quit, or else be killed."""
+        """Quit; kill the process where that fails."""
         self.press(b"q")
         try:
             self.process.wait(10)
@@ -121,7 +120,7 @@ class Terminal:
 
 
 def main() -> None:
-    """Measure every size, plain and filtered, and print a line for each."""
+    """Print a line for each size, without and with a filter."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--rows", type=int, nargs="+", default=[1, 5, 10], help="millions")
     parser.add_argument("--seconds", type=float, default=5)
@@ -132,7 +131,7 @@ def main() -> None:
         return
     print(f"80x24, {PER_SECOND} rows/s, {options.seconds:g} s each")
     print("rows        filter  frames/s   CPU  delay p50/p99 ms    MB  bytes/row  jump ms")
-    base = _memory_of_none()
+    base = _empty_memory()
     for millions in options.rows:
         for text in ("", FILTER):
             print(_line(millions * MILLION, text, options.seconds, base), flush=True)
@@ -141,7 +140,7 @@ def main() -> None:
 
 def _line(rows: int, text: str, seconds: float, base: float) -> str:
     terminal = _started(rows, text)
-    frames, cpu, ages = _watched(terminal, seconds)
+    frames, cpu, ages = _measured(terminal, seconds)
     held = terminal.usage()[1]
     jumps = [_jump(terminal, key) for key in (b"g", b"G", b"g", b"G", b"g")]
     terminal.end()
@@ -161,15 +160,15 @@ def _started(rows: int, text: str) -> Terminal:
     return terminal
 
 
-def _memory_of_none() -> float:
-    """Megabytes of a screen that has no rows behind it."""
+def _empty_memory() -> float:
+    """Megabytes of a screen without rows."""
     terminal = _started(0, "")
     held = terminal.usage()[1]
     terminal.end()
     return held
 
 
-def _watched(terminal: Terminal, seconds: float) -> tuple[float, float, list[float]]:
+def _measured(terminal: Terminal, seconds: float) -> tuple[float, float, list[float]]:
     terminal.frames, terminal.ages_ms = 0, []
     before, start = terminal.usage()[0], time.monotonic()
     terminal.read(seconds)
@@ -178,7 +177,7 @@ def _watched(terminal: Terminal, seconds: float) -> tuple[float, float, list[flo
 
 
 def _jump(terminal: Terminal, key: bytes) -> float:
-    """Seconds from a key to a drawing that shows where it led."""
+    """Seconds from a key to the frame after the jump."""
     terminal.read(0.3)
     terminal.press(key)
     sign = b"SCROLLED" if key == b"g" else b"LIVE"
@@ -195,7 +194,7 @@ def _live_line(seconds: float) -> str:
     terminal = Terminal([sys.executable, "-m", "fte_sniff", "live", "--no-record", "sim://?seed=1"])
     terminal.wait_for(lambda drawn: bool(_CLOCK.search(drawn)), 60)
     terminal.read(2)
-    frames, cpu, ages = _watched(terminal, seconds)
+    frames, cpu, ages = _measured(terminal, seconds)
     terminal.end()
     return (
         f"live sim://: {frames:.1f} frames/s, screen {cpu:.0%} of a core, wire to screen"
@@ -204,7 +203,7 @@ def _live_line(seconds: float) -> str:
 
 
 def _screen(rows: int, text: str) -> None:
-    """The screen itself, over rows that are there and rows that come."""
+    """Run the screen over a feed of old and new rows."""
     from fte_sniff.analysis.feed import FeedState, FeedUpdate
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.protocol import KIND_BY_NAME, Frame, Row, encode
@@ -228,11 +227,11 @@ def _screen(rows: int, text: str) -> None:
         start = time.monotonic()
         while True:
             due = rows + int((time.monotonic() - start) * PER_SECOND)
-            news = made(came, due - came, time.time_ns())
+            new = made(came, due - came, time.time_ns())
             came = due
-            yield FeedUpdate(FeedState("READY", rows=came), news)
+            yield FeedUpdate(FeedState("READY", rows=came), new)
 
-    class Coming:
+    class GrowingFeed:
         def __init__(self) -> None:
             self._updates = updates()
 
@@ -243,7 +242,7 @@ def _screen(rows: int, text: str) -> None:
             return
 
     wanted = RowFilter.parse(text) if text else None
-    run_screen(Coming(), StartOptions(row_filter=wanted, keep_rows=rows + 10 * MILLION))
+    run_screen(GrowingFeed(), StartOptions(row_filter=wanted, keep_rows=rows + 10 * MILLION))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
-"""Owns the figures for `view` on very large recordings: first rows, loading, models, memory.
+"""Benchmark of `view` on very large recordings: first rows, loading, models, memory.
 
     python -m benchmarks.view_load [--rows 1000000 10000000]
 
-`fte-sniff view` runs as a process of its own on a pseudo-terminal of 80 by 24 and is measured from
-the other end, as a terminal sees it; each is also given as a ratio to reading the same file by
-columns, or to a bare start of what draws it (`python -c 'import textual.app'`, in turn with it, the
-best of some rounds each), in the same run. Loading ends when the title says so, and the models have
-caught up when the page of statistics no longer tells of rows to go.
+`fte-sniff view` runs in another process on a pseudo-terminal of 80 by 24 and is measured at its
+other end. Times are also given as a ratio to reading the same file by columns, or to `python -c
+'import textual.app'` (in alternation, the best of some rounds), in the same run. Loading ends when
+the title says so; the models are complete when the statistics report no rows to go.
 """
 
 from __future__ import annotations
@@ -30,11 +29,11 @@ _LOADED = b" FILE "
 _TO_GO = b"rows to go"
 _LONGEST_S = 600
 ROUNDS = 7
-"""Starts that are timed; other programs slow most of them down."""
+"""Starts that are timed; the best counts, since other programs slow most of them down."""
 
 
 def main() -> None:
-    """Measure each size, and print a line for it."""
+    """Print a line for each size."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--rows", type=int, nargs="+", default=[1_000_000, 10_000_000])
     parser.add_argument("--keep", type=int, help="rows that the screen keeps", default=None)
@@ -72,7 +71,7 @@ def _recording(folder: Path, rows: int) -> Path:
 
 
 def _first_rows(path: Path, keep: int | None) -> tuple[float, float]:
-    """Seconds to the first rows, and those that a bare start takes; the best of each."""
+    """Seconds to the first rows, and of the bare import; the best of each."""
     firsts, bares = [], []
     for _ in range(ROUNDS):
         began = time.monotonic()
@@ -92,7 +91,7 @@ def _command(path: Path, keep: int | None) -> list[str]:
 
 
 def _viewed(path: Path, keep: int | None) -> tuple[float, float, float, list[float]]:
-    """Seconds from the first row until all is loaded, from there until all is counted; the rest."""
+    """Seconds of loading and of the models after it, megabytes, and milliseconds of jumps."""
     began = time.monotonic()
     terminal = Terminal(_command(path, keep))
     drawn = bytearray()
@@ -123,7 +122,7 @@ def _viewed(path: Path, keep: int | None) -> tuple[float, float, float, list[flo
 
 
 def _wait_for_models(terminal: Terminal) -> None:
-    """Until a redrawn page of statistics tells no rows to go."""
+    """Wait until the statistics report no rows to go."""
     began = time.monotonic()
     terminal.read(0.5)
     terminal.press(b"SS")
@@ -134,7 +133,7 @@ def _wait_for_models(terminal: Terminal) -> None:
 
 def _check(began: float) -> None:
     if time.monotonic() - began > _LONGEST_S:
-        raise TimeoutError("the screen does not come so far")
+        raise TimeoutError("the screen does not get there in time")
 
 
 if __name__ == "__main__":

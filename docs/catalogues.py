@@ -1,11 +1,10 @@
-"""Makes the catalogues of the screen's languages: `python docs/catalogues.py [--check]`.
+"""Update the catalogues of the screen's languages: `python docs/catalogues.py [--check]`.
 
-Texts are found in calls, `_("...")`, `later("...")`, `TranslatableText("...")` and
-`FileError("... {path}", path=...)`, and in the tables that the screen shows: keys, meanings of
-fields, faults and columns, examples of filters. New texts are added to each catalogue's `.po` file,
-to be translated there by hand; the program reads the `.mo` file.
-`--check` changes nothing, and fails where a text is not translated, a translation lacks one of its
-text's values in braces, or a file is not current.
+Texts are found in calls, `_("...")`, `later("...")`, `TranslatableText("...")` and `FileError("...
+{path}", path=...)`, and in the tables that the screen shows: keys, meanings of fields, faults and
+columns, examples of filters. New texts are added to each `.po` file, where they are translated by
+hand; the program reads the `.mo` file. `--check` changes nothing, and fails where a text is not
+translated, a translation has other values in braces, or a file is not current.
 """
 
 import argparse
@@ -30,7 +29,7 @@ from fte_sniff.tui.status_bar import Mode
 from fte_sniff.tui.table.columns import TimeStyle
 from fte_sniff.tui.table.painter import Sign
 
-# Not the installed package: that has no `.po` files, and is not what is to be changed.
+# The checkout, since the installed package has no `.po` files.
 PACKAGE = Path(__file__).parents[1] / "fte_sniff"
 
 SCREEN = PACKAGE / "tui"
@@ -40,7 +39,7 @@ KEYWORDS = ("_", "later", "TranslatableText")
 
 
 def table_texts() -> Iterator[str]:
-    """What the screen shows out of tables, and so says nowhere in `_("...")`."""
+    """Texts of the tables that the screen shows."""
     for heading, keys in SECTIONS:
         yield heading
         for key in keys:
@@ -60,8 +59,8 @@ def table_texts() -> Iterator[str]:
     yield from (sign.meaning for sign in Sign)
 
 
-def said_in(folder: Path) -> Iterator[str]:
-    """The texts that stand in the code, also those inside of f-strings."""
+def texts_in(folder: Path) -> Iterator[str]:
+    """Texts in calls, also inside f-strings."""
     for path in sorted(folder.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             match node:
@@ -70,15 +69,15 @@ def said_in(folder: Path) -> Iterator[str]:
                     args=[ast.Constant(value=str(text)), *_],
                     keywords=values,
                 ):
-                    # An error keeps its form only if it has values to fill in.
+                    # An error without values is not translated.
                     if name in KEYWORDS or (values and name.endswith("Error")):
                         yield text
 
 
 def template() -> Catalog:
-    """Every text there is."""
+    """A catalogue of all texts."""
     found = Catalog(project=DOMAIN, fuzzy=False)
-    for text in said_in(PACKAGE):
+    for text in texts_in(PACKAGE):
         found.add(text)
     for text in table_texts():
         if text:
@@ -87,7 +86,7 @@ def template() -> Catalog:
 
 
 def updated(language: str, texts: Catalog) -> Catalog:
-    """The catalogue of a language with all the texts, and no others."""
+    """The catalogue of a language with exactly these texts."""
     path = _path(language, "po")
     if path.exists():
         with path.open("rb") as file:
@@ -100,7 +99,7 @@ def updated(language: str, texts: Catalog) -> Catalog:
 
 
 def faults_of(catalogue: Catalog) -> Iterator[str]:
-    """What is wrong with the translations."""
+    """Faults of the translations."""
     for message in catalogue:
         if message.id and not message.string:
             yield f"not translated: {message.id!r}"
@@ -113,21 +112,21 @@ def _values(text: object) -> list[str]:
 
 
 def _written(catalogue: Catalog) -> bytes:
-    # Without a header: it would say when, and with which version, and so be new each time.
+    # Without the header, which has the time and the version.
     po = io.BytesIO()
     write_po(po, catalogue, width=100, omit_header=True, sort_output=True, no_location=True)
     return po.getvalue()
 
 
-def _spoken(path: Path) -> dict[str, str]:
-    """What the program would say."""
+def _compiled(path: Path) -> dict[str, str]:
+    """Translations of a compiled catalogue."""
     if not path.exists():
         return {}
     with path.open("rb") as file:
         return {str(message.id): str(message.string) for message in read_mo(file) if message.id}
 
 
-def _said(catalogue: Catalog) -> dict[str, str]:
+def _translations(catalogue: Catalog) -> dict[str, str]:
     return {str(each.id): str(each.string) for each in catalogue if each.id and each.string}
 
 
@@ -148,7 +147,7 @@ def main() -> None:
         wrong += [f"{language}: {fault}" for fault in faults_of(catalogue)]
         po, mo = _path(language, "po"), _path(language, "mo")
         written = _written(catalogue)
-        if po.exists() and po.read_bytes() == written and _spoken(mo) == _said(catalogue):
+        if po.exists() and po.read_bytes() == written and _compiled(mo) == _translations(catalogue):
             continue
         if check:
             wrong.append(f"{language}: not current; run python docs/catalogues.py")

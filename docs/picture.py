@@ -1,9 +1,8 @@
-"""Owns the pictures of the screen: `python docs/picture.py [NAME ...]`.
+"""Make the pictures of the screen: `python docs/picture.py [NAME ...]`.
 
-They are made of the real screen on a capture of `sim://` with a fixed seed, by a clock that stands
-still once the capture has run for a while: a picture changes only when the screen does. Some stand
-in the README; all are what the tests hold the screen against. Characters that have two cells
-in a terminal have them here too, by whatever font they are drawn.
+They show the real screen on a capture of `sim://` with a fixed seed and a simulated clock, so that
+a picture changes only when the screen does. Some are in the README; the tests compare all with the
+screen. Wide characters have two cells here too, in any font.
 """
 
 from __future__ import annotations
@@ -29,16 +28,16 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
 
 FOLDER = Path(__file__).with_name("pictures")
-"""Where the pictures lie."""
+"""Folder of the pictures."""
 
 PORT = "/dev/ttyUSB0"
 RATE = 200
 QUERY = f"seed=6&rate={RATE}&drop=0.01&flip=0.01&noise=0.01"
 START_NS = 1_769_860_800_000_000_000  # 2026-01-31T12:00:00Z
-LOOKS = 80
-LOOK_NS = 50_000_000
-MORE_LOOKS = 5
-"""After the last row, for the panes to have shown it."""
+POLLS = 80
+POLL_NS = 50_000_000
+MORE_POLLS = 5
+"""Polls after the last row, until the panes show it."""
 MOST_ROUNDS = 200
 
 _TEXT = re.compile(
@@ -47,21 +46,21 @@ _TEXT = re.compile(
 )
 _WIDE = "\u2e80-\u9fff\uff00-\uff60"
 _RUNS = re.compile(f"[{_WIDE}]|[^{_WIDE}]+")
-"""A wide character, or narrow ones side by side."""
+"""A wide character, or a run of narrow ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A screen, and how to come to it."""
+    """A screen, and the keys that lead to it."""
 
     size: tuple[int, int]
     """Columns and lines."""
     keys: Sequence[str] = ()
-    """What is pressed, by Textual's names; text in quotes is typed."""
+    """Keys by Textual's names; text in quotes is typed."""
     shows: str = ""
-    """What stands on it once it is drawn whole."""
+    """Text on the finished screen."""
     frames: int = 3400
-    """That the wire has brought."""
+    """Simulated frames."""
     environment: Mapping[str, str] | None = None
     language: str = "en"
 
@@ -84,47 +83,47 @@ PICTURES: Mapping[str, Picture] = {
     "light": Picture((118, 30), ("space", "v", "up", "up", "m", "ctrl+t"), "PAUSED"),
     "colourless": Picture((100, 30), ("E", "enter"), "byte by byte", environment={"NO_COLOR": "1"}),
 }
-"""Every picture, by the name of its file."""
+"""Pictures by file name."""
 
 
-class Capture:
-    """A capture that has run for a while, as a feed with a clock of its own."""
+class SimulatedFeed:
+    """A capture that has run for a while, with its own clock."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self._rows = rows
         self._given = 0
-        self._looks = 0
+        self._polls = 0
 
     @property
     def now_ns(self) -> int:
-        """What the clock says."""
-        return self._looks * LOOK_NS
+        """The time of the clock."""
+        return self._polls * POLL_NS
 
-    def go_on(self) -> None:
-        """Let as much time pass as between two looks of the screen."""
-        self._looks += 1
+    def advance(self) -> None:
+        """Let the time between two polls pass."""
+        self._polls += 1
 
     def poll(self) -> FeedUpdate:
-        """Most rows at the first look, the rest at the pace at which they came."""
-        due = len(self._rows) - max(0, LOOKS - self._looks) * RATE * LOOK_NS // 10**9
+        """Most rows at the first poll, the rest at their own rate."""
+        due = len(self._rows) - max(0, POLLS - self._polls) * RATE * POLL_NS // 10**9
         rows = self._rows[self._given : due]
         self._given += len(rows)
         state = FeedState(PORT, "fte-sniff-20260131T120000Z.mcap", rows=self._given)
         return FeedUpdate(state, rows)
 
     def stop(self) -> None:
-        """There is nothing to stop."""
+        """Do nothing."""
 
 
-class Pictured(SniffApp):
-    """The screen, by the clock of its capture."""
+class PictureApp(SniffApp):
+    """The screen with the clock of its feed."""
 
-    def __init__(self, capture: Capture, language: str) -> None:
+    def __init__(self, capture: SimulatedFeed, language: str) -> None:
         super().__init__(capture, StartOptions(language=language))
         self._capture = capture
 
     def now_ns(self) -> int:
-        """The time of the capture."""
+        """The time of the feed."""
         return self._capture.now_ns
 
 
@@ -138,21 +137,21 @@ def rows(frames: int) -> Sequence[Row]:
     return found
 
 
-async def _take(picture: Picture, capture: Capture) -> str:
-    app = Pictured(capture, picture.language)
+async def _screenshot(picture: Picture, capture: SimulatedFeed) -> str:
+    app = PictureApp(capture, picture.language)
     async with app.run_test(size=picture.size) as pilot:
-        for look in range(LOOKS + MORE_LOOKS):
-            capture.go_on()
+        for poll in range(POLLS + MORE_POLLS):
+            capture.advance()
             app.tick()
             await pilot.pause()
-            if look == LOOKS // 2:
+            if poll == POLLS // 2:
                 for keys in picture.keys:
                     await pilot.press(*(keys[1:-1] if keys.startswith("'") else [keys]))
         return await _settled(app, pilot, picture.shows)
 
 
-async def _settled(app: Pictured, pilot: Pilot[None], shows: str) -> str:
-    """The screen once it shows this, and no more changes."""
+async def _settled(app: PictureApp, pilot: Pilot[None], shows: str) -> str:
+    """The screen once it shows a text and changes no more."""
     before, wanted = "", shows.replace(" ", "&#160;")
     for _ in range(MOST_ROUNDS):
         await pilot.pause(0.02)
@@ -160,13 +159,13 @@ async def _settled(app: Pictured, pilot: Pilot[None], shows: str) -> str:
         if now == before and wanted in now:
             return in_cells(now)
         before = now
-    raise SystemExit(f"the screen never came to show {shows!r}")
+    raise SystemExit(f"the screen never showed {shows!r}")
 
 
 def in_cells(picture: str) -> str:
-    """The picture with wide characters, and what stands between them, in cells of their own.
+    """The picture with wide characters in two cells.
 
-    Rich lets a text begin at its cell, and then gives each of its characters the width of one.
+    Rich places the start of a text at its cell, but gives each character the width of one.
     """
     return _TEXT.sub(_runs, picture)
 
@@ -189,16 +188,16 @@ def _runs(text: re.Match[str]) -> str:
 
 
 def drawn(name: str) -> str:
-    """The picture of that name as SVG, made anew."""
+    """Make the picture of that name, as SVG."""
     picture = PICTURES[name]
     kept = dict(os.environ)
     with tempfile.TemporaryDirectory() as empty:
-        # Neither the settings nor the language of whoever makes it are to be seen on it.
+        # Without the settings and the language of the user.
         os.environ |= {"XDG_CONFIG_HOME": empty, "XDG_CACHE_HOME": empty, "LC_ALL": "C.UTF-8"}
         os.environ.pop("NO_COLOR", None)
         os.environ |= picture.environment or {}
         try:
-            return asyncio.run(_take(picture, Capture(rows(picture.frames))))
+            return asyncio.run(_screenshot(picture, SimulatedFeed(rows(picture.frames))))
         finally:
             os.environ.clear()
             os.environ.update(kept)

@@ -47,13 +47,8 @@ def _forms(kind: FrameKind, raw: bytes) -> Iterator[str]:
         yield " ".join(
             head + _number(field, value)
             for head, (field, value) in zip(heads, values, strict=True)
-            if is_shown(field, value)
+            if field.defined_bits is None or field.raised(value)
         )
-
-
-def is_shown(field: Field, value: int) -> bool:
-    """Whether `short_values` shows the field: flag bytes only if they differ from their default."""
-    return field.defined_bits is None or field.raised(value)
 
 
 def is_raised(row: Row) -> bool:
@@ -96,7 +91,7 @@ def span_text(ns: float | None) -> str:
     return _(cell_text.span_text(ns))
 
 
-def turns_text(pulses: int, bench: LineSetup) -> str:
+def turns_text(pulses: int, line_setup: LineSetup) -> str:
     """A position in turns; empty if the pulses of a turn are unknown."""
-    turns = bench.turns(pulses)
+    turns = line_setup.turns(pulses)
     return "" if turns is None else _(TURNS).format(turns=turns)

@@ -334,7 +334,7 @@ def _first_fitting(forms: Sequence[str], width: int, **values: object) -> Text:
     return Text(next((text for text in texts if cell_len(text) <= width), texts[-1]))
 
 
-TITLE: Final = later("motors, {span}: line feedback, dots target")
+TITLE: Final = later("motors, {span}: line now, dots target")
 AS_OF: Final = later("as of row {row:,}, {time} - G: end")
 AS_OF_ROW: Final = later("as of row {row:,} - G: end")
 HINT: Final = later("z Z: time   J K: scroll   esc: close")
