@@ -29,7 +29,7 @@ from fte_sniff.cli.options import (
     units_options,
 )
 from fte_sniff.cli.output import summary
-from fte_sniff.cli.recording_options import plan_of, recording_options
+from fte_sniff.cli.recording_options import capture_plan, recording_options
 from fte_sniff.cli.settings import SavedSettings, config_option, lang_option
 from fte_sniff.cli.streams import (
     ENDING_SIGNALS,
@@ -115,7 +115,7 @@ def run_capture(
         wiring_with: builds the wiring from the settings of its ports.
         ports: the ports' names as the user wrote them.
         settings: defaults for options that are not given.
-        planned: the options of `plan_of`; the other arguments are options too.
+        planned: the options of `capture_plan`; the other arguments are options too.
 
     Raises:
         FteSniffError: the capture failed; raised after everything is closed.
@@ -125,7 +125,7 @@ def run_capture(
     if baud is None:
         baud = settings.defaults(ports, "baud").baud or DEFAULT_BAUD
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
-    plan = plan_of(wiring, **planned)
+    plan = capture_plan(wiring, **planned)
     bench = line_setup(settings, ports, resolution, gear_ratio, baud)
     if _is_stdout(plan.recording):
         _record_to_stdout(plan)

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 _BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
-_LEAST_FILE = 100_000
-_LEAST_SECONDS = 1.0
+_MIN_FILE = 100_000
+_MIN_SECONDS = 1.0
 
 
 class Rotate(Enum):
@@ -58,18 +58,18 @@ def _size(text: str) -> int | None:
         return None
     found = _SIZE.fullmatch(text)
     if found is None:
-        raise click.BadParameter(f"{text!r} is no size; say for example 512MB, 2GB or none")
+        raise click.BadParameter(f"{text!r} is not a size; use for example 512MB, 2GB or none")
     return round(float(found[1]) * _BYTES[found[2].lower()])
 
 
 def _seconds(text: str) -> float:
     seconds = parse_seconds(text)
     if seconds is None:
-        raise click.BadParameter(f"{text!r} is no time; say for example 10s, 5min or 1h")
+        raise click.BadParameter(f"{text!r} is not a time; use for example 10s, 5min or 1h")
     return seconds
 
 
-def _rotate(text: str) -> int | float | Rotate | None:
+def _rotate(text: str) -> _Value:
     if text.lower() in _ROTATE_WORDS:
         return _ROTATE_WORDS[text.lower()]
     if (seconds := parse_seconds(text)) is not None:
@@ -77,12 +77,12 @@ def _rotate(text: str) -> int | float | Rotate | None:
     if _SIZE.fullmatch(text):
         return _size(text)
     raise click.BadParameter(
-        f"{text!r} is no size and no time; say for example 512MB or 1h, auto or none"
+        f"{text!r} is neither a size nor a time; use for example 512MB or 1h, auto or none"
     )
 
 
 def _parsed_by(parse: Callable[[str], _Value]) -> Callable[..., _Value]:
-    """A click callback that parses the option's text."""
+    """A click callback."""
     return lambda _context, _option, text: None if text is None else parse(text)
 
 
@@ -164,27 +164,11 @@ recording_options = options_with(RecordingOptions())
 """Gives a command all options of a recording; `options_from` reads them."""
 
 
-def check_recording(output: Path | None) -> None:
-    """Refuse a name whose end says that it holds something else than a recording.
-
-    Raises:
-        UsageError: it does.
-    """
-    if output is None or is_stream(output):
-        return
-    if FORMAT_BY_SUFFIX.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
-        mcap = output.with_suffix(".mcap")
-        raise UsageError(
-            f"-o {output}: a capture is recorded as MCAP; name it {mcap},"
-            f" and make {output.name} of it with `fte-sniff decode {mcap} -o {output}`"
-        )
-
-
 def options_from(
     output: Path | None,
     *,
     flush_every: float,
-    rotate: int | float | Rotate | None,
+    rotate: _Value,
     max_size: int | None,
     min_free: int | None,
     on_full: str,
@@ -192,15 +176,14 @@ def options_from(
     before: float | None,
     after: float | None,
 ) -> RecordingOptions:
-    """What the options ask for.
+    """The recording options of a command line.
 
     Raises:
-        UsageError: they contradict each other.
+        UsageError: the options contradict each other.
     """
     if trigger is None and (before is not None or after is not None):
-        raise UsageError("--before and --after surround a trigger; say which with --trigger")
-    _check_sizes(rotate, max_size)
-    _check_sequence(output, rotate, OnFull(on_full))
+        raise UsageError("--before and --after need --trigger")
+    _check(output, rotate, max_size, OnFull(on_full))
     window = TriggerWindow(
         _WINDOW.before_s if before is None else before, _WINDOW.after_s if after is None else after
     )
@@ -216,30 +199,35 @@ def options_from(
     )
 
 
-def _check_sizes(rotate: int | float | Rotate | None, max_size: int | None) -> None:
-    if isinstance(rotate, int) and rotate < _LEAST_FILE:
-        raise UsageError(f"--rotate: a file has at least {_LEAST_FILE // 1000} kB; say more")
-    if isinstance(rotate, float) and rotate < _LEAST_SECONDS:
-        raise UsageError(f"--rotate: a file spans at least {_LEAST_SECONDS:g} s; say more")
-    if max_size is not None and max_size < _LEAST_FILE:
-        raise UsageError(f"--max-size: a file has at least {_LEAST_FILE // 1000} kB; say more")
+def _check(output: Path | None, rotate: _Value, max_size: int | None, on_full: OnFull) -> None:
+    """Raise UsageError for limits that are too small, or several files where only one can be."""
+    if isinstance(rotate, int) and rotate < _MIN_FILE:
+        raise UsageError(f"--rotate: a file has at least {_MIN_FILE // 1000} kB")
+    if isinstance(rotate, float) and rotate < _MIN_SECONDS:
+        raise UsageError(f"--rotate: a file spans at least {_MIN_SECONDS:g} s")
+    if max_size is not None and max_size < _MIN_FILE:
+        raise UsageError(f"--max-size: a file has at least {_MIN_FILE // 1000} kB")
     if isinstance(rotate, int) and max_size is not None and max_size < 2 * rotate:
         raise UsageError("--max-size must have room for two files of --rotate; raise it")
+    deletes_oldest = on_full is OnFull.ROTATE_OLDEST
+    if rotate is Rotate.NONE and deletes_oldest:
+        raise UsageError("--on-full rotate-oldest needs several files; leave out --rotate none")
+    is_sequence = isinstance(rotate, int | float) or deletes_oldest
+    if is_sequence and output is not None and is_stream(output):
+        raise UsageError(f"{output} cannot be rotated: it is not a file; leave out --rotate")
 
 
-def _check_sequence(output: Path | None, rotate: int | float | Rotate | None, full: OnFull) -> None:
-    """Refuse more than one file where there can be only one."""
-    rotates_oldest = full is OnFull.ROTATE_OLDEST
-    if rotate is Rotate.NONE and rotates_oldest:
+def _check_suffix(output: Path) -> None:
+    """Raise UsageError for a file name with the suffix of another format."""
+    if FORMAT_BY_SUFFIX.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
+        mcap = output.with_suffix(".mcap")
         raise UsageError(
-            "--on-full rotate-oldest deletes files of several; leave --rotate none out"
+            f"-o {output}: a capture is recorded as MCAP; name it {mcap},"
+            f" and convert it with `fte-sniff decode {mcap} -o {output}`"
         )
-    sequence = isinstance(rotate, int | float) or rotates_oldest
-    if sequence and output is not None and is_stream(output):
-        raise UsageError(f"{output} cannot be rotated: it is no file; leave --rotate out")
 
 
-def plan_of(
+def capture_plan(
     wiring: Wiring,
     *,
     output: Path | None,
@@ -254,22 +242,23 @@ def plan_of(
     """The plan of a capture.
 
     Args:
-        wiring: what is captured; all else are the options, `recording` those of
+        wiring: the ports to capture; all others are options, `recording` those of
             `recording_options`.
 
     Raises:
-        UsageError: options contradict each other, or `output` is to hold something else.
-        FilterError: the trigger is none.
+        UsageError: options contradict each other, or `output` has the suffix of another format.
+        FilterError: the trigger is not a filter.
     """
     from fte_sniff.session.capture_state import CapturePlan
 
     if no_record and output is not None:
-        raise UsageError("-o names a recording and --no-record wants none; leave one of them out")
+        raise UsageError("-o and --no-record contradict each other; leave one of them out")
     if no_record and keep_recording:
         raise UsageError(
-            "--keep-recording and --no-record: there is nothing to keep; leave one out"
+            "--keep-recording and --no-record contradict each other; leave one of them out"
         )
-    check_recording(output)
+    if output is not None and not is_stream(output):
+        _check_suffix(output)
     row_filter(trigger)
     existing = Existing.REPLACE if force else Existing.REFUSE
     return CapturePlan(

@@ -137,7 +137,7 @@ def test_a_reader_of_the_recording_that_goes_ends_it_in_one_line(
         (["--rotate", "1"], "at least 100 kB"),
         (["--rotate", "0s"], "at least 1 s"),
         (["--rotate", "soon"], "512MB or 1h"),
-        (["--rotate", "none", "--on-full", "rotate-oldest"], "leave --rotate none out"),
+        (["--rotate", "none", "--on-full", "rotate-oldest"], "leave out --rotate none"),
         (["--max-size", "5"], "--max-size: a file has at least 100 kB"),
         (["--max-size", "big"], "512MB, 2GB or none"),
         (["--rotate", "1GB", "--max-size", "1GB"], "room for two files"),
@@ -147,7 +147,7 @@ def test_a_reader_of_the_recording_that_goes_ends_it_in_one_line(
         (["--rotate", "1h", "-o", "-"], "cannot be rotated"),
         (["--flush-every", "0"], "0.05"),
         (["--on-full", "panic"], "rotate-oldest"),
-        (["-o", "a.csv"], "name it a.mcap, and make a.csv of it with `fte-sniff decode a.mcap"),
+        (["-o", "a.csv"], "name it a.mcap, and convert it with `fte-sniff decode a.mcap"),
         (["-o", "a.BIN"], "recorded as MCAP"),
     ],
 )
