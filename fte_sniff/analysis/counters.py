@@ -165,6 +165,11 @@ class CountsOverTime:
         self._first //= 2
         self.slot_ns *= 2
 
+    def series(self, category: int, divisor: float = 1) -> TimeSeries:
+        """The counts of one category, divided."""
+        values = self.of(category) / divisor
+        return TimeSeries(self.start_ns, self.slot_ns, tuple(values.tolist()))
+
     def of(self, category: int) -> Ints:
         """The counts of one category, slot by slot."""
         if category >= len(self._table):

@@ -187,10 +187,8 @@ class Answers:
             commands, feedback = found.commands[motor.motor], found.feedback[motor.motor]
             motor.commands += len(commands)
             motor.feedback += len(feedback)
-            new = motor.pairing.update(
-                MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
-            )
-            motor.delays.update(new.delays_ns, new.ends_ns)
+            frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
+            motor.delays.update(*motor.pairing.update(*frames))
 
     def interrupt(self) -> None:
         """Rows are missing here: a command before the gap has no answer after it."""

@@ -62,19 +62,7 @@ ANSWERABLE: Final = np.array(
 
 _BEFORE_BATCH: Final = -1
 _NEVER: Final = 2**62
-
-
-@dataclass(frozen=True, slots=True)
-class Delays:
-    """Answer times, where both times are known."""
-
-    delays_ns: Ints
-    """From the first byte of a command to that of its answer, nanoseconds."""
-    ends_ns: Ints
-    """Times of the answers, nanoseconds since 1970 UTC."""
-
-
-_NO_DELAYS: Final = Delays(np.empty(0, np.int64), np.empty(0, np.int64))
+_NONE: Final[Ints] = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,30 +125,27 @@ class Pairing:
             return None
         return self._waiting[1]
 
-    def update(self, commands: MotorFrames, feedback: MotorFrames) -> Delays:
+    def update(self, commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Ints]:
         """Match the commands and the feedback of the next batch.
 
         Returns:
-            The new answer times.
+            Answer times and the times of the answers, nanoseconds, where both are known.
         """
         if self._waiting is not None:
             commands = commands.after(*self._waiting)
         if not len(commands.indices):
-            return _NO_DELAYS
+            return _NONE, _NONE
         answers, answered = _answers(commands, feedback)
-        found = _delays(commands.t_ns[answered], feedback.t_ns[answers[answered]])
-        self.delays.update(found.delays_ns)
+        asked_ns, answered_ns = commands.t_ns[answered], feedback.t_ns[answers[answered]]
+        measured = (asked_ns != NO_TIME) & (answered_ns != NO_TIME) & (answered_ns >= asked_ns)
+        delays_ns = (answered_ns - asked_ns)[measured]
+        self.delays.update(delays_ns)
         answerable = np.isin(commands.cmds, ANSWERABLE)
         waits = bool(answerable[-1] and not answered[-1])
         self._waiting = (int(commands.cmds[-1]), int(commands.t_ns[-1])) if waits else None
         self.answered += int(answered.sum())
         self.unanswered += int((answerable & ~answered).sum()) - waits
-        return found
-
-
-def _delays(asked_ns: Ints, answered_ns: Ints) -> Delays:
-    measured = (asked_ns != NO_TIME) & (answered_ns != NO_TIME) & (answered_ns >= asked_ns)
-    return Delays((answered_ns - asked_ns)[measured], answered_ns[measured])
+        return delays_ns, answered_ns[measured]
 
 
 def _answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bools]:

@@ -105,19 +105,19 @@ class FaultCounts:
         ]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class EventStats:
     """The events of one kind on a port, such as line errors."""
 
     kind: PortEventKind
-    count: int
-    """Number of events."""
-    total: int
-    """Sum of what the events count: line errors, bytes of an overrun."""
     first_ns: int
     """Time of the first one, nanoseconds since 1970 UTC."""
-    last_ns: int
+    last_ns: int = 0
     """Time of the last one."""
+    count: int = 0
+    """Number of events."""
+    total: int = 0
+    """Sum of what the events count: line errors, bytes of an overrun."""
 
 
 class PortStats:
@@ -202,14 +202,10 @@ class PortStats:
 
     def on_event(self, event: PortEvent) -> None:
         """Count an event."""
-        before = self._events.get(event.kind)
-        self._events[event.kind] = EventStats(
-            event.kind,
-            1 if before is None else before.count + 1,
-            event.count + (0 if before is None else before.total),
-            event.t_ns if before is None else before.first_ns,
-            event.t_ns,
-        )
+        stats = self._events.setdefault(event.kind, EventStats(event.kind, event.t_ns))
+        stats.count += 1
+        stats.total += event.count
+        stats.last_ns = event.t_ns
 
 
 _NUMS: Final = 256
@@ -459,23 +455,13 @@ class Statistics:
         return list(self._ports.values())
 
     def _share_over_time(self, name: str) -> TimeSeries:
-        counts = self._busy_over_time
+        busy = self._busy_over_time
         code = self._names.index(name) if name in self._names else len(self._names)
-        shares = counts.of(code) / counts.slot_ns
-        return TimeSeries(counts.start_ns, counts.slot_ns, tuple(shares.tolist()))
+        return busy.series(code, busy.slot_ns)
 
     def faults(self) -> list[FaultStats]:
         """By fault that occurred."""
-        over_time = self._faults_over_time
         return [
-            FaultStats(
-                fault,
-                count.rows,
-                TimeSeries(
-                    over_time.start_ns,
-                    over_time.slot_ns,
-                    tuple(over_time.of(_FAULTS.index(fault)).tolist()),
-                ),
-            )
+            FaultStats(fault, count.rows, self._faults_over_time.series(_FAULTS.index(fault)))
             for fault, count in self.fault_counts.by_fault().items()
         ]
