@@ -1,8 +1,8 @@
-"""How all tests are run: Hypothesis times nothing, since a busy machine would fail what is right.
+"""Settings of all tests.
 
-What it tries stays random, so that runs find what earlier ones did not; a failure prints how to
-repeat it. `--hypothesis-profile thorough` tries twenty times as much. The framer is tested in the
-form that is installed, `--interpreted` tests its source.
+Hypothesis has no deadline, because a busy machine would exceed it. Examples stay random, so that
+each run can find more; a failure prints how to repeat it. `--hypothesis-profile thorough` runs
+twenty times as many. The installed form of the framer is tested; `--interpreted` tests its source.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from tests.examples import HOUSE
 from tests.framer_form import INTERPRETED, form_error, interpret
 from tests.pseudo_terminals import new_pty, pty, until  # noqa: F401
 
-# Tests of full disks limit the size of files. What is first loaded under such a limit would be
-# kept cut off beside its source, and fail whatever loads it next.
+# Tests of full disks limit the size of files. A module first imported under such a limit would
+# leave a truncated .pyc file, and break later imports.
 sys.dont_write_bytecode = True
 os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
 
-# The conftest.py files of the folders load the framer before pytest has read its options.
+# The conftest.py files of folders import the framer before pytest reads its options.
 if "--interpreted" in sys.argv:
     os.environ[INTERPRETED] = "1"
 if INTERPRETED in os.environ:

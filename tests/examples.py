@@ -1,6 +1,6 @@
-"""How many examples a property is tried with, where the profile's own number is not right.
+"""The number of examples of a property, where the profile's number does not fit.
 
-The profiles stand in `conftest.py`.
+The profiles are in `conftest.py`.
 """
 
 from __future__ import annotations
@@ -8,9 +8,9 @@ from __future__ import annotations
 from hypothesis import settings
 
 HOUSE = 50
-"""Examples that a property is usually tried with."""
+"""Examples of a property in a usual run."""
 
 
 def examples(usual: int, **further: int) -> settings:
-    """So many in a usual run, and as many more in another as all properties have there."""
+    """Settings with `usual` examples in a usual run, scaled in others as all properties are."""
     return settings(max_examples=max(1, usual * settings.default.max_examples // HOUSE), **further)

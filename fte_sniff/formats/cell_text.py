@@ -26,9 +26,9 @@ _UNITS = re.compile(rf"\s+|[（“]*[{_WIDE}][{_CLOSING}]*|[^\s{_WIDE}]+[{_CLOSI
 def fit(text: str, width: int) -> str:
     """Pad a text at the right, or cut it with an ellipsis, to exactly `width` cells."""
     if text.isascii():
-        room = width - len(text)
-        if room >= 0:
-            return text + " " * room
+        space = width - len(text)
+        if space >= 0:
+            return text + " " * space
         return text[: width - 1] + ELLIPSIS if width > 0 else ""
     if cell_len(text) <= width:
         return set_cell_size(text, width)
@@ -37,8 +37,8 @@ def fit(text: str, width: int) -> str:
 
 def fit_right(text: str, width: int) -> str:
     """Pad a text at the left, or cut it with an ellipsis, to exactly `width` cells."""
-    room = width - cell_len(text)
-    return " " * room + text if room >= 0 else fit(text, width)
+    space = width - cell_len(text)
+    return " " * space + text if space >= 0 else fit(text, width)
 
 
 def fit_path(path: str, width: int) -> str:

@@ -81,7 +81,7 @@ class ExplainedField:
 def dissect(row: Row) -> list[ExplainedField]:
     """Explain every byte of the row once, in order (PROTOCOL.md, both tables of frames)."""
     if isinstance(row, Frame):
-        return [_decoded(row, part) for part in _layout(row.kind)]
+        return [_decoded(row, slot) for slot in _layout(row.kind)]
     size, faults = len(row.raw), row.faults
     if size == FRAME_LENGTH and (Fault.BAD_HEADER in faults or Fault.BAD_TAIL in faults):
         return list(_in_step(row))
@@ -102,7 +102,7 @@ def explain(row: Row) -> list[str]:
     ]
 
 
-class _Part(NamedTuple):
+class _Slot(NamedTuple):
     """Adjacent bytes of a frame with one meaning."""
 
     offsets: range
@@ -112,22 +112,22 @@ class _Part(NamedTuple):
 
 
 @cache
-def _layout(kind: FrameKind | None) -> tuple[_Part, ...]:
-    """The parts of a frame in order; without a kind, the payload is one part."""
-    num = _Part(range(NUM_OFFSET, NUM_OFFSET + 1), "num", TranslatableText("NUM"))
+def _layout(kind: FrameKind | None) -> tuple[_Slot, ...]:
+    """The slots of a frame in order; without a kind, the payload is one slot."""
+    num = _Slot(range(NUM_OFFSET, NUM_OFFSET + 1), "num", TranslatableText("NUM"))
     if kind is None:
         payload = range(NUM_OFFSET + 1, FRAME_LENGTH - 1)
-        inner = [num, _Part(payload, "payload", TranslatableText("payload"))]
+        inner = [num, _Slot(payload, "payload", TranslatableText("payload"))]
     else:
-        inner = [_Part(field.offsets, field.name, field.meaning, field) for field in kind.fields]
+        inner = [_Slot(field.offsets, field.name, field.meaning, field) for field in kind.fields]
         inner += [] if kind.names_motor else [num]
         if kind.reserved:
-            inner.append(_Part(kind.reserved, "reserve", TranslatableText("reserve")))
+            inner.append(_Slot(kind.reserved, "reserve", TranslatableText("reserve")))
     return (
-        _Part(range(1), "header", TranslatableText("header")),
-        _Part(range(CMD_OFFSET, CMD_OFFSET + 1), "cmd", TranslatableText("CMD")),
-        *sorted(inner, key=lambda part: part.offsets.start),
-        _Part(range(FRAME_LENGTH - 1, FRAME_LENGTH), "tail", TranslatableText("tail")),
+        _Slot(range(1), "header", TranslatableText("header")),
+        _Slot(range(CMD_OFFSET, CMD_OFFSET + 1), "cmd", TranslatableText("CMD")),
+        *sorted(inner, key=lambda slot: slot.offsets.start),
+        _Slot(range(FRAME_LENGTH - 1, FRAME_LENGTH), "tail", TranslatableText("tail")),
     )
 
 
@@ -153,9 +153,9 @@ def _expected(expected: object, found: object) -> TranslatableText:
     return TranslatableText("expected {wanted}, found {found}", wanted=expected, found=found)
 
 
-def _decoded(row: Frame, part: _Part) -> ExplainedField:
-    """A part of a frame, with its value."""
-    offsets, name, _, field = part
+def _decoded(row: Frame, slot: _Slot) -> ExplainedField:
+    """A slot of a frame, with its value."""
+    offsets, name, _, field = slot
     if field is not None:
         return _flags(row, field) if field.defined_bits is not None else _number(row, field)
     match name:
@@ -168,7 +168,7 @@ def _decoded(row: Frame, part: _Part) -> ExplainedField:
             return _explained(row, offsets, name, meaning, value=str(row.raw[offsets.start]))
         case "num" | "payload":
             return _explained(row, offsets, name, TranslatableText("unknown under this CMD"))
-    return _undecoded(row, part, offsets)
+    return _undecoded(row, slot, offsets)
 
 
 def _cmd(row: Frame) -> ExplainedField:
@@ -257,38 +257,38 @@ def _bit_meaning(field: Field, number: int) -> tuple[str, str]:
     )
 
 
-def _undecoded(row: Row, part: _Part, offsets: range) -> ExplainedField:
-    """A part of a frame at `offsets` of the row: named, without its value."""
+def _undecoded(row: Row, slot: _Slot, offsets: range) -> ExplainedField:
+    """A slot of a frame at `offsets` of the row: named, without its value."""
     byte = row.raw[offsets.start]
-    if part.name == "tail":
+    if slot.name == "tail":
         fault = None if byte == TAIL else Fault.BAD_TAIL
         note = _expected(_TAIL_TEXT, f"{byte:02X}")
-        return _explained(row, offsets, "tail", part.meaning, fault=fault, note=note)
-    if part.name == "header":
+        return _explained(row, offsets, "tail", slot.meaning, fault=fault, note=note)
+    if slot.name == "header":
         direction = DIRECTION_OF_HEADER.get(byte)
         if direction is not None:
             meaning = _HEADER_MEANINGS[direction]
             return _explained(row, offsets, "header", meaning, value=direction.value)
         note = _expected(_HEADERS_TEXT, f"{byte:02X}")
-        return _explained(row, offsets, "header", part.meaning, fault=Fault.BAD_HEADER, note=note)
-    return _explained(row, offsets, part.name, part.meaning)
+        return _explained(row, offsets, "header", slot.meaning, fault=Fault.BAD_HEADER, note=note)
+    return _explained(row, offsets, slot.name, slot.meaning)
 
 
-def _undecoded_parts(
+def _undecoded_slots(
     row: Damage, kind: FrameKind | None, within: range, shift: int = 0
 ) -> Iterator[ExplainedField]:
-    """The parts of a frame, cut to the offsets `within`; the row has them `shift` bytes later."""
-    for part in _layout(kind):
-        start = max(part.offsets.start, within.start) + shift
-        stop = min(part.offsets.stop, within.stop) + shift
+    """The slots of a frame, cut to the offsets `within`; the row has them `shift` bytes later."""
+    for slot in _layout(kind):
+        start = max(slot.offsets.start, within.start) + shift
+        stop = min(slot.offsets.stop, within.stop) + shift
         if start < stop:
-            yield _undecoded(row, part, range(start, stop))
+            yield _undecoded(row, slot, range(start, stop))
 
 
 def _in_step(row: Damage) -> Iterator[ExplainedField]:
     """Ten bytes of which the header or the tail is wrong."""
     kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], row.raw[CMD_OFFSET]))
-    for field in _undecoded_parts(row, kind, range(FRAME_LENGTH)):
+    for field in _undecoded_slots(row, kind, range(FRAME_LENGTH)):
         if field.name == "cmd" and kind is not None:
             yield replace(field, meaning=TranslatableText("CMD: {kind}", kind=kind.name))
         elif field.name == "payload":
@@ -335,10 +335,10 @@ def _spliced(row: Damage, fault: Fault, note: str) -> Iterator[ExplainedField]:
             all=size,
             length=FRAME_LENGTH,
         )
-    yield from _undecoded_parts(row, kind, range(head))
+    yield from _undecoded_slots(row, kind, range(head))
     yield _explained(row, inner, name, meaning, fault=fault, note=note)
     ending = range(FRAME_LENGTH - rest, FRAME_LENGTH)
-    yield from _undecoded_parts(row, kind, ending, size - FRAME_LENGTH)
+    yield from _undecoded_slots(row, kind, ending, size - FRAME_LENGTH)
 
 
 def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:

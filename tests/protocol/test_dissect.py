@@ -1,4 +1,4 @@
-"""The explanation of a row: every byte in one part, every fault at its byte."""
+"""The explanation of a row: every byte in one field, every fault at its byte."""
 
 from __future__ import annotations
 
@@ -41,28 +41,28 @@ def damage(text: str, fault: Fault) -> list[ExplainedField]:
     return dissect(Damage("p", 0, bytes.fromhex(text), None, (fault,)))
 
 
-def named(parts: list[ExplainedField], name: str) -> ExplainedField:
-    (part,) = [part for part in parts if part.name == name]
-    return part
+def named(fields: list[ExplainedField], name: str) -> ExplainedField:
+    (field,) = [field for field in fields if field.name == name]
+    return field
 
 
 @given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]))
-def test_each_byte_stands_in_exactly_one_part(seed: int, payload: str) -> None:
+def test_each_byte_is_in_exactly_one_field(seed: int, payload: str) -> None:
     stream, _ = damaged_stream(seed, 12, 0.6, payload)
     framer = Framer("p")
     for row in framer.feed(Chunk("p", None, stream)) + framer.flush():
-        parts = dissect(row)
-        assert [offset for part in parts for offset in part.offsets] == list(range(len(row.raw)))
-        for part in parts:
-            assert part.raw == row.raw[part.offsets.start : part.offsets.stop]
+        fields = dissect(row)
+        assert [offset for field in fields for offset in field.offsets] == list(range(len(row.raw)))
+        for field in fields:
+            assert field.raw == row.raw[field.offsets.start : field.offsets.stop]
         assert len(explain(row)) == len(row.faults)
         if isinstance(row, Damage):
-            assert all(part.value == "" or part.name == "header" for part in parts)
+            assert all(field.value == "" or field.name == "header" for field in fields)
 
 
 def test_a_position_frame_field_by_field() -> None:
-    parts = frame("AA 02 02 03 E8 00 00 27 10 EE")
-    assert [(part.name, part.value) for part in parts] == [
+    fields = frame("AA 02 02 03 E8 00 00 27 10 EE")
+    assert [(field.name, field.value) for field in fields] == [
         ("header", "control"),
         ("cmd", "2"),
         ("motor", "2"),
@@ -72,17 +72,17 @@ def test_a_position_frame_field_by_field() -> None:
     ]
 
 
-def test_unused_places_are_told_apart() -> None:
-    parts = frame("AA 00 07 00 00 00 00 00 00 EE")
-    assert [(part.name, list(part.offsets)) for part in parts[2:4]] == [
+def test_unused_bytes_are_distinguished() -> None:
+    fields = frame("AA 00 07 00 00 00 00 00 00 EE")
+    assert [(field.name, list(field.offsets)) for field in fields[2:4]] == [
         ("num", [2]),
         ("reserve", [3, 4, 5, 6, 7, 8]),
     ]
 
 
 def test_flags_bit_by_bit_claim_no_more_than_is_known() -> None:
-    parts = frame("55 01 01 03 E8 00 00 03 1D EE")
-    error, online = named(parts, "error"), named(parts, "online")
+    fields = frame("55 01 01 03 E8 00 00 03 1D EE")
+    error, online = named(fields, "error"), named(fields, "online")
     assert [bit.is_set for bit in error.bits] == [True, True] + [False] * 6
     assert all("unknown" in bit.meaning for bit in error.bits[:4])
     assert all("assumption" in bit.meaning for bit in online.bits[:4])
@@ -92,21 +92,21 @@ def test_flags_bit_by_bit_claim_no_more_than_is_known() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "part", "fault", "note"),
+    ("text", "field", "fault", "note"),
     [
         ("AA 09 01 03 E8 00 00 27 10 EE", "cmd", Fault.UNKNOWN_CMD, "no CMD 09"),
         ("AA 02 00 03 E8 00 00 27 10 EE", "motor", Fault.BAD_MOTOR, "expected 1..4, found 0"),
         ("AA 01 01 03 E8 00 05 00 00 EE", "reserve", Fault.RESERVED_NONZERO, "found 00 05"),
     ],
 )
-def test_a_fault_in_a_frame_is_at_its_byte(text: str, part: str, fault: Fault, note: str) -> None:
-    found = named(frame(text), part)
+def test_a_fault_in_a_frame_is_at_its_byte(text: str, field: str, fault: Fault, note: str) -> None:
+    found = named(frame(text), field)
     assert found.fault is fault
     assert note in found.note
 
 
 @pytest.mark.parametrize(
-    ("text", "fault", "part", "note"),
+    ("text", "fault", "field", "note"),
     [
         ("AB 01 01 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, "header", "AA or 55, found AB"),
         ("AA 01 01 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, "tail", "expected EE, found EF"),
@@ -115,13 +115,13 @@ def test_a_fault_in_a_frame_is_at_its_byte(text: str, part: str, fault: Fault, n
         ("01 AA 03", Fault.NOISE, "noise", "AA at 1: only 2 bytes"),
     ],
 )
-def test_damage_names_the_byte_at_fault(text: str, fault: Fault, part: str, note: str) -> None:
-    found = named(damage(text, fault), part)
+def test_damage_names_the_byte_at_fault(text: str, fault: Fault, field: str, note: str) -> None:
+    found = named(damage(text, fault), field)
     assert found.fault is fault
     assert note in found.note
 
 
-def test_missing_and_extra_bytes_are_placed() -> None:
+def test_missing_and_extra_bytes_are_located() -> None:
     missing = named(damage("AA 01 01 00 00 EE", Fault.TRUNCATED), "missing")
     assert (missing.offsets, missing.raw) == (range(5, 5), b"")
     assert "DATA[5:9] missing" in missing.meaning
@@ -144,9 +144,9 @@ def test_the_explanation_shows_exactly_the_faults_of_the_row(
     chunk = Chunk("p", None, stream, ((0, len(stream)),) if line_error else ())
     marker.observe(chunk)
     for row in marker.mark(framer.feed(chunk) + framer.flush()):
-        shown = [part for part in dissect(row) if part.fault is not None]
-        assert {part.fault for part in shown} == set(row.faults) - BESIDE_THE_BYTES
-        assert all(part.note for part in shown)
+        shown = [field for field in dissect(row) if field.fault is not None]
+        assert {field.fault for field in shown} == set(row.faults) - BESIDE_THE_BYTES
+        assert all(field.note for field in shown)
 
 
 @given(
@@ -154,14 +154,14 @@ def test_the_explanation_shows_exactly_the_faults_of_the_row(
     | st.builds(Frame, TEXT, st.just(0), FRAMED, NO_TIME, FAULTS)
 )
 def test_rows_of_other_programs_are_explained_by_their_faults_too(row: Row) -> None:
-    parts = dissect(row)
-    assert [offset for part in parts for offset in part.offsets] == list(range(len(row.raw)))
-    assert {part.fault for part in parts} <= {None, *row.faults}
+    fields = dissect(row)
+    assert [offset for field in fields for offset in field.offsets] == list(range(len(row.raw)))
+    assert {field.fault for field in fields} <= {None, *row.faults}
     assert [str(fault) for fault in row.faults] == [text.split(":")[0] for text in explain(row)]
 
 
 @pytest.mark.parametrize(
-    ("text", "fault", "part", "note"),
+    ("text", "fault", "field", "note"),
     [
         ("AA B2", Fault.TRUNCATED, "payload", "expected the tail EE at the end, found B2"),
         ("AA", Fault.TRUNCATED, "missing", "expected the tail EE"),
@@ -175,8 +175,8 @@ def test_rows_of_other_programs_are_explained_by_their_faults_too(row: Row) -> N
         ),
     ],
 )
-def test_damage_says_why_it_is_no_frame(text: str, fault: Fault, part: str, note: str) -> None:
-    found = named(damage(text, fault), part)
+def test_damage_says_why_it_is_no_frame(text: str, fault: Fault, field: str, note: str) -> None:
+    found = named(damage(text, fault), field)
     assert (found.fault, note in found.note) == (fault, True), found.note
 
 
@@ -190,6 +190,6 @@ def test_damage_says_why_it_is_no_frame(text: str, fault: Fault, part: str, note
         ("AA 02 03 12 12 12 01 03 E8 EE", "because of the bytes around it"),
     ],
 )
-def test_a_doubt_says_where_the_other_reading_is(text: str, why: str) -> None:
+def test_an_ambiguity_names_the_other_reading(text: str, why: str) -> None:
     (sentence,) = explain(Frame("p", 0, bytes.fromhex(text), None, (Fault.AMBIGUOUS,)))
     assert why in sentence
