@@ -17,6 +17,7 @@ from fte_sniff.analysis.fields import NO_KIND, field_values, kind_codes
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Damage, Fault, Frame, Framer, Row
 from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.row_batch import COLUMNS, Codebook, RowBatch, RowBuffer
+from tests.analysis import conftest as _row_strategies  # noqa: F401
 from tests.protocol.streams import raw_bytes
 
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=12)
