@@ -190,7 +190,6 @@ class _Cdr:
         self._offset = 0
 
     def skip(self, kind: str) -> None:
-        """Skip a value of a simple type."""
         if kind == _TEXT:
             self.sized()
         elif kind == _DIMENSIONS:
@@ -201,7 +200,6 @@ class _Cdr:
             self._next(_NUMBERS[kind], _NUMBERS[kind])
 
     def sized(self) -> bytes:
-        """A count, and that many bytes."""
         return bytes(self._next(self._count(), 1))
 
     def _count(self) -> int:

@@ -72,11 +72,9 @@ class _Section:
 
     @property
     def size(self) -> int:
-        """Unpacked bytes."""
         return len(self.loose) if self.chunk is None else unpacked_size(self.chunk.body)
 
     def read(self, reader: SequentialReader) -> Iterator[Row | PortEvent]:
-        """The rows and events, record by record."""
         if self.chunk is not None:
             yield from reader.read_chunk(self.chunk)
             return
@@ -86,8 +84,6 @@ class _Section:
 
 @dataclass(slots=True)
 class _Decoded:
-    """The result of a job, with one version of the definitions."""
-
     version: int
     pieces: list[DecodedColumns]
     rows: RowBatch
@@ -106,13 +102,6 @@ class ParallelReader:
     """One pass over a recording, in batches."""
 
     def __init__(self, reader: SequentialReader, codebook: Codebook, span: TimeRange) -> None:
-        """Begin a pass.
-
-        Args:
-            reader: knows the channels, and reads what must be read record by record.
-            codebook: for ports and faults.
-            span: rows outside of it are omitted.
-        """
         keep_freed_memory()
         self._reader, self._codebook, self._span = reader, codebook, span
         self._readers: tuple[int, Readers] = (-1, {})
@@ -161,7 +150,6 @@ class ParallelReader:
             skipped += count
 
     def _has_room(self, size: int) -> bool:
-        """Whether the number of jobs and their memory allow one more."""
         under_way = sum(job.size for job in self._jobs)
         return len(self._jobs) < self._most_jobs and under_way + size <= LARGEST
 

@@ -7,7 +7,7 @@ A file may be truncated, damaged or written by another program. Everything reada
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shlex import quote
@@ -142,7 +142,7 @@ class RecordingReader:
         """
         reader = SequentialReader(self._path, self._port_of, self._known(EVERYTHING))
         with self._open() as stream:
-            records = self._record_stream(stream)
+            records = self._scan.records(stream, self._summary)
             yield from reader.read(records)
         self._finish(reader, records, whole=True)
 
@@ -171,7 +171,8 @@ class RecordingReader:
         reader = SequentialReader(self._path, self._port_of, known)
         with self._open() as stream:
             skips = known is not None and not span.everything
-            records = self._record_stream(stream, span.overlaps if skips else None)
+            wanted = span.overlaps if skips else None
+            records = self._scan.records(stream, self._summary, wanted)
             yield from ParallelReader(reader, codebook or Codebook(), span).read(records)
         self._finish(reader, records, whole=span.everything)
 
@@ -203,11 +204,10 @@ class RecordingReader:
         return FileError("{path}: has changed since it was read; open it again", path=self._path)
 
     def _read_metadata(self) -> list[Metadata]:
-        """All metadata records of the file."""
         if self._all_metadata is None:
             self._all_metadata = []
             with self._open() as stream:
-                for record in self._record_stream(stream, lambda _first, _last: False):
+                for record in self._scan.records(stream, self._summary, _no_chunk):
                     if record.opcode == Opcode.METADATA:
                         with suppress(RecordError):
                             self._all_metadata.append(parse(Metadata, record.body))
@@ -228,14 +228,7 @@ class RecordingReader:
             {channel.id: channel for channel in summary.channels},
         )
 
-    def _record_stream(
-        self, stream: BinaryIO, wanted: Callable[[int, int], bool] | None = None
-    ) -> RecordStream:
-        """The file's records; if its start is damaged, from the first whole chunk on."""
-        return self._scan.records(stream, self._summary, wanted)
-
     def _finish(self, reader: SequentialReader, records: RecordStream, *, whole: bool) -> None:
-        """Keep the results of a pass."""
         self._ending = records.ending
         start = [self._start_lost(self._scan.begin[0])] if self._scan.begin else []
         self._losses = (*start, *records.losses, *reader.losses)
@@ -334,6 +327,10 @@ class RecordingReader:
         baud = channel.metadata.get("baud", "")
         legible = baud.isascii() and baud.isdecimal() and len(baud) <= _MOST_BAUD_DIGITS
         return PortFacts(name, int(baud) if legible else None)
+
+
+def _no_chunk(_first_ns: int, _last_ns: int) -> bool:
+    return False
 
 
 def _identity(stream: BinaryIO) -> tuple[int, int]:

@@ -106,7 +106,7 @@ class RecordScan:
         self._found: dict[int, int] = {}
 
     def begin_with(self, chunk: FoundChunk) -> None:
-        """Begin with this chunk, because nothing before it can be read."""
+        """Begin with this chunk; nothing before it can be read."""
         self.begin = self._remember(chunk)
 
     def records(

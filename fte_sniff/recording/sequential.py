@@ -43,13 +43,7 @@ class SequentialReader:
         port_of: Callable[[Channel], PortFacts],
         known: Definitions | None = None,
     ) -> None:
-        """Begin a pass.
-
-        Args:
-            path: the file, for messages.
-            port_of: the port of a channel.
-            known: the definitions so far, for a pass that begins later in the file.
-        """
+        """Begin a pass; one that begins later in the file needs the definitions so far."""
         self._path, self._port_of = path, port_of
         self._schemas: dict[int, Schema] = dict(known.schemas) if known else {}
         self._channels: dict[int, Channel] = dict(known.channels) if known else {}

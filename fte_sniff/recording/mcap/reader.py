@@ -216,7 +216,6 @@ class RecordStream:
         return True
 
     def _go_to(self, start: int) -> None:
-        """Continue at `start`; the checksum is then unknown."""
         self._stream.seek(start)
         self._position, self._checksum = start, None
 

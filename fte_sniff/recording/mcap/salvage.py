@@ -164,7 +164,6 @@ class Salvage:
         return HEAD.size + int(length)
 
     def _next_mark(self, position: int) -> int | None:
-        """The offset of the next mark from `position` on."""
         while position < self.size:
             block = self._read(position, _BLOCK)
             found = _MARKS.search(block)

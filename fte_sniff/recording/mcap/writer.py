@@ -35,14 +35,12 @@ from fte_sniff.recording.mcap.records import Tail, bytes_of, groups_of
 
 @dataclass(frozen=True, slots=True)
 class McapBatch:
-    """The messages of one chunk."""
+    """The messages of one chunk, with a value for each message."""
 
     data: bytes | memoryview
-    """The message records."""
     channels: NDArray[np.int64]
-    """The channel id of each message."""
     times: NDArray[np.int64]
-    """The log time of each message, nanoseconds since 1970 UTC."""
+    """Log times, nanoseconds since 1970 UTC."""
     starts: NDArray[np.int64]
     """Where each message record begins in `data`."""
 
@@ -84,12 +82,7 @@ def packed(definitions: bytes, batch: McapBatch) -> PackedChunk:
 
 
 def indexed(chunk: Chunk, batch: McapBatch) -> PackedChunk:
-    """Index a compressed chunk.
-
-    Args:
-        chunk: the chunk.
-        batch: its messages, at least one, with their starts in the unpacked chunk.
-    """
+    """Index a compressed chunk; the starts in `batch` are those in the unpacked chunk."""
     record = bytes_of(chunk)
     counts = counts_of(batch)
     indexes, offsets = _message_indexes(batch, counts, len(record))
@@ -116,13 +109,7 @@ def counts_of(batch: McapBatch) -> dict[int, int]:
 def _message_indexes(
     batch: McapBatch, counts: Mapping[int, int], position: int
 ) -> tuple[bytes, dict[int, int]]:
-    """The message index records of a chunk, and the offset of each by channel id.
-
-    Args:
-        batch: the messages.
-        counts: the result of `counts_of`.
-        position: the offset of the first index record.
-    """
+    """The message index records of a chunk, and their offsets by channel id from `position` on."""
     # Numpy sorts 16-bit numbers, which channel ids are, in one pass.
     order = np.argsort(batch.channels.astype(np.uint16), kind="stable")
     entries = np.empty((len(order), 2), "<u8")
@@ -162,15 +149,7 @@ class McapFile:
         schemas: Iterable[Schema],
         channels: Iterable[Channel],
     ) -> None:
-        """Begin the file, with metadata, schemas and channels that describe an empty capture too.
-
-        Args:
-            target: the empty file; the caller closes it.
-            library: the writer's name, for the header.
-            metadata: the file's first metadata record.
-            schemas: the schemas known now; ids from 1.
-            channels: the channels known now; ids from 1.
-        """
+        """Begin the empty file `target` with these definitions; the caller closes it."""
         self._target = target
         self._schemas = {schema.id: schema for schema in schemas}
         self._channels = {channel.id: channel for channel in channels}
@@ -205,12 +184,7 @@ class McapFile:
         self._channels[channel.id] = channel
 
     def write_batch(self, batch: McapBatch, metadata: Iterable[Metadata] = ()) -> None:
-        """Write a chunk of messages, at least one, and sync it to the disk.
-
-        Args:
-            batch: the messages.
-            metadata: records to write before the chunk, in the same step.
-        """
+        """Write metadata records and a chunk of at least one message, and sync them to the disk."""
         self.write_chunk(packed(self.definitions_for(batch), batch), metadata)
 
     def definitions_for(self, batch: McapBatch) -> bytes:
@@ -226,12 +200,7 @@ class McapFile:
         return bytes_of(*new)
 
     def write_chunk(self, chunk: PackedChunk, metadata: Iterable[Metadata] = ()) -> None:
-        """Write a compressed chunk.
-
-        Args:
-            chunk: the chunk, with channels of this file.
-            metadata: records to write before the chunk.
-        """
+        """Write metadata records and a compressed chunk, whose channels are those of this file."""
         before = self._metadata_records(metadata)
         self._chunk_indexes += bytes_of(chunk.index_at(self._end + len(before)))
         self._count(chunk)
@@ -247,7 +216,6 @@ class McapFile:
         self._target.close(self._tail(self._crc))
 
     def _metadata_records(self, metadata: Iterable[Metadata]) -> bytes:
-        """The bytes of metadata records, which are added to the summary."""
         found = bytearray()
         for one in metadata:
             record = bytes_of(one)
@@ -265,7 +233,6 @@ class McapFile:
         self._chunks += 1
 
     def _extend(self, data: bytes) -> None:
-        """Append data and the tail that follows from it."""
         end, crc = self._end + len(data), crc32(data, self._crc)
         self._target.append(data, lambda: self._next_tail(end, crc))
         self._end, self._crc = end, crc

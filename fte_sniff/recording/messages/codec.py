@@ -64,13 +64,7 @@ class MessageReader:
     """Reads the messages of one channel with the schema in the file."""
 
     def __init__(self, topic: str, port: str, schema: str, data: bytes) -> None:
-        """Take the schema.
-
-        Args:
-            topic: the channel's topic, for error messages.
-            port: the port of the channel's rows.
-            schema: the full name of the message.
-            data: the serialized FileDescriptorSet.
+        """Take the full name of the message and the serialized FileDescriptorSet.
 
         Raises:
             FileError: the schema is unusable, or its messages lack fields of a row.
@@ -146,11 +140,7 @@ class MessageReader:
         )
 
     def fault(self, number: int) -> Fault:
-        """The fault with this number in the file's schema.
-
-        Raises:
-            ValueError: this version does not know it.
-        """
+        """The fault with this number in the file's schema; ValueError if it is unknown."""
         return Fault(self._name(number))
 
     def event(self, data: bytes, log_time: int) -> PortEvent:

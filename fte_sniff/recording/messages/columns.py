@@ -246,7 +246,6 @@ class _Decoder:
     def _store(
         self, reader: MessageReader, rows: Array, batch: UniformBatch, layout: WireLayout
     ) -> None:
-        """Store messages that fit the layout."""
         if self._late and layout.time is None and (self._log_times[rows] < 0).any():
             raise ValueError("a time past the year 2262")
         if layout.is_common:
@@ -268,7 +267,6 @@ class _Decoder:
             columns.long.update(zip(rows.tolist(), batch.long_rows(layout), strict=True))
 
     def _fault_codes(self, reader: MessageReader, batch: UniformBatch, layout: WireLayout) -> Array:
-        """The code of each row's faults."""
         packed = batch.field(layout.faults, f"V{layout.fault_count}")
         found, inverse = np.unique(packed, return_inverse=True)
         codebook = self._columns.codebook
@@ -276,7 +274,6 @@ class _Decoder:
         return np.array(codes)[inverse]
 
     def _decode_each(self, rows: Array) -> None:
-        """Decode messages with the protobuf codec."""
         records = self._messages.records
         for row in rows.tolist():
             reader = self._readers[int(self._channels[row])]

@@ -170,7 +170,6 @@ def _others_between(records: bytes, start: int, end: int) -> _Others | None:
 
 
 def _walked(records: bytes) -> MessageIndex:
-    """The index found by walking from record to record."""
     starts: list[int] = []
     others: _Others = []
     at, end, message = 0, len(records), int(Opcode.MESSAGE)

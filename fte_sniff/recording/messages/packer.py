@@ -143,7 +143,6 @@ def _model(code: int) -> RowModel:
 
 @cache
 def _record_lengths() -> Array:
-    """Bytes of a message record, by form."""
     lengths = np.zeros(_NO_FORM + 1, np.int64)
     lengths[: len(_FORMS)] = [_model(code).length for code in range(len(_FORMS))]
     return lengths
@@ -153,7 +152,6 @@ class ColumnPacker:
     """Packs batches of rows; counts the messages of each channel."""
 
     def __init__(self, channel_id: ChannelId) -> None:
-        """Take the function that gives the id of a port's channel on a topic."""
         self._channel_id = channel_id
         self._sequences: dict[int, int] = {}
 
@@ -276,7 +274,6 @@ def _records_by_form(
 
 
 def _write_at(data: Array, starts: Array, records: Array) -> None:
-    """Copy records of one length into `data`."""
     width = records.dtype.itemsize
     at_every_byte: Array = np.ndarray((len(data) - width + 1,), records.dtype, data, 0, (1,))
     at_every_byte[starts] = records
