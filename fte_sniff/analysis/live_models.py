@@ -34,13 +34,7 @@ class LiveModels:
     def __init__(
         self, store: RowStore, setup: LineSetup, checkpoint_rows: int = CHECKPOINT_ROWS
     ) -> None:
-        """Models of a store that may go on to grow.
-
-        Args:
-            store: the rows.
-            setup: line and motors.
-            checkpoint_rows: rows between two checkpoints, at least 1.
-        """
+        """Models of a store that may go on to grow."""
         self._store = store
         self._checkpoint_rows = checkpoint_rows
         self._next = 0
@@ -83,11 +77,7 @@ class LiveModels:
         return not self.pending
 
     def add_changes(self, changes: Sequence[StreamChange]) -> None:
-        """Add changes before rows that were not observed yet.
-
-        Args:
-            changes: rising, with the indices of the rows in the store.
-        """
+        """Add changes before rows that were not observed yet, by rising index in the store."""
         self._changes += changes
 
     def _apply_changes(self) -> None:

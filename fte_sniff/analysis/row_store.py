@@ -72,11 +72,7 @@ class Block:
         self.rows, self.dropped = RowBatch.allocate(self.rows.codebook, 0), True
 
     def restore(self, rows: RowBatch) -> None:
-        """Store the rows again after `drop`.
-
-        Raises:
-            ValueError: there are more or fewer than before.
-        """
+        """Store the rows again after `drop`; ValueError if their number differs."""
         if len(rows) != self.count:
             raise ValueError(f"{len(rows)} rows came back of {self.count}")
         self.rows, self.dropped = rows, False
@@ -111,12 +107,7 @@ class BlockSource(Protocol):
     """Source that can load rows again that were appended to a store."""
 
     def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
-        """The rows from index `start` on, exactly `count`.
-
-        Args:
-            start: index of the first row in the store.
-            count: number of rows.
-            codebook: the store's.
+        """Exactly `count` rows from index `start` on, with the store's codebook.
 
         Raises:
             FileError: they can no longer be read.
@@ -128,13 +119,7 @@ class BlockCache:
     """LRU cache of the full blocks that are in memory."""
 
     def __init__(self, source: BlockSource | None, most: int, codebook: Codebook) -> None:
-        """An empty cache.
-
-        Args:
-            source: loads dropped blocks; without one every block stays in memory.
-            most: number of full blocks, at least 1.
-            codebook: the store's.
-        """
+        """A cache of at most `most` blocks, at least 1; without a source it drops none."""
         self._source = source
         self._most = most
         self._codebook = codebook
@@ -147,11 +132,7 @@ class BlockCache:
         return None if self._source is None else self._most
 
     def load(self, block: Block) -> Block:
-        """Make sure that the rows of a block are in memory.
-
-        Raises:
-            FileError: they can no longer be read.
-        """
+        """The same block with its rows in memory; FileError if they can no longer be read."""
         if self._source is None:
             return block
         if block.dropped:
@@ -246,11 +227,7 @@ class RowStore:
         return (index - self._blocks[0].start) // self._blocks[0].capacity
 
     def in_memory(self, block: Block) -> Block:
-        """The same block, with its rows in memory.
-
-        Raises:
-            FileError: they can no longer be read.
-        """
+        """The same block with its rows in memory; FileError if they can no longer be read."""
         return self._cache.load(block)
 
     # Rows
@@ -278,11 +255,7 @@ class RowStore:
             self._cache.remove(self._blocks.popleft())
 
     def row(self, index: int) -> Row:
-        """The row with that index.
-
-        Raises:
-            IndexError: it is not in the store.
-        """
+        """The row with that index; IndexError if it is not in the store."""
         if not self._first <= index < self._next:
             raise IndexError(f"row {index} is not in {self._first}..{self._next - 1}")
         return self.rows(index, index + 1)[0]
@@ -325,9 +298,7 @@ class FilteredView:
     def set_filter(self, row_filter: RowFilter | None, near: int | None = None) -> None:
         """Set or remove the filter; `filter_step` applies it to the rows that are there.
 
-        Args:
-            row_filter: None shows all rows.
-            near: index of the row around which it is applied first; by default the newest.
+        It starts at the row with index `near`, by default at the newest.
         """
         self._filter = row_filter
         self._sums = None
@@ -380,11 +351,7 @@ class FilteredView:
         return oldest.matching_before(self._store.first - oldest.start)
 
     def index(self, position: int) -> int:
-        """The index of the row at a position.
-
-        Raises:
-            IndexError: there is no such position.
-        """
+        """The index of the row at a position; IndexError if there is none."""
         if not 0 <= position < self.count:
             raise IndexError(f"position {position} is not in 0..{self.count - 1}")
         if self._filter is None:
@@ -407,11 +374,7 @@ class FilteredView:
         return before - self._dropped()
 
     def row(self, position: int) -> Row:
-        """The row at a position.
-
-        Raises:
-            IndexError: there is no such position.
-        """
+        """The row at a position; IndexError if there is none."""
         return self._store.row(self.index(position))
 
     def has(self, index: int) -> bool:

@@ -43,11 +43,8 @@ class SearchStep:
 def find_step(store: RowStore, test: RowTest, index: int, by: int) -> SearchStep:
     """Search one block for the nearest shown row that matches.
 
-    Args:
-        store: the rows.
-        test: applied to shown rows of the block.
-        index: where to start; if it is not in the store, at the nearest row.
-        by: 1 to search later rows, -1 to search earlier ones.
+    It starts at `index`, or at the nearest row in the store, and goes to later (`by` 1) or earlier
+    (-1) rows.
     """
     index = max(index, store.first) if by > 0 else min(index, store.next - 1)
     if not store.first <= index < store.next:
@@ -143,11 +140,7 @@ class Search:
 
     @classmethod
     def parse(cls, typed: str) -> Search:
-        """Parse a line that is not empty.
-
-        Raises:
-            InputTextError: it starts with `HEX`, and the rest is not hex.
-        """
+        """Parse a line that is not empty; InputTextError if invalid hex follows `HEX`."""
         line = " ".join(typed.split()).lower()
         if line.startswith(HEX):
             digits = line.removeprefix(HEX).strip()
@@ -174,10 +167,8 @@ class Search:
     def matches(self, rows: RowBatch, columns: Collection[str] = COLUMN_BY_NAME) -> Bools:
         """Whether each row matches.
 
-        Args:
-            rows: the rows.
-            columns: the displayed columns: port, time and offset are searched only if they are
-                among them; kind, values, faults and bytes always.
+        Port, time and offset are searched only if they are among the displayed `columns`; kind,
+        values, faults and bytes always.
         """
         found: Bools = np.zeros(len(rows), np.bool_)
         if self.nibbles:

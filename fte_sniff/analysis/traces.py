@@ -130,13 +130,7 @@ class Envelope:
     def __init__(
         self, finest_ns: int = FINEST_NS, levels: int = LEVELS, buckets: int = BUCKETS
     ) -> None:
-        """An empty envelope.
-
-        Args:
-            finest_ns: length of the shortest buckets, nanoseconds.
-            levels: number of bucket lengths.
-            buckets: number of buckets in a level.
-        """
+        """An empty envelope; `finest_ns` is the length of the shortest buckets."""
         self._levels = [_Level(finest_ns * STEP**level, buckets) for level in range(levels)]
 
     def update(self, t_ns: Ints, values: Ints) -> None:

@@ -76,16 +76,13 @@ class Compiler:
         names: Iterable[str] = (),
         of_type: TermType = TermType.TRUTH,
     ) -> Term:
-        """A term whose SQL contains the SQL of other terms.
+        """A term whose SQL contains the SQL of other terms, at least one.
 
         Args:
-            sql: complete by itself: in brackets, or a call.
-            terms: what it contains, at least one.
+            sql: in brackets, or a call.
+            terms: what it contains.
             names: columns that it reads besides theirs.
             of_type: its type.
-
-        Raises:
-            FilterError: the SQL is too deep or too long for polars.
         """
         depth = 1 + max(term.depth for term in terms)
         first = min(terms, key=lambda term: term.start)

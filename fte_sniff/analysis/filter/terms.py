@@ -92,14 +92,7 @@ _LONGEST: Final = 160
 
 
 def error_at(text: str, at: int, what: str, fix: str = "") -> FilterError:
-    """An error with a position in a filter.
-
-    Args:
-        text: the whole filter.
-        at: index of the wrong character.
-        what: what is wrong there.
-        fix: what to write instead.
-    """
+    """An error at an index of a filter: what is wrong, and what to write instead."""
     before = text[max(0, at - _EXCERPT) : at]
     after = text[at : at + _EXCERPT]
     start = "..." if at > _EXCERPT else ""
