@@ -133,7 +133,7 @@ def _edges(gap: Gap) -> Iterator[int]:
 
 
 def _rising_times(rows: Sequence[Row]) -> Ints:
-    """By row, the latest time up to it."""
+    """For each row, the latest time up to it."""
     return np.asarray(np.maximum.accumulate(RowBatch.from_rows(rows).t_ns))
 
 

@@ -178,7 +178,6 @@ def _new(wanted: Path, existing: Existing) -> tuple[int, Path | None]:
 
 
 def _link(descriptor: int, wanted: Path, existing: Existing) -> Path:
-    """Name a file that has none; returns the name."""
     for path in _names(wanted, existing):
         with suppress(FileExistsError):
             # `dst_dir_fd` makes Python call linkat, which follows the link in /proc.
@@ -201,7 +200,6 @@ def _temporary(path: Path, replaced: int) -> tuple[int, Path]:
 
 
 def _names(wanted: Path, existing: Existing) -> Iterator[Path]:
-    """The names that the file may get, best first."""
     yield wanted
     if existing is Existing.NUMBER:
         for number in count(2):

@@ -225,7 +225,6 @@ class Recorder:
             self._fail(writer, failure)
 
     def _miss(self, entries: Iterable[Entry]) -> None:
-        """Count entries that no file can take."""
         if self._failure is None:
             return
         for entry in entries:
@@ -237,7 +236,6 @@ class Recorder:
         return RecordingWriter(path, self._ports, self._facts | dict(facts), existing=existing)
 
     def _open_next(self) -> RecordingWriter:
-        """The writer of the next file; raises FileError."""
         path, existing = self._files.next_path()
         facts = {"part": str(self._file_number + 1), "previous": self.path.name}
         return self._open(path, existing, facts)
@@ -283,7 +281,7 @@ class Recorder:
         return True
 
     def _has_space(self) -> bool:
-        """Whether another file may be begun; deletes the oldest files if the options say so."""
+        """Whether another file may be begun; deletes the oldest files if the options allow it."""
         if self._options.on_full is OnFull.STOP:
             return not self._files.limit_reached(0)
         if self._is_disk_full:

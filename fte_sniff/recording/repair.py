@@ -33,11 +33,7 @@ def trusted_definitions(
 ) -> tuple[dict[int, Channel], dict[int, Schema]]:
     """The usable channel and schema of each id.
 
-    A chunk's checksum protects its definitions; of the others the most frequent one wins.
-
-    Args:
-        inside: the definitions in intact chunks.
-        outside: the definitions between chunks and in the summary.
+    Definitions `inside` intact chunks, which a checksum protects, win; then the most frequent ones.
     """
     channels: dict[int, Channel] = {}
     schemas: dict[int, Schema] = {}
@@ -62,7 +58,6 @@ def _by_trust(inside: Sequence[_Definition], outside: Sequence[_Definition]) -> 
 
 
 def _usable(channel: Channel, schema: Schema) -> bool:
-    """Whether our messages can be decoded with this channel and schema."""
     if channel.topic not in TOPIC_BY_NAME:
         return False
     try:
@@ -203,7 +198,7 @@ class _RepairJob:
         """By channel id: the sequence number after the last message, and the messages found."""
 
     def scan(self) -> None:
-        """Find the intact chunks and what is lost between them."""
+        """Find the intact chunks and the damage between them."""
         position = 0
         before_ns: int | None = None
         for found in self._salvage.chunks():
@@ -223,7 +218,6 @@ class _RepairJob:
         self._sum_up()
 
     def write(self, output: Path, existing: Existing) -> None:
-        """Write the intact chunks to a new file."""
         target = OutputPath(output, existing)
         try:
             file = self._begin(target)

@@ -219,7 +219,7 @@ class FileRetention:
         return min(DEFAULT_FREE_BYTES, total // _FREE_SHARE, free // 2)
 
     def _disk(self) -> tuple[int, int] | tuple[None, None]:
-        """Bytes of the disk and bytes free for us; None if unknown."""
+        """Total and free bytes; None if unknown."""
         try:
             found = os.statvfs(self._path.parent)
         except OSError:
