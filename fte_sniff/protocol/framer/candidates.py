@@ -134,13 +134,13 @@ class SuffixScore:
     def _score_headless(self, by_length: vec[float], by_fit: vec[float]) -> None:
         """Fill in the scores of frames without their first bytes: `by_length` has the scores of the
         suffixes, `by_fit` those of the suffixes that are legal no further."""
-        headless, tables, longer = self.headless, self.tables, 0.0
-        for length in range(i64(1), tables.longest + 1):
+        headless, longer = self.headless, 0.0
+        lost, change, whole = self.tables.headless, self.tables.change, self.tables.length
+        for length in range(i64(1), self.tables.longest + 1):
             longer += by_fit[length]
-            headless[length] = longer * BROKEN + tables.headless[length] * by_length[length]
-        whole = tables.length
+            headless[length] = longer * BROKEN + lost[length] * by_length[length]
         for length in range(whole - _WIDEST_CHANGE, whole):
-            headless[whole] += tables.change[whole - length] * by_length[length]
+            headless[whole] += change[whole - length] * by_length[length]
 
     def any_kind(self, length: i64) -> float:
         """The score of the last `length` bytes as the end of a frame of any kind."""
@@ -169,7 +169,7 @@ def damaged_score(prefix: PrefixScore, suffix: SuffixScore, length: i64) -> floa
 def _header_only(length: i64, header: i64, suffix: SuffixScore) -> float:
     """The score of a damaged frame with its header and without its CMD."""
     score, tables = 0.0, suffix.tables
-    scores, fits, whole = suffix.scores, suffix.fits, tables.length
+    scores, fits, whole, change = suffix.scores, suffix.fits, tables.length, tables.change
     after = min(length, whole) - 1
     for kind in range(tables.kind_count):
         if i64(tables.headers[kind]) != header:
@@ -177,14 +177,13 @@ def _header_only(length: i64, header: i64, suffix: SuffixScore) -> float:
         row, share = kind * (whole + 1), tables.kind_shares[kind] * 256
         if length == whole:
             for left in range(whole - _WIDEST_CHANGE - 1, min(fits[kind] + 1, whole - 1)):
-                score += share * tables.change[whole - 1 - left] * scores[row + left]
+                score += share * change[whole - 1 - left] * scores[row + left]
         elif fits[kind] >= after:
             score += share * scores[row + after]
     return score if length == whole else score * _one_damage(tables, length)
 
 
 def _one_damage(tables: FrameTables, length: i64) -> float:
-    """The score of bytes lost or inserted at one offset, for a damaged frame of that length."""
     return tables.truncation[length] if length < tables.length else tables.insertion
 
 
@@ -202,7 +201,6 @@ def _damaged_once(length: i64, prefix: PrefixScore, suffix: SuffixScore) -> floa
 
 
 def _changed(prefix: PrefixScore, suffix: SuffixScore, row: i64, fit: i64) -> float:
-    """The score of adjacent bytes changed after header and CMD."""
     tables, scores, total = suffix.tables, suffix.scores, 0.0
     change, length = tables.change, tables.length
     for own in range(i64(2), min(prefix.fit + 1, length - 1)):
@@ -277,7 +275,6 @@ class CandidateSet:
                 self.ends.append(self._end_at(at + 1))
 
     def _end_at(self, stop: i64) -> CandidateEnd:
-        """The tail before `stop` with all candidates that end there."""
         tables = self.tables
         suffix = SuffixScore(tables, self.data, max(i64(0), stop - tables.length), stop)
         end = CandidateEnd(stop, suffix)

@@ -28,9 +28,9 @@ from fte_sniff.protocol.framer.likelihood import (
     JUNK,
     LIKELY,
     LONGEST_JUNK,
+    NOISE_RUN,
     SHOWN,
     WIDEST_CHANGE,
-    noise_run,
 )
 from fte_sniff.protocol.framer.posterior import ForwardBackward, after_certain_frame
 from fte_sniff.protocol.framer.predicates import (
@@ -108,9 +108,9 @@ class DamagedSpan:
             return
         while header < len(candidates.prefixes) and candidates.prefixes[header].start < self._stop:
             stop = candidates.prefixes[header].start
-            self._reach(stop, at, score * noise_run(stop - at), _NOISE)
+            self._reach(stop, at, score * NOISE_RUN[stop - at], _NOISE)
             header += 1
-        self._reach(self._stop, at, score * noise_run(self._stop - at), _NOISE)
+        self._reach(self._stop, at, score * NOISE_RUN[self._stop - at], _NOISE)
 
     def _extend_from_header(self, prefix: PrefixScore, score: float) -> None:
         candidates, at = self._candidates, prefix.start
@@ -155,7 +155,6 @@ class DamagedSpan:
 
 
 def _segment(candidates: CandidateSet, start: i64, stop: i64, score: float) -> Segment:
-    """The segment of a candidate with that score, or of noise."""
     if score == _NOISE:
         return Segment(start, stop, False, NOISE, 0.0)
     tables, data = candidates.tables, candidates.data
@@ -291,7 +290,6 @@ def trust_calm_line(posterior: ForwardBackward, segments: list[Segment]) -> list
 
 
 def _joined(posterior: ForwardBackward, first: Segment, second: Segment | None) -> Segment | None:
-    """Two damaged segments in a row as one strict frame; None if they are none."""
     tables, data = posterior.candidates.tables, posterior.candidates.data
     if second is None or second.framed or second.stop - first.start != tables.length:
         return None
@@ -405,7 +403,6 @@ def clear_damage(tables: FrameTables, data: bytes, at: i64) -> Segment | None:
 
 
 def _next_delimiter(tables: FrameTables, data: bytes, at: i64, end: i64) -> i64:
-    """The offset of the next header or tail, or `end`."""
     while at < end and tables.delimiters[data[at]] == 0:
         at += 1
     return at
@@ -472,13 +469,11 @@ def _damage_without_header(
 
 
 def _starts_frame(tables: FrameTables, data: bytes, at: i64) -> bool:
-    """Whether a frame can start at `at` whose last bytes were changed."""
     kind, least = kind_at(tables, data, at), tables.length - _WIDEST_CHANGE
     return kind != NO_KIND and prefix_fit(tables, data, at, at + least, kind) == least
 
 
 def _ends_frame(tables: FrameTables, data: bytes, stop: i64) -> bool:
-    """Whether a frame can end at `stop` whose first bytes were changed."""
     least = tables.length - _WIDEST_CHANGE
     for kind in range(tables.kind_count):
         if suffix_fit(tables, data, stop - least, stop, kind) == least:

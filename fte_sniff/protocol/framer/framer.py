@@ -1,27 +1,21 @@
 """The `Framer`: chunks in, rows out; decides when enough bytes have arrived.
 
 The stream is decided from left to right, and every decision is final. A decision depends on silence
-and on the bytes up to an offset that these bytes determine; it never depends on how the stream was
-cut into chunks. There are three states (lengths in frames of n bytes):
+and on the bytes up to an offset that these bytes determine, never on the chunks. States:
 
     in step   A certain frame ended here. Plain frames are taken as long as another one follows in
-              step; on a calm line, which has shown no damage in `CALM_STREAK` frames, unsplit ones
-              too. The last frame of such a run is taken at once if the line is calm and the frame
-              clear; else when the next bytes show that it does not start an overlong frame.
-    disputed  Anything else. Bytes are collected up to the first of: an unambiguous frame, and then
-              all before it is decided; two strict frames in step; three strict frames; three framed
-              segments in step (each of these with the `EXTRA` bytes after it that an overlong frame
-              could end with); `lookahead` bytes after a framed segment; `widest` bytes; silence.
-              Then they are decoded. If the last two frames are certain, all but the last is decided
-              and the stream is in step; else only what has `lookahead` bytes after it. So no frame
-              waits for more. If that does not end with a certain frame, the forward probabilities
-              at the boundary start the next decoding.
+              step, on a calm line unsplit ones too. The last one is taken at once if the line is
+              calm and the frame clear; else when it cannot be the start of an overlong frame.
+    disputed  Anything else. Bytes are decoded as soon as there is: an unambiguous frame, for the
+              bytes before it; two strict frames in step; three strict frames; three framed segments
+              in step; a framed segment and `lookahead` bytes; `widest` bytes; or silence. Decided
+              is all but the last frame if the last two are certain; else what has `lookahead` bytes
+              after it. The forward probabilities at the boundary start the next decoding.
     lost      Long noise. Bytes are skipped up to `lead` bytes before the next anchor.
 
 Silence of 20 ms decides all pending bytes, except the start of a frame that can still be completed:
-a reading process that was held up shows silence where there was none, and must not cut a frame.
-Such a start is given up after 500 ms. Shorter pauses, from 3.5 byte times, are evidence for a
-boundary between segments.
+the reading process may have been held up. Such a start is given up after 500 ms. Shorter pauses,
+from 3.5 byte times, are evidence for a boundary between segments.
 """
 
 from __future__ import annotations
@@ -77,12 +71,9 @@ def next_decoding(
     known = limit - EXTRA
     if known < start + 2 * tables.length:
         return _NEVER, _NEVER
-    end = _earliest(
-        _end_of_pair(tables, data, max(start, not_before - 2 * tables.length), known),
-        _end_of_framed_run(tables, data, start, known),
-        _end_of_third(tables, data, start, known),
-        not_before,
-    )
+    end = _end_of_pair(tables, data, max(start, not_before - 2 * tables.length), known)
+    end = _earlier(end, _end_of_framed_run(tables, data, start, known), not_before)
+    end = _earlier(end, _end_of_third(tables, data, start, known), not_before)
     wait, to = (end + EXTRA, end) if end >= 0 else (_NEVER, _NEVER)
     if limit == start + tables.widest and (wait < 0 or limit < wait):
         wait = to = limit
@@ -92,18 +83,14 @@ def next_decoding(
     return wait, to
 
 
-def _earliest(pair: i64, run: i64, third: i64, not_before: i64) -> i64:
-    """The smallest of the offsets that is not before `not_before`; -1 if there is none."""
-    end = pair if pair >= not_before else _NEVER
-    if run >= not_before and (end < 0 or run < end):
-        end = run
-    if third >= not_before and (end < 0 or third < end):
-        end = third
-    return end
+def _earlier(first: i64, second: i64, not_before: i64) -> i64:
+    """The smaller offset of those that are not before `not_before`; -1 if there is none."""
+    if first < not_before or (not_before <= second < first):
+        first = second
+    return first if first >= not_before else _NEVER
 
 
 def _end_of_pair(tables: FrameTables, data: bytes, start: i64, known: i64) -> i64:
-    """The end of the first two strict frames in step."""
     length = tables.length
     at = find_strict(tables, data, start, known - length)
     while at >= 0 and not is_strict(tables, data, at + length):
@@ -112,7 +99,6 @@ def _end_of_pair(tables: FrameTables, data: bytes, start: i64, known: i64) -> i6
 
 
 def _end_of_framed_run(tables: FrameTables, data: bytes, start: i64, known: i64) -> i64:
-    """The end of three framed segments in step from the start."""
     length = tables.length
     end = start + 3 * length
     if end > known or not is_framed(tables, data, start):
@@ -122,7 +108,6 @@ def _end_of_framed_run(tables: FrameTables, data: bytes, start: i64, known: i64)
 
 
 def _end_of_third(tables: FrameTables, data: bytes, start: i64, known: i64) -> i64:
-    """The end of the third strict frame, in step or not."""
     end = start
     for _ in range(_ENOUGH):
         at = find_strict(tables, data, end, known)
@@ -305,7 +290,6 @@ class Framer:
     # The three states
 
     def _advance(self) -> None:
-        """Decide all that the bytes so far decide."""
         while True:
             if self._lost_from >= 0:
                 moved = self._skip_noise()
@@ -410,7 +394,6 @@ class Framer:
         return True
 
     def _posterior(self, end: i64, ending: i64) -> ForwardBackward:
-        """The posterior probabilities of the pending bytes up to `end`."""
         pauses = self._pauses.within(self._base + self._at, self._base + end)
         candidates = CandidateSet(self._tables, self._data[self._at : end], pauses)
         return ForwardBackward(candidates, self._state or _CERTAIN, ending)
@@ -463,7 +446,6 @@ class Framer:
         self._line.segments.end_noise()
 
     def _can_continue(self, last: Segment) -> bool:
-        """Whether the pending bytes end with the start of a frame."""
         if last.faults & TRUNCATED == 0:
             return False
         start = self._at + last.start
@@ -486,7 +468,6 @@ class Framer:
             self._at = stop
 
     def _drop_decided(self) -> None:
-        """Forget the decided bytes."""
         done = self._at
         self._decided.append(self._data, done)
         self._data = self._data[done:]

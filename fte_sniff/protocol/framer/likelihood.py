@@ -169,10 +169,10 @@ BOUNDARY: Final[i64] = 2
 _LONGEST_SPAN: Final = 512
 """Length of the noise tables; the framer decodes shorter spans only."""
 
-_AT_END: Final[vec[float]] = vec[float]([1.0, NOISE_ENDS, NOISE_ENDS])
-_NOISE_CONTINUES: Final[vec[float]] = vec[float](
-    [NOISE_CONTINUES**length for length in range(_LONGEST_SPAN + 1)]
-)
+NOISE_AT_END: Final[vec[float]] = vec[float]([1.0, NOISE_ENDS, NOISE_ENDS])
+"""By ending: the score of long noise at the end of a span."""
+
+_LENGTHS: Final = range(_LONGEST_SPAN + 1)
 
 
 def _to_header(length: int) -> float:
@@ -193,35 +193,24 @@ def _to_end(ending: i64, length: int) -> float:
         return 1.0
     lengths = LONGEST_JUNK + 1 - length if ending == OPEN else 1
     junk = JUNK * lengths if length <= LONGEST_JUNK else 0.0
-    return junk + NOISE_BEGINS * NOISE_CONTINUES ** (length - 1) * _AT_END[ending]
+    return junk + NOISE_BEGINS * NOISE_CONTINUES ** (length - 1) * NOISE_AT_END[ending]
 
 
-NOISE_TO_HEADER: Final[vec[float]] = vec[float](
-    [_to_header(length) for length in range(_LONGEST_SPAN + 1)]
-)
-"""By length: the score of noise, short or long, before a header."""
+# By length in bytes:
+NOISE_RUN: Final[vec[float]] = vec[float]([_best_run(length) for length in _LENGTHS])
+"""The score of noise, as the likelier of junk and long noise."""
 
-_BEST_RUN: Final[vec[float]] = vec[float]([_best_run(n) for n in range(_LONGEST_SPAN + 1)])
+LONG_NOISE: Final[vec[float]] = vec[float]([NOISE_CONTINUES**length for length in _LENGTHS])
+"""The score of long noise that continues."""
+
+NOISE_TO_HEADER: Final[vec[float]] = vec[float]([_to_header(length) for length in _LENGTHS])
+"""The score of noise, short or long, before a header."""
+
 _TO_END: Final[vec[float]] = vec[float](
-    [_to_end(end, n) for end in (OPEN, CLOSED, BOUNDARY) for n in range(_LONGEST_SPAN + 1)]
+    [_to_end(ending, length) for ending in (OPEN, CLOSED, BOUNDARY) for length in _LENGTHS]
 )
-
-
-def noise_continues(length: i64) -> float:
-    """The score of long noise that continues for `length` bytes."""
-    return _NOISE_CONTINUES[length]
-
-
-def noise_at_end(ending: i64) -> float:
-    """The score of long noise at the end of a span with that `ending`."""
-    return _AT_END[ending]
 
 
 def noise_to_end(ending: i64, length: i64) -> float:
     """The score of `length` bytes of noise up to the end of a span; 1 for none."""
     return _TO_END[ending * (_LONGEST_SPAN + 1) + length]
-
-
-def noise_run(length: i64) -> float:
-    """The score of `length` bytes of noise, as the likelier of junk and long noise."""
-    return _BEST_RUN[length]

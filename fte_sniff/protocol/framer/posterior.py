@@ -18,14 +18,14 @@ from fte_sniff.protocol.framer.likelihood import (
     BOUNDARY,
     INTACT,
     JUNK,
+    LONG_NOISE,
     LONGEST_JUNK,
+    NOISE_AT_END,
     NOISE_BEGINS,
     NOISE_CONTINUES,
     NOISE_ENDS,
     NOISE_TO_HEADER,
     OPEN,
-    noise_at_end,
-    noise_continues,
     noise_to_end,
 )
 from fte_sniff.protocol.framer.tables import HEADER
@@ -215,7 +215,6 @@ class ForwardBackward:
             header -= 1
 
     def _sum_of_prefix(self, prefix: PrefixScore) -> float:
-        """The sum over the paths that start with a candidate of that prefix."""
         backward, at, score, candidates = self.backward, prefix.start, 0.0, self.candidates
         for length in range(i64(1), prefix.longest_truncated + 1):
             score += candidates.truncated(prefix, length) * backward[at + length]
@@ -225,14 +224,13 @@ class ForwardBackward:
         return score + self.cut_off_score(prefix)
 
     def _sum_of_paths(self, state: BoundaryState) -> float:
-        """The sum over all paths from that state to the end."""
-        total, noise = 0.0, noise_continues(self.size) * noise_at_end(self.ending)
+        total, noise = 0.0, LONG_NOISE[self.size] * NOISE_AT_END[self.ending]
         known, backward = state.after_frame, self.backward
         for at in range(min(i64(len(known)), self.size + 1)):
             total += known[at] * backward[at]
         for number, prefix in enumerate(self.candidates.prefixes):
             score = self._from_header[number]
-            noise += noise_continues(prefix.start) * NOISE_ENDS * score
+            noise += LONG_NOISE[prefix.start] * NOISE_ENDS * score
             if prefix.start < len(state.after_noise):
                 total += state.after_noise[prefix.start] * score
         return total + state.in_noise * noise
@@ -320,7 +318,6 @@ def _junk_to(header: i64, end: i64, after_frame: vec[float]) -> float:
 
 
 def _shares(scores: vec[float], start: i64, total: float) -> vec[float]:
-    """The scores from `start` on, divided by `total`."""
     shares = vec[float]([0.0] * (len(scores) - start))
     for at in range(start, i64(len(scores))):
         shares[at - start] = scores[at] / total

@@ -28,7 +28,8 @@ _NUM: Final[i64] = NUM_OFFSET
 
 def kind_at(tables: FrameTables, data: bytes, at: i64) -> i64:
     """The kind that header and CMD name; `NO_KIND` if they name none."""
-    return i64(tables.kind_of[i64(data[at]) << 8 | i64(data[at + 1])])
+    code = i64(data[at]) << 8 | i64(data[at + 1])
+    return i64(tables.kind_of[code])
 
 
 def is_framed(tables: FrameTables, data: bytes, at: i64) -> bool:
@@ -43,8 +44,8 @@ def is_strict(tables: FrameTables, data: bytes, at: i64) -> bool:
 
 
 def _strict_kind(tables: FrameTables, data: bytes, at: i64) -> i64:
-    """The kind of the strict frame; `NO_KIND` if it is not strict."""
-    if tables.delimiters[data[at + tables.length - 1]] != TAIL:
+    last = i64(data[at + tables.length - 1])
+    if tables.delimiters[last] != TAIL:
         return NO_KIND
     kind = kind_at(tables, data, at)
     if kind == NO_KIND:
@@ -55,7 +56,8 @@ def _strict_kind(tables: FrameTables, data: bytes, at: i64) -> i64:
         offset = i64(tables.checked[number])
         if offset == 0:
             return kind
-        if tables.legal[(row + offset) * 256 + i64(data[at + offset])] == 0:
+        entry = (row + offset) * 256 + i64(data[at + offset])
+        if tables.legal[entry] == 0:
             return NO_KIND
         number += 1
 
@@ -89,7 +91,6 @@ def is_unsplit(tables: FrameTables, data: bytes, at: i64) -> bool:
 
 
 def _num_is_delimiter(tables: FrameTables, data: bytes, at: i64, kind: i64) -> bool:
-    """Whether an unused NUM is a header or a tail."""
     return tables.unused_num[kind] == 1 and tables.delimiters[data[at + _NUM]] != 0
 
 
@@ -139,7 +140,6 @@ def end_of_run(tables: FrameTables, data: bytes, at: i64, end: i64, *, calm: boo
 
 
 def _holds_header(tables: FrameTables, word: i64) -> bool:
-    """Whether a header is among the bytes from NUM to before the tail."""
     for header in tables.header_words:
         other = word ^ header
         # A zero byte borrows from the next one and so sets its own high bit.

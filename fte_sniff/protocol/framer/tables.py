@@ -73,7 +73,6 @@ _LegalBytes = Sequence[bytes | None]
 
 
 def _set_of(values: Iterable[int]) -> bytes:
-    """By byte: 1 if it is in the set."""
     members = set(values)
     return bytes(byte in members for byte in range(256))
 
@@ -87,7 +86,6 @@ def _delimiters(frame_format: FrameFormat) -> bytes:
 
 
 def _unused_num(kind: FrameKind, legal: _LegalBytes) -> bool:
-    """Whether NUM has no meaning in this kind and may be anything."""
     return legal[NUM_OFFSET] is None and not kind.names_motor
 
 
@@ -126,7 +124,6 @@ def _word_test(legal: _LegalBytes) -> tuple[int, int, bool]:
 
 
 def _repeated(value: int) -> int:
-    """A byte at every offset from NUM to before the tail, in a word."""
     return int.from_bytes(bytes([value]) * (_WORD - 1), "little")
 
 
@@ -146,7 +143,6 @@ def _flag_ending(kind: FrameKind, legal: _LegalBytes) -> int:
 
 
 def _offset_fault(kind: FrameKind, legal: _LegalBytes, offset: int) -> int:
-    """The fault of a frame with an illegal byte at that offset."""
     if not NUM_OFFSET <= offset < len(legal) - 1 or legal[offset] is None:
         return 0
     if offset in kind.reserved:
