@@ -6,13 +6,12 @@ Modules:
     app             The application: composes the screen, polls the feed, handles signals.
     export_actions  Copy and save actions.
     goto            Go-to line: parses a goal and finds its row.
-    help            Help page.
     i18n            Translation, and the names of the themes.
     keys            Key bindings: the source of the keys, the key line and the help.
+    modals          Modal screens: pick an entry, choose columns, the help page.
     notices         Temporary and pinned notices.
     options         Options with which the screen is opened.
     panes           The panes below the table.
-    pickers         Lists over the screen: pick an entry, or choose columns.
     prompt          Prompt fields at the bottom: filter, search and save.
     status_bar      Title line, status line and key line.
     table           The table of rows.

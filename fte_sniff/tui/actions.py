@@ -19,13 +19,12 @@ from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.session.save import SaveJob
 from fte_sniff.tui.goto import GotoField, ToOffset, parse_goal, row_of, time_at, time_of
-from fte_sniff.tui.help import HelpPage
 from fte_sniff.tui.i18n import _, error_text, theme_after
 from fte_sniff.tui.keys import COMMANDS, key_names
+from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
 from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.pickers import ChosenColumns, ColumnChooser, Entry, Picker
 from fte_sniff.tui.prompt import FilterField, SaveField, SearchField, parse_filter, preload_filter
 from fte_sniff.tui.table.columns import TimeStyle, column_of
 from fte_sniff.tui.table.widget import RowTable, TableHeader

@@ -12,8 +12,8 @@ from textual.pilot import Pilot
 from fte_sniff.protocol import Damage, Fault, Frame, Row
 from fte_sniff.tui import actions
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.modals import Picker
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.pickers import Picker
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
     NOON_NS,

@@ -38,9 +38,9 @@ from fte_sniff.protocol.dissect import dissect, explain
 from fte_sniff.recording.output_file import stopped_by_error, stopped_by_limit, stopped_by_removal
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.help import help_text
 from fte_sniff.tui.i18n import _, error_text, language_of, set_language
 from fte_sniff.tui.keys import SECTIONS
+from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.notices import event_text
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.status_bar import Mode, StatusCounters, badge_text, status_text, title_text

@@ -15,7 +15,6 @@ from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.protocol import FAULT_MEANINGS, PortEvent, PortEventKind
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.help import help_text
 from fte_sniff.tui.keys import (
     FINDING,
     HANDLING,
@@ -25,6 +24,7 @@ from fte_sniff.tui.keys import (
     SHOWN_FIRST,
     UNDERSTANDING,
 )
+from fte_sniff.tui.modals import help_text
 from fte_sniff.tui.status_bar import (
     KeyLine,
     Mode,
