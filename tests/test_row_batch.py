@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
-from fte_sniff.analysis.counters import Tally
 from fte_sniff.analysis.fields import NO_KIND, field_values, kind_codes
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Damage, Fault, Frame, Framer, Row
 from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.row_batch import COLUMNS, Codebook, RowBatch, RowBuffer

@@ -20,6 +20,7 @@ Modules:
     search_frame  Text search in the displayed cells of many rows (polars).
     statistics    Statistics of ports, streams and faults.
     summary       Statistics of all rows of one or more inputs.
+    tally         Counts of rows by status, kind, fault and port.
     time_text     Times and durations that a user types.
     traces        Targets and feedback of the motors over time, for plots.
 """

@@ -9,17 +9,14 @@ octave 22    4.2 ms ... 8.4 ms           bins of 4,096 ns
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections import deque
+from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.fields import Ints, kind_codes
-from fte_sniff.protocol import KINDS, Fault, Frame, Row, Status, status_of
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.analysis.fields import Ints
 
 PER_OCTAVE: Final = 1024
 """Bins in an octave."""
@@ -224,105 +221,6 @@ class RecentValues:
 def extent(t_ns: Ints) -> tuple[int, int] | None:
     """The earliest and the latest of some times; None without times."""
     return (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
-
-
-@dataclass(slots=True)
-class RowCount:
-    """Number of rows and bytes, and the range of their times."""
-
-    rows: int = 0
-    """Frames and damage together."""
-    bytes: int = 0
-    """Bytes on the wire."""
-    first_ns: int | None = None
-    """Earliest time of a row, nanoseconds since 1970 UTC; None if no row has one."""
-    last_ns: int | None = None
-    """Latest time of a row."""
-
-    def count(self, rows: int, bytes_: int, times: tuple[int, int] | None) -> None:
-        """Add rows; `times` are the earliest and the latest time of those that have one."""
-        self.rows += rows
-        self.bytes += bytes_
-        if times is not None:
-            first, last = times
-            self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
-            self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
-
-    def include(self, other: RowCount) -> None:
-        """Add the rows of another count."""
-        self.count(other.rows, other.bytes, other.times)
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """Earliest and latest time; None if no row has one."""
-        if self.first_ns is None or self.last_ns is None:
-            return None
-        return self.first_ns, self.last_ns
-
-    @property
-    def duration_ns(self) -> int | None:
-        """Nanoseconds from the earliest time to the latest."""
-        return None if self.times is None else self.times[1] - self.times[0]
-
-
-@dataclass(slots=True)
-class Tally(RowCount):
-    """Counts of rows by status, kind, fault and port."""
-
-    frames: int = 0
-    """Rows whose framing holds, malformed or not."""
-    by_status: Counter[Status] = field(default_factory=Counter)
-    by_kind: Counter[str] = field(default_factory=Counter)
-    """Frames by kind, without those of an unknown CMD."""
-    by_fault: Counter[Fault] = field(default_factory=Counter)
-    """Rows by fault; a row counts once for each of its faults."""
-    by_port: Counter[str] = field(default_factory=Counter)
-
-    def update(self, rows: Sequence[Row]) -> None:
-        """Count rows."""
-        if isinstance(rows, RowBatch):
-            self._update_batch(rows)
-            return
-        times = [row.t_ns for row in rows if row.t_ns is not None]
-        first_last = (min(times), max(times)) if times else None
-        self.count(len(rows), sum(len(row.raw) for row in rows), first_last)
-        self.by_port.update(row.port for row in rows)
-        for faults, count in Counter(row.faults for row in rows).items():
-            self._count_faults(faults, count)
-        frames = [row for row in rows if isinstance(row, Frame)]
-        self.frames += len(frames)
-        self.by_kind.update(kind.name for frame in frames if (kind := frame.kind))
-
-    def _update_batch(self, rows: RowBatch) -> None:
-        timed, codebook = rows.timed, rows.codebook
-        times = rows.t_ns if timed.all() else rows.t_ns[timed]
-        self.count(len(timed), int(rows.length.sum(dtype=np.int64)), extent(times))
-        self.frames += int(np.count_nonzero(rows.framed))
-        for port, count in enumerate(np.bincount(rows.port).tolist()):
-            if count:
-                self.by_port[codebook.ports[port]] += count
-        for code, count in enumerate(np.bincount(rows.faults).tolist()):
-            if count:
-                self._count_faults(codebook.faults[code], count)
-        counts = np.bincount(kind_codes(rows.raw, rows.framed), minlength=len(KINDS)).tolist()
-        for kind, count in zip(KINDS, counts, strict=False):
-            if count:
-                self.by_kind[kind.name] += count
-
-    def _count_faults(self, faults: tuple[Fault, ...], count: int) -> None:
-        self.by_status[status_of(faults)] += count
-        for fault in dict.fromkeys(faults):
-            self.by_fault[fault] += count
-
-    @property
-    def malformed(self) -> int:
-        """Malformed rows."""
-        return self.by_status[Status.MALFORMED]
-
-    @property
-    def malformed_share(self) -> float:
-        """Share of malformed rows, 0 to 1."""
-        return self.malformed / self.rows if self.rows else 0.0
 
 
 class Rate:

@@ -6,13 +6,12 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter, itemgetter
-from typing import Final, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
-import numpy as np
-
-from fte_sniff.analysis.fields import Ints
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
-from fte_sniff.row_batch import RowBatch
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.fields import Ints
 
 GAP_EVENTS: Final = frozenset(
     {PortEventKind.LOST, PortEventKind.FOUND_AGAIN, PortEventKind.OVERRUN}
@@ -106,10 +105,10 @@ class GapDetector:
         if not happened and not self._edges:
             return found
         times = _rising_times(rows)
-        found += [StreamChange(int(np.searchsorted(times, t)), what) for t, what in happened]
+        found += [StreamChange(int(times.searchsorted(t)), what) for t, what in happened]
         while self._edges:
             t_ns, gap = self._edges[0]
-            index = int(np.searchsorted(times, t_ns))
+            index = int(times.searchsorted(t_ns))
             if index == len(times):
                 break
             found.append(StreamChange(index, gap))
@@ -134,6 +133,10 @@ def _edges(gap: Gap) -> Iterator[int]:
 
 def _rising_times(rows: Sequence[Row]) -> Ints:
     """For each row, the latest time up to it."""
+    import numpy as np
+
+    from fte_sniff.row_batch import RowBatch
+
     return np.asarray(np.maximum.accumulate(RowBatch.from_rows(rows).t_ns))
 
 

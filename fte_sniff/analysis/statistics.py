@@ -18,12 +18,12 @@ from fte_sniff.analysis.counters import (
     CountsOverTime,
     Durations,
     RecentValues,
-    RowCount,
     TimeSeries,
     extent,
 )
 from fte_sniff.analysis.feed import BaudChange
 from fte_sniff.analysis.fields import NO_KIND, NO_TIME, Decoded, Ints, read_place
+from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     HEADERS,

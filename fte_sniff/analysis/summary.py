@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fte_sniff.analysis.counters import RowCount, extent
+from fte_sniff.analysis.counters import extent
 from fte_sniff.analysis.feed import BaudChange, GapDetector
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motor_stats import Answers, AnswerStats, FlagCounts, FlagStats
@@ -20,6 +20,7 @@ from fte_sniff.analysis.statistics import (
     Statistics,
     StreamStats,
 )
+from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
 from fte_sniff.row_batch import Codebook, RowBatch
 

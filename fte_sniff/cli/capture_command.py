@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.analysis.counters import Tally
 from fte_sniff.analysis.feed import FeedUpdate
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.cli.options import (
     FileName,
     Seconds,

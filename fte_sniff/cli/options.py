@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
-from fte_sniff.cli.settings import SavedSettings
 from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
 from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.analysis.statistics import LineSetup
+    from fte_sniff.cli.settings import SavedSettings
     from fte_sniff.recording.row_ranges import TimeRange
 
 
@@ -342,4 +342,6 @@ def check_line_setup(
     """
     if resolution is None and gear_ratio is not None:
         raise UsageError("--gear-ratio makes turns of pulses only together with --resolution")
+    from fte_sniff.analysis.statistics import LineSetup
+
     return LineSetup(baud, resolution, 1.0 if gear_ratio is None else gear_ratio)

@@ -12,7 +12,7 @@ from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol import Gap, Status, iso_time, status_of
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.counters import Tally
+    from fte_sniff.analysis.tally import Tally
 
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]

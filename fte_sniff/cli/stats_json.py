@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 from fte_sniff.protocol import Direction, Fault, Gap, PortEventKind, Status, iso_time, status_of
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.counters import Durations, RowCount
+    from fte_sniff.analysis.counters import Durations
     from fte_sniff.analysis.motor_stats import AnswerStats, FlagCount, FlagStats
     from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
     from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.analysis.tally import RowCount
     from fte_sniff.recording.metadata import Selection
 
 

@@ -28,10 +28,10 @@ from fte_sniff.formats.text_layout import STATUS_MARK
 from fte_sniff.protocol import VALUE_FIELDS, Fault, Status, iso_time, status_of
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.counters import RowCount
     from fte_sniff.analysis.motor_stats import AnswerStats
     from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
     from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.analysis.tally import RowCount
 
 
 HEAD_STYLE = "dim"

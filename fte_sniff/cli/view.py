@@ -77,8 +77,7 @@ def command(
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     settings = load_settings(config)
     check_inputs(files)
-    from fte_sniff.session.pipeline import Viewing
-    from fte_sniff.session.replay import RecordingPages, ReplaySession
+    from fte_sniff.session.replay import RecordingPages, ReplaySession, Viewing
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 

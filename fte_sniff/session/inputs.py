@@ -363,7 +363,7 @@ class LogInput:
 
     def _within(self, span: TimeRange, batches: Iterable[Rows], note: Note) -> Iterator[Rows]:
         """Only rows of the span; without any, a note names the times that the input has."""
-        from fte_sniff.analysis.counters import Tally
+        from fte_sniff.analysis.tally import Tally
 
         tally, found = Tally(), 0
         for rows in batches:

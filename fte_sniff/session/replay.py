@@ -5,14 +5,18 @@ from __future__ import annotations
 import queue
 import threading
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange, shifted
+from fte_sniff.analysis.feed import FeedState, FeedUpdate, GapDetector, StreamChange, shifted
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol import Gap, PortEvent, Row
+from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.session.inputs import Input, InputBatch
+from fte_sniff.session.pipeline import ANOTHER, DAMAGED, bauds_of
+from fte_sniff.session.save import ExportSource
 
 MOST_BATCHES_AHEAD = 6
 """Batches that are read ahead of the view at most."""
@@ -224,3 +228,68 @@ class RecordingPages:
         while len(self._held) > MOST_HELD:
             self._held.pop(next(iter(self._held)))
         return held
+
+
+class Viewing:
+    """All rows of the inputs, once."""
+
+    def __init__(
+        self,
+        inputs: Sequence[Input],
+        span: TimeRange | None,
+        baud: int | None,
+        pages: RecordingPages | None,
+        note: Callable[[str], None],
+    ) -> None:
+        """Nothing is read yet, but what the inputs tell before their rows.
+
+        Args:
+            inputs: what to read, in this order.
+            span: only rows in it; None for all.
+            baud: of every line, whatever an input says; None to believe the inputs.
+            pages: learn how rows are read again; None where they cannot be.
+            note: is told what is wrong with an input.
+        """
+        self._inputs, self._span, self._pages, self._note = inputs, span, pages, note
+        self._baud = baud
+        self._reported = [one.gaps(span) for one in inputs]
+        self._gaps: list[Gap] = [gap for gaps in self._reported for gap in gaps]
+        self._detector = GapDetector()
+        ports = [port.name for one in inputs for port in one.ports]
+        self.origin = ExportSource(
+            ports,
+            dict.fromkeys(ports, baud) if baud else bauds_of(inputs),
+            self._gaps,
+            [selection for one in inputs for selection in one.selections()],
+        )
+        """What is known of the rows; its gaps grow as they are found."""
+        if span is not None:
+            self._gaps[:] = self.origin.within(span.first_ns, span.end_ns - 1).gaps
+
+    def __iter__(self) -> Iterator[Read]:
+        before = None
+        for one, gaps in zip(self._inputs, self._reported, strict=True):
+            yield from self._reads(one, gaps, follows=one.follows(before))
+            before = one
+
+    def _reads(self, one: Input, gaps: Sequence[Gap], *, follows: bool) -> Iterator[Read]:
+        changes = self._detector.begin({} if self._baud else bauds_of([one]), gaps)
+        if not follows:
+            changes.append(self._detector.interrupt(*ANOTHER))
+        for batch in one.batches(self._span, self._note):
+            if batch.after_gap:
+                changes.append(self._detector.interrupt(*DAMAGED))
+            if gap := self._detector.observe(batch.times):
+                self._gaps.append(gap)
+            self._learn(batch)
+            changes += self._detector.changes(batch.rows, batch.events)
+            yield Read(batch.rows, batch.events, (), changes)
+            changes = []
+        if one.losses:
+            changes.append(self._detector.interrupt(*DAMAGED))
+        if changes:
+            yield Read((), (), one.losses, changes)
+
+    def _learn(self, batch: InputBatch) -> None:
+        if self._pages is not None and batch.reload is not None:
+            self._pages.add(batch.reload, len(batch.rows))

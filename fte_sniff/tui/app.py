@@ -19,9 +19,9 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.events import Event, Key
 from textual.filter import LineFilter
 
-from fte_sniff.analysis.counters import Tally
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.tui.actions import FindActions, NavigationActions, ViewActions
 from fte_sniff.tui.export_actions import ExportActions

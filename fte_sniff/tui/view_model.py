@@ -10,7 +10,7 @@ from functools import partial
 from time import monotonic, monotonic_ns
 from typing import TYPE_CHECKING, Final
 
-from fte_sniff.analysis.counters import Rate, Tally
+from fte_sniff.analysis.counters import Rate
 from fte_sniff.analysis.feed import (
     Feed,
     FeedState,
@@ -22,6 +22,7 @@ from fte_sniff.analysis.feed import (
 )
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import HitCounter
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.notices import event_words

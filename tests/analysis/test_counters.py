@@ -16,8 +16,8 @@ from fte_sniff.analysis.counters import (
     Durations,
     Rate,
     RecentValues,
-    Tally,
 )
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import Damage, Fault, Frame, Row, Status
 
 SLOT_TIMES = st.lists(

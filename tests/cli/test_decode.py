@@ -39,7 +39,7 @@ from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.inputs import RecordingInput
-from fte_sniff.session.pipeline import Viewing
+from fte_sniff.session.replay import Viewing
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM
 

@@ -24,6 +24,8 @@ HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "ri
         ["hex", "AA0202", "--format", "csv"],
         ["hex", "AA0202", "--format", "table"],
         ["encode", "speed", "--motor", "1", "--rpm", "5"],
+        ["decode", str(SAMPLES / "damaged.hex"), "--format", "csv"],
+        ["decode", str(SAMPLES / "damaged.raw"), "--format", "jsonl", "--limit", "9"],
     ],
     ids=" ".join,
 )
@@ -37,7 +39,7 @@ def test_nothing_heavy_is_imported(environment, arguments: list[str]) -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
     )
     assert done.stdout
-    assert done.stderr.strip() == "[]"
+    assert done.stderr.splitlines()[-1] == "[]"
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.counters import Tally
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError
 from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, row_writer
