@@ -34,7 +34,6 @@ class Codebook:
 
     def __init__(self) -> None:
         self.ports: list[str] = []
-        """Port names, by code."""
         self.faults: list[tuple[Fault, ...]] = []
         """Fault sets in the row's order, by code; code 0 is the empty set."""
         self._port_codes: dict[str, int] = {}
@@ -92,7 +91,6 @@ class RowBatch(Sequence[Row]):
     long: dict[int, bytes] = field(default_factory=dict)
     """All bytes of the rows longer than ten, by index."""
     events: tuple[PortEvent, ...] = ()
-    """Port events, in file order."""
 
     @classmethod
     def allocate(cls, codebook: Codebook, rows: int) -> Self:
@@ -280,7 +278,6 @@ _SCALARS: Final = (
     "unordered",
 )
 COLUMNS: Final = (*_SCALARS, "raw")
-"""The names of the arrays of a `RowBatch`."""
 
 
 def _is_identity(codes: npt.NDArray[np.integer]) -> bool:
@@ -356,7 +353,6 @@ def _constant(value: int, rows: int, dtype: npt.DTypeLike) -> Array:
 def _segment_columns(
     span: DecidedSpan, rows: int, codebook: Codebook
 ) -> tuple[Array, Array, Array]:
-    """The columns `length`, `framed` and `faults`."""
     starts, counts, codes = (
         np.frombuffer(memoryview(numbers), np.int64) if len(numbers) else np.zeros(0, np.int64)
         for numbers in (span.segments.starts, span.segments.counts, span.segments.codes)
@@ -377,7 +373,6 @@ def _segment_columns(
 
 
 def _first_bytes(data: bytes, starts: Array, length: Array) -> Array:
-    """The first ten bytes of every row, padded with zeros."""
     rows = np.empty(len(starts), _FIRST_BYTES)
     reach = len(data) - FRAME_LENGTH + 1
     whole = len(starts) if reach > starts[-1] else int(np.searchsorted(starts, max(reach, 0)))
@@ -394,7 +389,6 @@ def _first_bytes(data: bytes, starts: Array, length: Array) -> Array:
 
 
 def _long_rows(span: DecidedSpan, offset: Array, length: Array) -> dict[int, bytes]:
-    """All bytes of the rows longer than ten, by index."""
     rows = (length > FRAME_LENGTH).nonzero()[0]
     starts = offset[rows] - span.start
     ends = starts + length[rows]

@@ -55,11 +55,9 @@ class Bridge:
     """A port, and a pseudo-terminal that a host program opens instead of it."""
 
     port: str
-    """A device, or a URL that pyserial opens."""
     settings: PortSettings = DEFAULT_SETTINGS
     """How it is opened; the host program can change the baud."""
     link: Path | None = None
-    """A link to create to the pseudo-terminal; None for none."""
     reconnect: bool = True
     """True to wait for a lost port, if it can come back and there is a link."""
 
@@ -127,14 +125,12 @@ class BridgeSource(ThreadedSource):
         detail: str = "",
         reopen: Reopen | None = None,
     ) -> None:
-        """Take over an open port and a host's end; both are closed when the source ends.
+        """Take over an open port and a host's end, exclusively; both are closed at the end.
 
-        From now on no other program can open the port. `detail` is the text of its event `opened`;
-        without `reopen` the source ends when the port is lost.
+        `detail` is the text of the port's event `opened`; without `reopen` a lost port is the end.
         """
         super().__init__(port, wires.port, wires, wires.clock, reopen)
         self.device = host.name
-        """What a host program opens."""
         self._host = host
         self._wires = wires
         self._low_latency = request_low_latency(port)
@@ -145,7 +141,6 @@ class BridgeSource(ThreadedSource):
         self._started = False
 
     def __enter__(self) -> Self:
-        """Start to forward, unless that has started."""
         if not self._started:
             self._started = True
             self._start("port to host", self._detail)
@@ -242,11 +237,9 @@ class WireEvents:
     """
 
     def __init__(self, port: str, baud: int, clock: Clock, capacity: int = CAPACITY) -> None:
-        """Create empty queues; `capacity` limits the bytes of each wire that wait."""
         self.port = port
         self.clock = clock
         self.stop_at_ns = inf
-        """When to end, by the clock."""
         self._baud = baud
         self._times = WireTimes(baud)
         self._queues = {wire: ChunkQueue(wire, capacity) for wire in (port, HOST)}
@@ -316,7 +309,6 @@ class Forwarder:
     """Forwards bytes both ways, from an open port to its loss or to the end."""
 
     def __init__(self, port: serial.Serial, host: HostEnd, wires: WireEvents) -> None:
-        """Prepare; forwarding starts with `run`."""
         self._port = port
         self._host = host
         self._wires = wires
@@ -334,10 +326,7 @@ class Forwarder:
         self._stopping = True
 
     def run(self) -> OSError | None:
-        """Forward until the end is due (returns None) or the port is lost (returns the error).
-
-        This thread carries feedback, a second one control.
-        """
+        """Forward in two threads until the end is due (None) or the port is lost (the error)."""
         control = threading.Thread(target=self._carry_control, name="host to port", daemon=True)
         control.start()
         try:

@@ -24,7 +24,6 @@ class ChunkQueue:
     """Queue of chunks and events: put from any thread, iterated by one."""
 
     def __init__(self, port: str, capacity: int = CAPACITY) -> None:
-        """Create an empty queue for a port; `capacity` limits the bytes that wait."""
         self._port = port
         self._capacity = capacity
         self._queue: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
@@ -70,10 +69,7 @@ class ChunkQueue:
             self._append(event)
 
     def drop(self) -> None:
-        """Replace the bytes that wait by one overrun that counts them; returns at once.
-
-        Call it only after the last `put`, from any thread.
-        """
+        """After the last `put`: replace the waiting bytes by one overrun that counts them."""
         self._unwanted = True
 
     def close(self) -> None:
@@ -100,7 +96,6 @@ class ChunkQueue:
         return item
 
     def _without_bytes(self, item: Item | None) -> Iterator[Item]:
-        """This item and all later ones, with one overrun instead of their bytes."""
         events: list[PortEvent] = []
         left = lost = first_ns = 0
         while item is not None:

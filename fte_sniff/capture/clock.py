@@ -64,13 +64,12 @@ class ClockWatch:
     """Detects steps of the system's clock."""
 
     def __init__(self, ahead_ns: int) -> None:
-        """Start with the present value of `Clock.system_ahead_ns`."""
         self._ahead_ns = ahead_ns
 
     def step(self, ahead_ns: int) -> int:
-        """Nanoseconds that the system's clock was set forward since the last call.
+        """Nanoseconds that the clock was set forward (back: negative) since the last call.
 
-        Negative if it was set back; 0 if it was not set. Call it about once a second.
+        Call it about once a second.
         """
         step_ns, self._ahead_ns = ahead_ns - self._ahead_ns, ahead_ns
         return step_ns if abs(step_ns) >= LEAST_STEP_NS else 0

@@ -31,7 +31,6 @@ class Holder:
 
     pid: int
     name: str
-    """The program's name, printable."""
 
     def __str__(self) -> str:
         return f"{self.name} (pid {self.pid})"
@@ -42,7 +41,6 @@ class PortListing:
     """One port as the system describes it; texts from the device are printable."""
 
     device: str
-    """The device file."""
     by_id: str | None
     """A name that does not depend on the USB socket; None if there is none."""
     vid: int | None
@@ -53,11 +51,9 @@ class PortListing:
     """USB socket, as `1-1.2`."""
     description: str | None
     driver: str | None
-    """The kernel's driver, as `ftdi_sio`."""
     permitted: bool
     """True if the present user may open it."""
     holders: tuple[Holder, ...]
-    """The programs that have it open, as far as visible."""
 
     @property
     def state(self) -> str:
@@ -124,7 +120,6 @@ def _shown(text: str | None) -> str | None:
 
 
 def _links_in(folder: Path) -> dict[str, str]:
-    """The link in `folder` of each device file."""
     if not folder.is_dir():
         return {}
     return {os.path.realpath(link): str(link) for link in sorted(folder.iterdir(), reverse=True)}

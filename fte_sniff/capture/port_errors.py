@@ -91,13 +91,7 @@ def _has_host_and_port(url: str) -> bool:
 
 
 def port_error(name: str, device: str | None, error: BaseException) -> PortError:
-    """The PortError for an error on opening.
-
-    Args:
-        name: as the user gave it.
-        device: the device file, None for URLs.
-        error: what pyserial or the system raised.
-    """
+    """The PortError for an error on opening; `device` is the device file, None for URLs."""
     if isinstance(error.__cause__, PortError):
         return error.__cause__
     named, number = printable(name), _errno_of(error)

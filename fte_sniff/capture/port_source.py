@@ -37,16 +37,11 @@ from fte_sniff.protocol import Chunk, LineErrorCounts, PortEvent, PortEventKind
 
 @dataclass(frozen=True, slots=True)
 class PortGroup:
-    """The ports of a capture that only reads; the `Wiring` of `live`.
-
-    Raises:
-        UsageError: one port is named twice.
-    """
+    """The ports of a live capture; raises UsageError if one is named twice."""
 
     names: tuple[str, ...]
     """Devices, or URLs that pyserial opens; all different."""
     settings: PortSettings = DEFAULT_SETTINGS
-    """How each of them is opened."""
     reconnect: bool = True
     """True to wait for a lost port, if it can come back."""
 
@@ -60,11 +55,7 @@ class PortGroup:
             )
 
     def open(self, clock: Clock) -> Source:
-        """Open the ports and start to read them.
-
-        Raises:
-            PortError: a port cannot be opened; all are closed again.
-        """
+        """Open all ports and start to read; raises PortError, with none open, if one fails."""
         with ExitStack() as opened:
             sources = [
                 opened.enter_context(
@@ -86,8 +77,7 @@ def open_source(
 ) -> PortSource:
     """Open a port and start to read it; with `reconnect`, wait for it when it is lost.
 
-    Raises:
-        PortError: the port cannot be opened.
+    Raises PortError if it cannot be opened.
     """
     port = open_port(name, settings)
     capabilities = request_capabilities(port)
@@ -216,7 +206,6 @@ class MergedSource:
     """The items of several sources, ordered by time; when one is lost for good, all end."""
 
     def __init__(self, sources: Sequence[Source]) -> None:
-        """Take over open sources; they are closed with this one."""
         self._sources = tuple(sources)
 
     @property

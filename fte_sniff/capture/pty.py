@@ -37,11 +37,7 @@ class PseudoTerminal:
     """A raw terminal device for other programs; `descriptor` is the non-blocking other end."""
 
     def __init__(self, link: Path | None = None) -> None:
-        """Create the device, and optionally a `link` to it.
-
-        Raises:
-            FileError: `link` exists already, or cannot be created.
-        """
+        """Create the device, and a `link` to it; raises FileError if the link cannot be created."""
         if link is not None:
             # First, because a new device often reuses the number that a stale link points to.
             _remove_stale(link)
@@ -112,13 +108,11 @@ class HostEnd:
     def __init__(self, baud: int, link: Path | None = None) -> None:
         """Create the device, at `baud` until a host program sets another.
 
-        Raises:
-            FileError: `link` exists already, or cannot be created.
+        Raises FileError if the `link` to it exists already, or cannot be created.
         """
         self._link = link
         self._terminal = PseudoTerminal(link)
         self.name = self._terminal.name
-        """What a host program opens."""
         self._descriptor = self._terminal.descriptor
         self._poll = select.poll()
         self._poll.register(self._descriptor, select.POLLIN)
@@ -187,7 +181,6 @@ class HostEnd:
             return 0
 
     def _reset(self) -> None:
-        """Empty the buffers and restore raw mode, for the next host program."""
         with self._write_lock:
             self.in_use = False
             self._buffer.clear()

@@ -38,7 +38,6 @@ class OpenedPort(NamedTuple):
 
     port: serial.Serial
     name: str
-    """Its name now."""
 
 
 class RefusedError(PortError):
@@ -53,7 +52,6 @@ class Reconnector:
     """Thread that tries to reopen a port until it succeeds or is cancelled."""
 
     def __init__(self, reopen: Reopen, first_wait_s: float = FIRST_WAIT_S) -> None:
-        """Start the thread; the first attempt is after `first_wait_s` seconds."""
         self._reopen = reopen
         self._first_wait_s = first_wait_s
         self._opened: OpenedPort | None = None
@@ -196,13 +194,7 @@ Identity: TypeAlias = SameName | UsbIdentity
 def identity_of(
     name: str, device: str | None, plugged_in: Sequence[ListPortInfo]
 ) -> Identity | None:
-    """How to recognize an open port later; None if it cannot come back.
-
-    Args:
-        name: as the user gave it.
-        device: the device file, None for URLs without one.
-        plugged_in: the ports that exist now.
-    """
+    """How to recognize an open port later among the `plugged_in`; None if it cannot come back."""
     if device is None:
         return SameName(name) if name.partition("://")[0].lower() in NETWORK_SCHEMES else None
     if "://" not in name and Path(name).is_symlink():

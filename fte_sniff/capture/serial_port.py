@@ -33,7 +33,6 @@ from fte_sniff.errors import PortError, TranslatableText, ValueRangeError
 from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
 
 READ_TIMEOUT_S = 0.01
-"""Timeout of a read."""
 
 BAUD_RANGE = (50, 12_000_000)
 """Lowest and highest baud that is passed to a driver."""
@@ -66,7 +65,6 @@ class PortSettings:
 
 
 DEFAULT_SETTINGS = PortSettings()
-"""The settings of the controller's own line, DTR and RTS lowered."""
 
 
 def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Serial:
@@ -105,7 +103,6 @@ def device_of(port: serial.Serial) -> str | None:
 
 @contextlib.contextmanager
 def _control_lines(port: serial.Serial, settings: PortSettings) -> Iterator[None]:
-    """Set DTR and RTS of a port that is opened in this context."""
     port.dtr = settings.dtr is ControlLine.ON
     port.rts = settings.rts is ControlLine.ON
     if ControlLine.LEAVE not in (settings.dtr, settings.rts):
@@ -307,7 +304,6 @@ class PortCapabilities:
     """What the driver of an open port supports."""
 
     line: LineWatch
-    """The line errors."""
     low_latency: LowLatency
     timer_ms: int | None
     """The adapter's latency timer, milliseconds; None if it has none."""

@@ -39,9 +39,7 @@ class Motor:
     """One motor; `step` advances its time."""
 
     rpm: float = 0.0
-    """Present speed."""
     pulses: float = 0.0
-    """Present position."""
     online: bool = True
     """False while its driver does not answer; the motor then stops."""
     _target_rpm: float = 0.0
@@ -257,7 +255,6 @@ def _script(rng: Random) -> Iterator[HostStep]:
 
 
 def _pick(rng: Random, low: int, high: int) -> int:
-    """A random integer from `low` to `high`, both included."""
     return low + int(rng.random() * (high - low + 1))
 
 

@@ -84,7 +84,6 @@ class Parameter:
     low: float = 0
     high: float = math.inf
     words: tuple[str, ...] = ()
-    """The legal values, if the parameter is not a number."""
 
     @property
     def range_text(self) -> str:
@@ -172,11 +171,7 @@ PARAMETERS: tuple[Parameter, ...] = _table()
 
 
 def parse_parameters(query: str) -> SimulationParameters:
-    """Parse a URL's query, `seed=1&drop=0.01`; missing parameters have their defaults.
-
-    Raises:
-        PortError: a parameter is unknown, given twice, or its value is not legal.
-    """
+    """Parse the query of a URL, `seed=1&drop=0.01`; raises PortError if it is not legal."""
     by_name = {parameter.name: parameter for parameter in PARAMETERS}
     values: dict[str, Any] = {}
     for name, text in parse_qsl(query, keep_blank_values=True):
@@ -286,7 +281,6 @@ class Simulation:
 def simulate(parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> Iterator[TimedBytes]:
     """The received bytes with exact times; infinite unless `parameters.frames` is set.
 
-    Raises:
-        PortError: a line of `baud` bits per second cannot carry the rate.
+    Raises PortError if a line of `baud` bits per second cannot carry the rate.
     """
     return Simulation(parameters, baud)

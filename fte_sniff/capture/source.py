@@ -102,11 +102,7 @@ class Wiring(Protocol):
         ...
 
     def open(self, clock: Clock) -> Source:
-        """Open the ports and start to read them.
-
-        Raises:
-            PortError: a port cannot be opened; all are closed again.
-        """
+        """Open all ports and start to read; raises PortError, with none open, if one fails."""
         ...
 
 
@@ -264,11 +260,7 @@ class ThreadedSource(ABC):
 
     @abstractmethod
     def _resume(self, opened: OpenedPort, away_s: float) -> None:
-        """Prepare to read the port again after `away_s` seconds, and put `found_again`.
-
-        Raises:
-            FileError: that is impossible; the port counts as lost for good.
-        """
+        """Prepare to read again and put `found_again`; a FileError loses the port for good."""
 
     @abstractmethod
     def _put_event(self, kind: PortEventKind, detail: str) -> None:

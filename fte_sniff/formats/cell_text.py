@@ -128,7 +128,6 @@ def span_text(ns: float | None) -> str:
 
 
 def _plain(form: str, number: float) -> str:
-    """Three digits without an exponent."""
     return form.replace(".3g", ".0f").format(number) if number >= 100 else form.format(number)
 
 

@@ -42,9 +42,7 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
 def kind_of_file(path: Path) -> InputKind:
     """Return the format of a file by its suffix, or by its first bytes if it is MCAP.
 
-    Raises:
-        FileError: the file cannot be read.
-        UsageError: neither suffix nor first bytes are known.
+    Raises FileError if it cannot be read, UsageError if its format is unknown.
     """
     named = KIND_OF_SUFFIX.get(path.suffix.lower())
     if named is not None:
@@ -74,11 +72,7 @@ _BLOCK = 1 << 19
 
 
 def raw_chunks(path: Path) -> Iterator[Chunk]:
-    """Read a file of raw bytes as chunks.
-
-    Raises:
-        FileError: the file cannot be read.
-    """
+    """Read a file of raw bytes as chunks; raises FileError if it cannot be read."""
     try:
         with path.open("rb") as file:
             yield from raw_stream_chunks(file, str(path))

@@ -20,9 +20,7 @@ def write_parquet(
 ) -> None:
     """Write the frames in order, with only a few in memory at once.
 
-    Raises:
-        OSError: the file cannot be written.
-        Exception: any exception that the iterator raises.
+    Raises OSError if the file cannot be written, and any exception of the iterator.
     """
     raised: list[Exception] = []
 

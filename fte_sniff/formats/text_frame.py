@@ -1,7 +1,4 @@
-"""Lines of a text table from a whole DataFrame; needs polars.
-
-The same cells as `text_layout.TextLayout.cells`.
-"""
+"""Lines of a text table from a whole DataFrame, as `text_layout` makes them; needs polars."""
 
 from __future__ import annotations
 
@@ -46,7 +43,6 @@ def frame_lines(frame: pl.DataFrame, layout: TextLayout) -> str:
 
 
 def _values() -> pl.Expr:
-    """`text_layout.values_text` of each row."""
     kinds = [pl.when(pl.col("kind") == kind.name).then(_values_of(kind)) for kind in KINDS]
     unknown = pl.format("cmd=0x{}", _hex("cmd"))
     return pl.when(pl.col("cmd").is_null()).then(_length()).otherwise(pl.coalesce(*kinds, unknown))
@@ -65,7 +61,6 @@ def _values_of(kind: FrameKind) -> pl.Expr:
 
 
 def _text(field: Field) -> pl.Expr:
-    """`Field.text` of each value."""
     if field.defined_bits is None:
         return pl.col(field.name).cast(pl.String())
     return pl.format("0x{}", _hex(field.name))
@@ -75,5 +70,4 @@ _HEX_PAIRS = pl.Series([f"{byte:02X}" for byte in range(256)])
 
 
 def _hex(name: str) -> pl.Expr:
-    """The two hex digits of a byte."""
     return pl.lit(_HEX_PAIRS).gather(pl.col(name).cast(pl.UInt32()))

@@ -23,7 +23,6 @@ ORDER_MARK = "~"
 """The mark of an `ok` row whose order with rows of another port is uncertain."""
 
 GAP = "  "
-"""The text between two cells."""
 
 KIND_WIDTH = max(len(kind.name) for kind in KINDS)
 TIME_WIDTH = len(iso_time(0))
@@ -45,9 +44,7 @@ class TextLayout:
     """The cells of all lines of one output, padded to their widths; the last may be empty."""
 
     times: bool
-    """Whether there is a cell for the time."""
     ports: bool
-    """Whether there is a cell for the port."""
 
     def header(self) -> list[str]:
         """The names above the cells."""

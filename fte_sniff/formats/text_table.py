@@ -42,7 +42,6 @@ class PlainWriter:
             self._stream.write(frame_lines(frame, layout))
 
     def _begin(self, *, times: bool) -> TextLayout:
-        """Write the header first, and return the layout."""
         if self._layout is None:
             self._layout = TextLayout(times=times, ports=self._ports)
             self._stream.write(_joined(self._layout.header()))
@@ -76,7 +75,6 @@ class RichWriter:
                 self._print(GAP.join(self._cells(row)), _style_of(row))
 
     def _begin(self, layout: TextLayout) -> Callable[[Row], Iterable[str]]:
-        """Write the header, and return the function that makes the cells of a row."""
         if self._console.width >= layout.width:
             self._print(GAP.join(layout.header()), "bold")
             return layout.cells
@@ -100,7 +98,6 @@ class RichWriter:
 
 
 def _style_of(row: Row) -> str:
-    """The rich style of a row: by its status, then by its direction and kind."""
     if row.status is Status.MALFORMED:
         return "bold red"
     if row.status is Status.SUSPECT:
@@ -112,7 +109,6 @@ def _style_of(row: Row) -> str:
 
 
 _OFFSETS, _BYTES, _NAME, _VALUE = 5, 17, 9, 13
-"""Widths of the columns of an explanation."""
 _BYTES_A_LINE = 6
 _LEAST_WRAP = 20
 _COLOR = {Status.OK: "green", Status.SUSPECT: "yellow", Status.MALFORMED: "red"}
@@ -122,13 +118,7 @@ class DissectionWriter:
     """Writes the explanation of each row, with an empty line between rows."""
 
     def __init__(self, stream: TextIO, width: int | None, *, colored: bool) -> None:
-        """Create the writer.
-
-        Args:
-            stream: the text stream.
-            width: columns to wrap the explanations at; None for no wrapping.
-            colored: whether to use colours.
-        """
+        """Write to a text stream; without a `width` the explanations are not wrapped."""
         self._stream = stream
         self._width = width
         self._colored = colored

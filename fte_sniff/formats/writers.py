@@ -72,12 +72,9 @@ class FrameWriter(Protocol):
 
 
 def row_writer(form: OutputFormat, stream: TextIO, *, ports: bool) -> RowWriter:
-    """Create the writer of a text format.
+    """Create the writer of a text format or hex; a table is coloured on a terminal.
 
-    Args:
-        form: one of `TEXT_FORMATS`, or hex.
-        stream: the text stream; a table is coloured if this is a terminal.
-        ports: whether a table has a column for the port.
+    `ports` is whether a table has a column for the port.
     """
     if form is OutputFormat.JSONL:
         return JsonlWriter(stream)
@@ -95,8 +92,6 @@ def row_writer(form: OutputFormat, stream: TextIO, *, ports: bool) -> RowWriter:
 
 
 class _LineWriter:
-    """What the writers have in common: they write each row at once, as a line."""
-
     shows_order = False
 
     def __init__(self, stream: TextIO) -> None:

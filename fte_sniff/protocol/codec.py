@@ -21,13 +21,8 @@ from fte_sniff.protocol.spec import (
 def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -> bytes:
     """Encode a frame of `kind` (PROTOCOL.md, "Control frames", "Feedback frames").
 
-    Args:
-        kind: an entry of `KINDS`.
-        values: the values of all fields by row name; fields with a default are optional.
-        cmd: one of the kind's CMDs; by default the first.
-
-    Raises:
-        ValueRangeError: a value is missing, out of range, or not of this kind.
+    `values` are by row name; fields with a default are optional. `cmd` is by default the first of
+    the kind's CMDs. Raises ValueRangeError if a value is missing, illegal, or not of this kind.
     """
     if cmd is None:
         cmd = kind.cmds[0]

@@ -103,8 +103,6 @@ def explain(row: Row) -> list[str]:
 
 
 class _Slot(NamedTuple):
-    """Adjacent bytes of a frame with one meaning."""
-
     offsets: range
     name: str
     meaning: str
@@ -142,7 +140,6 @@ def _explained(
     note: str = "",
     bits: tuple[ExplainedBit, ...] = (),
 ) -> ExplainedField:
-    """Explain bytes of the row; a fault that the row does not have is left out."""
     if fault not in row.faults:
         fault, note = None, ""
     raw = row.raw[offsets.start : offsets.stop]
@@ -154,7 +151,6 @@ def _expected(expected: object, found: object) -> TranslatableText:
 
 
 def _decoded(row: Frame, slot: _Slot) -> ExplainedField:
-    """A slot of a frame, with its value."""
     offsets, name, _, field = slot
     if field is not None:
         return _flags(row, field) if field.defined_bits is not None else _number(row, field)
@@ -244,7 +240,6 @@ def _flags(row: Frame, field: Field) -> ExplainedField:
 
 
 def _bit_meaning(field: Field, number: int) -> tuple[str, str]:
-    """A label and a sentence."""
     if field.defined_bits is not None and not field.defined_bits >> number & 1:
         return TranslatableText("undefined"), TranslatableText("undefined")
     if field.name == "online":
@@ -360,7 +355,6 @@ def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:
 
 
 def _fitting(raw: bytes, legal: Sequence[bytes | None]) -> int:
-    """How many of the first bytes are legal."""
     pairs = zip(raw, legal, strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[1] is None or pair[0] in pair[1], pairs))
 

@@ -21,9 +21,7 @@ class ColumnType(StrEnum):
     """Nanoseconds since 1970 UTC."""
     TEXT = "text"
     WORD = "word"
-    """One of the column's `words`."""
     WORDS = "words"
-    """A list of the column's `words`."""
     INT = "int"
     HEX = "hex"
     """Bytes as hex digits, upper case, no spaces."""
@@ -41,7 +39,6 @@ class Column:
 
 
 def _meaning(name: str, unit: str) -> str:
-    """The meanings of a field in all kinds, with its unit."""
     fields = (field for kind in KINDS for field in kind.fields if field.name == name)
     meanings = ", or ".join(dict.fromkeys(field.meaning for field in fields))
     return f"{meanings} [{unit}]" if unit else meanings

@@ -47,8 +47,6 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """What a frame and a damage have in common."""
-
     port: str
     offset: int
     """Offset of the first byte in the port's stream, from 0."""
@@ -198,13 +196,10 @@ class GapKind(StrEnum):
     """Why rows are missing."""
 
     WRITE_ERROR = "write_error"
-    """They could not be written to the recording."""
     LEFT_OUT = "left_out"
     """They are not in the file: a trigger dropped them, or the copied file has a gap."""
     DAMAGE = "damage"
-    """They are in a damaged part of the file."""
     OTHER_RECORDING = "other_recording"
-    """They are between two recordings."""
     PORT = "port"
     """The port was lost, or bytes of it were."""
     NOT_SHOWN = "not_shown"
@@ -234,10 +229,7 @@ class Gap:
         return Gap(self.kind, (self.rows or 0) + rows, start, end, self.reason, self.port)
 
     def within(self, first_ns: int | None, last_ns: int | None) -> Gap | None:
-        """The part between two times, both included (None: unbounded); None if there is none.
-
-        The number of rows in a part is unknown.
-        """
+        """The part between two times, both included (None: unbounded), or None; rows unknown."""
         if self.start_ns is None or self.end_ns is None:
             return self
         first = self.start_ns if first_ns is None else max(first_ns, self.start_ns)
@@ -252,7 +244,6 @@ class LineErrorMarker:
 
     def __init__(self) -> None:
         self._next_offset = 0
-        """Stream offset of the next chunk."""
         self._errors: deque[tuple[int, int]] = deque()
         """Half-open ranges of stream offsets with errors, rising; those of future rows."""
 

@@ -37,11 +37,7 @@ BITS_PER_BYTE = 10
 
 
 def byte_time_ns(baud: int) -> int:
-    """Return the nanoseconds of one byte on an 8N1 line of `baud` bits per second.
-
-    Raises:
-        ValueRangeError: the baud is less than 1.
-    """
+    """Nanoseconds of one byte at `baud`, 8N1; raises ValueRangeError if that is less than 1."""
     if baud < 1:
         raise ValueRangeError(f"baud {baud} is out of range: 1 or more bits per second")
     return round(BITS_PER_BYTE * 1_000_000_000 / baud)
@@ -132,7 +128,6 @@ class Field:
     unit: str
     """Unit of one count; empty for numbers and bit fields."""
     meaning: str
-    """Description for help texts and explanations."""
     option: str
     """The short name on the command line."""
     defined_bits: int | None = None
@@ -143,11 +138,7 @@ class Field:
     """The fault of a frame with an illegal value; None if every value of the type is legal."""
 
     def __post_init__(self) -> None:
-        """Check that the faults of a frame can be found byte by byte, as the framer does.
-
-        Raises:
-            ValueError: a field with illegal values names no fault, or has several bytes.
-        """
+        """Check that faults can be found byte by byte, as the framer does; raises ValueError."""
         every = 1 << 8 * self.size
         limited = self.high - self.low + 1 < every or self.defined_bits not in {None, every - 1}
         if limited != (self.fault is not None) or (limited and self.size > 1):
@@ -178,8 +169,7 @@ class Field:
     def to_bytes(self, value: int) -> bytes:
         """Encode `value`; undefined bits of a bit field are accepted.
 
-        Raises:
-            ValueRangeError: the value is out of range; the message names field, range and unit.
+        Raises ValueRangeError, which names field, range and unit, if it is out of range.
         """
         if not self.low <= value <= self.high:
             raise ValueRangeError(f"{self.name} {value} is out of range: {self.range_text}")
@@ -213,7 +203,6 @@ class FrameKind:
     reserved: range
     """The offsets that are 00 in all examples of the protocol."""
     meaning: str
-    """Description for help texts."""
 
     @property
     def header(self) -> int:
@@ -317,13 +306,9 @@ class FrameFormat:
     """A format of fixed-length frames: header byte, CMD, NUM, payload, tail byte."""
 
     length: int
-    """Bytes in every frame."""
     headers: Mapping[Direction, int]
-    """The header byte of each direction."""
     tail: int
-    """The last byte of every frame."""
     kinds: tuple[FrameKind, ...]
-    """Every kind of frame."""
 
     def header(self, kind: FrameKind) -> int:
         """The header byte of a kind."""
@@ -355,7 +340,6 @@ class FrameFormat:
 
 
 FTE_FORMAT = FrameFormat(FRAME_LENGTH, HEADERS, TAIL, KINDS)
-"""The frame table of this protocol as one value."""
 
 
 def _value_fields() -> tuple[Field, ...]:

@@ -44,12 +44,7 @@ class Outbox:
     """Queue of rows and events that a thread sends to the view in batches."""
 
     def __init__(self, connection: Connection, when_gone: Callable[[], None]) -> None:
-        """Start sending.
-
-        Args:
-            connection: to the view.
-            when_gone: called once, from the sending thread, if the view is gone.
-        """
+        """Start sending; `when_gone` is called once, from that thread, if the view is gone."""
         self._connection = connection
         self._when_gone = when_gone
         self._changed = threading.Condition()
@@ -143,7 +138,6 @@ class CaptureLoop:
         recorder: Recorder | None,
         outbox: Outbox,
     ) -> None:
-        """Prepare; reads nothing from the source yet."""
         self._plan = plan
         self._clock = clock
         self._clock_watch = ClockWatch(clock.system_ahead_ns())
@@ -211,7 +205,6 @@ class CaptureLoop:
             self._order.put(port, [PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail)])
 
     def _start_duration(self, now_ns: int) -> None:
-        """Start the capture's duration at the first chunk."""
         if self._plan.duration_s is not None and not self._started:
             self._source.stop_at(now_ns + self._plan.duration_s * 1e9)
         self._started = True
@@ -260,7 +253,6 @@ class CaptureLoop:
         self._outbox.put_event(event)
 
     def _record(self, do: Callable[[Recorder], None]) -> None:
-        """Call `do` on the recorder, if there is one, and report its changes to the view."""
         if self._recorder is None:
             return
         do(self._recorder)
@@ -295,9 +287,7 @@ _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 def capture(plan: CapturePlan, view: Connection) -> None:
     """Run a capture in this process until it ends, and report to the view.
 
-    Args:
-        plan: the capture.
-        view: receives `Message`s and sends STOP; a closed connection means STOP too.
+    `view` receives `Message`s and sends STOP; a closed connection means STOP too.
     """
     # The name that `lsof` and `fuser` show for the open port.
     with suppress(OSError):
@@ -348,7 +338,6 @@ def _send(view: Connection, message: Message) -> None:
 
 
 def _facts(plan: CapturePlan, clock: Clock, source: Source) -> dict[str, str]:
-    """Metadata about the capture."""
     facts = host_facts(clock.utc_at_tie_ns) | clock.facts()
     facts["settings"] = str(plan.wiring.settings)
     for number, name in enumerate(plan.wiring.names, 1):

@@ -55,9 +55,7 @@ class Ended:
     reason: str | None = None
     """Why it ended, in one line; None if it was requested."""
     error: FteSniffError | None = None
-    """The error that ended it, if any."""
     outcome: Outcome | None = None
-    """What was recorded, if anything."""
 
 
 Message: TypeAlias = Started | RowsMessage | Ended
@@ -68,11 +66,9 @@ class CaptureState:
     """State of a capture, folded from its messages."""
 
     names: tuple[str, ...]
-    """The ports, by the names of the plan."""
     started: bool = False
     """True once the port and the recording, if any, are open."""
     ended: Ended | None = None
-    """The last message, once it ended."""
     error: FteSniffError | None = None
     """The latest error of the port, the recording or the capture process."""
     recording: Path | None = None
@@ -180,13 +176,10 @@ class CapturePlan:
     """What to capture and how to record it."""
 
     wiring: Wiring
-    """Which ports to open, and how."""
     recording: Path | None
     """Path of the recording; None to record nothing."""
     existing: Existing = Existing.REFUSE
-    """What to do if the file exists."""
     recording_options: RecordingOptions = field(default_factory=RecordingOptions)
-    """Rotation, size limits and trigger window."""
     trigger: str | None = None
     """A filter: only rows around matching rows are recorded; None to record all."""
     outlives_view: bool = False

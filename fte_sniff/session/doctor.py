@@ -108,7 +108,6 @@ class PortCheck:
     """What `check_port` does: listen for some seconds, and optionally probe other bauds."""
 
     port: str
-    """A device, or a URL that pyserial opens."""
     settings: PortSettings
     seconds: float
     probe: bool
@@ -138,11 +137,7 @@ def check_all_ports() -> Iterator[Finding]:
 
 
 def check_port(check: PortCheck) -> Iterator[Finding]:
-    """Open one port, listen to it, and diagnose its line.
-
-    Raises:
-        PortError: the port cannot be opened, or was lost.
-    """
+    """Open one port, listen to it, and diagnose its line; raises PortError if that fails."""
     name, baud = check.port, check.settings.baud
     port = listing_of(name)
     if port is not None:
@@ -228,7 +223,6 @@ def framer_finding(folder: Path, *, compiled: bool) -> Finding:
 
 
 def _edited_since_compiled(folder: Path) -> str | None:
-    """A source file that is newer than the compiled library; None if there is none."""
     compiled = [path.stat().st_mtime for path in folder.glob("*__mypyc.*")]
     newer = (p for p in sorted(folder.glob("*.py")) if p.stat().st_mtime > max(compiled))
     return next((path.name for path in newer), None) if compiled else None
@@ -428,11 +422,7 @@ class LineListener:
     """An open port that is listened to for limited times."""
 
     def __init__(self, name: str, settings: PortSettings) -> None:
-        """Open the port as a capture does.
-
-        Raises:
-            PortError: the port cannot be opened.
-        """
+        """Open the port as a capture does; raises PortError if that fails."""
         self._name = name
         self._port = open_port(name, settings)
         self.capabilities: PortCapabilities = request_capabilities(self._port)
@@ -445,22 +435,15 @@ class LineListener:
         self._port.close()
 
     def listen(self, seconds: float, enough: int) -> LineSample:
-        """Read for `seconds`, or until there are `enough` bytes.
-
-        Raises:
-            PortError: the port was lost.
-        """
+        """Read for `seconds`, or until there are `enough` bytes; raises PortError on a loss."""
         line = self.capabilities.line
         data = b"".join(line.feed(read)[0] for read in self._reads(seconds, enough))
         return LineSample(data, line.flush() or LineErrorCounts())
 
     def sample(self, baud: int, seconds: float, enough: int) -> bytes | None:
-        """As `listen`, at another baud and without line errors; None if it cannot be set.
+        """As `listen`, at another baud, which stays set, and without line errors.
 
-        The port stays at that baud.
-
-        Raises:
-            PortError: the port was lost.
+        Returns None if the baud cannot be set; raises PortError if the port was lost.
         """
         try:
             # pyserial also switches the error marks off.
@@ -584,7 +567,6 @@ def _probe(port: str, baud: int, listener: LineListener, verdict: LineDiagnosis)
 
 
 def _candidates(verdict: LineDiagnosis, baud: int) -> list[int]:
-    """The bauds to try: first those that the received bytes suggest."""
     guessed = [setting.baud for setting, _ in verdict.guesses]
     near = sorted(COMMON_BAUDS, key=lambda other: max(other / baud, baud / other))
     return list(dict.fromkeys([*guessed, *near]))

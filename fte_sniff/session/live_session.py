@@ -54,14 +54,9 @@ class LiveSession:
     """
 
     def __init__(self, plan: CapturePlan) -> None:
-        """Start the capture process; errors of the port are raised by `begin`.
-
-        Raises:
-            FileError: the working folder is gone, so that no process can be started.
-        """
+        """Start the capture process; raises FileError if the working folder is gone."""
         _check_folder()
         self.state = CaptureState(plan.wiring.names)
-        """The state of the capture."""
         self._gaps = GapDetector()
         self._gaps.begin(dict.fromkeys(plan.wiring.names, plan.wiring.settings.baud))
         self._stopped_at_s: float | None = None
@@ -82,10 +77,8 @@ class LiveSession:
     def begin(self) -> None:
         """Wait until the port and the recording, if any, are open.
 
-        After a `stop` the capture may have ended already; see `poll`.
-
-        Raises:
-            FteSniffError: the port cannot be opened, or the recording cannot be made.
+        After a `stop` the capture may have ended already; see `poll`. Raises FteSniffError if
+        the port cannot be opened, or the recording cannot be made.
         """
         while not self.state.started and self.state.ended is None:
             if self._capture.poll(WAIT_S):
@@ -153,10 +146,7 @@ class LiveSession:
             self._capture.send(STOP)
 
     def drop_leftover(self) -> None:
-        """Skip bytes that still wait to be written, if many were reported.
-
-        The recording counts them as an overrun. Returns at once.
-        """
+        """Count bytes still to be written as an overrun, without writing them; returns at once."""
         if self.state.leftover:
             with suppress(OSError):
                 self._capture.send(DROP)
@@ -193,13 +183,11 @@ class LiveSession:
         return time.monotonic() > max(requested, self._received_at_s) + END_WITHIN_S
 
     def _give_up_when_overdue(self) -> None:
-        """Kill a capture that does not react to the requested end."""
         if self._overdue:
             self._process.kill()
             self.state = self.state.after(self._exit_without_result(_KILLED))
 
     def _exit_without_result(self, reason: str) -> Ended:
-        """The result for a capture process that exited without sending `Ended`."""
         if self.stopping and not self.state.started:
             return Ended()
         return Ended(reason, PortError(reason))

@@ -40,11 +40,7 @@ class PortMerge:
     """Merges the rows and events of several ports by time (a k-way merge with watermarks)."""
 
     def __init__(self, uncertainty_ns: Mapping[str, int]) -> None:
-        """Create a merge of these ports.
-
-        Args:
-            uncertainty_ns: by port, how much earlier than their times its rows may have begun.
-        """
+        """Create a merge; by port, how much earlier than their times its rows may have begun."""
         self._lanes = [_Lane(port, ns) for port, ns in uncertainty_ns.items()]
         self._lane_of = {lane.port: lane for lane in self._lanes}
         self._now_ns = _NEVER
@@ -54,13 +50,10 @@ class PortMerge:
         self._lane_of[port].waiting.extend(entries)
 
     def advance(self, port: str, t_ns: int, waits_since_ns: int | None, *, data: bool) -> None:
-        """Advance the watermark of a port after a read.
+        """Advance the watermark of a port after a read that returned at `t_ns`.
 
-        Args:
-            port: the port.
-            t_ns: when the read returned.
-            waits_since_ns: when its first undecided byte began; None without undecided bytes.
-            data: whether the read returned bytes; later bytes did not begin earlier.
+        `waits_since_ns` is when its first undecided byte began, None without undecided bytes.
+        `data` is whether the read returned bytes; later bytes did not begin earlier.
         """
         self._now_ns = max(self._now_ns, t_ns)
         self._lane_of[port].advance(t_ns, waits_since_ns, data=data)
@@ -94,7 +87,6 @@ class PortMerge:
             taken.append(entry)
 
     def _earliest(self) -> _Lane | None:
-        """The port with the earliest waiting entry; None if nothing waits."""
         found: _Lane | None = None
         for lane in self._lanes:
             if lane.waiting and (found is None or lane.next_time() < found.next_time()):
@@ -103,18 +95,14 @@ class PortMerge:
 
 
 class _Lane:
-    """One port: its waiting entries and its watermark."""
-
     def __init__(self, port: str, uncertainty_ns: int) -> None:
         self.port = port
         self.waiting: deque[Entry] = deque()
         self.last_ns = _NEVER
-        """Time of the last emitted row."""
         self._uncertainty_ns = uncertainty_ns
         self._read_ns = self._next_ns = _NEVER
 
     def next_time(self) -> int:
-        """Time of the first waiting entry."""
         return self.waiting[0].t_ns or 0
 
     def advance(self, t_ns: int, waits_since_ns: int | None, *, data: bool) -> None:
@@ -124,7 +112,6 @@ class _Lane:
         self._next_ns = silent_to_ns if waits_since_ns is None else waits_since_ns
 
     def is_past(self, t_ns: int) -> bool:
-        """True if all further entries of this port are after that time."""
         return bool(self.waiting) or self._next_ns > t_ns + self._uncertainty_ns
 
     def may_swap(self, t_ns: int, other: _Lane) -> bool:
@@ -157,7 +144,6 @@ class WiringWatch:
     """Reports, once per wire, that it carries the other wire's direction."""
 
     def __init__(self, ports: Sequence[str]) -> None:
-        """Watch these ports; a single port may carry both directions."""
         self._counts: dict[str, Counter[Direction]] = {port: Counter() for port in ports}
         self._own: dict[str, Direction] = {}
         self._quiet = set(ports) if len(ports) < 2 else set()

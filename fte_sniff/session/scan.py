@@ -50,7 +50,6 @@ def _is_between(wanted: pl.Expr, inputs: list[pl.Expr]) -> bool:
 
 
 def _since(column: pl.Expr, bound: pl.Expr) -> int:
-    """The bound in nanoseconds, if it is one of the time."""
     if not any(map(column.meta.eq, _TIMES)) or bound.meta.root_names():
         return 0
     try:
@@ -155,7 +154,7 @@ def _columns(readers: Sequence[RecordingReader], span: TimeRange) -> Iterator[Ro
 
 
 def _first(batches: Iterator[RowBatch], limit: int | None) -> Iterator[RowBatch]:
-    """The first so many rows of all batches; nothing is read behind them."""
+    """The first `limit` rows of all batches; nothing is read after them."""
     if limit is None:
         yield from batches
         return
@@ -166,7 +165,6 @@ def _first(batches: Iterator[RowBatch], limit: int | None) -> Iterator[RowBatch]
 
 
 def _warn_of(reader: RecordingReader) -> None:
-    """Say what a file that was read to its end lacks."""
     lost = [loss for loss in (*reader.losses, reader.ending) if loss]
     if len(lost) > _MOST_LOSSES:
         lost[_MOST_LOSSES:] = [f"{len(lost) - _MOST_LOSSES} more losses"]
@@ -177,7 +175,7 @@ def _warn_of(reader: RecordingReader) -> None:
 
 
 def _maker(names: list[str] | None, wanted: pl.Expr | None) -> Callable[[RowBatch], pl.DataFrame]:
-    """What makes the frame of a batch: first the filter's columns, the others for what is left."""
+    """Makes the frame of a batch: first the filter's columns, then the others of the rows left."""
     if wanted is None:
         return lambda columns: table_frame(columns, names).select(names or pl.all())
     asked = wanted.meta.root_names()

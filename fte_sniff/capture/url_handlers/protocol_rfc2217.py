@@ -47,7 +47,6 @@ class Rfc2217Serial(rfc2217.Serial):
     _telnet_process_subnegotiation: Callable[[bytes], None]
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        """As pyserial's."""
         self._changed = threading.Condition()
         self._arrived = bytearray()
         self._failure: str | None = None
@@ -78,10 +77,9 @@ class Rfc2217Serial(rfc2217.Serial):
         return len(self._arrived)
 
     def read(self, size: int = 1) -> bytes:
-        """Up to `size` bytes: fewer after `timeout` seconds, or when the connection has failed.
+        """Up to `size` bytes, fewer after `timeout` seconds.
 
-        Raises:
-            SerialException: it has failed, and all that came before was read.
+        After a failed connection, raises SerialException once all that came before was read.
         """
         until_s = None if self.timeout is None else time.monotonic() + self.timeout
         with self._changed:

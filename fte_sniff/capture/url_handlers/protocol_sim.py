@@ -39,11 +39,7 @@ _NOTHING = TimedBytes(_NEVER_NS, _NEVER_NS, b"", b"")
 
 
 def parameters_of_url(url: str) -> SimulationParameters:
-    """Parse a `sim://` URL.
-
-    Raises:
-        PortError: there is something before the `?`, or a parameter is not legal.
-    """
+    """Parse a `sim://` URL; raises PortError if it is not legal."""
     parts = urlsplit(url)
     if parts.netloc or parts.path or parts.fragment:
         raise PortError(f"{url!r} cannot be read: parameters come after '?', as in sim://?seed=1")
