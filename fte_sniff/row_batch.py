@@ -399,7 +399,6 @@ def _long_rows(span: DecidedSpan, offset: Array, length: Array) -> dict[int, byt
 
 
 def _times(marks: Sequence[ArrivalTime], offset: Array) -> tuple[Array, Array, Array]:
-    """The columns `t_ns`, `delay_ns` and `timed`, as `ArrivalTime.time_and_delay` computes them."""
     if all(mark.t_ns is None for mark in marks):
         none = _constant(0, len(offset), np.int64)
         return none, none, _constant(False, len(offset), np.bool_)

@@ -82,10 +82,7 @@ def open_bridge(
     """Open a port exclusively, and create a pseudo-terminal for the host program.
 
     To `reconnect` needs a `link`: the pseudo-terminal gets a new name each time.
-
-    Raises:
-        PortError: the port cannot be opened.
-        FileError: `link` exists already, or cannot be created.
+    Raises PortError for the port, FileError if `link` exists already or cannot be created.
     """
     port = open_port(name, settings)
     try:

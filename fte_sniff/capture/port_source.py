@@ -119,12 +119,9 @@ class PortSource(ThreadedSource):
         uncertainty_ns: int = 0,
         reopen: Reopen | None = None,
     ) -> None:
-        """Take over an open port, and start to read it.
+        """Take over an open port, and start to read it; the source closes it at its end.
 
         Args:
-            port: from `open_port`; closed when the source ends.
-            name: the port's name in chunks and events.
-            clock: stamps chunks and events.
             detail: text of the event `opened`.
             capabilities: None to request them here.
             capacity: limit of the bytes that wait for the consumer.

@@ -106,10 +106,7 @@ class HostEnd:
     """True if a host program had it open at the latest read."""
 
     def __init__(self, baud: int, link: Path | None = None) -> None:
-        """Create the device, at `baud` until a host program sets another.
-
-        Raises FileError if the `link` to it exists already, or cannot be created.
-        """
+        """Create the device, at `baud` until a host program sets it; raises as `PseudoTerminal`."""
         self._link = link
         self._terminal = PseudoTerminal(link)
         self.name = self._terminal.name
@@ -209,9 +206,7 @@ class ControllerPty:
     ) -> None:
         """Create the device, and optionally a `link` to it.
 
-        Raises:
-            PortError: the line cannot carry the rate of `parameters`.
-            FileError: `link` exists already, or cannot be created.
+        Raises PortError if the line cannot carry the rate, FileError as `PseudoTerminal`.
         """
         query = urlencode(dataclasses.asdict(parameters))
         self._simulated = open_port(f"sim://?{query}", PortSettings(baud))

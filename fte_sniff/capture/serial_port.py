@@ -71,9 +71,7 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
     """Open a device (`/dev/ttyUSB0`) or a URL, ready to be read.
 
     URLs are `sim://`, `socket://host:port`, `rfc2217://host:port`, and those of pyserial.
-
-    Raises:
-        PortError: the port is absent, busy, forbidden or no serial port; the fix is in its text.
+    Raises PortError, with the fix: the port is absent, busy, forbidden or no serial port.
     """
     check_name(name)
     device = None

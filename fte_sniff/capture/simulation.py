@@ -207,10 +207,7 @@ class TimedBytes:
 
 
 class Simulation:
-    """Iterator of TimedBytes; times are monotonic and bytes do not overlap.
-
-    Between two items you can give commands to the controller: `controller.obey`.
-    """
+    """Iterator of TimedBytes without overlap; between items, `controller.obey` is allowed."""
 
     def __init__(self, parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> None:
         """Start at time 0; raises PortError if a line of `baud` cannot carry the rate."""

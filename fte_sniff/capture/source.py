@@ -214,7 +214,6 @@ class ThreadedSource(ABC):
         self._finish(SourceEnd.STOPPED, PortEventKind.CLOSED, TranslatableText("as asked"))
 
     def _wait_for_port(self, reopen: Reopen) -> OpenedPort | None:
-        """Wait until the port is open again; None if the end is due first."""
         self._close_port()
         reconnector = Reconnector(reopen, self._first_wait_s())
         while not self._end_due():

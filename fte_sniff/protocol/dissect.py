@@ -71,7 +71,6 @@ class ExplainedField:
     meaning: str = ""
     """Description, with the range of a number."""
     fault: Fault | None = None
-    """The fault of the row that these bytes have."""
     note: str = ""
     """Why they have it: what was expected and what was found."""
     bits: tuple[ExplainedBit, ...] = ()
@@ -111,7 +110,6 @@ class _Slot(NamedTuple):
 
 @cache
 def _layout(kind: FrameKind | None) -> tuple[_Slot, ...]:
-    """The slots of a frame in order; without a kind, the payload is one slot."""
     num = _Slot(range(NUM_OFFSET, NUM_OFFSET + 1), "num", TranslatableText("NUM"))
     if kind is None:
         payload = range(NUM_OFFSET + 1, FRAME_LENGTH - 1)
@@ -253,7 +251,6 @@ def _bit_meaning(field: Field, number: int) -> tuple[str, str]:
 
 
 def _undecoded(row: Row, slot: _Slot, offsets: range) -> ExplainedField:
-    """A slot of a frame at `offsets` of the row: named, without its value."""
     byte = row.raw[offsets.start]
     if slot.name == "tail":
         fault = None if byte == TAIL else Fault.BAD_TAIL
@@ -281,7 +278,6 @@ def _undecoded_slots(
 
 
 def _in_step(row: Damage) -> Iterator[ExplainedField]:
-    """Ten bytes of which the header or the tail is wrong."""
     kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], row.raw[CMD_OFFSET]))
     for field in _undecoded_slots(row, kind, range(FRAME_LENGTH)):
         if field.name == "cmd" and kind is not None:
@@ -375,7 +371,6 @@ def _why_truncated(raw: bytes) -> TranslatableText:
 
 
 def _why_overlong(raw: bytes) -> TranslatableText:
-    """Why neither the first nor the last ten bytes are a frame."""
     last_of_first, first_of_last = raw[FRAME_LENGTH - 1], raw[-FRAME_LENGTH]
     reasons = []
     if last_of_first != TAIL:
@@ -400,7 +395,6 @@ def _why_overlong(raw: bytes) -> TranslatableText:
 
 
 def _why_noise(raw: bytes) -> TranslatableText:
-    """What each header byte in the noise lacks to begin a frame."""
     headers = [offset for offset, byte in enumerate(raw) if byte in HEADER_BYTES]
     if not headers and len(raw) == 1:
         return TranslatableText("no header ({headers}) in this byte", headers=_HEADERS_TEXT)

@@ -68,10 +68,7 @@ _NO_VALUES: dict[str, Value] = dict.fromkeys(COLUMN_BY_NAME)
 
 
 def record(row: Row) -> dict[str, Value]:
-    """Convert a row to a dict with a value for each of `COLUMNS`, in their order.
-
-    `time` is in nanoseconds since 1970 UTC, and `raw` is hex; columns that do not apply are None.
-    """
+    """The row as a dict of `COLUMNS`, in order: UTC time in ns, `raw` as hex, None if absent."""
     values: dict[str, Value] = {
         **_NO_VALUES,
         "time": row.t_ns,

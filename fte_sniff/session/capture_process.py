@@ -210,7 +210,6 @@ class CaptureLoop:
         self._started = True
 
     def _report_leftover(self) -> None:
-        """Report once, after reading has ended, if many bytes are still to be written."""
         if not self._leftover_reported and self._source.end is not None:
             self._leftover_reported = True
             if (waiting := self._source.waiting) >= REPORTED_LEFTOVER:
@@ -285,10 +284,7 @@ _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def capture(plan: CapturePlan, view: Connection) -> None:
-    """Run a capture in this process until it ends, and report to the view.
-
-    `view` receives `Message`s and sends STOP; a closed connection means STOP too.
-    """
+    """Run a capture in this process; a STOP from `view`, or its closed connection, ends it."""
     # The name that `lsof` and `fuser` show for the open port.
     with suppress(OSError):
         Path("/proc/self/comm").write_text(PROGRAM)

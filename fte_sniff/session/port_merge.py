@@ -162,7 +162,6 @@ class WiringWatch:
         return []
 
     def _problem(self, port: str, direction: Direction) -> str | None:
-        """What is wrong after one more frame of that direction; None if nothing is."""
         counts, own = self._counts[port], self._own.get(port)
         if own is None:
             if counts[direction] < SETTLED:

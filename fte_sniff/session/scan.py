@@ -74,21 +74,20 @@ def scan(paths: Paths) -> pl.LazyFrame:
 
     Only what a query needs is read and decoded: its columns, its rows as they pass its filter, and
     no more rows than it asks for. A filter such as `pl.col("time") >= start`, alone or joined by
-    AND, passes over the chunks before it unread. Rows come by batches of some 64 thousand, so that
-    a recording of any size takes bounded memory with `collect(engine="streaming")` and the `sink_`
-    methods.
+    AND, skips the chunks before it. Rows come in batches of about 64 thousand, so a recording of
+    any size needs bounded memory with `collect(engine="streaming")` and the `sink_` methods.
 
     Args:
         paths: a recording, a folder of them, a pattern such as `logs/*.mcap`, or several of these;
             rows come in the order of the recordings' first times.
 
     Raises:
-        FileError: a file cannot be read or is no recording, or there is none. What is found only
-            in the midst of a query is raised by the query, as polars' ComputeError.
+        FileError: a file cannot be read or is no recording, or there is none. An error found only
+            during a query is raised by the query, as polars' ComputeError.
 
     Warns:
-        RecordingWarning: a file is damaged, and rows may be missing; one line a file says what is
-            lost, as `decode` does. Of what a query passes over or does not come to, none is said.
+        RecordingWarning: a file is damaged, and rows may be missing; one line for each file says
+            what is lost, as `decode` does. Chunks that the query skips are not checked.
     """
     readers = _opened(paths)
 
@@ -106,16 +105,7 @@ def read(paths: Paths) -> pl.DataFrame:
     `time` is Datetime("ns", "UTC"); `port` and `raw` String, `raw` in hex; `direction`, `kind` and
     `status` Enum; `faults` List(Enum), empty where nothing is wrong; `offset` Int64, `length`
     UInt32; `cmd` and the values are as wide as on the wire, and null where a row has none.
-
-    Args:
-        paths: as for `scan`.
-
-    Raises:
-        FileError: a file cannot be read or is no recording, or there is none.
-
-    Warns:
-        RecordingWarning: a file is damaged, and rows may be missing; one line a file says what is
-            lost, as `decode` does.
+    Takes the `paths` of `scan`, and raises and warns as it does.
     """
     readers = _opened(paths)
     frames = list(_frames(readers, None, None, None))

@@ -103,7 +103,6 @@ class Rfc2217Serial(rfc2217.Serial):
             self._arrived.clear()
 
     def _telnet_read_loop(self) -> None:
-        """Run by pyserial in a thread."""
         try:
             self._read_all()
         except (OSError, ValueError) as error:
