@@ -71,22 +71,22 @@ def _subject(kind: FrameKind) -> str | None:
     return numbers[-1] if numbers else None
 
 
+def _sign(color: str, background: str) -> Style:
+    return Style(color=color, bgcolor=background, bold=True)
+
+
+def _by_status(suspect: Style, malformed: Style) -> Mapping[Status, Style]:
+    return {Status.OK: _PLAIN, Status.SUSPECT: suspect, Status.MALFORMED: malformed}
+
+
 DARK = Palette(
     muted=Style(color="#8a94a0"),
     hues=("#dd9fc3", "#56b4e9", "#2fc49b", "#e6b04a"),
     target=Style(color="#e6b04a"),
-    statuses={
-        Status.OK: _PLAIN,
-        Status.SUSPECT: Style(color="#f0e442"),
-        Status.MALFORMED: Style(color="#ff8f50"),
-    },
-    marks={
-        Status.OK: _PLAIN,
-        Status.SUSPECT: Style(color="#101010", bgcolor="#f0e442", bold=True),
-        Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
-    },
+    statuses=_by_status(Style(color="#f0e442"), Style(color="#ff8f50")),
+    marks=_by_status(_sign("#101010", "#f0e442"), _sign("#ffffff", "#b84a00")),
     raised=Style(color="#f5a3a3"),
-    raised_mark=Style(color="#101010", bgcolor="#f5a3a3", bold=True),
+    raised_mark=_sign("#101010", "#f5a3a3"),
     signs=Style(color="#56b4e9", bold=True),
     found=Style(color="#101010", bgcolor="#9fd8ff", underline=True),
 )
@@ -94,18 +94,10 @@ LIGHT = Palette(
     muted=Style(color="#66707a"),
     hues=("#8f3a6b", "#0062a0", "#00694b", "#7a5200"),
     target=Style(color="#7a5200"),
-    statuses={
-        Status.OK: _PLAIN,
-        Status.SUSPECT: Style(color="#6b5e00"),
-        Status.MALFORMED: Style(color="#a33c00"),
-    },
-    marks={
-        Status.OK: _PLAIN,
-        Status.SUSPECT: Style(color="#101010", bgcolor="#e0d030", bold=True),
-        Status.MALFORMED: Style(color="#ffffff", bgcolor="#b84a00", bold=True),
-    },
+    statuses=_by_status(Style(color="#6b5e00"), Style(color="#a33c00")),
+    marks=_by_status(_sign("#101010", "#e0d030"), _sign("#ffffff", "#b84a00")),
     raised=Style(color="#a01030"),
-    raised_mark=Style(color="#ffffff", bgcolor="#a01030", bold=True),
+    raised_mark=_sign("#ffffff", "#a01030"),
     signs=Style(color="#0062a0", bold=True),
     found=Style(color="#101010", bgcolor="#a8dcff", underline=True),
 )
