@@ -117,8 +117,7 @@ class SuffixScore:
     def _score_kind(
         self, data: bytes, end: i64, length: i64, kind: i64, by_length: vec[float]
     ) -> i64:
-        """Fill in the scores of the last bytes as a kind and add them to the sum over all kinds;
-        returns how many bytes are legal."""
+        """Fill in the scores of the last bytes as a kind; returns how many are legal."""
         tables, scores = self.tables, self.scores
         row, share = kind * (tables.length + 1), tables.kind_shares[kind]
         byte_scores, last = tables.byte_scores, ((kind + 1) * tables.length - 1) * 256
@@ -132,8 +131,7 @@ class SuffixScore:
         return length
 
     def _score_headless(self, by_length: vec[float], by_fit: vec[float]) -> None:
-        """Fill in the scores of frames without their first bytes: `by_length` has the scores of the
-        suffixes, `by_fit` those of the suffixes that are legal no further."""
+        """Fill in `headless` from the scores of all suffixes, and of those legal no further."""
         headless, longer = self.headless, 0.0
         lost, change, whole = self.tables.headless, self.tables.change, self.tables.length
         for length in range(i64(1), self.tables.longest + 1):
@@ -152,10 +150,7 @@ class SuffixScore:
 
 
 def damaged_score(prefix: PrefixScore, suffix: SuffixScore, length: i64) -> float:
-    """The score of a damaged frame of `length` bytes with this prefix and this suffix.
-
-    It is 0 if the header is the tail.
-    """
+    """The score of a damaged frame of `length` bytes with this prefix and this suffix."""
     if length < 2:
         return 0.0
     score = suffix.headless[length] + _header_only(length, prefix.header, suffix)
@@ -262,8 +257,7 @@ class CandidateSet:
         self.ends: list[CandidateEnd] = []
         """Every tail, from left to right."""
         self.delimiters = vec[i64]()
-        """Both, from left to right: twice the index in its list, plus `AT_TAIL` for a tail. A tail
-        comes before a header directly after it."""
+        """Both, from left to right: twice the index in its list, plus `AT_TAIL` for a tail."""
         length = tables.length
         for at in range(self.size):
             delimiter = tables.delimiters[data[at]]
@@ -324,10 +318,9 @@ class CandidateSet:
         return score
 
     def contact_score(self, at: i64) -> float:
-        """The factor for two frames that meet at `at` without a pause.
+        """The factor for two frames that meet at `at` without a pause, the second with a header.
 
-        It applies when the second one starts with a header; candidates without a header include it
-        already. Noise meets a frame at no cost: junk comes directly before it.
+        Candidates without a header include it already.
         """
         if not self.paused or at == 0 or at in self.pauses:
             return 1.0

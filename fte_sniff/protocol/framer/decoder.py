@@ -94,8 +94,7 @@ class DamagedSpan:
                 self._extend(at, header)
 
     def _extend(self, at: i64, header: i64) -> None:
-        """Extend the best path to `at` by every segment that can start there; `header` is the
-        number of the next header."""
+        """Extend the best path to `at` by every segment that can start there, or at `header`."""
         own = at - self._start
         score, candidates = self._best[own], self._candidates
         after_noise = self._scores[own] == _NOISE
@@ -215,8 +214,7 @@ def _append_damage(
 
 
 def _shown_frames(candidates: CandidateSet, probabilities: vec[float]) -> list[i64]:
-    """The numbers of the headers whose whole frames are shown: the choice without overlap that has
-    the highest sum of probabilities (weighted interval scheduling)."""
+    """The headers whose frames are shown: weighted interval scheduling by probability."""
     prefixes, length = candidates.prefixes, candidates.tables.length
     likely = vec[i64]([i64(0)] * len(probabilities))
     count: i64 = 0
@@ -320,10 +318,7 @@ _FOLLOWING: Final = Segment(0, 1, True, 0, 1.0)
 def decode_alone(
     tables: FrameTables, data: bytes, start: i64, end: i64, *, calm: bool
 ) -> list[Segment] | None:
-    """The segments between a certain frame and the unambiguous frame at `end`.
-
-    None if a damaged frame could reach into the frame at `end`.
-    """
+    """The segments before the unambiguous frame at `end`; None if damage could reach into it."""
     if _overrun_probability(tables, data, start, end) > _NEGLIGIBLE:
         return None
     candidates = CandidateSet(tables, data[start:end])
@@ -385,10 +380,7 @@ _STUB: Final[i64] = 2
 
 
 def clear_damage(tables: FrameTables, data: bytes, at: i64) -> Segment | None:
-    """The damaged segment at `at`, after a certain frame; None if the scores must decide.
-
-    Its offsets count from `at`. An unambiguous frame follows it.
-    """
+    """The damaged segment at `at`, with offsets from there; None if the scores must decide."""
     end: i64 = len(data)
     if end - at < 1 + tables.longest:
         return None

@@ -178,12 +178,7 @@ class Framer:
     def __init__(
         self, port: str, baud: int = DEFAULT_BAUD, tables: FrameTables = FTE_TABLES
     ) -> None:
-        """Create a framer for the named port.
-
-        Args:
-            port: the name in every row.
-            baud: bits per second of the line.
-            tables: the frame format.
+        """Frame the bytes of a port, which is named in every row, at `baud` bits per second.
 
         Raises:
             ValueRangeError: `baud` is less than 1.
@@ -241,20 +236,14 @@ class Framer:
         return self._decided.drain(self._line.drain())
 
     def restart(self) -> list[Row]:
-        """Flush, and start a new stream: the next bytes join nothing before them.
-
-        Offsets continue to rise, and times do not fall.
-        """
+        """Flush, and start a new stream whose offsets and times continue."""
         rows = self.flush()
         self._state = at_stream_start()
         self._line.reset(self._base)
         return rows
 
     def reset_clock(self) -> None:
-        """Let times from the next chunk on be earlier than those so far.
-
-        For logs whose clock was set; the bytes continue as one stream.
-        """
+        """Let the next times be earlier than those so far, for logs whose clock was set."""
         self._timeline.reset_clock()
 
     @property

@@ -6,15 +6,13 @@ scores 1. Scores are multiplied, not added as logarithms: a span is short enough
 
 The assumptions:
 
-- One frame in ten is damaged. The result hardly depends on this number: it is small against the
-  evidence of the frame layout, and large enough for damage to be considered at once.
+- One frame in ten is damaged. The result hardly depends on this number.
 - Five kinds of damage are equally likely, and so is each position of it: 1 to n-1 adjacent bytes of
   a frame of n bytes lost, 1-4 inserted, one bit flipped, 2-6 adjacent bytes replaced, 1-30 bytes of
   junk before a frame.
-- Payload bytes are not uniform: 00, FF and 01-03 are common, and headers and tails get a surplus.
-  Without it, a payload that imitates the first bytes of a frame would score like real evidence.
-- Long noise (a wrong baud rate, a plugged-in cable) rarely begins, but lasts. A single frame
-  inside it must outweigh the end of the noise and a new beginning.
+- Payload bytes are not uniform: 00, FF and 01-03 are common, and headers and tails get a surplus,
+  so that a payload that imitates the first bytes of a frame is weak evidence.
+- Long noise (a wrong baud rate, a plugged-in cable) rarely begins, but lasts.
 - A pause on the line is 64 times as likely between two frames as within one.
 """
 

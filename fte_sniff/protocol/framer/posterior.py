@@ -1,9 +1,8 @@
 """Posterior probabilities of a span's segments: the forward-backward algorithm.
 
 The model is a hidden semi-Markov model: its states are segments (frame, damaged frame, junk, long
-noise) of variable length. The passes visit headers and tails only, because no frame starts or ends
-anywhere else; the bytes between are summed up at once. Time and memory are proportional to the
-span, whose length the framer limits.
+noise) of variable length. The passes visit headers and tails only; the bytes between are summed up
+at once. The framer limits the length of a span.
 """
 
 from __future__ import annotations
@@ -45,8 +44,7 @@ class BoundaryState:
         within_frame: float = 0.0,
     ) -> None:
         self.after_frame = after_frame
-        """By offset: the score of all paths whose last segment, a frame or a damaged one, ends
-        there."""
+        """By offset: the score of all paths that end there with a frame, whole or damaged."""
         self.after_noise = after_noise
         """By offset: the same for paths that end there with noise."""
         self.in_noise = in_noise
@@ -197,8 +195,7 @@ class ForwardBackward:
                 backward[at] += score * NOISE_TO_HEADER[start - at]
 
     def _leave_tail(self, candidate_end: CandidateEnd, header: i64) -> None:
-        """Backward step: add the paths after a tail to every start that reaches it; `header` is the
-        number of the last header before the tail."""
+        """Backward step: add the paths after a tail; `header` is the last header before it."""
         candidates, backward, first = self.candidates, self.backward, candidate_end.first
         delimiters, data, scores = (
             candidates.tables.delimiters,

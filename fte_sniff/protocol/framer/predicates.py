@@ -100,8 +100,7 @@ def is_plain(tables: FrameTables, data: bytes, at: i64) -> bool:
 
 
 def _ends_like_another(tables: FrameTables, data: bytes, at: i64) -> bool:
-    """Whether a strict frame ends with another kind's usual flags, without a NUM of 00 that is
-    evidence for its own kind."""
+    """Whether a strict frame ends with another kind's flags, and no NUM of 00 contradicts."""
     ending = tables.flag_ending[kind_at(tables, data, at)]
     if ending == 0 or (ending == 2 and data[at + _NUM] == 0):
         return False
@@ -214,8 +213,7 @@ def find_strict(tables: FrameTables, data: bytes, start: i64, end: i64) -> i64:
 
 
 def find_anchor(tables: FrameTables, data: bytes, start: i64) -> i64:
-    """The next offset where long noise can end: two framed segments in step, or one strict frame
-    and as many bytes after it."""
+    """The next offset where long noise can end: two framed segments or one strict frame."""
     delimiters, length = tables.delimiters, tables.length
     for at in range(start, i64(len(data)) - 2 * length + 1):
         if delimiters[data[at]] != HEADER or delimiters[data[at + length - 1]] != TAIL:

@@ -107,8 +107,7 @@ CALM_STREAK: Final[i64] = 100
 """Frames without damage after which a line is calm."""
 
 MOST_STUBS: Final[i64] = 4
-"""Stubs in a row, truncated frames of less than half the length, that are reported one by one; more
-without a better segment between them are noise."""
+"""Truncated frames of less than half the length that are reported in a row; more are noise."""
 
 
 @final
@@ -120,8 +119,7 @@ class LineHealth:
         """The segments since the last `drain`."""
         self._frame_length = frame_length
         self._first_frame_to = frame_length
-        """Largest offset where the first frame can end. A stream may start within a frame: this is
-        no damage of the line."""
+        """Largest end of the first frame: a start within a frame is no damage of the line."""
         self._stubs: i64 = 0
         """Stubs since the last better segment."""
         self._streak = CALM_STREAK

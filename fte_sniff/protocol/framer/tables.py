@@ -1,7 +1,6 @@
 """Lookup tables of a frame format: legal bytes, byte scores, delimiters, fault sets.
 
-`FrameTables` is the one value through which the framer knows the protocol. It is a pure function of
-a `FrameFormat` of `spec`: fixed length, header byte, CMD byte, NUM byte, payload, tail byte.
+`FrameTables`, a pure function of a `FrameFormat`, is all that the framer knows of the protocol.
 """
 
 from __future__ import annotations
@@ -101,11 +100,8 @@ def _free(kind: FrameKind, legal: _LegalBytes) -> list[int]:
 
 
 def _word_test(legal: _LegalBytes) -> tuple[int, int, bool]:
-    """A test of all bytes from NUM to before the tail at once, as one little-endian number.
-
-    A frame fits if `(word - base) & forbidden` is 0. The last value is False if this cannot express
-    the legal bytes.
-    """
+    """Base and forbidden bits: the bytes from NUM to before the tail, as one little-endian number,
+    are legal if `(word - base) & forbidden` is 0; and whether that is exact."""
     base = forbidden = 0
     exact = len(legal) == NUM_OFFSET + _WORD
     for number, values in enumerate(legal[NUM_OFFSET:-1] if exact else ()):
@@ -133,10 +129,6 @@ def _usual_flags(kind: FrameKind) -> bytes:
 
 
 def _flag_ending(kind: FrameKind, legal: _LegalBytes) -> int:
-    """How far the payload of a kind can end with the usual flags of another kind.
-
-    0: it cannot; 1: it can; 2: it can, but an unused NUM of 00 is evidence for this kind.
-    """
     if legal[-2] is not None:
         return 0
     return 1 if kind.names_motor else 2
@@ -154,12 +146,11 @@ def _offset_fault(kind: FrameKind, legal: _LegalBytes, offset: int) -> int:
 class FrameTables:
     """Everything that the framer knows of a frame format.
 
-    Tables "by kind" have one entry for each number of a kind, its index in the frame table; tables
-    "by kind and offset" have one entry for each offset in a frame, at `kind * length + offset`.
+    A kind is its index in the frame table. Tables "by kind and offset" have the index
+    `kind * length + offset`.
     """
 
     def __init__(self, frame_format: FrameFormat) -> None:
-        """Tables of that format. Pure: the same format gives the same tables."""
         kinds, size = frame_format.kinds, frame_format.length
         legal = [frame_format.legal_bytes(kind) for kind in kinds]
         both = list(zip(kinds, legal, strict=True))
@@ -171,8 +162,7 @@ class FrameTables:
         """Bytes in the longest damaged frame."""
         self.kind_count: i64 = len(kinds)
         self.lookahead: i64 = 2 * size
-        """Bytes after a framed segment with which it must be decided; also the bytes that stay
-        pending when `widest` is reached."""
+        """Bytes after a framed segment with which it is decided; or pending at `widest`."""
         self.deadline: i64 = 3 * size
         """Bytes from the start of a framed segment to the offset where it must be decided."""
         self.widest: i64 = 4 * size + EXTRA
@@ -200,10 +190,9 @@ class FrameTables:
         )
         """By (kind * length + offset) * 256 + byte: 1 if the byte is legal."""
         self.checked = vec[u8](b"".join(bytes(_checked(*one)).ljust(size, b"\0") for one in both))
-        """By kind, `length` entries each: the offsets between CMD and tail where not every byte is
-        legal; then 0."""
+        """By kind, padded with 0 to `length`: the payload offsets where some bytes are illegal."""
         self.free = vec[u8](b"".join(bytes(_free(*one)).ljust(size, b"\0") for one in both))
-        """By kind, `length` entries each: the payload offsets where every byte is legal; then 0."""
+        """By kind, padded with 0 to `length`: the payload offsets where every byte is legal."""
         self.unused_num = vec[u8](bytes(_unused_num(*one) for one in both))
         """By kind: 1 if NUM has no meaning."""
         self.headers = vec[u8](bytes(frame_format.header(kind) for kind in kinds))
