@@ -57,7 +57,9 @@ def command(
     wanted = row_filter(filter_text)
     inputs = open_inputs(files, how)
     span = time_range(since, until, (one.times for one in inputs), how.zone_given())
-    reading = InputReading(inputs, span, wanted, limit)
+    # Only a recording holds the gaps.
+    find_gaps = form is OutputFormat.MCAP
+    reading = InputReading(inputs, span, wanted, limit, find_gaps=find_gaps)
     _write(form, output, reading, force=force)
     for note in reading.notes:
         print_err(f"fte-sniff: {note}")

@@ -100,7 +100,7 @@ def command(
         row_filter=wanted,
         keep_rows=keep_rows,
         line_setup=bench,
-        export_source=viewing.origin,
+        export_source=viewing.source,
         zone=how.zone_given(),
         language=settings.language(lang),
         choices=settings.choices,

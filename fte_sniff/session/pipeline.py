@@ -21,7 +21,7 @@ ANOTHER = GapKind.OTHER_RECORDING, "another recording begins here"
 
 
 class InputReading:
-    """The rows on their way, and what is known of them once they are through."""
+    """Reads the rows of inputs once; counts them and collects what is known about them."""
 
     def __init__(
         self,
@@ -29,30 +29,33 @@ class InputReading:
         span: TimeRange | None,
         wanted: RowFilter | None,
         limit: int | None = None,
+        *,
+        find_gaps: bool = False,
     ) -> None:
-        """Nothing is read yet.
+        """Read nothing yet.
 
         Args:
             inputs: what to read, in this order.
             span: only rows in it; None for all.
-            wanted: only rows that it wants; None for all.
-            limit: only so many of those; None for all.
+            wanted: only rows that it matches; None for all.
+            limit: largest number of those rows; None for all.
+            find_gaps: find gaps between the rows that the inputs do not report.
         """
         from fte_sniff.analysis.tally import Tally
 
         self.inputs = inputs
         self._span, self._wanted, self._limit = span, wanted, limit
         self.tally = Tally()
-        """Of all rows that were read."""
+        """Counts of all rows that were read."""
         self.gaps_of = [one.gaps(span) for one in inputs]
         """The gaps in the span that each input reports."""
-        self._detector = GapDetector()
+        self._detector = GapDetector() if find_gaps else None
         self._found: list[Gap] = []
         self._last_ns: int | None = None
         self._before: Input | None = None
         self.notes: list[str] = []
         self.written = 0
-        """Rows that were handed on."""
+        """Rows that match, up to the limit."""
         self._gaps: list[Gap] = []
         self._selections: list[Selection] = []
         self.source = ExportSource(
@@ -83,7 +86,7 @@ class InputReading:
             self._selections.append(Selection(self._wanted.text, self.tally.rows))
 
     def _gaps_between_rows(self) -> Iterator[Gap]:
-        """All gaps between the rows that were read, reported or found; the filter makes none."""
+        """The gaps between the rows that were read, reported or found; the filter makes none."""
         first_ns = None if self._span is None else self._span.first_ns
         last_ns = None if self._span is None else self._span.end_ns - 1
         if self.written == self._limit:
@@ -92,15 +95,11 @@ class InputReading:
         return (gap for gap in clipped if gap is not None)
 
     def of(self, one: Input) -> Iterator[InputBatch]:
-        """Those of one input, which is the next."""
-        if not one.follows(self._before):
-            self._detector.interrupt(*ANOTHER)
-        self._before = one
-        for batch in one.batches(self._span, self.notes.append):
-            if batch.after_gap:
-                self._detector.interrupt(*DAMAGED)
-            if gap := self._detector.observe(batch.times):
-                self._found.append(gap)
+        """The rows of one input, which is the next."""
+        batches = one.batches(self._span, self.notes.append)
+        if self._detector is not None:
+            batches = self._with_gaps_found(one, batches, self._detector)
+        for batch in batches:
             self.tally.update(batch.rows)
             found = batch if self._wanted is None else batch.select(self._wanted)
             if self._limit is not None:
@@ -111,8 +110,21 @@ class InputReading:
             yield found
             if self.written == self._limit:
                 return
+
+    def _with_gaps_found(
+        self, one: Input, batches: Iterator[InputBatch], detector: GapDetector
+    ) -> Iterator[InputBatch]:
+        if not one.follows(self._before):
+            detector.interrupt(*ANOTHER)
+        self._before = one
+        for batch in batches:
+            if batch.after_gap:
+                detector.interrupt(*DAMAGED)
+            if gap := detector.observe(batch.times):
+                self._found.append(gap)
+            yield batch
         if one.losses:
-            self._detector.interrupt(*DAMAGED)
+            detector.interrupt(*DAMAGED)
 
 
 def bauds_of(inputs: Sequence[Input]) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""ReplaySession over files with paging."""
+"""Session that replays files, and pages of rows that are read again."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from fte_sniff.session.inputs import Input, InputBatch
 from fte_sniff.session.pipeline import ANOTHER, DAMAGED, bauds_of
 from fte_sniff.session.save import ExportSource
 
-MOST_BATCHES_AHEAD = 6
-"""Batches that are read ahead of the view at most."""
+MAX_READ_AHEAD = 6
+"""Largest number of batches that are read ahead of the view."""
 
-MOST_ROWS_A_POLL = 65_536
-"""Rows that one poll hands over at most, more or less, so that a screen can draw between two."""
+MAX_OBJECTS_PER_POLL = 65_536
+"""A poll returns at most about this many rows from lists, so that a screen can draw in between."""
 
-MOST_PACKED_A_POLL = 200_000
-"""The same where the rows come packed, and cost a view next to nothing."""
+MAX_ROWS_PER_POLL = 200_000
+"""A poll returns at most about this many rows; those of a `RowBatch` cost little."""
 
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """What was read of a file at once."""
+    """Rows that were read together."""
 
     rows: Sequence[Row]
     events: Sequence[PortEvent] = ()
-    """What happened to ports meanwhile."""
+    """Port events between the rows."""
     losses: Sequence[str] = ()
-    """What the file turned out to lack, one line each; may hold text from it."""
+    """Data that could not be read, one line each; may contain text from the file."""
     changes: Sequence[StreamChange] = ()
-    """Gaps and baud changes between the rows, by rising index."""
+    """Gaps and baud changes between the rows, by ascending index."""
 
 
 class ReplaySession:
-    """Rows that are there already, as a feed for one view."""
+    """Feeds the rows of files to one view."""
 
     error: FteSniffError | None = None
-    """Why reading stopped before the end, if it did."""
+    """Why reading stopped before the end; None if it did not."""
 
     def __init__(
         self,
@@ -54,64 +54,64 @@ class ReplaySession:
         total: int | None = None,
         files: Sequence[str] = (),
     ) -> None:
-        """Start reading: one batch at first, and the others once the view has taken it.
+        """Start reading: one batch first, and the others after the view has polled it.
 
-        So nothing keeps a screen that opens from drawing its first rows.
+        So an opening screen draws its first rows without delay.
 
         Args:
-            batches: rows packed or not; iterated in a thread of its own.
-            title: the name of the file, to be shown.
-            total: how many rows there will be, more or less; None where nobody knows.
-            files: paths of the files that they come from.
+            batches: rows and events; iterated in a thread.
+            title: the name to show.
+            total: approximate number of rows; None if unknown.
+            files: paths of the files.
         """
         self._total, self._files = total, files
-        self._batches = batches
+        self._source = batches
         self._title = title
         self._rows = 0
         self._stop = threading.Event()
-        self._onward = threading.Event()
-        self._begun = False
+        self._resumed = threading.Event()
+        self._polled_rows = False
         self._losses: list[str] = []
-        self._read: queue.Queue[Read | None] = queue.Queue(MOST_BATCHES_AHEAD)
+        self._queue: queue.Queue[Read | None] = queue.Queue(MAX_READ_AHEAD)
         self._running = True
         self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
         self._thread.start()
 
     def poll(self) -> FeedUpdate:
-        """What was read since the poll before; returns at once."""
-        if self._begun:
-            self._onward.set()
-        taken: list[Read] = []
-        while self._running and _has_room(taken):
+        """Return what was read since the previous poll, without blocking."""
+        if self._polled_rows:
+            self._resumed.set()
+        reads: list[Read] = []
+        while self._running and _has_room(reads):
             try:
-                batch = self._read.get_nowait()
+                batch = self._queue.get_nowait()
             except queue.Empty:
                 break
             if batch is None:
                 self._running = False
             else:
-                taken.append(batch)
-        self._losses += [loss for read in taken for loss in read.losses]
+                reads.append(batch)
+        self._losses += [loss for read in reads for loss in read.losses]
         changes: list[StreamChange] = []
-        came = 0
-        for read in taken:
-            changes += shifted(read.changes, came)
-            came += len(read.rows)
-        self._begun |= bool(taken)
-        rows = _joined([read.rows for read in taken])
+        count = 0
+        for read in reads:
+            changes += shifted(read.changes, count)
+            count += len(read.rows)
+        self._polled_rows |= bool(reads)
+        rows = _concatenated([read.rows for read in reads])
         self._rows += len(rows)
-        events = [event for read in taken for event in read.events]
+        events = [event for read in reads for event in read.events]
         return FeedUpdate(self._state(), rows, events, changes)
 
     def rest(self) -> None:
-        """Read no more until the next poll, but for what is being read now; returns at once."""
+        """Pause reading until the next poll, after the current batch; does not block."""
         if not self._stop.is_set():
-            self._onward.clear()
+            self._resumed.clear()
 
     def stop(self) -> None:
-        """End reading; returns at once."""
+        """Stop reading; does not block."""
         self._stop.set()
-        self._onward.set()
+        self._resumed.set()
 
     def _state(self) -> FeedState:
         ended = None
@@ -133,10 +133,10 @@ class ReplaySession:
 
     def _run(self) -> None:
         try:
-            for batch in self._batches:
+            for batch in self._source:
                 if not self._put(batch):
                     return
-                self._onward.wait()
+                self._resumed.wait()
         except FteSniffError as error:
             self.error = error
         self._put(None)
@@ -144,7 +144,7 @@ class ReplaySession:
     def _put(self, batch: Read | None) -> bool:
         while not self._stop.is_set():
             try:
-                self._read.put(batch, timeout=0.1)
+                self._queue.put(batch, timeout=0.1)
             except queue.Full:
                 continue
             return True
@@ -152,7 +152,7 @@ class ReplaySession:
 
 
 def _damaged(losses: Sequence[str]) -> str | None:
-    """The first loss, and how many more there are; None where nothing is lost."""
+    """The first loss and the number of further ones; None without any."""
     if not losses:
         return None
     if len(losses) == 1:
@@ -164,41 +164,41 @@ def _damaged(losses: Sequence[str]) -> str | None:
     )
 
 
-def _has_room(taken: list[Read]) -> bool:
-    rows = sum(len(read.rows) for read in taken)
-    loose = sum(len(read.rows) for read in taken if not isinstance(read.rows, RowBatch))
-    return rows < MOST_PACKED_A_POLL and loose < MOST_ROWS_A_POLL
+def _has_room(reads: list[Read]) -> bool:
+    rows = sum(len(read.rows) for read in reads)
+    objects = sum(len(read.rows) for read in reads if not isinstance(read.rows, RowBatch))
+    return rows < MAX_ROWS_PER_POLL and objects < MAX_OBJECTS_PER_POLL
 
 
-def _joined(taken: list[Sequence[Row]]) -> Sequence[Row]:
-    taken = [rows for rows in taken if len(rows)]
-    if any(isinstance(rows, RowBatch) for rows in taken):
-        # A few loose rows become a batch sooner than many packed ones become objects.
-        return RowBatch.concat([RowBatch.from_rows(rows) for rows in taken])
-    return [row for rows in taken for row in rows]
+def _concatenated(sequences: list[Sequence[Row]]) -> Sequence[Row]:
+    sequences = [rows for rows in sequences if len(rows)]
+    if any(isinstance(rows, RowBatch) for rows in sequences):
+        # Making a batch of a few objects is faster than making objects of a batch.
+        return RowBatch.concat([RowBatch.from_rows(rows) for rows in sequences])
+    return [row for rows in sequences for row in rows]
 
 
-MOST_HELD: Final = 4
-"""Batches that stay unpacked: a filter works from the cursor up and down, and rows of one block
-may stand in two batches."""
+MAX_CACHED: Final = 4
+"""Batches in the cache: a filter works from the cursor in both directions, and the rows of one
+block may be in two batches."""
 
 
 class RecordingPages:
-    """Gives the rows of recordings again; a `BlockSource`."""
+    """Reads rows of recordings again, with an LRU cache of batches; a `BlockSource`."""
 
     def __init__(self) -> None:
-        """Nothing was read yet."""
-        self._again: list[Callable[[], RowBatch]] = []
+        """Create it without rows."""
+        self._reloads: list[Callable[[], RowBatch]] = []
         self._starts: list[int] = []
         self._rows = 0
-        self._held: dict[int, RowBatch] = {}
+        self._cache: dict[int, RowBatch] = {}
         self._codebook: Codebook | None = None
 
-    def add(self, again: Callable[[], RowBatch], rows: int) -> None:
-        """The next so many rows were read; `again` reads the same ones."""
+    def append(self, reload: Callable[[], RowBatch], rows: int) -> None:
+        """Append the next batch of `rows` rows, which `reload` reads again."""
         if rows:
-            self._again.append(again)
-            # Last, because it is here that a batch is looked up from another thread.
+            self._reloads.append(reload)
+            # Last, because `load` searches this list in another thread.
             self._starts.append(self._rows)
             self._rows += rows
 
@@ -206,32 +206,32 @@ class RecordingPages:
         """The rows from index `start` on; see `BlockSource`.
 
         Raises:
-            FileError: they cannot be read any more, or are others by now.
+            FileError: the file changed, or cannot be read any more.
         """
         # A copy, so that a block does not keep whole batches in memory.
         rows, done = RowBatch.allocate(codebook, count), 0
         while done < count:
             number = bisect_right(self._starts, start + done) - 1
             first = start + done - self._starts[number]
-            piece = self._batch(number, codebook)[first : first + count - done]
-            rows.assign(done, piece)
-            done += len(piece)
+            part = self._batch(number, codebook)[first : first + count - done]
+            rows.assign(done, part)
+            done += len(part)
         return rows
 
     def _batch(self, number: int, codebook: Codebook) -> RowBatch:
         if codebook is not self._codebook:
-            self._codebook, self._held = codebook, {}
-        held = self._held.pop(number, None)
-        if held is None:
-            held = self._again[number]().recoded(codebook)
-        self._held[number] = held
-        while len(self._held) > MOST_HELD:
-            self._held.pop(next(iter(self._held)))
-        return held
+            self._codebook, self._cache = codebook, {}
+        batch = self._cache.pop(number, None)
+        if batch is None:
+            batch = self._reloads[number]().recoded(codebook)
+        self._cache[number] = batch
+        while len(self._cache) > MAX_CACHED:
+            self._cache.pop(next(iter(self._cache)))
+        return batch
 
 
 class Viewing:
-    """All rows of the inputs, once."""
+    """Reads the rows of inputs once, with the changes of their streams."""
 
     def __init__(
         self,
@@ -241,14 +241,14 @@ class Viewing:
         pages: RecordingPages | None,
         note: Callable[[str], None],
     ) -> None:
-        """Nothing is read yet, but what the inputs tell before their rows.
+        """Read no rows yet.
 
         Args:
             inputs: what to read, in this order.
             span: only rows in it; None for all.
-            baud: of every line, whatever an input says; None to believe the inputs.
-            pages: learn how rows are read again; None where they cannot be.
-            note: is told what is wrong with an input.
+            baud: the baud of every port; None for that of the inputs.
+            pages: gets the batches that can be read again.
+            note: called with a message about a fault of an input.
         """
         self._inputs, self._span, self._pages, self._note = inputs, span, pages, note
         self._baud = baud
@@ -256,15 +256,15 @@ class Viewing:
         self._gaps: list[Gap] = [gap for gaps in self._reported for gap in gaps]
         self._detector = GapDetector()
         ports = [port.name for one in inputs for port in one.ports]
-        self.origin = ExportSource(
+        self.source = ExportSource(
             ports,
             dict.fromkeys(ports, baud) if baud else bauds_of(inputs),
             self._gaps,
             [selection for one in inputs for selection in one.selections()],
         )
-        """What is known of the rows; its gaps grow as they are found."""
+        """What is known about the rows; gaps are added as they are found."""
         if span is not None:
-            self._gaps[:] = self.origin.within(span.first_ns, span.end_ns - 1).gaps
+            self._gaps[:] = self.source.within(span.first_ns, span.end_ns - 1).gaps
 
     def __iter__(self) -> Iterator[Read]:
         before = None
@@ -281,7 +281,7 @@ class Viewing:
                 changes.append(self._detector.interrupt(*DAMAGED))
             if gap := self._detector.observe(batch.times):
                 self._gaps.append(gap)
-            self._learn(batch)
+            self._append_page(batch)
             changes += self._detector.changes(batch.rows, batch.events)
             yield Read(batch.rows, batch.events, (), changes)
             changes = []
@@ -290,6 +290,6 @@ class Viewing:
         if changes:
             yield Read((), (), one.losses, changes)
 
-    def _learn(self, batch: InputBatch) -> None:
+    def _append_page(self, batch: InputBatch) -> None:
         if self._pages is not None and batch.reload is not None:
-            self._pages.add(batch.reload, len(batch.rows))
+            self._pages.append(batch.reload, len(batch.rows))

@@ -664,7 +664,7 @@ def test_the_screen_takes_the_baud_from_the_recording(tmp_path: Path) -> None:
     assert viewed([slow]).statistics.ports()[0].baud == 9600
     said = Viewing([RecordingInput(RecordingReader(slow))], None, 1200, None, print)
     assert not [one for read in said for one in read.changes if isinstance(one.what, BaudChange)]
-    assert said.origin.bauds == {"p": 1200}
+    assert said.source.bauds == {"p": 1200}
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.row_ranges import EVERYTHING, TimeRange
 from fte_sniff.row_batch import Codebook, RowBatch
-from fte_sniff.session.replay import MOST_BATCHES_AHEAD, Read, RecordingPages, ReplaySession
+from fte_sniff.session.replay import MAX_READ_AHEAD, Read, RecordingPages, ReplaySession
 from tests.examples import examples
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
@@ -64,7 +64,7 @@ def test_reading_waits_for_the_view() -> None:
     def reading() -> Iterator[Read]:
         for number, batch in enumerate(batches(1000)):
             read.append(number)
-            if len(read) > MOST_BATCHES_AHEAD:
+            if len(read) > MAX_READ_AHEAD:
                 enough.set()
             yield batch
 
@@ -72,7 +72,7 @@ def test_reading_waits_for_the_view() -> None:
     rows = first_of(session)
     rows += session.poll().rows
     assert enough.wait(60)
-    assert len(read) <= MOST_BATCHES_AHEAD + 3
+    assert len(read) <= MAX_READ_AHEAD + 3
     assert len(rows) + len(all_of(session)) == 10_000
 
 
@@ -245,7 +245,7 @@ def noted(files: list[Path], span: TimeRange = EVERYTHING) -> tuple[RecordingPag
     for path in files:
         reader = RecordingReader(path)
         for passage, columns in reader.ranges(span=span):
-            pages.add(partial(reader.read, passage), len(columns))
+            pages.append(partial(reader.read, passage), len(columns))
             found += columns
     return pages, found
 
