@@ -144,9 +144,8 @@ def capture() -> CallRecorder:
 
 def screen() -> CallRecorder:
     """The screen, from rows of a feed to drawn lines."""
-    from tests.tui.playing import play, settle
+    from tests.tui.conftest import ListFeed, _speed_rows, play, settle
 
-    from tests.tui.conftest import ListFeed, _speed_rows
 
     feed, recorder = ListFeed(), CallRecorder()
 
