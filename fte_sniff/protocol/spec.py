@@ -306,6 +306,7 @@ class FrameFormat:
     """A format of fixed-length frames: header byte, CMD, NUM, payload, tail byte."""
 
     length: int
+    """Bytes in every frame."""
     headers: Mapping[Direction, int]
     tail: int
     kinds: tuple[FrameKind, ...]
