@@ -2,33 +2,23 @@
 
 Modules:
 
-    bridge             `fte-sniff bridge`: sit between a host program and the
-                       controller, record and watch both.
+    bridge             `fte-sniff bridge`: pass bytes between host and controller; record both.
     capture_command    Run a capture with screen or plain lines.
-    decode             `fte-sniff decode`: recordings, raw bytes and hex text
-                       to rows in a form that others read.
-    doctor             `fte-sniff doctor`: what is wrong with this set-up,
-                       and the command that mends it.
-    encode             `fte-sniff encode`: a frame's bytes from its values,
-                       one subcommand a kind of frame.
-    hex                `fte-sniff hex`: bytes that somebody pasted, taken
-                       apart at once.
+    decode             `fte-sniff decode`: files to text, Parquet, MCAP or raw bytes.
+    doctor             `fte-sniff doctor`: faults of the set-up, each with a command that fixes it.
+    encode             `fte-sniff encode`: bytes of a frame from its values.
+    hex                `fte-sniff hex`: explain pasted bytes.
     input_files        Input arguments to session inputs.
-    live               `fte-sniff live`: capture a port, record it, and watch
-                       it.
-    main               The group of commands, and how every error ends: one
-                       line, and an exit code.
+    live               `fte-sniff live`: capture a port, record it, and show it.
+    main               The group of commands, and the message and exit code of each error.
     options            Shared click options and parameter types.
-    output             Output path, format, overwrite, closing summary.
-    ports              `fte-sniff ports`: which serial ports there are.
+    output             The format option, and the summary at the end.
+    ports              `fte-sniff ports`: list the serial ports.
     recording_options  Options of a recording and the plan made of them.
-    repair             `fte-sniff repair`: a damaged recording to a whole
-                       one.
+    repair             `fte-sniff repair`: repair a damaged recording.
     settings           Settings file and environment.
-    simulate           `fte-sniff simulate`: a controller on a pseudo-
-                       terminal, to develop against.
-    stats              `fte-sniff stats`: the numbers over files, for people
-                       or as one JSON object.
+    simulate           `fte-sniff simulate`: a controller on a pseudo-terminal, for development.
+    stats              `fte-sniff stats`: statistics over files, as text or JSON.
     stats_json         Statistics as JSON.
     stats_report       Statistics as text.
     streams            Signals, stdout, stderr messages.

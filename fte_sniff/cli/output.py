@@ -74,10 +74,10 @@ def summary(
 def gap_text(gaps: Sequence[Gap]) -> str:
     """`893 rows in 2 places`; `893 rows and more` if the size of a gap is unknown."""
     rows, places = sum(gap.rows or 0 for gap in gaps), len(gaps)
-    told = f"{rows:,} row{'s' * (rows != 1)}"
+    text = f"{rows:,} row{'s' * (rows != 1)}"
     if any(gap.rows is None for gap in gaps):
-        told = f"{told} and more" if rows else "nobody knows how many rows"
-    return f"{told} in {places:,} place{'s' * (places != 1)}"
+        text = f"{text} and more" if rows else "nobody knows how many rows"
+    return f"{text} in {places:,} place{'s' * (places != 1)}"
 
 
 def _missed(tally: Tally, written: int | None, filter_text: str | None, *, spanned: bool) -> str:

@@ -295,16 +295,16 @@ def _answers(one: AnswerStats, summary: StatisticsSummary) -> list[str]:
 
 
 def _motor_notes(summary: StatisticsSummary, when: TimeText) -> Iterator[Text]:
-    """What the table of motors leaves to be told."""
+    """Notes below the table of motors."""
     if not summary.in_order:
         yield Text("the inputs do not follow each other in time: what answered what is not known")
     elif any(one.neither for one in summary.answers()):
         yield Text("neither: resets, which await no answer, and commands still open where rows end")
     if not any(one.feedback for one in summary.answers()):
         return
-    told = list(flag_texts(summary.flags(), when, in_order=summary.in_order))
-    yield from (Text(f"! {words}", _WORRY) for words in told)
-    if not told:
+    warnings = list(flag_texts(summary.flags(), when, in_order=summary.in_order))
+    yield from (Text(f"! {words}", _WORRY) for words in warnings)
+    if not warnings:
         yield Text(FLAGS_IN_ORDER)
 
 
