@@ -146,7 +146,6 @@ def screen() -> CallRecorder:
     """The screen, from rows of a feed to drawn lines."""
     from tests.tui.conftest import ListFeed, _speed_rows, play, settle
 
-
     feed, recorder = ListFeed(), CallRecorder()
 
     async def scenario(app: object, pilot: object) -> None:
