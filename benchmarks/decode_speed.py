@@ -3,11 +3,11 @@
     python -m benchmarks.decode_speed [--frames 1000000] [--rounds 3] [--work csv stats ...]
                                       [--against CHECKOUT]
 
-The same rows lie in a file of raw bytes, in one of them damaged, in hex lines, in a log with times
-and directions, and in a recording. Each command is a process of its own; told are rows in a second
-of processor time, by what the whole costs more than an eighth of it, so that starting costs
-nothing: the median of the rounds. `--against` names the folder of another checkout of the program,
-whose commands read a tenth of the rows in turn with these.
+The inputs hold the same rows: raw bytes, damaged raw bytes, hex lines, a log with times and
+directions, and a recording. Each command is a process; the figure is rows in a second of processor
+time, from the difference between all rows and an eighth of them, so that start-up does not count;
+the median of the rounds. `--against` names another checkout, whose commands read a tenth of the
+rows in alternation.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from fte_sniff.row_batch import Codebook, RowBatch
 
 START_NS = 1_770_000_000 * 10**9
 PART = 8
-"""By how much fewer rows a part is."""
+"""Divisor for the rows of the part."""
 SLOWER = 10
-"""By how much fewer rows the other checkout reads."""
+"""Divisor for the rows that the other checkout reads."""
 INPUTS = ("recording", "raw", "damaged", "hex", "log")
 WORK: Mapping[str, tuple[str, ...]] = {
     "csv": ("decode", "--format", "csv"),
@@ -56,7 +56,7 @@ NAME = {
 
 
 def written(folder: Path, frames: int) -> Path:
-    """So many rows in every form."""
+    """Write the rows in every input format."""
     folder.mkdir()
     pool = frame_pool()
     rows = pool[np.random.default_rng(2).integers(0, len(pool), frames)]
@@ -100,23 +100,23 @@ def cost(command: tuple[str, ...], folder: Path, checkout: Path) -> float:
 
 @dataclass(frozen=True)
 class Contestant:
-    """One checkout of the program, and rows for it to read: all, and a part of them."""
+    """One checkout of the program, and its inputs: all rows, and a part of them."""
 
     checkout: Path
     whole: Path
     part: Path
     between: int
-    """How many rows more all are than the part."""
+    """Rows that only the whole has."""
 
     def seconds_a_row(self, work: str, source: str) -> float:
-        """Processor time that a row costs; what a process costs by itself is in both."""
+        """Processor time of a row; the start-up is in both runs."""
         command = (sys.executable, "-m", "fte_sniff", *WORK[work], NAME[source])
         used = [cost(command, folder, self.checkout) for folder in (self.whole, self.part)]
         return max(used[0] - used[1], 0.001) / self.between
 
 
 def contestant(checkout: Path, folder: Path, frames: int) -> Contestant:
-    """So many rows for one checkout."""
+    """A checkout with its inputs."""
     part = frames // PART
     whole = written(folder / f"{frames}", frames)
     return Contestant(checkout, whole, written(folder / f"{part}", part), frames - part)

@@ -1,9 +1,9 @@
 """RowBatch: many rows as numpy columns, with dictionary-encoded ports and faults.
 
 `RowBatch` is the only container of many rows: the framer's spans and the recording reader make it;
-the store, filters, statistics and writers take it. A few rows may come as a list instead, and so
-may the rows of a live capture: a batch costs some 30 µs, and numpy as long to load as 20,000 rows
-to write. A batch is a `Sequence[Row]`, so code that is not hot treats both alike.
+the store, filters, statistics and writers take it. Few rows stay a list: those of a live capture,
+because making a batch costs about 30 µs, and those of a short log, because numpy and polars take
+longer to load than the rows to write. A batch is a `Sequence[Row]`, so most code treats both alike.
 """
 
 from __future__ import annotations

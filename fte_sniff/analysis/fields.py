@@ -1,4 +1,4 @@
-"""Value fields of a frame: names, types, decode from raw."""
+"""Values of many frames: kind and fields from their bytes; short names for display."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ Codes: TypeAlias = npt.NDArray[np.uint8]
 Ints: TypeAlias = npt.NDArray[np.int64]
 
 NO_KIND: Final = len(KINDS)
-"""The kind code of a row that has no kind."""
-
+"""The kind code of a row without a kind."""
 
 NO_TIME: Final = -(2**63)
-"""Stands for the time of a row that has none."""
+"""Time of a row without one."""
 
 
-def _field_places() -> dict[str, dict[tuple[int, int, bool], Bools]]:
-    """For every row name: where kinds keep it (start, size, signed), and which kinds those are."""
+def _field_positions() -> dict[str, dict[tuple[int, int, bool], Bools]]:
+    """By field name: its positions (start, size, signed), each with a mask of the kinds."""
     places: dict[str, dict[tuple[int, int, bool], Bools]] = {}
     for code, kind in enumerate(KINDS):
         for field in kind.fields:
@@ -40,11 +39,11 @@ def _field_places() -> dict[str, dict[tuple[int, int, bool], Bools]]:
 
 
 _KIND_CODES: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
-_FIELD_PLACES: Final = _field_places()
+_FIELD_POSITIONS: Final = _field_positions()
 
 
 def kind_codes(raw: Array, framed: Bools) -> Codes:
-    """The place in `KINDS` of every row's kind, `NO_KIND` where it has none.
+    """The index in `KINDS` of every row's kind; `NO_KIND` for rows without one.
 
     Args:
         raw: the first ten bytes of every row.
@@ -69,20 +68,17 @@ def raised(rows: RowBatch) -> Bools:
 
 
 def field_values(raw: Array, kinds: Codes, name: str) -> tuple[Array, Bools]:
-    """A field's value in every row, and which rows have it; elsewhere the value means nothing.
-
-    The values are as wide as on the wire.
-    """
-    (place, having), *others = _FIELD_PLACES[name].items()
-    values, known = read_place(raw, *place), having.take(kinds)
+    """A field's value in every row, as wide as on the wire, and a mask of the rows that have it."""
+    (place, having), *others = _FIELD_POSITIONS[name].items()
+    values, known = read_field(raw, *place), having.take(kinds)
     for place, having in others:
         here = having.take(kinds)
-        np.copyto(values, read_place(raw, *place), where=here)
+        np.copyto(values, read_field(raw, *place), where=here)
         known |= here
     return values, known
 
 
-def read_place(raw: Array, start: int, size: int, signed: bool) -> Array:
+def read_field(raw: Array, start: int, size: int, signed: bool) -> Array:
     """One field in every row; fields are big-endian (PROTOCOL.md, "Framing")."""
     wire = np.dtype(f">{'i' if signed else 'u'}{size}")
     if not len(raw):
@@ -110,34 +106,33 @@ class Decoded:
         return len(self.rows)
 
     def value(self, name: str, place: int) -> int:
-        """One field of the row at that place, which has it."""
+        """One field of the row at an index, which must have it."""
         return int(self.values(name, np.array([place]))[0])
 
     def values(self, name: str, places: Ints) -> Ints:
-        """One field of the rows at those places, which all have it."""
+        """One field of the rows at these indices, which all must have it."""
         values, _ = field_values(self.raw[places], self.kinds[places], name)
         return values.astype(np.int64)
 
 
 def subject(kind: FrameKind) -> str | None:
-    """The row name of what a frame of this kind is about: its last number that has a unit.
+    """The main value of a kind: its last field with a unit, a speed or a position.
 
-    It is the one that tells a speed from a position; None where the kind has no such number.
+    None if the kind has no such field.
     """
     numbers = [field.name for field in kind.fields if field.unit]
     return numbers[-1] if numbers else None
 
 
 FEEDBACK = "fb"
-"""What stands for the word feedback where a kind's name does not fit."""
-
+"""Abbreviation of "feedback" where a kind's name does not fit."""
 
 VALUE_FORMS = 4
-"""How many forms `value_heads` has."""
+"""Number of forms of `value_heads`."""
 
 
 def short_feedback(kind: FrameKind, width: int) -> str | None:
-    """A feedback kind's name in at most `width` cells, short; None of a command."""
+    """A feedback kind's name shortened to at most `width` cells; None for a command."""
     if kind.direction is not Direction.FEEDBACK:
         return None
     stem = kind.name.removesuffix(f"_{Direction.FEEDBACK}")
@@ -146,7 +141,7 @@ def short_feedback(kind: FrameKind, width: int) -> str | None:
 
 @cache
 def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
-    """What stands before the value of each of a kind's fields, each form shorter than the last."""
+    """The labels of a kind's fields, in forms of falling length."""
     fields = kind.fields
     short = _shortest([field.option for field in fields])
     return (
@@ -158,12 +153,12 @@ def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
 
 
 def _letter(field: Field) -> str:
-    """The first letter of the name of what has no unit."""
+    """The first letter of a field without a unit, else nothing."""
     return "" if field.unit else field.option[0].upper()
 
 
 def _shortest(names: Sequence[str]) -> dict[str, str]:
-    """Of each name so much that no other begins alike."""
+    """The shortest unique prefix of each name."""
     return {
         name: next(
             name[:size]

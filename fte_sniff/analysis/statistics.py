@@ -22,7 +22,7 @@ from fte_sniff.analysis.counters import (
     extent,
 )
 from fte_sniff.analysis.feed import BaudChange
-from fte_sniff.analysis.fields import NO_KIND, NO_TIME, Decoded, Ints, read_place
+from fte_sniff.analysis.fields import NO_KIND, NO_TIME, Decoded, Ints, read_field
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
@@ -312,7 +312,7 @@ def _ranges(rows: Decoded, order: Ints, starts: Ints) -> dict[_Layout, tuple[lis
     """By layout, minimum and maximum of the field in each group of the ordered rows."""
     found = {}
     for layout in _QUANTITY_LAYOUTS:
-        column = read_place(rows.raw, *layout).astype(np.int64)[order]
+        column = read_field(rows.raw, *layout).astype(np.int64)[order]
         lows, highs = np.minimum.reduceat(column, starts), np.maximum.reduceat(column, starts)
         found[layout] = lows.tolist(), highs.tolist()
     return found

@@ -89,12 +89,12 @@ class Tally(RowCount):
     def _update_batch(self, rows: RowBatch) -> None:
         import numpy as np
 
-        from fte_sniff.analysis.counters import extent
         from fte_sniff.analysis.fields import kind_codes
 
         timed, codebook = rows.timed, rows.codebook
         times = rows.t_ns if timed.all() else rows.t_ns[timed]
-        self.count(len(rows), int(rows.length.sum(dtype=np.int64)), extent(times))
+        first_last = (int(times.min()), int(times.max())) if len(times) else None
+        self.count(len(rows), int(rows.length.sum(dtype=np.int64)), first_last)
         self.frames += int(np.count_nonzero(rows.framed))
         for port, count in enumerate(np.bincount(rows.port).tolist()):
             if count:

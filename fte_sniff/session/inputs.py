@@ -146,68 +146,68 @@ TROUBLES = (
     PortEventKind.LOST,
     PortEventKind.NOT_PASSED_ON,
 )
-"""Events of a recording that tell of bytes that are not in it, or not as they were sent."""
+"""Events of a recording that report bytes as missing or damaged."""
 
 Note = Callable[[str], None]
-"""Takes one line for people about an input, such as that it ends in the middle."""
+"""Receives one line for the user about an input, such as that it ends within a frame."""
 
 
 class Input(Protocol):
-    """One thing to read rows from."""
+    """A source of rows."""
 
     @property
     def name(self) -> str:
-        """What people know it by; may hold text from outside, so show it, never obey it."""
+        """For display; may hold text from outside, so escape it."""
         ...
 
     @property
     def times(self) -> tuple[int, int] | None:
-        """First and last time of its rows, nanoseconds since 1970 UTC; None where it has none."""
+        """First and last time of its rows, nanoseconds since 1970 UTC; None without times."""
         ...
 
     @property
     def count(self) -> int | None:
-        """How many rows and events it holds, as far as that can be told before it is read."""
+        """Number of rows and events; None if it is unknown before reading."""
         ...
 
     @property
     def ports(self) -> Sequence[PortFacts]:
-        """The ports that it names before it is read."""
+        """The ports that are known before reading."""
         ...
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """What it says about itself beside the ports: the host, the clock."""
+        """Facts except those of the ports, such as the host and the clock."""
         ...
 
     @property
     def losses(self) -> Sequence[str]:
-        """What could not be read, one line each, once all is read."""
+        """What could not be read, one line each; complete after reading."""
         ...
 
     def follows(self, before: Input | None) -> bool:
-        """Whether its first row is the next that came behind the last of another."""
+        """Whether its first row came directly after the last row of another input."""
         ...
 
     def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
-        """The gaps in the span that it reports."""
+        """The recorded gaps in the span."""
         ...
 
     def selections(self) -> Sequence[Selection]:
-        """The filters that chose its rows, as far as it tells."""
+        """The filters that selected its rows, if it records them."""
         ...
 
     def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
-        """Its rows, batch by batch.
+        """Read its rows.
 
         Args:
             span: only rows in it; None for all.
-            note: is told, at the end, what is wrong with the input.
+            note: called after the last row with what is wrong with the input.
 
         Raises:
-            FileError: it cannot be read, or is not what it should be.
+            FileError: it cannot be read, or has another format.
             InputTextError: text in it is not hex.
-            UsageError: rows of a span are asked for, and they have no times.
+            UsageError: a span is given, and rows have no times.
         """
         ...
 
@@ -218,50 +218,49 @@ class RecordingInput:
 
     reader: RecordingReader
     copy: IO[bytes] | None = None
-    """The temporary file that it is, to be kept as long as this."""
+    """The temporary file that holds standard input; kept open as long as this object."""
     ends: dict[str, int] = field(default_factory=dict)
-    """By port, the offset behind the last of its rows that were read."""
+    """By port, the offset after the last row that was read."""
 
     @property
     def name(self) -> str:
-        """Its path, or that it came through standard input."""
+        """Its path, or `STDIN_NAME`."""
         return str(self.reader.path) if self.copy is None else STDIN_NAME
 
     @property
     def times(self) -> tuple[int, int] | None:
-        """First and last time of its rows, for which some of it is read."""
+        """First and last time of its rows; reads some chunks."""
         from fte_sniff.recording.reader import row_times
 
         return row_times(self.reader)
 
     @property
     def count(self) -> int | None:
-        """How many messages the file tells of."""
+        """Number of messages, from the summary."""
         return self.reader.count
 
     @property
     def ports(self) -> Sequence[PortFacts]:
-        """The ports that the file names."""
+        """The ports in the metadata."""
         return self.reader.ports
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """What the file says about itself, but not who wrote it."""
+        """The metadata without the ports and the writer's name."""
         from fte_sniff.recording.metadata import PROGRAM
 
-        told = self.reader.metadata.get(PROGRAM, {})
-        own = ("library", "port.")
-        return {name: fact for name, fact in told.items() if not name.startswith(own)}
+        facts = self.reader.metadata.get(PROGRAM, {})
+        return {k: fact for k, fact in facts.items() if not k.startswith(("library", "port."))}
 
     @property
     def losses(self) -> Sequence[str]:
-        """What could not be read, one line each, once all is read."""
+        """What could not be read, one line each; complete after reading."""
         return [loss for loss in (*self.reader.losses, self.reader.ending) if loss]
 
     def follows(self, before: Input | None) -> bool:
-        """Whether it is the next file of the same capture, or goes on at the byte where that ended.
+        """Whether it is the next file of a capture, or begins at the byte where the other ended.
 
-        The other has to be read by now.
+        The other must have been read.
         """
         from fte_sniff.recording.metadata import is_next_part
 
@@ -278,11 +277,11 @@ class RecordingInput:
         return [one for one in gaps if span is None or one.within(span.first_ns, span.end_ns - 1)]
 
     def selections(self) -> Sequence[Selection]:
-        """What `decode --filter`, or a screen, chose from another."""
+        """The filters of the commands that wrote it."""
         return self.reader.selections()
 
     def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
-        """Its rows, many thousands side by side; see `Input`."""
+        """Read its rows; see `Input`."""
         from fte_sniff.recording.row_ranges import EVERYTHING
 
         troubles: Counter[PortEventKind] = Counter()
@@ -307,54 +306,54 @@ class RecordingInput:
 
 @dataclass(frozen=True, slots=True)
 class LogInput:
-    """Anything else: bytes that are framed here."""
+    """A log, raw bytes or a pipe, framed here."""
 
     chunks: Iterable[Chunk]
     name: str
     drained: Callable[[], bool] = field(default=lambda: False)
-    """Whether the next chunk has to be waited for, so that rows are not held back."""
+    """Whether the next chunk has to be waited for; then rows are yielded at once."""
 
     @property
     def times(self) -> tuple[int, int] | None:
-        """Those of a log of text, which is read for them; raw bytes have none."""
+        """Those of a text log, which is read for them; raw bytes have none."""
         return self.chunks.times if isinstance(self.chunks, HexLog) else None
 
     @property
     def count(self) -> None:
-        """Nothing tells how many rows a log has before it is read."""
+        """Unknown."""
         return
 
     @property
     def ports(self) -> Sequence[PortFacts]:
-        """A log names none but itself."""
+        """One port, named like the input."""
         from fte_sniff.recording.metadata import PortFacts
 
         return [PortFacts(self.name)]
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """A log says nothing."""
+        """None."""
         return {}
 
     @property
     def losses(self) -> Sequence[str]:
-        """None: a log is read whole, or not at all."""
+        """None: a log is read whole, or raises."""
         return ()
 
     def follows(self, before: Input | None) -> bool:
-        """Nothing tells whether it does."""
+        """False: a log does not show it."""
         return False
 
     def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
-        """A log reports none."""
+        """None."""
         return ()
 
     def selections(self) -> Sequence[Selection]:
-        """A log does not tell of any."""
+        """None."""
         return ()
 
     def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
-        """Its rows, some thousands at once; see `Input`."""
+        """Read its rows; see `Input`."""
         spans = decided_spans(self.chunks, self.name, note, self.drained)
         if isinstance(self.chunks, HexLog):
             spans = _compared(spans, self.chunks, note)
@@ -362,7 +361,7 @@ class LogInput:
         yield from map(InputBatch, rows if span is None else self._within(span, rows, note))
 
     def _within(self, span: TimeRange, batches: Iterable[Rows], note: Note) -> Iterator[Rows]:
-        """Only rows of the span; without any, a note names the times that the input has."""
+        """Only rows of the span; if there are none, note the times of the input."""
         from fte_sniff.analysis.tally import Tally
 
         tally, found = Tally(), 0
@@ -382,12 +381,12 @@ class LogInput:
 
 
 def _compared(spans: Iterable[DecidedSpan], log: HexLog, note: Note) -> Iterator[DecidedSpan]:
-    """The same rows; what the log says of them, and they of the log, is told in the end."""
+    """The same spans; note at the end where frames contradict the log's directions and times."""
     for span in spans:
         log.compare(span.headers())
         yield span
-    for doubt in (*log.doubts, *log.about_times):
-        note(f"{log.name}: {doubt}")
+    for remark in (*log.doubts, *log.about_times):
+        note(f"{log.name}: {remark}")
 
 
 def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
