@@ -215,12 +215,17 @@ def find_strict(tables: FrameTables, data: bytes, start: i64, end: i64) -> i64:
 def find_anchor(tables: FrameTables, data: bytes, start: i64) -> i64:
     """The next offset where long noise can end: two framed segments or one strict frame."""
     delimiters, length = tables.delimiters, tables.length
-    for at in range(start, i64(len(data)) - 2 * length + 1):
-        if delimiters[data[at]] != HEADER or delimiters[data[at + length - 1]] != TAIL:
-            continue
-        if is_framed(tables, data, at + length) or is_strict(tables, data, at):
+    at, end = start, i64(len(data)) - 2 * length + 1
+    while True:
+        while at < end and delimiters[data[at]] != HEADER:
+            at += 1
+        if at >= end:
+            return -1
+        if delimiters[data[at + length - 1]] == TAIL and (
+            is_framed(tables, data, at + length) or is_strict(tables, data, at)
+        ):
             return at
-    return -1
+        at += 1
 
 
 # Partial matches
