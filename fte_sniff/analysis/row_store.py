@@ -109,8 +109,7 @@ class BlockSource(Protocol):
     def load(self, start: int, count: int, codebook: Codebook) -> RowBatch:
         """Exactly `count` rows from index `start` on, with the store's codebook.
 
-        Raises:
-            FileError: they can no longer be read.
+        Raises FileError if they can no longer be read.
         """
         ...
 
@@ -177,8 +176,7 @@ class RowStore:
             source: loads rows again, so that not all need to be in memory.
             most_blocks: with a source, most full blocks in memory, at least 1.
 
-        Raises:
-            ValueError: a number is out of its range.
+        Raises ValueError if a number is out of its range.
         """
         if bound < 1 or most_blocks < 1 or not 1 <= block_rows <= 2**16:
             raise ValueError(f"a store of {bound} rows in blocks of {block_rows} cannot be")

@@ -117,8 +117,7 @@ def run_capture(
         settings: defaults for options that are not given.
         planned: the options of `capture_plan`; the other arguments are options too.
 
-    Raises:
-        FteSniffError: the capture failed; raised after everything is closed.
+    Raises FteSniffError if the capture failed; raised after everything is closed.
     """
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
 
@@ -294,8 +293,7 @@ class PlainLines:
     def write(self, update: FeedUpdate, failure: FteSniffError | None) -> None:
         """Print an update; report an error of the capture once.
 
-        Raises:
-            OSError: standard output cannot be written.
+        Raises OSError if standard output cannot be written.
         """
         for event in update.events:
             self._print_event(event)

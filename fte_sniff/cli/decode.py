@@ -77,8 +77,7 @@ def command(
 def _format_for(output: Path | None) -> OutputFormat:
     """The format for the extension of the output; a table without an extension.
 
-    Raises:
-        UsageError: the extension is unknown.
+    Raises UsageError if the extension is unknown.
     """
     end = "" if output is None else output.suffix.lower()
     if not end:

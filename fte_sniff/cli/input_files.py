@@ -80,8 +80,7 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
     """Refuse an invalid list of inputs before anything is opened.
 
-    Raises:
-        UsageError: standard input is named twice, or the output is one of the inputs.
+    Raises UsageError if standard input is named twice, or the output is one of the inputs.
     """
     if files.count(STDIN) > 1:
         raise UsageError("'-' is standard input, which can be read once; name it once")
@@ -111,19 +110,14 @@ class ReadOptions:
     """The zone of times without one; None for UTC."""
 
     def clock(self) -> LogClock:
-        """The clock of a log.
-
-        Raises:
-            InputTextError: day or zone is invalid.
-        """
+        """The clock of a log; raises InputTextError if day or zone is invalid."""
         day = None if self.day is None else day_of(self.day)
         return LogClock(day, self.zone_given())
 
     def zone_given(self) -> tzinfo | None:
         """The zone of `--zone`; None if it was not given.
 
-        Raises:
-            InputTextError: there is no such zone.
+        Raises InputTextError if there is no such zone.
         """
         return None if self.zone is None else zone_of(self.zone)
 
@@ -152,8 +146,7 @@ def open_inputs(files: Sequence[Path], how: ReadOptions) -> list[Input]:
 def expand(named: Path) -> list[Path]:
     """The files of one argument: the file, a folder's recordings, a pattern's matches.
 
-    Raises:
-        FileError: there are none.
+    Raises FileError if there are none.
     """
     if named == STDIN or named.is_file():
         return [named]

@@ -180,8 +180,7 @@ filter_option = click.option(
 def row_filter(text: str | None) -> RowFilter | None:
     """The filter of `--filter`; None if it was not given.
 
-    Raises:
-        FilterError: the filter is invalid.
+    Raises FilterError if the filter is invalid.
     """
     if text is None:
         return None
@@ -193,8 +192,7 @@ def row_filter(text: str | None) -> RowFilter | None:
 def selection(text: str | None) -> Callable[[Sequence[Row]], list[Row]]:
     """A function that returns the rows that match the filter; all rows without a filter.
 
-    Raises:
-        FilterError: the filter is invalid.
+    Raises FilterError if the filter is invalid.
     """
     wanted = row_filter(text)
     return list if wanted is None else wanted.select
@@ -322,8 +320,7 @@ def line_setup(
 ) -> LineSetup:
     """The line setup from the options, with the settings of the ports as defaults.
 
-    Raises:
-        UsageError: the settings of the ports differ, or a gear ratio has no resolution.
+    Raises UsageError if the settings of the ports differ, or a gear ratio has no resolution.
     """
     if resolution is None:
         resolution = settings.defaults(ports, "resolution").resolution
@@ -337,8 +334,7 @@ def check_line_setup(
 ) -> LineSetup:
     """The line setup from the options.
 
-    Raises:
-        UsageError: a gear ratio is given, but no resolution.
+    Raises UsageError if a gear ratio is given, but no resolution.
     """
     if resolution is None and gear_ratio is not None:
         raise UsageError("--gear-ratio makes turns of pulses only together with --resolution")

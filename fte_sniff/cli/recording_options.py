@@ -178,8 +178,7 @@ def options_from(
 ) -> RecordingOptions:
     """The recording options of a command line.
 
-    Raises:
-        UsageError: the options contradict each other.
+    Raises UsageError if the options contradict each other.
     """
     if trigger is None and (before is not None or after is not None):
         raise UsageError("--before and --after need --trigger")

@@ -226,8 +226,7 @@ def settings_path() -> Path:
 def read_settings(path: Path) -> Settings:
     """Read a settings file; a missing file has no settings.
 
-    Raises:
-        FileError: it cannot be read, or is not TOML.
+    Raises FileError if it cannot be read, or is not TOML.
     """
     try:
         content = path.read_bytes()
@@ -247,10 +246,7 @@ def read_settings(path: Path) -> Settings:
 def save_screen(path: Path, settings: ScreenSettings) -> None:
     """Write the screen settings into the file; comments and other settings stay as they are.
 
-    The file is replaced atomically.
-
-    Raises:
-        FileError: the file there cannot be read or written.
+    The file is replaced atomically. Raises FileError if the file there cannot be read or written.
     """
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
@@ -332,8 +328,7 @@ class SavedSettings:
     def defaults(self, ports: Sequence[str], *names: str) -> PortDefaults:
         """The named settings of these ports.
 
-        Raises:
-            UsageError: a setting differs between the ports.
+        Raises UsageError if a setting differs between the ports.
         """
         by_port = [self.settings.of_port(port) for port in ports]
         found = {}
@@ -385,8 +380,7 @@ class SavedSettings:
 def load_settings(config: Path | None) -> SavedSettings:
     """Load the settings from `config`, or from the default file; problems are reported.
 
-    Raises:
-        FileError: the named file is not there.
+    Raises FileError if the named file is not there.
     """
     if config is not None:
         try:

@@ -38,8 +38,7 @@ class BackgroundPacker:
     def write(self, batch: McapBatch) -> None:
         """Write a chunk; blocks while enough chunks are under way.
 
-        Raises:
-            OSError: a chunk cannot be written; the file must not be written after that.
+        Raises OSError if a chunk cannot be written; the file must not be written after that.
         """
         while len(self._under_way) >= self._most_under_way:
             self._write_first()
@@ -107,8 +106,7 @@ class BulkWriter:
             ports: the known ports; rows of other ports are accepted too.
             facts: further content of the file's first metadata record.
 
-        Raises:
-            OSError: the file cannot be created or written.
+        Raises OSError if the file cannot be created or written.
         """
         keep_freed_memory()
         self._last_time = 0
@@ -145,8 +143,7 @@ class BulkWriter:
     def close(self, metadata: Iterable[NamedFacts] = ()) -> None:
         """Write the waiting rows, further metadata records and the index; close the file.
 
-        Raises:
-            OSError: the file cannot be written.
+        Raises OSError if the file cannot be written.
         """
         self._write_waiting()
         self._background.close()

@@ -48,8 +48,7 @@ def topic_chunks(path: Path, topic: str) -> Iterator[Chunk]:
         path: the MCAP file.
         topic: the topic, which is also the name of the port.
 
-    Raises:
-        FileError: the file cannot be read, lacks the topic, or a message holds no bytes.
+    Raises FileError if the file cannot be read, lacks the topic, or a message holds no bytes.
     """
     try:
         with path.open("rb") as stream:

@@ -91,8 +91,7 @@ class OutputPath:
     def __init__(self, path: Path, existing: Existing) -> None:
         """Make the file and lock it.
 
-        Raises:
-            FileError: another file has the name, it is in use, or the system refuses it.
+        Raises FileError if another file has the name, it is in use, or the system refuses it.
         """
         self.path = path
         self._existing = existing
@@ -241,8 +240,7 @@ class StreamOutput:
     def __init__(self, path: Path) -> None:
         """Open it; a named pipe waits for its reader.
 
-        Raises:
-            FileError: it cannot be opened, or is a terminal.
+        Raises FileError if it cannot be opened, or is a terminal.
         """
         self.path = path
         try:
@@ -281,8 +279,7 @@ def is_stream(path: Path) -> bool:
 def open_output(path: Path, existing: Existing) -> tuple[OutputPath | StreamOutput, AppendTarget]:
     """Open the output of a recording, and the target of its bytes.
 
-    Raises:
-        FileError: as `OutputPath` and `StreamOutput`.
+    Raises FileError as `OutputPath` and `StreamOutput`.
     """
     if is_stream(path):
         stream = StreamOutput(path)

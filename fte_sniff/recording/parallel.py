@@ -111,8 +111,7 @@ class ParallelReader:
     def read(self, records: RecordStream) -> Iterator[tuple[RowRange, RowBatch]]:
         """The rows and events of the records, in their order, with the range of each batch.
 
-        Raises:
-            FileError: the file has none of fte-sniff's topics, or none that can be read.
+        Raises FileError if the file has none of fte-sniff's topics, or none that can be read.
         """
         first = True
         with ThreadPoolExecutor(cores(), "unpacks chunks") as threads:

@@ -51,9 +51,8 @@ class RecordingReader:
     def __init__(self, path: Path) -> None:
         """Read the start of the file and its summary.
 
-        Raises:
-            FileError: the file cannot be read, is empty, no MCAP, or has none of fte-sniff's
-                topics.
+        Raises FileError if the file cannot be read, is empty, no MCAP, or has none of fte-sniff's
+        topics.
         """
         self._path = path
         self._channels: dict[int, Channel] = {}
@@ -125,8 +124,7 @@ class RecordingReader:
     def __iter__(self) -> Iterator[Row]:
         """The rows, in file order.
 
-        Raises:
-            FileError: reading failed, or the file has none of fte-sniff's topics.
+        Raises FileError if reading failed, or the file has none of fte-sniff's topics.
         """
         return (entry for entry in self.entries() if not isinstance(entry, PortEvent))
 
@@ -137,8 +135,7 @@ class RecordingReader:
     def entries(self) -> Iterator[Row | PortEvent]:
         """Rows and port events, in file order, one at a time; `batches` is much faster.
 
-        Raises:
-            FileError: as iteration over rows.
+        Raises FileError as iteration over rows.
         """
         reader = SequentialReader(self._path, self._port_of, self._known(EVERYTHING))
         with self._open() as stream:
@@ -158,8 +155,7 @@ class RecordingReader:
             codebook: for ports and faults; several readers can share one.
             span: rows and events outside of it are omitted.
 
-        Raises:
-            FileError: as iteration over rows.
+        Raises FileError as iteration over rows.
         """
         return (rows for _, rows in self.ranges(codebook, span))
 
@@ -179,8 +175,7 @@ class RecordingReader:
     def read(self, rows: RowRange) -> RowBatch:
         """Read a range of rows again, with a codebook of its own.
 
-        Raises:
-            FileError: the file cannot be read any more, or has changed.
+        Raises FileError if the file cannot be read any more, or has changed.
         """
         reader = SequentialReader(self._path, self._port_of, rows.definitions)
         try:
@@ -354,8 +349,7 @@ def recordings_in(paths: Iterable[Path]) -> list[Path]:
 def files_of(path: Path) -> Iterator[Path]:
     """The file itself, the recordings in a folder, or the matches of a pattern, sorted by name.
 
-    Raises:
-        FileError: the folder holds no recording, or nothing matches the pattern.
+    Raises FileError if the folder holds no recording, or nothing matches the pattern.
     """
     if path.is_dir():
         found = sorted(entry for entry in path.glob(f"*{SUFFIX}") if entry.is_file())
@@ -385,8 +379,7 @@ _LONGER = 60
 def row_times(reader: RecordingReader) -> tuple[int, int] | None:
     """Time of the first row in the file, and the latest time; None without rows.
 
-    Raises:
-        FileError: the file cannot be read.
+    Raises FileError if the file cannot be read.
     """
     first_ns = next((int(rows.t_ns[0]) for rows in reader.batches() if len(rows)), None)
     return None if first_ns is None else (first_ns, _latest_ns(reader, first_ns))

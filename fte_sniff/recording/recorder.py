@@ -109,8 +109,7 @@ class Recorder:
             options: limits, rotation and the trigger window.
             select: selects the rows that trigger.
 
-        Raises:
-            FileError: the file cannot be made, or the disk has too little space for it.
+        Raises FileError if the file cannot be made, or the disk has too little space for it.
         """
         self._options = options or RecordingOptions()
         self._ports, self._facts = tuple(ports), dict(facts or {})

@@ -151,8 +151,7 @@ def is_whole(path: Path) -> bool:
 
     A file without summary is valid MCAP but not every tool opens it, so it is not intact.
 
-    Raises:
-        FileError: the file cannot be read.
+    Raises FileError if the file cannot be read.
     """
     try:
         with path.open("rb") as stream:

@@ -126,11 +126,7 @@ class RecordScan:
         return RecordStream(stream, (), wanted, search, self.begin)
 
     def read(self, stream: BinaryIO, records: ByteRange) -> Iterator[RawRecord]:
-        """Records that were read before.
-
-        Raises:
-            RecordError: the file has other records now.
-        """
+        """Records that were read before; raises RecordError if the file has other records now."""
         start, end = records
         stream.seek(start)
         data = bytearray(stream.read(end - start))

@@ -85,8 +85,7 @@ class SequentialReader:
     def read(self, records: RecordStream) -> Iterator[Row | PortEvent]:
         """The rows and events of the records, in their order.
 
-        Raises:
-            FileError: the file has none of fte-sniff's topics, or none that can be read.
+        Raises FileError if the file has none of fte-sniff's topics, or none that can be read.
         """
         for record in records:
             if record.opcode == Opcode.CHUNK:
@@ -151,8 +150,7 @@ class SequentialReader:
     def check_topics(self, *, cut: bool) -> None:
         """Refuse a file of which nothing could be read, at the end of the pass.
 
-        Raises:
-            FileError: the file has none of fte-sniff's topics, or none that can be read.
+        Raises FileError if the file has none of fte-sniff's topics, or none that can be read.
         """
         if self.times is not None:
             return

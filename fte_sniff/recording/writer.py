@@ -45,8 +45,7 @@ def begin_recording(
     Returns:
         The file, and the packer for its rows, which adds the channels of further ports.
 
-    Raises:
-        OSError: the target cannot be written.
+    Raises OSError if the target cannot be written.
     """
     channels = Channels()
 
@@ -89,9 +88,8 @@ class RecordingWriter:
             facts: further items for the file's metadata, e.g. `host_facts(now)`.
             existing: what to do if the file exists.
 
-        Raises:
-            FileError: the file exists, another program records to it, its folder does not exist,
-                or the system refuses it. The disk is unchanged then.
+        Raises FileError if the file exists, another program records to it, its folder does not
+        exist, or the system refuses it. The disk is unchanged then.
         """
         self._pending: list[tuple[int, Row | PortEvent]] = []
         self.rows = 0
@@ -139,8 +137,7 @@ class RecordingWriter:
     def write(self, entries: Iterable[Row | PortEvent]) -> None:
         """Write rows, each port's in the order of its stream, and events; `flush` stores them.
 
-        Raises:
-            FileError: an entry has no time that a recording can hold, or writing failed.
+        Raises FileError if an entry has no time that a recording can hold, or writing failed.
         """
         self._check()
         remaining = iter(entries)
@@ -165,8 +162,7 @@ class RecordingWriter:
     def flush(self) -> None:
         """End the chunk and push it to the disk. Call it at least once a second.
 
-        Raises:
-            FileError: the disk is full or failed; or the file was deleted, moved or replaced.
+        Raises FileError if the disk is full or failed; or the file was deleted, moved or replaced.
         """
         self._check()
         if self._pending:
@@ -190,8 +186,7 @@ class RecordingWriter:
     def close(self) -> None:
         """Flush, and close the file. Closing again, or after a failure, does nothing.
 
-        Raises:
-            FileError: the last flush failed; the file is closed all the same.
+        Raises FileError if the last flush failed; the file is closed all the same.
         """
         if self._closed:
             return

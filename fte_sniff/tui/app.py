@@ -318,8 +318,7 @@ def run_screen(
     Returns:
         0, or another number where the screen failed, which it has then reported.
 
-    Raises:
-        FteSniffError: the feed failed; the terminal is restored.
+    Raises FteSniffError if the feed failed; the terminal is restored.
     """
     app = SniffApp(feed, options, source)
     try:

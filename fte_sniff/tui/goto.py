@@ -76,9 +76,8 @@ _OFFSET = re.compile(r"@ ?(0[xX][0-9a-fA-F]{1,16}|[0-9][0-9_,]{0,20})", re.ASCII
 def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
     """Parse a goal; a date and time without a zone are in `zone`.
 
-    Raises:
-        InputTextError: the text is no goal; the message shows one of each kind, or asks for the
-            unit that a distance lacks.
+    Raises InputTextError if the text is no goal; the message shows one of each kind, or asks for
+    the unit that a distance lacks.
     """
     text = text.strip()
     if _ROW.fullmatch(text):

@@ -33,8 +33,7 @@ def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
         wanted: a key of `LANGUAGES`; None or `AUTO` for the locale's.
         environment: has the locale in `LC_ALL`, `LC_MESSAGES` or `LANG`.
 
-    Raises:
-        UsageError: there is no such language.
+    Raises UsageError if there is no such language.
     """
     if wanted not in (None, AUTO):
         if wanted not in LANGUAGES:

@@ -251,11 +251,7 @@ def preload_filter() -> None:
 
 
 def parse_filter(line: str) -> RowFilter:
-    """Parse a filter.
-
-    Raises:
-        FilterError: the line is no filter.
-    """
+    """Parse a filter; raises FilterError if the line is no filter."""
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
     return RowFilter.parse(line)

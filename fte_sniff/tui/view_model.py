@@ -76,8 +76,7 @@ class ViewModel:
             now_ns: nanoseconds of any monotonic clock.
             take_rows: False leaves new rows with the feed for now.
 
-        Raises:
-            FteSniffError: the feed failed.
+        Raises FteSniffError if the feed failed.
         """
         update = self._feed.poll() if take_rows else FeedUpdate(self.state)
         ended = self.state.running and not update.state.running

@@ -61,8 +61,7 @@ _TERM_TYPE: Final = {
 class Compiler:
     """Builds the terms of one filter from smaller terms.
 
-    Raises:
-        FilterError: from any method, with the position of the wrong term and the fix.
+    Any method raises FilterError, with the position of the wrong term and the fix.
     """
 
     def __init__(self, text: str) -> None:

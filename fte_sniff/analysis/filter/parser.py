@@ -164,8 +164,7 @@ _REST_OF_NUMBER: Final = re.compile(r"[\w.]+")
 def tokens(text: str) -> list[Token]:
     """The tokens of a filter; the last has type END.
 
-    Raises:
-        FilterError: the text is too long, or contains a character that starts no token.
+    Raises FilterError if the text is too long, or contains a character that starts no token.
     """
     if len(text) > MAX_LENGTH:
         raise FilterError(
@@ -229,11 +228,7 @@ def _check_unicode(text: str, match: re.Match[str]) -> None:
 
 
 def parse(text: str) -> Term:
-    """The whole filter as one condition.
-
-    Raises:
-        FilterError: with the position and the fix.
-    """
+    """The whole filter as one condition; raises FilterError with the position and the fix."""
     return _Parser(text).parse()
 
 

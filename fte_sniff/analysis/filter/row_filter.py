@@ -49,8 +49,7 @@ class RowFilter:
     def parse(cls, text: str) -> RowFilter:
         """Compile a filter.
 
-        Raises:
-            FilterError: one line with the mistake, its position, and the fix.
+        Raises FilterError with the mistake, its position, and the fix.
         """
         found = parse(text)
         try:
@@ -63,8 +62,7 @@ class RowFilter:
     def mask(self, frame: pl.DataFrame) -> pl.Series:
         """Whether each row of a frame with `row_frame`'s columns passes; never null.
 
-        Raises:
-            FilterError: the filter cannot be computed for these rows.
+        Raises FilterError if the filter cannot be computed for these rows.
         """
         try:
             found = frame.select(passes=self.expression).to_series()
@@ -77,8 +75,7 @@ class RowFilter:
     def matches(self, rows: Sequence[Row]) -> Bools:
         """Whether each row passes.
 
-        Raises:
-            FilterError: the filter cannot be computed for these rows.
+        Raises FilterError if the filter cannot be computed for these rows.
         """
         return self.mask(row_frame(rows, self.names or ("offset",))).to_numpy()
 

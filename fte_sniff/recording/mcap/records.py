@@ -59,8 +59,7 @@ class _Readable(Protocol[_Record]):
 def parse(record: _Readable[_Record], body: bytes) -> _Record:
     """The record of a class of the mcap package.
 
-    Raises:
-        RecordError: the body is no such record.
+    Raises RecordError if the body is no such record.
     """
     try:
         return record.read(ReadDataStream(BytesIO(body)))
@@ -71,8 +70,7 @@ def parse(record: _Readable[_Record], body: bytes) -> _Record:
 def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
     """Opcode and body of each record in an unpacked chunk, or in a summary.
 
-    Raises:
-        RecordError: the last record exceeds the end.
+    Raises RecordError if the last record exceeds the end.
     """
     at, end = 0, len(records)
     while at < end:
@@ -142,8 +140,7 @@ def unpacked_size(body: bytes) -> int:
 def unpack(body: bytes) -> bytes:
     """The records of a chunk; checks the checksum if it has one.
 
-    Raises:
-        RecordError: the chunk is damaged, or its compression is unknown.
+    Raises RecordError if the chunk is damaged, or its compression is unknown.
     """
     packed, compression = compressed_records(body)
     _, _, size, crc, _ = CHUNK_HEAD.unpack_from(body)
@@ -162,8 +159,7 @@ def unpack(body: bytes) -> bytes:
 def compressed_records(body: bytes) -> tuple[memoryview, bytes]:
     """The compressed records of a chunk, and the name of the compression.
 
-    Raises:
-        RecordError: the lengths contradict each other.
+    Raises RecordError if the lengths contradict each other.
     """
     try:
         *_, name_length = CHUNK_HEAD.unpack_from(body)

@@ -70,8 +70,7 @@ class Descriptions:
     def update(self, opcode: int, body: bytes) -> None:
         """Add a record; others than definitions and metadata are ignored.
 
-        Raises:
-            RecordError: the record contradicts itself.
+        Raises RecordError if the record contradicts itself.
         """
         if opcode == Opcode.SCHEMA:
             self.schemas.append(parse(Schema, body))

@@ -66,8 +66,7 @@ class MessageReader:
     def __init__(self, topic: str, port: str, schema: str, data: bytes) -> None:
         """Take the full name of the message and the serialized FileDescriptorSet.
 
-        Raises:
-            FileError: the schema is unusable, or its messages lack fields of a row.
+        Raises FileError if the schema is unusable, or its messages lack fields of a row.
         """
         self.topic = topic
         self.port = port
@@ -110,8 +109,7 @@ class MessageReader:
     def row(self, data: bytes, log_time: int) -> Row:
         """The row of one message.
 
-        Raises:
-            ValueError: the message does not fit its schema or is no row.
+        Raises ValueError if the message does not fit its schema or is no row.
         """
         message = self._parse(data)
         faults = message.faults
@@ -146,8 +144,7 @@ class MessageReader:
     def event(self, data: bytes, log_time: int) -> PortEvent:
         """The port event of one message.
 
-        Raises:
-            ValueError: the message does not fit its schema or is no event.
+        Raises ValueError if the message does not fit its schema or is no event.
         """
         message = self._parse(data)
         kind = PortEventKind(self._name(message.kind))

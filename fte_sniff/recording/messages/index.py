@@ -105,8 +105,7 @@ def index_messages(records: bytes, starts: Array | None) -> MessageIndex:
         records: the chunks.
         starts: where a message index says that messages begin, rising; ignored if that is wrong.
 
-    Raises:
-        RecordError: the records exceed the chunk, or a message is too short.
+    Raises RecordError if the records exceed the chunk, or a message is too short.
     """
     found = None if starts is None else _confirmed(records, starts)
     if found is None:

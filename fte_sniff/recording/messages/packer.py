@@ -320,9 +320,5 @@ class Channels:
         return channels
 
     def id_of(self, port: str, topic: Topic) -> int:
-        """The channel of a port on a topic.
-
-        Raises:
-            KeyError: the port was not added.
-        """
+        """The channel of a port on a topic; raises KeyError if the port was not added."""
         return self._ids[port, topic.name]

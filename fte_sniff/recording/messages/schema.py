@@ -236,8 +236,7 @@ def schema_data(schema: str) -> bytes:
 def message_class(name: str, data: bytes) -> Any:
     """The message class with this name in a serialized FileDescriptorSet.
 
-    Raises:
-        ValueError: the data is invalid or lacks the message.
+    Raises ValueError if the data is invalid or lacks the message.
     """
     pool = DescriptorPool()
     try:

@@ -42,8 +42,7 @@ _ROW_STYLE: Final = Style(bold=True, reverse=True)
 def neighbours(store: RowStore, index: int, reach: int) -> list[Row]:
     """The row at an index, with the rows of its port up to `reach` bytes away, in order.
 
-    Raises:
-        IndexError: there is no such row.
+    Raises IndexError if there is no such row.
     """
     row = store.row(index)
     start, end = row.offset - reach, row.offset + len(row.raw) + reach
