@@ -46,9 +46,7 @@ class Resync(StrEnum):
 def line_levels(messages: Iterable[bytes], idle_bits: Sequence[int]) -> bytes:
     """The levels of an 8N1 line, one byte (0 or 1) a bit, that carries messages.
 
-    Args:
-        messages: bytes without gaps between them.
-        idle_bits: bit times of idle after the first message, the second, and so on, repeating.
+    `idle_bits` are the bit times of idle after the first message, the second, ..., repeating.
     """
     levels = bytearray(b"\1\1")
     for number, message in enumerate(messages):
@@ -226,7 +224,6 @@ def readable_frames(data: bytes) -> list[Frame]:
 def _condition(
     data: bytes, baud: int, guesses: tuple[tuple[LineSetting, float], ...]
 ) -> LineCondition:
-    """The state of a line without frames."""
     if data.count(0) >= _LOW_SHARE * len(data):
         return LineCondition.LOW
     if len(data) < FEW_BYTES:

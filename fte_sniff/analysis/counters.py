@@ -87,7 +87,6 @@ def _bins_of(durations_ns: Ints) -> Ints:
 
 
 def _middles(bins: Ints) -> _Floats:
-    """The middle of the whole nanoseconds in each bin."""
     octaves, within = np.divmod(bins, PER_OCTAVE)
     low = np.ldexp(1 + within / PER_OCTAVE, octaves)
     width = np.ldexp(1.0, octaves) / PER_OCTAVE
@@ -115,7 +114,6 @@ class CountsOverTime:
     """Counts by category (0, 1, ...) and by slot of time; slots grow so that `SLOTS` suffice."""
 
     def __init__(self, shortest_ns: int = SHORTEST_NS) -> None:
-        """`shortest_ns` is the initial length of a slot."""
         self.slot_ns = shortest_ns
         """Length of a slot, nanoseconds."""
         self._first = 0
@@ -138,7 +136,6 @@ class CountsOverTime:
         self._table += added.astype(np.int64).reshape(self._table.shape)
 
     def _cover(self, category: int, low_ns: int, high_ns: int) -> None:
-        """Extend the table to a category and a range of time."""
         if not self._table.shape[1]:
             self._first = low_ns // self.slot_ns
         while True:
@@ -154,7 +151,6 @@ class CountsOverTime:
         self._first = first
 
     def _merge_pairs(self) -> None:
-        """Double the length of a slot."""
         table, slots = self._table, self._table.shape[1]
         odd = self._first % 2
         table = np.pad(table, ((0, 0), (odd, (slots + odd) % 2)))
@@ -203,10 +199,7 @@ class RecentValues:
         return int(np.percentile(self.values, percent, method="inverted_cdf"))
 
     def per_second(self, now_ns: int) -> float | None:
-        """The rate of values that are times, over two seconds before `now_ns`.
-
-        None if it is unknown; 0 if the last value is older.
-        """
+        """The rate of times in two seconds before `now_ns`; None if unknown, 0 if all are older."""
         times = self.values
         if not len(times):
             return None

@@ -78,12 +78,7 @@ TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
 
 
 def table_frame(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
-    """The rows as a frame of `TABLE_SCHEMA`.
-
-    Args:
-        rows: of any ports, in any order.
-        names: only these columns; None for all.
-    """
+    """The rows, of any ports, as a frame of `TABLE_SCHEMA`, or of only its columns `names`."""
     batch = rows if isinstance(rows, RowBatch) else RowBatch.from_rows(rows)
     maker = _Maker(batch)
     wanted = (name for name in COLUMN_BY_NAME if names is None or name in names)
@@ -113,7 +108,6 @@ class _Maker:
         self._kinds: Codes | None = None
 
     def series(self, name: str) -> pl.Series:
-        """The column of that name."""
         if name in _FIELD_NAMES:
             return self._field(name).rename(name)
         return _MAKERS[name](self).rename(name)
@@ -190,7 +184,6 @@ _MAKERS: Final[Mapping[str, Callable[[_Maker], pl.Series]]] = {
 
 
 def _known(values: pl.Series, known: Bools) -> pl.Series:
-    """The values, null where they are not known."""
     if known.all():
         return values
     return values.zip_with(pl.Series(known), pl.Series([None], dtype=values.dtype))

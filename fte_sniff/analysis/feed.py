@@ -54,11 +54,9 @@ class GapDetector:
         self._not_shown = 0
 
     def begin(self, bauds: Mapping[str, int], gaps: Iterable[Gap] = ()) -> list[StreamChange]:
-        """Begin an input; returns the changes before its first row.
+        """Begin an input, which reports `gaps`; returns the changes before its first row.
 
-        Args:
-            bauds: bits per second by port; only of these ports are later changes followed.
-            gaps: what the input reports.
+        Later changes of the baud are followed only of the ports in `bauds`, bits per second.
         """
         edges = [(t_ns, gap) for gap in gaps for t_ns in _edges(gap)]
         self._edges = deque(sorted(edges, key=itemgetter(0)))
@@ -75,8 +73,7 @@ class GapDetector:
     def observe(self, times: tuple[int, int] | None) -> Gap | None:
         """Rows came: returns the gap that `interrupt` reported, now that both ends are known.
 
-        Args:
-            times: of the first row and the latest one; None if they have no times.
+        `times` are those of the first row and the latest one; None if they have no times.
         """
         if times is None:
             return None
@@ -92,10 +89,8 @@ class GapDetector:
     ) -> list[StreamChange]:
         """The changes before, between and after the next rows, by rising index.
 
-        Args:
-            rows: the next rows.
-            events: the port events of the same time.
-            not_shown: how many rows were left out of the view so far, these included.
+        `events` are the port events of the same time; `not_shown` counts the rows that were left
+        out of the view so far, these included.
         """
         found: list[StreamChange] = []
         if not_shown > self._not_shown:
@@ -117,7 +112,6 @@ class GapDetector:
         return sorted(found, key=attrgetter("index"))
 
     def _effect(self, event: PortEvent) -> Gap | BaudChange | None:
-        """What an event does to the rows of its port."""
         if event.kind in GAP_EVENTS:
             return Gap(GapKind.PORT, None, event.t_ns, event.t_ns, event.detail, event.port)
         if event.kind is PortEventKind.BAUD_CHANGED and event.count and event.port in self._bauds:

@@ -43,11 +43,9 @@ _FIELD_POSITIONS: Final = _field_positions()
 
 
 def kind_codes(raw: Array, framed: Bools) -> Codes:
-    """The index in `KINDS` of every row's kind; `NO_KIND` for rows without one.
+    """The index in `KINDS` of every row's kind, `NO_KIND` without one.
 
-    Args:
-        raw: the first ten bytes of every row.
-        framed: which rows are frames.
+    `raw` has the first ten bytes of every row; `framed` is whether it is a frame.
     """
     kinds: Codes = _KIND_CODES.take(
         raw[:, 0].astype(np.uint16) << np.uint16(8) | raw[:, CMD_OFFSET]
@@ -153,7 +151,6 @@ def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
 
 
 def _letter(field: Field) -> str:
-    """The first letter of a field without a unit, else nothing."""
     return "" if field.unit else field.option[0].upper()
 
 

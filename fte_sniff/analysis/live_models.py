@@ -34,14 +34,12 @@ class LiveModels:
     def __init__(
         self, store: RowStore, setup: LineSetup, checkpoint_rows: int = CHECKPOINT_ROWS
     ) -> None:
-        """Models of a store that may go on to grow."""
         self._store = store
         self._checkpoint_rows = checkpoint_rows
         self._next = 0
         self._checkpoints: deque[tuple[int, Motors]] = deque([(0, Motors())])
         self._changes: list[StreamChange] = []
         self._applied = 0
-        """Number of changes that were applied."""
         self.motors = Motors()
         self.traces = Traces()
         self.statistics = Statistics(setup)
@@ -81,7 +79,6 @@ class LiveModels:
         self._changes += changes
 
     def _apply_changes(self) -> None:
-        """Apply the changes up to the next row."""
         while self._applied < len(self._changes):
             change = self._changes[self._applied]
             if change.index > self._next:

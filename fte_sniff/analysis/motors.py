@@ -21,7 +21,6 @@ from fte_sniff.protocol.spec import NUM_OFFSET
 
 
 def _by_kind(values: Iterator[bool]) -> Bools:
-    """Values by kind code, with False for `NO_KIND`."""
     return np.array([*values, False])
 
 
@@ -128,8 +127,7 @@ class Pairing:
     def update(self, commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Ints]:
         """Match the commands and the feedback of the next batch.
 
-        Returns:
-            Answer times and the times of the answers, nanoseconds, where both are known.
+        Returns the known answer times and times of the answers, nanoseconds.
         """
         if self._waiting is not None:
             commands = commands.after(*self._waiting)
@@ -236,8 +234,6 @@ class MotorState:
 
 
 class _FlagByte:
-    """Model of one flag byte."""
-
     def __init__(self) -> None:
         self.byte: int | None = None
         self._changed: list[int | None] = [None for _ in BITS]
@@ -271,8 +267,6 @@ _SUBJECTS: Final = [
 
 
 class _Motor:
-    """Model of one motor."""
-
     def __init__(self, number: int) -> None:
         self.number = number
         self.commands = self.feedback = 0

@@ -168,21 +168,18 @@ class RowStore:
         source: BlockSource | None = None,
         most_blocks: int = MOST_BLOCKS,
     ) -> None:
-        """An empty store without a filter.
+        """An empty store without a filter; raises ValueError if a number is out of its range.
 
         Args:
             bound: most rows, at least 1; older ones are dropped.
             block_rows: rows in a block, 1 to 65536.
             source: loads rows again, so that not all need to be in memory.
             most_blocks: with a source, most full blocks in memory, at least 1.
-
-        Raises ValueError if a number is out of its range.
         """
         if bound < 1 or most_blocks < 1 or not 1 <= block_rows <= 2**16:
             raise ValueError(f"a store of {bound} rows in blocks of {block_rows} cannot be")
         self.bound = bound
         self.codebook = Codebook()
-        """Ports and faults of the rows."""
         self._block_rows = block_rows
         self._cache = BlockCache(source, most_blocks, self.codebook)
         self._blocks: deque[Block] = deque()
@@ -336,7 +333,6 @@ class FilteredView:
         return self._matching_sums()[-1] - self._dropped()
 
     def _matching_sums(self) -> list[int]:
-        """Matching rows before each block, and in all blocks."""
         if self._sums is None:
             self._sums = [0, *accumulate(block.matching for block in self._store.blocks)]
         return self._sums

@@ -102,12 +102,9 @@ def _find(
 def select_rows(
     store: RowStore, start: int, end: int, row_filter: RowFilter | None
 ) -> tuple[list[Row], int]:
-    """Rows of one block with indices from `start` up to `end` that pass a filter.
+    """Rows of one block with indices from `start` up to `end` that pass a filter, not the view's.
 
-    The filter can differ from the view's.
-
-    Returns:
-        The rows, and the index to continue at: `end` or less.
+    Returns them and the index to continue at: `end` or less.
     """
     start, end = max(start, store.first), min(end, store.next)
     if start >= end:
@@ -221,8 +218,6 @@ STEP_ROWS: Final = 4096
 
 @dataclass(slots=True)
 class _BlockHits:
-    """Hits in a block."""
-
     counted: int = 0
     """Rows that were searched, from the start."""
     offsets: Offsets = field(default_factory=lambda: np.empty(0, np.int64))

@@ -69,14 +69,11 @@ def _field_names() -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Cell:
-    """A displayed text of every row."""
-
     column: str | None
     """Its column; None if every table shows it."""
     names: frozenset[str]
     """Columns that it is computed from."""
     signs: frozenset[str]
-    """Characters that it can contain."""
     text: pl.Expr
 
 

@@ -126,7 +126,6 @@ class PortStats:
     def __init__(self, port: str, baud: int) -> None:
         self.port = port
         self.baud = baud
-        """Latest bits per second."""
         self.rows = self.bytes = 0
         self.frames = dict.fromkeys(Direction, 0)
         """Rows whose framing holds, by direction."""
@@ -134,7 +133,6 @@ class PortStats:
         """Time of its first row, nanoseconds since 1970 UTC; None if no row has one."""
         self.last_ns: int | None = None
         self.silences = Durations()
-        """Idle times between rows."""
         self.share_over_time = TimeSeries(0, 1, ())
         """`share` in slots of time; set by `Statistics.ports`."""
         self._events: dict[PortEventKind, EventStats] = {}
@@ -269,8 +267,6 @@ class StreamStats:
 
 
 class _Stream:
-    """Model of one stream."""
-
     def __init__(self) -> None:
         self.count = 0
         self.periods = Durations()
@@ -294,7 +290,6 @@ class _Stream:
         self.recent.update(t_ns)
 
     def update_range(self, name: str, low: int, high: int) -> None:
-        """Extend the range of a quantity."""
         if name in self.ranges:
             low, high = min(low, self.ranges[name][0]), max(high, self.ranges[name][1])
         self.ranges[name] = low, high
@@ -325,7 +320,6 @@ class _Streams:
         self._streams: dict[tuple[int, int], _Stream] = {}
 
     def update(self, rows: Decoded) -> None:
-        """Count the next rows."""
         of_port = rows.rows.port.astype(np.int64) * (_NO_STREAM + 1)
         keys = of_port + _STREAM_CODES[rows.kinds, rows.nums]
         # A small integer type makes numpy use a radix sort.

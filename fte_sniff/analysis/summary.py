@@ -40,7 +40,6 @@ class StatisticsSummary:
     def __init__(self, setup: LineSetup) -> None:
         """`setup` has the baud of ports for which no input has one."""
         self.sources: list[RowSource] = []
-        """All inputs, in order."""
         self._codebook = Codebook()
         self._statistics = Statistics(setup)
         self._answers = Answers()
@@ -48,12 +47,9 @@ class StatisticsSummary:
         self._gaps = GapDetector()
 
     def begin(self, name: str, bauds: Mapping[str, int], gaps: Sequence[Gap] = ()) -> None:
-        """Start the next input.
+        """Start the next input; no measurement spans the `gaps` that it reports.
 
-        Args:
-            name: its name.
-            bauds: bits per second by port; later changes of these ports are followed.
-            gaps: what the input reports; no measurement spans them.
+        `bauds` are the bits per second by port; later changes of these ports are followed.
         """
         self.sources.append(RowSource(name))
         for change in self._gaps.begin(bauds, gaps):

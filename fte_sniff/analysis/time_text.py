@@ -54,12 +54,7 @@ class ClockTime:
         return self.on_day_of(0, UTC) % DAY_NS
 
     def on_day_of(self, t_ns: int, zone: tzinfo) -> int:
-        """This time on the day of another time, nanoseconds since 1970 UTC.
-
-        Args:
-            t_ns: the other time, nanoseconds since 1970 UTC.
-            zone: the default zone.
-        """
+        """This time on the day of `t_ns`, nanoseconds since 1970 UTC, by default in `zone`."""
         return self._on(_date_of(t_ns, self.of_day.tzinfo or zone), zone)
 
     def on_day_after(self, t_ns: int, zone: tzinfo) -> int:
@@ -74,11 +69,7 @@ class ClockTime:
 def time_ns(text: str, zone: tzinfo = UTC) -> int | None:
     """A time with a date, nanoseconds since 1970 UTC; None if the text is not one.
 
-    A fraction of a second has up to nine digits.
-
-    Args:
-        text: the text.
-        zone: the default zone.
+    A fraction of a second has up to nine digits; `zone` is the default zone.
     """
     match = _ISO.fullmatch(text.strip())
     if match is None:

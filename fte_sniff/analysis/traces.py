@@ -97,7 +97,6 @@ class _Level:
         return self._oldest_kept <= max(start_ns // self.length_ns, self._oldest)
 
     def between(self, start_ns: int, end_ns: int) -> _Groups:
-        """The buckets that overlap a time range, in order."""
         numbers = self._numbers
         first = max(self._oldest_kept, start_ns // self.length_ns)
         end = -(-end_ns // self.length_ns)
@@ -130,7 +129,6 @@ class Envelope:
     def __init__(
         self, finest_ns: int = FINEST_NS, levels: int = LEVELS, buckets: int = BUCKETS
     ) -> None:
-        """An empty envelope; `finest_ns` is the length of the shortest buckets."""
         self._levels = [_Level(finest_ns * STEP**level, buckets) for level in range(levels)]
 
     def update(self, t_ns: Ints, values: Ints) -> None:
@@ -200,7 +198,6 @@ class Traces:
         self.first_ns: int | None = None
         """Earliest time of a row, nanoseconds since 1970 UTC."""
         self.last_ns: int | None = None
-        """Latest time of a row."""
 
     def observe(self, rows: Decoded) -> None:
         """Add the next rows."""
@@ -256,7 +253,6 @@ class Traces:
 
 
 def _other_commands(motor: int, name: str) -> list[_Key]:
-    """Keys of the commands to a motor that do not set a quantity."""
     others = [other for other in QUANTITIES if other != name]
     return [
         *((motor, Direction.CONTROL, other) for other in others),

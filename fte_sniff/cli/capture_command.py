@@ -140,7 +140,6 @@ def run_capture(
 def _start_options(
     plan: CapturePlan, bench: LineSetup, settings: SavedSettings, lang: str | None
 ) -> StartOptions:
-    """The screen's start options, without filter and row limit."""
     from fte_sniff.tui.options import AtEnd, StartOptions
 
     return StartOptions(
@@ -280,7 +279,6 @@ class PlainLines:
     def __init__(
         self, select: Callable[[Sequence[Row]], list[Row]], *, ports: bool = False
     ) -> None:
-        """Print the rows that `select` returns; with a port column if `ports` is set."""
         self._select = select
         self._writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=ports)
         self._tally = Tally()
@@ -362,10 +360,7 @@ def print_problems(session: LiveSession) -> None:
 def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
     """Stop a session, wait for its end, and report what it waits for; print no rows.
 
-    Args:
-        session: the session.
-        seen: counts of the rows that a screen has shown. The remaining rows are added, and the
-            summary is printed.
+    To `seen`, counts of rows that a screen has shown, the remaining rows are added for the summary.
     """
     session.stop()
     leftover, not_shown = _Leftover(), 0
@@ -394,7 +389,6 @@ class _Leftover:
 
 
 def _updates(session: LiveSession) -> Iterator[FeedUpdate]:
-    """The session's updates until it has ended."""
     running = True
     while running:
         update = session.wait(WAIT_S)

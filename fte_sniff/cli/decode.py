@@ -145,7 +145,6 @@ def _write_all(sink: Sink, name: object, reading: InputReading) -> None:
 
 
 def _binary_stdout(form: OutputFormat, path: Path | None) -> Path:
-    """Standard output as a file, for binary formats that are written in sequence."""
     in_sequence = form is not OutputFormat.PARQUET
     if path is None:
         pipe = ", or - for a pipe" if in_sequence else ""

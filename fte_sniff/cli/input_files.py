@@ -115,10 +115,7 @@ class ReadOptions:
         return LogClock(day, self.zone_given())
 
     def zone_given(self) -> tzinfo | None:
-        """The zone of `--zone`; None if it was not given.
-
-        Raises InputTextError if there is no such zone.
-        """
+        """The zone of `--zone`, or None; raises InputTextError if there is no such zone."""
         return None if self.zone is None else zone_of(self.zone)
 
 

@@ -178,10 +178,7 @@ filter_option = click.option(
 
 
 def row_filter(text: str | None) -> RowFilter | None:
-    """The filter of `--filter`; None if it was not given.
-
-    Raises FilterError if the filter is invalid.
-    """
+    """The filter of `--filter`, if it was given; raises FilterError if it is invalid."""
     if text is None:
         return None
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -190,10 +187,7 @@ def row_filter(text: str | None) -> RowFilter | None:
 
 
 def selection(text: str | None) -> Callable[[Sequence[Row]], list[Row]]:
-    """A function that returns the rows that match the filter; all rows without a filter.
-
-    Raises FilterError if the filter is invalid.
-    """
+    """A function that returns the matching rows, all without a filter; raises FilterError."""
     wanted = row_filter(text)
     return list if wanted is None else wanted.select
 
@@ -234,7 +228,6 @@ class FileName(click.Path):
     """A file name, existing or not; not empty, because an empty path is the current folder."""
 
     def __init__(self) -> None:
-        """Convert to a Path."""
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -332,10 +325,7 @@ def line_setup(
 def check_line_setup(
     resolution: float | None, gear_ratio: float | None, baud: int = DEFAULT_BAUD
 ) -> LineSetup:
-    """The line setup from the options.
-
-    Raises UsageError if a gear ratio is given, but no resolution.
-    """
+    """The line setup from the options; raises UsageError for a gear ratio without resolution."""
     if resolution is None and gear_ratio is not None:
         raise UsageError("--gear-ratio makes turns of pulses only together with --resolution")
     from fte_sniff.analysis.statistics import LineSetup

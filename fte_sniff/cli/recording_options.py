@@ -82,7 +82,6 @@ def _rotate(text: str) -> _Value:
 
 
 def _parsed_by(parse: Callable[[str], _Value]) -> Callable[..., _Value]:
-    """A click callback."""
     return lambda _context, _option, text: None if text is None else parse(text)
 
 
@@ -217,7 +216,6 @@ def _check(output: Path | None, rotate: _Value, max_size: int | None, on_full: O
 
 
 def _check_suffix(output: Path) -> None:
-    """Raise UsageError for a file name with the suffix of another format."""
     if FORMAT_BY_SUFFIX.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
         mcap = output.with_suffix(".mcap")
         raise UsageError(
@@ -273,5 +271,4 @@ def capture_plan(
 
 
 def _default_path() -> Path:
-    """`fte-sniff-<UTC time>.mcap` in the working folder."""
     return Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")

@@ -77,7 +77,6 @@ def _report_damage(damage: FileDamage) -> None:
 
 
 def _missing(damage: FileDamage) -> str:
-    """How many messages are lost, as far as known."""
     if damage.lost_messages is not None:
         return f"{damage.lost_messages} are lost"
     if damage.least_lost_messages:

@@ -132,8 +132,6 @@ def _widths(value: Any) -> Mapping[str, int]:
 
 
 def _word(words: Collection[str]) -> _Convert:
-    """A converter that accepts these words."""
-
     def convert(value: Any) -> str:
         if value not in list(words):
             raise ValueError(f"one of {', '.join(words)}")
@@ -268,7 +266,6 @@ def save_screen(path: Path, settings: ScreenSettings) -> None:
 
 
 def _toml(value: Any) -> Any:
-    """The value as a TOML item."""
     import tomlkit
 
     if isinstance(value, Mapping):

@@ -49,12 +49,9 @@ class TextTable:
         self._lines = [("", list(heads), "")]
 
     def append(self, cells: Sequence[str], style: str = "", mark: str = "") -> None:
-        """Append a line.
+        """Append a line: the name, then a cell for each further head.
 
-        Args:
-            cells: the name, then a cell for each further head.
-            style: of mark and name.
-            mark: the text left of the name, in a column of its own.
+        `mark` is in a column left of the name, with its style.
         """
         self._lines.append((mark, list(cells), style))
 

@@ -129,6 +129,5 @@ def _recordings_only(inputs: Sequence[Input]) -> bool:
 
 
 def _total(inputs: Sequence[Input]) -> int | None:
-    """The number of rows; None if an input does not know its own."""
     counts = [one.count for one in inputs if one.count is not None]
     return sum(counts) if len(counts) == len(inputs) else None

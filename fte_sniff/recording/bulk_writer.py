@@ -73,11 +73,7 @@ def write_recording(
     batches: Iterable[RowBatch],
     facts: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a recording with a `BulkWriter`.
-
-    Raises:
-        FileError: the file cannot be written, or what the batches raise.
-    """
+    """Write a recording with a `BulkWriter`; raises FileError, and what the batches raise."""
     try:
         writer = BulkWriter(path, ports, facts)
         try:
@@ -127,9 +123,7 @@ class BulkWriter:
     def write(self, batch: RowBatch) -> None:
         """Write rows and events; small batches without events share a chunk.
 
-        Raises:
-            FileError: a row has no time.
-            OSError: the file cannot be written.
+        Raises FileError if a row has no time, OSError if the file cannot be written.
         """
         _check_times(batch)
         if batch.events:
@@ -141,10 +135,7 @@ class BulkWriter:
             self._write_waiting()
 
     def close(self, metadata: Iterable[NamedFacts] = ()) -> None:
-        """Write the waiting rows, further metadata records and the index; close the file.
-
-        Raises OSError if the file cannot be written.
-        """
+        """Write what waits, further metadata records and the index, and close; raises OSError."""
         self._write_waiting()
         self._background.close()
         self._file.write_metadata(

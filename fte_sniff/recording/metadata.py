@@ -40,11 +40,7 @@ def library_name() -> str:
 
 
 def host_facts(start_ns: int) -> dict[str, str]:
-    """Metadata about this host and its clock.
-
-    Args:
-        start_ns: start of the capture, nanoseconds since 1970 UTC.
-    """
+    """Metadata about this host and its clock at `start_ns`, nanoseconds since 1970 UTC."""
     clock = time.get_clock_info("time")
     return {
         "start": iso_time(start_ns),

@@ -149,13 +149,8 @@ class RecordingReader:
         """The same rows and events in batches, in file order, mostly of at least 64 thousand rows.
 
         Chunks outside `span`, by their log times, are skipped; a row that came late is in the range
-        of its chunk. Damage in skipped chunks is not detected.
-
-        Args:
-            codebook: for ports and faults; several readers can share one.
-            span: rows and events outside of it are omitted.
-
-        Raises FileError as iteration over rows.
+        of its chunk. Damage in skipped chunks is not detected. Several readers can share a
+        codebook. Raises FileError as iteration over rows.
         """
         return (rows for _, rows in self.ranges(codebook, span))
 

@@ -197,7 +197,6 @@ class _RepairJob:
         """By channel id: the sequence number after the last message, and the messages found."""
 
     def scan(self) -> None:
-        """Find the intact chunks and the damage between them."""
         position = 0
         before_ns: int | None = None
         for found in self._salvage.chunks():

@@ -55,7 +55,6 @@ class TimeRange:
 
 
 EVERYTHING = TimeRange()
-"""All of time."""
 
 ByteRange = tuple[int, int]
 """Start and end in a file."""

@@ -42,9 +42,7 @@ def begin_recording(
 ) -> tuple[McapFile, ColumnPacker]:
     """Write the head of a recording: metadata, and the schemas and channels of all ports.
 
-    Returns:
-        The file, and the packer for its rows, which adds the channels of further ports.
-
+    Returns the file, and the packer for its rows, which adds the channels of further ports.
     Raises OSError if the target cannot be written.
     """
     channels = Channels()

@@ -49,11 +49,9 @@ class ScreenActions(App[None]):
     """The file that is being written, if any."""
 
     def _inform(self, text: str) -> None:
-        """Report for a while what a key did, or why it did nothing."""
         self._notice.inform(text)
 
     def _start_worker(self, group: str, work: WorkType[None]) -> None:
-        """Start work beside the screen; earlier work of its group is cancelled."""
         self.run_worker(work, group=group, exclusive=True)
 
     def _end_selection(self) -> bool:
@@ -314,7 +312,6 @@ class FindActions(ScreenActions):
             self._find(search, self._table.last_index + by, by)
 
     def _search(self, line: str) -> None:
-        """Search for a valid line; an empty one ends the search."""
         self.workers.cancel_group(self, SEARCH_GROUP)
         self._table.set_search(Search.parse(line) if line else None)
         if self._table.search is not None:

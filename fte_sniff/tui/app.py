@@ -70,13 +70,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     def __init__(
         self, feed: Feed, options: StartOptions = DEFAULTS, source: BlockSource | None = None
     ) -> None:
-        """Build the widgets.
-
-        Args:
-            feed: where rows come from.
-            options: how the screen begins.
-            source: reads the feed's rows again, so that not all must stay in memory.
-        """
+        """Build the widgets; with a `source`, which reads rows again, not all stay in memory."""
         super().__init__()
         set_language(options.language)
         translate_keys(self)
@@ -271,7 +265,6 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             self._notice.inform(self._model.events_text)
 
     def _show_state(self) -> None:
-        """Draw the lines above and below the table, where they changed."""
         model, viewport = self._model, self._table.viewport
         mode = mode_of(model.state, viewport.paused, viewport.following)
         unseen = viewport.waiting if viewport.paused else viewport.below
@@ -309,16 +302,9 @@ def run_screen(
 ) -> int:
     """Show the feed until the user quits or a signal comes, then stop the feed.
 
-    Args:
-        feed: where rows come from.
-        options: how the screen begins.
-        source: reads the feed's rows again, so that not all must stay in memory.
-        on_exit: is called at the end with the counts over all rows.
-
-    Returns:
-        0, or another number where the screen failed, which it has then reported.
-
-    Raises FteSniffError if the feed failed; the terminal is restored.
+    With a `source`, which reads rows again, not all stay in memory. `on_exit` is called with the
+    counts over all rows. Returns 0, or another number where the screen failed, which it has then
+    reported. Raises FteSniffError if the feed failed; the terminal is restored.
     """
     app = SniffApp(feed, options, source)
     try:

@@ -76,8 +76,7 @@ _OFFSET = re.compile(r"@ ?(0[xX][0-9a-fA-F]{1,16}|[0-9][0-9_,]{0,20})", re.ASCII
 def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
     """Parse a goal; a date and time without a zone are in `zone`.
 
-    Raises InputTextError if the text is no goal; the message shows one of each kind, or asks for
-    the unit that a distance lacks.
+    Raises InputTextError; it shows a goal of each kind, or asks for the unit of a distance.
     """
     text = text.strip()
     if _ROW.fullmatch(text):
@@ -105,16 +104,10 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
 
 
 def time_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | None:
-    """Time that a goal names, nanoseconds since 1970 UTC.
+    """Time that a goal names, nanoseconds since 1970 UTC; `zone` is the default.
 
-    Args:
-        goal: what was typed.
-        store: the rows.
-        cursor: position of the cursor's row among those shown.
-        zone: zone of a time of day without one.
-
-    Returns:
-        None for goals that name no time, and where the cursor's row has none.
+    `cursor` is the position of the cursor's row among those shown. Returns None for goals that
+    name no time, and where the cursor's row has none.
     """
     cursor_ns = time_at(store, cursor)
     if cursor_ns is None:
@@ -133,9 +126,8 @@ def time_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | Non
 def row_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | None:
     """Position of the row that a goal names among those shown; the arguments are `time_of`'s.
 
-    Returns:
-        None where no shown row has the byte, or a time is needed and there are none. A position
-        may be past the last row.
+    Returns None where no shown row has the byte, or a time is needed and there are none. A position
+    may be past the last row.
     """
     last = max(0, store.view.count - 1)
     match goal:

@@ -29,10 +29,7 @@ _ENGLISH: Final = gettext.NullTranslations()
 def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
     """The wanted language, else that of the locale, else English.
 
-    Args:
-        wanted: a key of `LANGUAGES`; None or `AUTO` for the locale's.
-        environment: has the locale in `LC_ALL`, `LC_MESSAGES` or `LANG`.
-
+    None and `AUTO` mean the locale: `LC_ALL`, `LC_MESSAGES` or `LANG` of the environment.
     Raises UsageError if there is no such language.
     """
     if wanted not in (None, AUTO):

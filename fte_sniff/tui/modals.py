@@ -162,13 +162,6 @@ class Picker(ListScreen[Picked | None], Generic[Picked]):
     BINDINGS: ClassVar[list[BindingType]] = bindings(PICKING)
 
     def __init__(self, title: str, entries: Sequence[Entry[Picked]], cursor: int = 0) -> None:
-        """A list.
-
-        Args:
-            title: what is picked.
-            entries: from top to bottom.
-            cursor: number of the entry under the cursor at first.
-        """
         super().__init__()
         self._heading, self._entries, self._cursor = title, entries, cursor
         self._typed = ""
@@ -266,12 +259,7 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
     BINDINGS: ClassVar[list[BindingType]] = bindings(CHOOSING)
 
     def __init__(self, shown: Sequence[TableColumn], width_of: Callable[[str], int]) -> None:
-        """A list of all columns.
-
-        Args:
-            shown: the columns of the table.
-            width_of: returns the default width of a column.
-        """
+        """A list of all columns; `width_of` returns the default width of one."""
         super().__init__()
         names = {column.name for column in shown}
         self._columns = [_ColumnLine(column.name, True, column.width) for column in shown]

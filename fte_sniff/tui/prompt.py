@@ -258,10 +258,7 @@ def parse_filter(line: str) -> RowFilter:
 
 
 def completed(line: str, t_ns: int | None = None) -> str | None:
-    """The line with its last word completed; None where there is no completion.
-
-    `t_ns` is suggested where a time is expected.
-    """
+    """The line with its last word completed, or None; `t_ns` is suggested for a time."""
     if not line.strip():
         return None
     from fte_sniff.analysis.filter.completion import completions
@@ -275,7 +272,6 @@ class FilterSuggester(Suggester):
     """Completes names, operators and values of a filter."""
 
     def __init__(self, cursor_ns: Callable[[], int | None]) -> None:
-        """`cursor_ns` returns the time of the cursor's row."""
         super().__init__(use_cache=False, case_sensitive=True)
         self._cursor_ns = cursor_ns
 
@@ -293,13 +289,7 @@ class FilterField(PromptField):
         on_submit: OnSubmit,
         cursor_ns: Callable[[], int | None],
     ) -> None:
-        """A field with the filter in effect.
-
-        Args:
-            row_filter: the first filter.
-            on_submit: receives another one.
-            cursor_ns: returns the time that is suggested where one is expected.
-        """
+        """A field with the filter in effect; `cursor_ns` returns the time that is suggested."""
         super().__init__(
             later("filter"),
             parse_filter,

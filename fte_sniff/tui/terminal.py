@@ -95,7 +95,6 @@ class AsyncTerminalWriter:
             self._on_gone()
 
     def _next(self) -> str | None:
-        """Wait for the next text; None at the end."""
         with self._changed:
             self._busy = False
             self._changed.notify_all()
@@ -155,7 +154,6 @@ class Terminal(LinuxDriver):
         mouse: bool = True,
         size: tuple[int, int] | None = None,
     ) -> None:
-        """Arguments are Textual's; the terminal is not changed yet."""
         super().__init__(app, debug=debug, mouse=mouse, size=size)
         self._state = _State.OFF
         self._gone = False

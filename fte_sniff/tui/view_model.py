@@ -70,13 +70,9 @@ class ViewModel:
         self._frames_per_s: float | None = None
 
     def poll(self, now_ns: int, *, take_rows: bool = True) -> ViewUpdate:
-        """Store the new rows and count them.
+        """Store the new rows and count them; raises FteSniffError if the feed failed.
 
-        Args:
-            now_ns: nanoseconds of any monotonic clock.
-            take_rows: False leaves new rows with the feed for now.
-
-        Raises FteSniffError if the feed failed.
+        `now_ns` is of any monotonic clock. Without `take_rows` new rows stay with the feed for now.
         """
         update = self._feed.poll() if take_rows else FeedUpdate(self.state)
         ended = self.state.running and not update.state.running

@@ -75,13 +75,9 @@ class Compiler:
         names: Iterable[str] = (),
         of_type: TermType = TermType.TRUTH,
     ) -> Term:
-        """A term whose SQL contains the SQL of other terms, at least one.
+        """A term whose SQL, in brackets or a call, contains that of other terms, at least one.
 
-        Args:
-            sql: in brackets, or a call.
-            terms: what it contains.
-            names: columns that it reads besides theirs.
-            of_type: its type.
+        `names` are columns that it reads besides theirs.
         """
         depth = 1 + max(term.depth for term in terms)
         first = min(terms, key=lambda term: term.start)
@@ -354,7 +350,6 @@ class Compiler:
         return left.sql, self._value(left, right)
 
     def _value(self, left: Term, right: Term) -> str:
-        """The SQL of `right`, which is compared with `left`."""
         self._refuse_early_time(left, right)
         if left.type is TermType.WORD:
             return self._word(left, right)
@@ -395,7 +390,6 @@ class Compiler:
         return self._errors.unknown(name)
 
     def _word(self, left: Term, right: Term) -> str:
-        """The SQL of a word of the column `left`."""
         column = left.column
         if column is None or right.type not in UNTYPED:
             raise self._errors.mismatch(left, right)
@@ -428,7 +422,6 @@ class Compiler:
         return f"({found})" if found < 0 else str(found)
 
     def _as_text(self, term: Term, operator: str) -> str:
-        """The SQL of a term as a text, which `operator` needs."""
         if term.type is TermType.NAME:
             raise self._errors.unknown(term)
         if term.type is TermType.WORDS:
@@ -441,7 +434,6 @@ class Compiler:
         raise self._errors.wrong_type(term, why)
 
     def _hex_digits(self, literal: Term, wildcards: str = "") -> str:
-        """A text as upper-case hex without spaces."""
         digits = "".join(literal.label.split()).upper()
         if not set(digits) <= _HEX_DIGITS.union(wildcards):
             what = TranslatableText("'{literal}' is not hex", literal=literal.label)

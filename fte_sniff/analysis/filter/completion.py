@@ -38,12 +38,9 @@ class Completions:
 
 
 def completions(text: str, cursor: int | None = None, t_ns: int | None = None) -> Completions:
-    """Completions of the word that ends at the cursor.
+    """Completions of the word that ends at the cursor, by default at the end of the text.
 
-    Args:
-        text: the filter so far.
-        cursor: an index in it; by default its end.
-        t_ns: the time to suggest, nanoseconds since 1970 UTC.
+    `t_ns` is the time to suggest, nanoseconds since 1970 UTC.
     """
     cursor = len(text) if cursor is None else min(max(cursor, 0), len(text))
     match = _LAST_WORD.search(text, 0, cursor)
@@ -70,13 +67,11 @@ def completions(text: str, cursor: int | None = None, t_ns: int | None = None) -
 
 
 def _is_known(token: Token) -> bool:
-    """Whether the token can be in a filter."""
     is_name = token.type is TokenType.NAME
     return not is_name or token.word in _KEYWORDS or token.text.lower() in _KNOWN
 
 
 def _next(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
-    """What can follow these tokens."""
     compared = _compared_column(before)
     if compared is not None:
         same_type = [

@@ -47,10 +47,7 @@ class RowFilter:
 
     @classmethod
     def parse(cls, text: str) -> RowFilter:
-        """Compile a filter.
-
-        Raises FilterError with the mistake, its position, and the fix.
-        """
+        """Compile a filter; raises FilterError with the mistake, its position, and the fix."""
         found = parse(text)
         try:
             made = cls(text, found.sql, found.names, pl.sql_expr(found.sql))
@@ -73,10 +70,7 @@ class RowFilter:
         return found.fill_null(False)
 
     def matches(self, rows: Sequence[Row]) -> Bools:
-        """Whether each row passes.
-
-        Raises FilterError if the filter cannot be computed for these rows.
-        """
+        """Whether each row passes; raises FilterError as `mask`."""
         return self.mask(row_frame(rows, self.names or ("offset",))).to_numpy()
 
     def select(self, rows: Sequence[Row]) -> list[Row]:

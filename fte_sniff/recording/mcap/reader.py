@@ -84,7 +84,6 @@ class RecordStream:
         self.ending: str = ""
         """What is wrong with the end of the file; valid after the last record."""
         self.losses: list[str] = []
-        """What had to be skipped."""
 
     @property
     def cut(self) -> bool:

@@ -57,10 +57,7 @@ class _Readable(Protocol[_Record]):
 
 
 def parse(record: _Readable[_Record], body: bytes) -> _Record:
-    """The record of a class of the mcap package.
-
-    Raises RecordError if the body is no such record.
-    """
+    """Parse a record of a class of the mcap package; raises RecordError if that fails."""
     try:
         return record.read(ReadDataStream(BytesIO(body)))
     except (McapError, struct.error, ValueError) as error:
@@ -68,10 +65,7 @@ def parse(record: _Readable[_Record], body: bytes) -> _Record:
 
 
 def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
-    """Opcode and body of each record in an unpacked chunk, or in a summary.
-
-    Raises RecordError if the last record exceeds the end.
-    """
+    """Opcode and body of each record in a chunk or summary; raises RecordError if one is cut."""
     at, end = 0, len(records)
     while at < end:
         if end - at < HEAD.size:

@@ -68,10 +68,7 @@ class Descriptions:
     header: Header | None = None
 
     def update(self, opcode: int, body: bytes) -> None:
-        """Add a record; others than definitions and metadata are ignored.
-
-        Raises RecordError if the record contradicts itself.
-        """
+        """Add a definition or metadata, ignore others; raises RecordError if it is damaged."""
         if opcode == Opcode.SCHEMA:
             self.schemas.append(parse(Schema, body))
         elif opcode == Opcode.CHANNEL:
@@ -114,15 +111,10 @@ class Salvage:
         return "no whole chunk is left in it, so there is nothing to repair"
 
     def between(self, start: int, stop: int, found: Descriptions) -> list[tuple[int, int]]:
-        """Read the records between two intact chunks.
+        """Read the records from `start` to the next chunk, or the end of the file, at `stop`.
 
-        Args:
-            start: the offset of the first record.
-            stop: the offset of the next chunk, or of the end of the file.
-            found: receives definitions and metadata.
-
-        Returns:
-            Start and stop of the bytes that could not be read.
+        `found` receives definitions and metadata. Returns start and stop of the bytes that could
+        not be read.
         """
         lost: list[tuple[int, int]] = []
         position = start

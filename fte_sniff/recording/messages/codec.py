@@ -107,10 +107,7 @@ class MessageReader:
         """Reads one message with its log time: `event` on the topic of port events, else `row`."""
 
     def row(self, data: bytes, log_time: int) -> Row:
-        """The row of one message.
-
-        Raises ValueError if the message does not fit its schema or is no row.
-        """
+        """The row of one message; raises ValueError if it does not fit its schema or is no row."""
         message = self._parse(data)
         faults = message.faults
         delay = message.read_delay_ns if message.HasField("read_delay_ns") else None
@@ -142,10 +139,7 @@ class MessageReader:
         return Fault(self._name(number))
 
     def event(self, data: bytes, log_time: int) -> PortEvent:
-        """The port event of one message.
-
-        Raises ValueError if the message does not fit its schema or is no event.
-        """
+        """The port event of one message; raises ValueError if it is none."""
         message = self._parse(data)
         kind = PortEventKind(self._name(message.kind))
         count = message.count if self._has_count else 0
@@ -221,12 +215,9 @@ def _constants(topic_name: str, kind_name: str) -> dict[str, float]:
 
 
 def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
-    """The message of a row on its topic.
+    """The message of a row, which must have a time, on its topic, from `topic_of`.
 
-    Args:
-        topic: the result of `topic_of`.
-        row: the row; its time must not be None.
-        log_time: the message's log time; the message holds the row's own time if it differs.
+    It holds the row's own time if `log_time` differs.
     """
     values: dict[str, Any] = {"offset": row.offset, "raw": row.raw}
     if row.read_delay_ns is not None:

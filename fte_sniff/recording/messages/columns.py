@@ -53,7 +53,6 @@ def _guard_of(layout: WireLayout) -> _Guard:
 
 
 def _deviations(numbers: Array, guard: _Guard) -> Array:
-    """The guarded bits that are not as expected."""
     mask, expected = guard
     found: Array = numbers & mask
     found ^= expected
@@ -138,16 +137,10 @@ class DecodedColumns:
 
 
 def decode_columns(messages: MessageIndex, readers: Readers, columns: RowBatch) -> DecodedColumns:
-    """Decode messages, in their order.
+    """Decode the messages of one or more unpacked chunks, in their order.
 
-    Args:
-        messages: the messages of one or more unpacked chunks.
-        readers: by channel id; None for channels of other topics.
-        columns: blank columns, with a row for each message.
-
-    Raises:
-        KeyError: `readers` lacks a channel.
-        ValueError: a message cannot be decoded.
+    `readers` are by channel id, None for channels of other topics; `columns` are blank, with a row
+    for each message. Raises KeyError if `readers` lacks a channel, ValueError for a bad message.
     """
     return _Decoder(messages, readers, columns).decode()
 

@@ -105,9 +105,8 @@ class RowModel:
     def records(self, fields: dict[str, Array]) -> NDArray[np.void]:
         """The message records of some rows.
 
-        Args:
-            fields: by name of the MCAP header or the message, a value for each row; `raw` as
-                opaque values of ten bytes, from which the frame's own fields are read.
+        `fields` has, by name of the MCAP header or the message, a value for each row; `raw` as
+        opaque values of ten bytes, from which the frame's own fields are read.
         """
         raws = fields["raw"]
         found: NDArray[np.void] = np.full(len(raws), self._template)
@@ -156,12 +155,7 @@ class ColumnPacker:
         self._sequences: dict[int, int] = {}
 
     def pack_entries(self, entries: Sequence[Row | PortEvent], times: Array) -> McapBatch:
-        """The messages of `entries`, in that order.
-
-        Args:
-            entries: rows and port events, one at least.
-            times: the log time of each, never falling.
-        """
+        """The messages of one or more entries, in order, with their log times, never falling."""
         rows = [entry for entry in entries if not isinstance(entry, PortEvent)]
         events = [entry for entry in entries if isinstance(entry, PortEvent)]
         at = [at for at, entry in enumerate(entries) if isinstance(entry, PortEvent)]
@@ -169,12 +163,10 @@ class ColumnPacker:
         return self.pack(columns, times, np.array(at, np.int64))
 
     def pack(self, rows: RowBatch, times: Array, events_at: Array) -> McapBatch:
-        """The messages of the rows and of their events, one at least.
+        """The messages of the rows and of their events, one at least, each in order.
 
-        Args:
-            rows: the rows and their events, each in order.
-            times: the log time of each message, never falling.
-            events_at: the indexes of the events among the messages, rising.
+        `times` are the log times of the messages, never falling; `events_at` the indexes of the
+        events among the messages, rising.
         """
         rows_at: Any = slice(None)
         if len(events_at):

@@ -57,7 +57,6 @@ MALFORMED = Topic("/fte/malformed", "Malformed", KINDS)
 """Every `Damage`, and every `Frame` of an unknown kind or with a malformed fault."""
 
 EVENTS = Topic("/fte/port", "PortEvent")
-"""Port events."""
 
 
 def _schema_and_topics(kind: FrameKind) -> tuple[str, tuple[str, ...]]:
@@ -81,7 +80,6 @@ def _frame_topics() -> Iterator[Topic]:
 
 
 TOPICS: tuple[Topic, ...] = (*_frame_topics(), MALFORMED, EVENTS)
-"""Every topic of a recording."""
 
 TOPIC_BY_NAME: Mapping[str, Topic] = MappingProxyType({topic.name: topic for topic in TOPICS})
 
@@ -145,7 +143,6 @@ _DAMAGE_FIELDS: tuple[tuple[str, int | str], ...] = (
     ("length", _TYPE.TYPE_FIXED32),
 )
 REPEATED = frozenset({"faults"})
-"""The repeated fields."""
 
 
 def enum_value_name(enum: str, value: str) -> str:

@@ -86,8 +86,6 @@ def _cells(per_line: int) -> int:
 
 
 class _Stream:
-    """The bytes of some rows by offset."""
-
     def __init__(self, row: Row, rows: Sequence[Row], palette: Palette) -> None:
         self._row = range(row.offset, row.offset + len(row.raw))
         self._muted = palette.muted

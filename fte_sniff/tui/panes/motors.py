@@ -192,7 +192,6 @@ class MotorCard:
             yield from self._bit_lines()
 
     def _head(self, name: str) -> Text:
-        """Name, whether the motor is online, and the error byte."""
         state, wrong = self.state, self.palette.statuses[Status.MALFORMED] + _BOLD
         text = Text.assemble((name, _BOLD))
         if state.online is None:
@@ -329,7 +328,6 @@ def _by_importance(kind: FrameKind) -> list[Field]:
 
 
 def _first_fitting(forms: Sequence[str], width: int, **values: object) -> Text:
-    """The first sentence that fits, or else the last."""
     texts = [_(form).format(**values) for form in forms]
     return Text(next((text for text in texts if cell_len(text) <= width), texts[-1]))
 
@@ -398,8 +396,6 @@ def _as_of(context: PaneContext) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _PastState:
-    """Cached state at a row of the past."""
-
     index: int
     window_ns: int
     motors: Motors

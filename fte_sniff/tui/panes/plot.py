@@ -34,7 +34,6 @@ class Canvas:
     """A raster of dots, drawn as braille characters."""
 
     def __init__(self, width: int, height: int) -> None:
-        """An empty canvas of `width` by `height` cells."""
         self.dots: Dots = np.zeros((height * DOWN, width * ACROSS), np.bool_)
         """Rows from the top, columns from the left."""
 
@@ -88,8 +87,6 @@ BELOW: Final = "▼{value}"
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """Values of the lowest and the highest dot, and the extreme values."""
-
     low: float
     high: float
     least: float
@@ -200,7 +197,6 @@ def _scale(*curves: EnvelopeColumns) -> _Scale | None:
 
 
 def _medians(values: Floats) -> Floats:
-    """Running median of the known values."""
     known = values[~np.isnan(values)]
     if len(known) < MEDIAN_COLUMNS:
         return known

@@ -65,8 +65,6 @@ _BOLD: Final = Style(bold=True)
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A number of a stream."""
-
     head: str
     width: int
     cell: Callable[[StreamStats, TimeText], str]

@@ -102,9 +102,7 @@ class PaneSwitcher:
     def tick(self, now_ns: int, running: bool) -> None:
         """Update the models with new rows, and draw the open pane where it is due.
 
-        Args:
-            now_ns: nanoseconds of any monotonic clock.
-            running: whether time passes at the source of the rows, also without rows.
+        `now_ns` is of any monotonic clock. If `running`, time passes also without rows.
         """
         self._clock_ns = now_ns
         self._postponed = False

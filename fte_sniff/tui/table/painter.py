@@ -184,13 +184,8 @@ def row_cells(
 ) -> list[RowCell]:
     """Rows in the window, from top to bottom.
 
-    Args:
-        store: where the rows are.
-        viewport: which of the shown rows are in view.
-        marks: the marked rows.
-        selected: indices of the selected rows.
-        times: the style of the rows' times.
-        start_ns: the time of the first row of all, if it has one.
+    `selected` are indices of rows; `times` is the style of the rows' times; `start_ns` is the time
+    of the first row of all, if it has one.
     """
     end = min(viewport.top + viewport.height, viewport.count)
     since_ns = _since(store, viewport.top, times, marks, start_ns)

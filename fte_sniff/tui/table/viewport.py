@@ -39,14 +39,9 @@ class Viewport:
         return max(0, self.count - self.top - self.height)
 
     def refit(self, count: int, cursor: int, waiting: int) -> None:
-        """Update to rows that came, left, or were filtered.
+        """Update to the number of rows now, the cursor's new position and the rows since a pause.
 
         The window moves with the cursor's row, unless it follows the end.
-
-        Args:
-            count: rows that can be shown now.
-            cursor: new position of the cursor's row.
-            waiting: rows that came since the pause.
         """
         self.top += cursor - self.cursor
         self.count, self.cursor, self.waiting = count, cursor, waiting
