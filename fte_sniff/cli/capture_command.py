@@ -125,7 +125,7 @@ def run_capture(
         baud = settings.defaults(ports, "baud").baud or DEFAULT_BAUD
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
     plan = capture_plan(wiring, **planned)
-    bench = line_setup(settings, ports, resolution, gear_ratio, baud)
+    setup = line_setup(settings, ports, resolution, gear_ratio, baud)
     if _is_stdout(plan.recording):
         _record_to_stdout(plan)
     elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
@@ -133,19 +133,19 @@ def run_capture(
             print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
         _print_lines(plan, filter_text)
     else:
-        start = _start_options(plan, bench, settings, lang)
+        start = _start_options(plan, setup, settings, lang)
         _show_screen(plan, replace(start, row_filter=row_filter(filter_text), keep_rows=keep_rows))
 
 
 def _start_options(
-    plan: CapturePlan, bench: LineSetup, settings: SavedSettings, lang: str | None
+    plan: CapturePlan, setup: LineSetup, settings: SavedSettings, lang: str | None
 ) -> StartOptions:
     from fte_sniff.tui.options import AtEnd, StartOptions
 
     return StartOptions(
         AtEnd.STAY if plan.duration_s is None and plan.count is None else AtEnd.LEAVE,
         signals=tuple(_ending_signals(plan)),
-        line_setup=bench,
+        line_setup=setup,
         language=settings.language(lang),
         choices=settings.choices,
         save_choices=settings.keep,

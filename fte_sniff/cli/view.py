@@ -85,7 +85,7 @@ def command(
     notes: list[str] = []
     inputs = open_inputs(files, how)
     ports = [port.name for one in inputs for port in one.ports]
-    bench = line_setup(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
+    setup = line_setup(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
     span = time_range(since, until, (one.times for one in inputs), how.zone_given())
     # A file that cannot be read is reported before the screen opens.
     pages = RecordingPages() if _recordings_only(inputs) else None
@@ -99,7 +99,7 @@ def command(
     opening = StartOptions(
         row_filter=wanted,
         keep_rows=keep_rows,
-        line_setup=bench,
+        line_setup=setup,
         export_source=viewing.source,
         zone=how.zone_given(),
         language=settings.language(lang),

@@ -1,4 +1,4 @@
-"""Rotation and size limits; which old files are deleted.
+"""Options of a recording and their defaults (flush, rotation, size limits); old files to delete.
 
 name.mcap                              one file, unless it gets too long or fails
 name.mcap  name_00002.mcap ...         the files after it; sorted by name is sorted by time
@@ -29,7 +29,7 @@ protects against a power cut up to twice this length: the length is checked only
 """
 
 DEFAULT_MAX_BYTES = 20_000_000_000
-"""Total size of a capture's files: over a week of two full wires."""
+"""Total size of a capture's files: over a week of two fully used wires."""
 
 DEFAULT_FREE_BYTES = 1_000_000_000
 """Bytes to leave free on the disk; less on a small or nearly full one."""

@@ -150,7 +150,7 @@ class FilterErrors:
             fix: str = TranslatableText("write a field's name without single quotes")
             return self.about(left, what, fix)
         if left.column is None and right.type is TermType.LITERAL:
-            near = nearest(right.label, COLUMN_BY_NAME) or "name a field"
+            near = nearest(right.label, COLUMN_BY_NAME) or TranslatableText("name a field")
             what = TranslatableText("'{right}' is a text, no field", right=right.label)
             return self.about(right, what, TranslatableText("{near} (no quotes)", near=near))
         what = TranslatableText(

@@ -12,7 +12,8 @@ from textual.color import Color
 from textual.filter import LineFilter
 from textual.theme import Theme
 
-from fte_sniff.protocol import KINDS, Direction, Frame, FrameKind, Row, Status
+from fte_sniff.analysis.fields import subject
+from fte_sniff.protocol import KINDS, Direction, Frame, Row, Status
 from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT
 
 _PLAIN = Style.null()
@@ -45,10 +46,10 @@ class Palette:
     @cached_property
     def kinds(self) -> Mapping[str, Style]:
         """The style of each kind, by name."""
-        subjects = list(dict.fromkeys(_subject(kind) for kind in KINDS))
+        subjects = list(dict.fromkeys(subject(kind) for kind in KINDS))
         return {
             kind.name: Style(
-                color=self.hues[subjects.index(_subject(kind)) % len(self.hues)],
+                color=self.hues[subjects.index(subject(kind)) % len(self.hues)],
                 bold=kind.direction is Direction.CONTROL,
             )
             for kind in KINDS
@@ -63,12 +64,6 @@ class Palette:
         """The style of the row's numbers."""
         command = isinstance(row, Frame) and row.direction is Direction.CONTROL
         return _COMMAND if command else _PLAIN
-
-
-def _subject(kind: FrameKind) -> str | None:
-    """The quantity of a frame: its last value that is no flag byte."""
-    numbers = [field.name for field in kind.fields if field.unit]
-    return numbers[-1] if numbers else None
 
 
 def _sign(color: str, background: str) -> Style:
