@@ -41,13 +41,13 @@ from fte_sniff.cli.streams import (
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
-from fte_sniff.session.live_session import WAIT_S, LiveSession
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
     from fte_sniff.session.capture_state import CapturePlan, CaptureState
+    from fte_sniff.session.live_session import LiveSession
     from fte_sniff.tui.options import StartOptions
 
 
@@ -389,6 +389,8 @@ class _Leftover:
 
 
 def _updates(session: LiveSession) -> Iterator[FeedUpdate]:
+    from fte_sniff.session.live_session import WAIT_S
+
     running = True
     while running:
         update = session.wait(WAIT_S)

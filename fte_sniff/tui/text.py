@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.fields import short_feedback, value_heads
-from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.formats import cell_text
 from fte_sniff.formats.cell_text import ELLIPSIS, fit
 from fte_sniff.protocol import (
@@ -19,6 +18,9 @@ from fte_sniff.protocol import (
     spaced_hex,
 )
 from fte_sniff.tui.i18n import _, later
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.statistics import LineSetup
 
 
 def short_values(row: Row, width: int | None = None) -> str:
