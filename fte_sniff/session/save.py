@@ -354,7 +354,7 @@ class ParquetSink:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._waiting: Queue[pl.DataFrame | None] = Queue(MOST_WAITING)
-        self._error: Exception | None = None
+        self._error: BaseException | None = None
         self._abandoned = False
         self._thread = Thread(target=self._run, name="writes Parquet", daemon=True)
         self._thread.start()
@@ -396,7 +396,8 @@ class ParquetSink:
 
         try:
             write_parquet(self._frames(), self._path, dict(TABLE_SCHEMA))
-        except (OSError, _AbandonedError) as error:
+        except (OSError, _AbandonedError, KeyboardInterrupt) as error:
+            # polars raises KeyboardInterrupt in the thread that runs the query.
             self._error = error
 
     def _frames(self) -> Iterator[pl.DataFrame]:

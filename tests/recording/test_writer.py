@@ -368,7 +368,7 @@ def test_what_was_flushed_is_there_whenever_the_writer_is_killed(
     rng = random.Random()
     for number in range(3):
         left = kill_one(
-            tmp_path / f"{number}.mcap", every_s, rng.uniform(0.0, 0.5), rotates=rotates
+            tmp_path / f"{number}.mcap", every_s, rng.uniform(0.0, 0.5), rotate=rotates
         )
         assert left.problem == ""
         assert left.missing == 0
