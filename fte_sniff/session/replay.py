@@ -158,7 +158,7 @@ def _damaged(losses: Sequence[str]) -> str | None:
     if len(losses) == 1:
         return TranslatableText("the file is damaged: {loss}", loss=losses[0])
     return TranslatableText(
-        "the file is damaged: {loss}; {count:,} more are told at the end",
+        "the file is damaged: {loss}; {count:,} more are reported at the end",
         loss=losses[0],
         count=len(losses) - 1,
     )

@@ -367,9 +367,7 @@ def test_what_was_flushed_is_there_whenever_the_writer_is_killed(
 ) -> None:
     rng = random.Random()
     for number in range(3):
-        left = kill_one(
-            tmp_path / f"{number}.mcap", every_s, rng.uniform(0.0, 0.5), rotate=rotates
-        )
+        left = kill_one(tmp_path / f"{number}.mcap", every_s, rng.uniform(0.0, 0.5), rotate=rotates)
         assert left.problem == ""
         assert left.missing == 0
         assert left.found <= left.written
