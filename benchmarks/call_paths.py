@@ -17,6 +17,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
@@ -119,16 +120,16 @@ def capture() -> CallRecorder:
             yield PortEvent(start_ns, "p", PortEventKind.OPENED, "")
             yield from chunks
 
-    def drain() -> None:
+    def drain(connection: Connection) -> None:
         with suppress(EOFError, OSError):
             while True:
-                theirs.recv()
+                connection.recv()
 
     recorder = CallRecorder()
     with TemporaryDirectory() as folder:
         for name in ("first.mcap", "second.mcap"):
             ours, theirs = Pipe()
-            threading.Thread(target=drain, daemon=True).start()
+            threading.Thread(target=drain, args=(theirs,), daemon=True).start()
             path = Path(folder, name)
             plan, clock = CapturePlan(PortGroup(("p",)), path), Clock.tied()
             files = Recorder(path, (PortFacts("p", 115_200),), {})
