@@ -271,9 +271,25 @@ def test_clear_damage_is_decoded_as_by_its_scores(seed: int, payload: str, after
     part = clear_damage_at(data, 0)
     if part is None:
         return
-    first, *others = decoded(data[: part.stop + 10], after_certain_frame(), BOUNDARY)
-    assert [other.certain for other in others] == [True]
+    upto_frame = data[: part.stop + 10]
+    first, frame = decoded(upto_frame, after_certain_frame(), BOUNDARY)
+    probability = whole_frames(upto_frame, after_certain_frame(), BOUNDARY)[part.stop]
+    assert frame.certain or probability > OVERRATED
     assert first == part
+
+
+OVERRATED = 0.998
+"""The frame after clear damage counts as certain by its bytes alone. Rarely the scores give it less
+than the 0.9995 of a certain frame, but not less than this."""
+
+
+def test_clear_damage_can_overrate_the_frame_after_it() -> None:
+    # `08 EE` can also be the end of a feedback frame, whose first bytes were lost.
+    data = bytes.fromhex("45 AA 02 01 FE E3 00 00 00 08 EE AA 03 00 00 03 FF C1 FF E5 EE")
+    part = clear_damage_at(data + bytes(4), 0)
+    assert part == (0, 1, False, (Fault.NOISE,))
+    probability = whole_frames(data[:11], after_certain_frame(), BOUNDARY)[1]
+    assert OVERRATED < probability < 0.9995
 
 
 FRAME = bytes.fromhex("AA 01 01 03 E8 00 00 00 00 EE")
