@@ -1,4 +1,4 @@
-"""How late ports hand on bytes, by what the system tells of them."""
+"""The latency of a port, from what the system knows about its driver."""
 
 import os
 import socket

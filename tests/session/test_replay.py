@@ -146,7 +146,7 @@ def test_reading_rests_until_the_next_poll() -> None:
     with suppress(queue.Empty):
         while True:
             came.append(read.get(timeout=0.1))
-    # What is being read when it is told to rest may still come.
+    # A read that is under way when it is paused may still arrive.
     assert came in ([], [2])
     all_of(session)
     assert [read.get(timeout=60) for _ in range(3 - len(came))][-1] == 4
