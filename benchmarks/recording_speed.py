@@ -103,7 +103,7 @@ def read_frames(path: Path) -> None:
 def survey(path: Path) -> None:
     """All numbers of `stats`."""
     numbers = StatisticsSummary(LineSetup())
-    numbers.begin(str(path), {})
+    numbers.begin(str(path))
     for columns in RecordingReader(path).batches():
         numbers.observe(columns, columns.events)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Any, Final, Self, TypeVar, overload
+from typing import Any, Final, Self, TypeAlias, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -264,6 +264,9 @@ class RowBatch(Sequence[Row]):
             found[self.codebook.ports[code]] = int(self.offset[last]) + int(self.length[last])
         return found
 
+
+Rows: TypeAlias = list[Row] | RowBatch
+"""A list where rows are few, so that numpy need not be loaded for them."""
 
 _SCALARS: Final = (
     "t_ns",

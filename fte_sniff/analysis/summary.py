@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
 from fte_sniff.analysis.counters import extent
-from fte_sniff.analysis.feed import BaudChange, GapDetector
+from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motor_stats import Answers, AnswerStats, FlagCounts, FlagStats
 from fte_sniff.analysis.motors import motor_rows
@@ -21,7 +21,7 @@ from fte_sniff.analysis.statistics import (
     StreamStats,
 )
 from fte_sniff.analysis.tally import RowCount
-from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
+from fte_sniff.protocol import Gap, PortEvent, Row
 from fte_sniff.row_batch import Codebook, RowBatch
 
 
@@ -44,36 +44,28 @@ class StatisticsSummary:
         self._statistics = Statistics(setup)
         self._answers = Answers()
         self._flags = FlagCounts()
-        self._gaps = GapDetector()
 
-    def begin(self, name: str, bauds: Mapping[str, int], gaps: Sequence[Gap] = ()) -> None:
-        """Start the next input; no measurement spans the `gaps` that it reports.
-
-        `bauds` are the bits per second by port; later changes of these ports are followed.
-        """
+    def begin(self, name: str) -> None:
+        """Start the next input."""
         self.sources.append(RowSource(name))
-        for change in self._gaps.begin(bauds, gaps):
-            self._observe_change(change.what)
 
-    def observe(self, rows: Sequence[Row], events: Sequence[PortEvent] = ()) -> None:
-        """Add the next rows and the port events among them."""
+    def observe(
+        self,
+        rows: Sequence[Row],
+        events: Sequence[PortEvent] = (),
+        changes: Sequence[StreamChange] = (),
+    ) -> None:
+        """Add the next rows, and the port events and changes among them."""
         batch = RowBatch.from_rows(rows, self._codebook)
         start = 0
-        for change in self._gaps.changes(rows, events):
+        for change in changes:
             self._observe(batch[start : change.index])
-            self._observe_change(change.what)
+            self._statistics.observe_change(change.what)
+            if isinstance(change.what, Gap):
+                self._answers.interrupt()
             start = change.index
         self._observe(batch[start:])
         self._statistics.observe_events(events)
-
-    def interrupt(self) -> None:
-        """Rows are missing here: no measurement spans the gap."""
-        self._observe_change(Gap(GapKind.DAMAGE))
-
-    def _observe_change(self, change: Gap | BaudChange) -> None:
-        self._statistics.observe_change(change)
-        if isinstance(change, Gap):
-            self._answers.interrupt()
 
     def _observe(self, batch: RowBatch) -> None:
         if not len(batch):

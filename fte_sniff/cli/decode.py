@@ -13,7 +13,7 @@ from fte_sniff.cli.output import format_option, summary
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
-from fte_sniff.session.pipeline import InputReading
+from fte_sniff.session.inputs import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 
 
@@ -57,9 +57,7 @@ def command(
     wanted = row_filter(filter_text)
     inputs = open_inputs(files, how)
     span = time_range(since, until, (one.times for one in inputs), how.zone_given())
-    # Only a recording holds the gaps.
-    find_gaps = form is OutputFormat.MCAP
-    reading = InputReading(inputs, span, wanted, limit, find_gaps=find_gaps)
+    reading = InputReading(inputs, span, wanted, limit)
     _write(form, output, reading, force=force)
     for note in reading.notes:
         print_err(f"fte-sniff: {note}")

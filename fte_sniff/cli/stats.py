@@ -22,11 +22,10 @@ from fte_sniff.cli.output import explain_no_frames
 from fte_sniff.cli.stats_json import ReportOptions, statistics_json
 from fte_sniff.cli.streams import print_err
 from fte_sniff.protocol import DEFAULT_BAUD
-from fte_sniff.session.pipeline import InputReading
+from fte_sniff.session.inputs import InputReading
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.summary import StatisticsSummary
-    from fte_sniff.recording.metadata import Selection
 
 
 class Form(StrEnum):
@@ -74,10 +73,10 @@ def command(
     wanted = row_filter(filter_text)
     inputs = open_inputs(files, how)
     span = time_range(since, until, (one.times for one in inputs), how.zone_given())
-    reading = InputReading(inputs, span, wanted)
+    selections = [selection for one in inputs for selection in one.selections()]
+    reading = InputReading(inputs, span, wanted, baud=baud)
     summary = _summarize(reading, baud)
-    gaps, selections = reading.reported_gaps, _selections(reading)
-    options = ReportOptions(filter_text, reading.tally.rows, gaps, selections)
+    options = ReportOptions(filter_text, reading.tally.rows, reading.reported_gaps, selections)
     if form is Form.JSON:
         numbers = statistics_json(summary, options)
         click.echo(json.dumps(numbers, ensure_ascii=False, indent=2))
@@ -91,29 +90,15 @@ def command(
         print_err(f"fte-sniff: {advice}")
 
 
-def _selections(reading: InputReading) -> list[Selection]:
-    """Filters that were applied when the inputs were made."""
-    return [selection for one in reading.inputs for selection in one.selections()]
-
-
 def _summarize(reading: InputReading, baud: int | None) -> StatisticsSummary:
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.analysis.summary import StatisticsSummary
 
     summary = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD))
-    before = None
-    for one, gaps in zip(reading.inputs, reading.gaps_of, strict=True):
-        bauds = {port.name: port.baud for port in one.ports if port.baud} if baud is None else {}
-        summary.begin(one.name, bauds, gaps)
-        if not one.follows(before):
-            summary.interrupt()
-        for batch in reading.of(one):
-            if batch.after_gap:
-                summary.interrupt()
-            summary.observe(batch.rows, batch.events)
-        if one.losses:
-            summary.interrupt()
-        before = one
+    for one in reading.inputs:
+        summary.begin(one.name)
+        for batch in reading.batches_of(one):
+            summary.observe(batch.rows, batch.events, batch.changes)
     return summary
 
 

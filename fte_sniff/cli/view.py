@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -33,10 +32,7 @@ from fte_sniff.cli.settings import config_option, lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
-from fte_sniff.session.inputs import Input, RecordingInput
-
-if TYPE_CHECKING:
-    from fte_sniff.session.replay import Read
+from fte_sniff.session.inputs import Input, InputBatch, InputReading, RecordingInput
 
 
 @click.command(name="view", short_help="Show files on the screen of live.")
@@ -77,30 +73,30 @@ def command(
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     settings = load_settings(config)
     check_inputs(files)
-    from fte_sniff.session.replay import RecordingPages, ReplaySession, Viewing
+    from fte_sniff.session.replay import RecordingPages, ReplaySession
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 
     wanted = row_filter(filter_text)
-    notes: list[str] = []
     inputs = open_inputs(files, how)
     ports = [port.name for one in inputs for port in one.ports]
     setup = line_setup(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
     span = time_range(since, until, (one.times for one in inputs), how.zone_given())
     # A file that cannot be read is reported before the screen opens.
     pages = RecordingPages() if _recordings_only(inputs) else None
-    viewing = Viewing(inputs, span, baud, pages, notes.append)
+    reading = InputReading(inputs, span, baud=baud)
     session = ReplaySession(
-        _begun(iter(viewing)),
+        _begun(iter(reading)),
         " ".join(map(str, files)),
         None if span else _total(inputs),
         [str(path) for named in files for path in expand(named)],
+        pages,
     )
     opening = StartOptions(
         row_filter=wanted,
         keep_rows=keep_rows,
         line_setup=setup,
-        export_source=viewing.source,
+        export_source=reading.source,
         zone=how.zone_given(),
         language=settings.language(lang),
         choices=settings.choices,
@@ -111,17 +107,16 @@ def command(
     with ending_signals(session.stop) as request_end:
         # A stopped terminal may not block the exit.
         request_end()
-        for note in notes:
+        for note in reading.notes:
             print_err(f"fte-sniff: {note}")
     if session.error is not None:
         raise session.error
     sys.exit(code)
 
 
-def _begun(reads: Iterator[Read]) -> Iterator[Read]:
-    """The same reads; the first is read at once."""
-    first = next(reads, None)
-    return reads if first is None else chain([first], reads)
+def _begun(batches: Iterator[InputBatch]) -> Iterator[InputBatch]:
+    """The same batches; the first is read at once."""
+    return chain([*islice(batches, 1)], batches)
 
 
 def _recordings_only(inputs: Sequence[Input]) -> bool:

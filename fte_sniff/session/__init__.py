@@ -6,10 +6,9 @@ Modules:
     capture_state    Messages of the capture process and the state folded from
                      them.
     doctor           The checks of `doctor`: machine, ports, line.
-    inputs           Recordings, logs, raw bytes and standard input, read as
-                     batches of rows.
+    inputs           Recordings, logs, raw bytes and standard input, read
+                     through a filter, with the gaps found.
     live_session     LiveSession: start, poll, stop.
-    pipeline         Rows of all inputs through a filter, with the gaps found.
     port_merge       Order rows of several ports; detect swapped wiring.
     replay           ReplaySession over files with paging.
     save             Save rows of a session in any format.

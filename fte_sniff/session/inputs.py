@@ -1,13 +1,15 @@
-"""Inputs: recordings, logs, raw bytes and standard input, each read as batches of rows."""
+"""Recordings, logs, raw bytes and standard input, read as batches of rows that match a filter."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import IO, TYPE_CHECKING, Final, Protocol, TypeAlias, Union
+from typing import IO, TYPE_CHECKING, Final
 
+from fte_sniff.analysis.feed import GapDetector, StreamChange
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError, FteSniffError, UsageError
 from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
 from fte_sniff.protocol import (
@@ -16,22 +18,20 @@ from fte_sniff.protocol import (
     Fault,
     Framer,
     Gap,
+    GapKind,
     PortEvent,
     PortEventKind,
-    Row,
     iso_time,
 )
 from fte_sniff.protocol.framer.segments import DecidedSpan
+from fte_sniff.session.save import ExportSource
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.recording.metadata import PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
     from fte_sniff.recording.row_ranges import TimeRange
-    from fte_sniff.row_batch import RowBatch
-
-Rows: TypeAlias = Union[list[Row], "RowBatch"]
-"""A list where rows are few, so that numpy need not be loaded for them."""
+    from fte_sniff.row_batch import RowBatch, Rows
 
 SPAN_BYTES: Final = 1 << 19
 """Bytes that are framed before their rows are yielded, unless a reader waits for them."""
@@ -45,7 +45,7 @@ _FEWEST: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class InputBatch:
-    """Consecutive rows of an input, with what is known beside them."""
+    """Consecutive rows of an input, and what is known about them."""
 
     rows: Rows
     events: Sequence[PortEvent] = ()
@@ -54,6 +54,10 @@ class InputBatch:
     """Whether rows before these could not be read."""
     reload: Callable[[], RowBatch] | None = None
     """Reads the same rows again; None if that is impossible."""
+    changes: Sequence[StreamChange] = ()
+    """Gaps and baud changes between the rows, by ascending index."""
+    losses: Sequence[str] = ()
+    """What could not be read, one line each; may contain text from the input."""
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -152,50 +156,51 @@ Note = Callable[[str], None]
 """Receives one line for the user about an input, such as that it ends within a frame."""
 
 
-class Input(Protocol):
-    """A source of rows."""
+class Input:
+    """A source of rows; the defaults are those of a log."""
 
-    @property
-    def name(self) -> str:
+    def __init__(self, name: str) -> None:
+        self.name = name
         """For display; may hold text from outside, so escape it."""
-        ...
 
     @property
     def times(self) -> tuple[int, int] | None:
         """First and last time of its rows, nanoseconds since 1970 UTC; None without times."""
-        ...
+        return None
 
     @property
     def count(self) -> int | None:
         """Number of rows and events; None if it is unknown before reading."""
-        ...
+        return None
 
     @property
     def ports(self) -> Sequence[PortFacts]:
         """The ports that are known before reading."""
-        ...
+        from fte_sniff.recording.metadata import PortFacts
+
+        return [PortFacts(self.name)]
 
     @property
     def facts(self) -> Mapping[str, str]:
         """Facts except those of the ports, such as the host and the clock."""
-        ...
+        return {}
 
     @property
     def losses(self) -> Sequence[str]:
         """What could not be read, one line each; complete after reading."""
-        ...
+        return ()
 
     def follows(self, before: Input | None) -> bool:
         """Whether its first row came directly after the last row of another input."""
-        ...
+        return False
 
     def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
         """The recorded gaps in the span."""
-        ...
+        return ()
 
     def selections(self) -> Sequence[Selection]:
         """The filters that selected its rows, if it records them."""
-        ...
+        return ()
 
     def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
         """Read its rows.
@@ -209,23 +214,19 @@ class Input(Protocol):
             InputTextError: text in it is not hex.
             UsageError: a span is given, and rows have no times.
         """
-        ...
+        raise NotImplementedError
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingInput:
+class RecordingInput(Input):
     """A recording."""
 
-    reader: RecordingReader
-    copy: IO[bytes] | None = None
-    """The temporary file that holds standard input; kept open as long as this object."""
-    ends: dict[str, int] = field(default_factory=dict)
-    """By port, the offset after the last row that was read."""
-
-    @property
-    def name(self) -> str:
-        """Its path, or `STDIN_NAME`."""
-        return str(self.reader.path) if self.copy is None else STDIN_NAME
+    def __init__(self, reader: RecordingReader, copy: IO[bytes] | None = None) -> None:
+        """Read nothing yet; `copy` is the temporary file that holds standard input."""
+        super().__init__(str(reader.path) if copy is None else STDIN_NAME)
+        self.reader = reader
+        self._copy = copy
+        self._ends: dict[str, int] = {}
+        """By port, the offset after the last row that was read."""
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -268,8 +269,8 @@ class RecordingInput:
             return False
         if is_next_part(before.facts, self.facts):
             return True
-        first = next(iter(self.reader), None) if before.ends else None
-        return first is not None and before.ends.get(first.port) == first.offset
+        first = next(iter(self.reader), None) if before._ends else None
+        return first is not None and before._ends.get(first.port) == first.offset
 
     def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
         """The gaps that a trigger or a write error left in it."""
@@ -289,7 +290,7 @@ class RecordingInput:
         for passage, rows in self.reader.ranges(span=span or EVERYTHING):
             troubles.update(event.kind for event in rows.events)
             some = some or bool(len(rows))
-            self.ends.update(rows.end_offsets())
+            self._ends.update(rows.end_offsets())
             if len(rows) or rows.events or passage.after_loss:
                 reload = partial(self.reader.read, passage)
                 yield InputBatch(rows, rows.events, passage.after_loss, reload)
@@ -304,66 +305,31 @@ class RecordingInput:
             note(f"{self.name}: {_none_in_span(held, *known)}")
 
 
-@dataclass(frozen=True, slots=True)
-class LogInput:
+class LogInput(Input):
     """A log, raw bytes or a pipe, framed here."""
 
-    chunks: Iterable[Chunk]
-    name: str
-    drained: Callable[[], bool] = field(default=lambda: False)
-    """Whether the next chunk has to be waited for; then rows are yielded at once."""
+    def __init__(
+        self, chunks: Iterable[Chunk], name: str, drained: Callable[[], bool] = lambda: False
+    ) -> None:
+        """Read nothing yet; `drained` is whether the next chunk has to be waited for."""
+        super().__init__(name)
+        self._chunks, self._drained = chunks, drained
 
     @property
     def times(self) -> tuple[int, int] | None:
         """Those of a text log, which is read for them; raw bytes have none."""
-        return self.chunks.times if isinstance(self.chunks, HexLog) else None
-
-    @property
-    def count(self) -> None:
-        """Unknown."""
-        return
-
-    @property
-    def ports(self) -> Sequence[PortFacts]:
-        """One port, named like the input."""
-        from fte_sniff.recording.metadata import PortFacts
-
-        return [PortFacts(self.name)]
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        """None."""
-        return {}
-
-    @property
-    def losses(self) -> Sequence[str]:
-        """None: a log is read whole, or raises."""
-        return ()
-
-    def follows(self, before: Input | None) -> bool:
-        """False: a log does not show it."""
-        return False
-
-    def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
-        """None."""
-        return ()
-
-    def selections(self) -> Sequence[Selection]:
-        """None."""
-        return ()
+        return self._chunks.times if isinstance(self._chunks, HexLog) else None
 
     def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
-        """Read its rows; see `Input`."""
-        spans = decided_spans(self.chunks, self.name, note, self.drained)
-        if isinstance(self.chunks, HexLog):
-            spans = _compared(spans, self.chunks, note)
+        """Read its rows; see `Input`. They are yielded at once if the next chunk is waited for."""
+        spans = decided_spans(self._chunks, self.name, note, self._drained)
+        if isinstance(self._chunks, HexLog):
+            spans = _compared(spans, self._chunks, note)
         rows = rows_of_spans(spans)
         yield from map(InputBatch, rows if span is None else self._within(span, rows, note))
 
     def _within(self, span: TimeRange, batches: Iterable[Rows], note: Note) -> Iterator[Rows]:
         """Only rows of the span; if there are none, note the times of the input."""
-        from fte_sniff.analysis.tally import Tally
-
         tally, found = Tally(), 0
         for rows in batches:
             if len(rows) and InputBatch(rows).times is None:
@@ -394,3 +360,113 @@ def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
         f"none of its {held} lies between --from and --to;"
         f" they go from {iso_time(first_ns)} to {iso_time(last_ns)}"
     )
+
+
+DAMAGED: Final = GapKind.DAMAGE, "the recording was damaged here"
+ANOTHER: Final = GapKind.OTHER_RECORDING, "another recording begins here"
+
+
+class InputReading:
+    """Reads the rows of inputs once; counts them and collects what is known about them."""
+
+    def __init__(
+        self,
+        inputs: Sequence[Input],
+        span: TimeRange | None = None,
+        row_filter: RowFilter | None = None,
+        limit: int | None = None,
+        baud: int | None = None,
+    ) -> None:
+        """Read nothing yet.
+
+        Args:
+            inputs: what to read, in this order.
+            span: only rows in it; None for all.
+            row_filter: only rows that it matches; None for all.
+            limit: largest number of those rows; None for all.
+            baud: the baud of every port; None for that of the inputs.
+        """
+        self.inputs = inputs
+        self._span, self._filter, self._limit, self._baud = span, row_filter, limit, baud
+        self.tally = Tally()
+        """Counts of all rows that were read."""
+        self.notes: list[str] = []
+        """What is wrong with the inputs, one line each."""
+        self.written = 0
+        """Rows that match, up to the limit."""
+        self.reported_gaps = [gap for one in inputs for gap in one.gaps(span)]
+        """The gaps in the span that the inputs report."""
+        self._detector = GapDetector()
+        self._before: Input | None = None
+        self._last_ns: int | None = None
+        """Latest time of the rows that match, with a limit."""
+        self._gaps = list(self.reported_gaps)
+        self._selections = [selection for one in inputs for selection in one.selections()]
+        ports = [port.name for one in inputs for port in one.ports]
+        self.source = ExportSource(
+            ports,
+            dict.fromkeys(ports, baud) if baud else _bauds_of(inputs),
+            self._gaps,
+            self._selections,
+            {name: fact for one in inputs for name, fact in one.facts.items()},
+        )
+        """What is known about the rows; complete once `__iter__` has ended."""
+        self._clip_gaps()
+
+    def _clip_gaps(self) -> None:
+        """Limit the gaps to the times of the rows; the filter makes no gaps."""
+        first_ns = None if self._span is None else self._span.first_ns
+        last_ns = None if self._span is None else self._span.end_ns - 1
+        if self.written == self._limit:
+            last_ns = self._last_ns or 0
+        self._gaps[:] = self.source.within(first_ns, last_ns).gaps
+
+    def __iter__(self) -> Iterator[InputBatch]:
+        """The rows that match, up to the limit."""
+        for one in self.inputs:
+            yield from self.batches_of(one)
+            if self.written == self._limit:
+                break
+        self._clip_gaps()
+        if self._filter is not None:
+            from fte_sniff.recording.metadata import Selection
+
+            self._selections.append(Selection(self._filter.text, self.tally.rows))
+
+    def batches_of(self, one: Input) -> Iterator[InputBatch]:
+        """The rows of one input, which is the next."""
+        changes = self._detector.begin({} if self._baud else _bauds_of([one]), one.gaps(self._span))
+        if not one.follows(self._before):
+            changes.append(self._detector.interrupt(*ANOTHER))
+        self._before = one
+        for batch in one.batches(self._span, self.notes.append):
+            if batch.after_gap:
+                changes.append(self._detector.interrupt(*DAMAGED))
+            if gap := self._detector.observe(batch.times):
+                self._gaps.append(gap)
+            self.tally.update(batch.rows)
+            found = self._matching(batch)
+            changes += self._detector.changes(found.rows, found.events)
+            yield replace(found, changes=changes)
+            if self.written == self._limit:
+                return
+            changes = []
+        if one.losses:
+            changes.append(self._detector.interrupt(*DAMAGED))
+        if changes:
+            yield InputBatch([], changes=changes, losses=one.losses)
+
+    def _matching(self, batch: InputBatch) -> InputBatch:
+        """The rows of a batch that match, up to the limit."""
+        found = batch if self._filter is None else batch.select(self._filter)
+        if self._limit is not None:
+            found = found.first(self._limit - self.written)
+            if found.times is not None:
+                self._last_ns = max(self._last_ns or 0, found.times[1])
+        self.written += len(found.rows)
+        return found
+
+
+def _bauds_of(inputs: Sequence[Input]) -> dict[str, int]:
+    """Bits per second by port, as the inputs report them."""
+    return {port.name: port.baud for one in inputs for port in one.ports if port.baud}

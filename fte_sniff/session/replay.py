@@ -5,18 +5,14 @@ from __future__ import annotations
 import queue
 import threading
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
-from fte_sniff.analysis.feed import FeedState, FeedUpdate, GapDetector, StreamChange, shifted
+from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange, shifted
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol import Gap, PortEvent, Row
-from fte_sniff.recording.row_ranges import TimeRange
+from fte_sniff.protocol import Row
 from fte_sniff.row_batch import Codebook, RowBatch
-from fte_sniff.session.inputs import Input, InputBatch
-from fte_sniff.session.pipeline import ANOTHER, DAMAGED, bauds_of
-from fte_sniff.session.save import ExportSource
+from fte_sniff.session.inputs import InputBatch
 
 MAX_READ_AHEAD = 6
 """Largest number of batches that are read ahead of the view."""
@@ -28,19 +24,6 @@ MAX_ROWS_PER_POLL = 200_000
 """A poll returns at most about this many rows; those of a `RowBatch` cost little."""
 
 
-@dataclass(frozen=True, slots=True)
-class Read:
-    """Rows that were read together."""
-
-    rows: Sequence[Row]
-    events: Sequence[PortEvent] = ()
-    """Port events between the rows."""
-    losses: Sequence[str] = ()
-    """Data that could not be read, one line each; may contain text from the file."""
-    changes: Sequence[StreamChange] = ()
-    """Gaps and baud changes between the rows, by ascending index."""
-
-
 class ReplaySession:
     """Feeds the rows of files to one view."""
 
@@ -49,10 +32,11 @@ class ReplaySession:
 
     def __init__(
         self,
-        batches: Iterable[Read],
+        batches: Iterable[InputBatch],
         title: str,
         total: int | None = None,
         files: Sequence[str] = (),
+        pages: RecordingPages | None = None,
     ) -> None:
         """Start reading: one batch first, and the others after the view has polled it.
 
@@ -63,8 +47,9 @@ class ReplaySession:
             title: the name to show.
             total: approximate number of rows; None if unknown.
             files: paths of the files.
+            pages: gets the batches, which all can be read again.
         """
-        self._total, self._files = total, files
+        self._total, self._files, self._pages = total, files, pages
         self._source = batches
         self._title = title
         self._rows = 0
@@ -72,7 +57,7 @@ class ReplaySession:
         self._resumed = threading.Event()
         self._polled_rows = False
         self._losses: list[str] = []
-        self._queue: queue.Queue[Read | None] = queue.Queue(MAX_READ_AHEAD)
+        self._queue: queue.Queue[InputBatch | None] = queue.Queue(MAX_READ_AHEAD)
         self._running = True
         self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
         self._thread.start()
@@ -81,7 +66,7 @@ class ReplaySession:
         """Return what was read since the previous poll, without blocking."""
         if self._polled_rows:
             self._resumed.set()
-        reads: list[Read] = []
+        reads: list[InputBatch] = []
         while self._running and _has_room(reads):
             try:
                 batch = self._queue.get_nowait()
@@ -91,12 +76,14 @@ class ReplaySession:
                 self._running = False
             else:
                 reads.append(batch)
-        self._losses += [loss for read in reads for loss in read.losses]
         changes: list[StreamChange] = []
         count = 0
         for read in reads:
+            self._losses += read.losses
             changes += shifted(read.changes, count)
             count += len(read.rows)
+            if self._pages is not None and read.reload is not None:
+                self._pages.append(read.reload, len(read.rows))
         self._polled_rows |= bool(reads)
         rows = _concatenated([read.rows for read in reads])
         self._rows += len(rows)
@@ -141,7 +128,7 @@ class ReplaySession:
             self.error = error
         self._put(None)
 
-    def _put(self, batch: Read | None) -> bool:
+    def _put(self, batch: InputBatch | None) -> bool:
         while not self._stop.is_set():
             try:
                 self._queue.put(batch, timeout=0.1)
@@ -164,7 +151,7 @@ def _damaged(losses: Sequence[str]) -> str | None:
     )
 
 
-def _has_room(reads: list[Read]) -> bool:
+def _has_room(reads: list[InputBatch]) -> bool:
     rows = sum(len(read.rows) for read in reads)
     objects = sum(len(read.rows) for read in reads if not isinstance(read.rows, RowBatch))
     return rows < MAX_ROWS_PER_POLL and objects < MAX_OBJECTS_PER_POLL
@@ -228,68 +215,3 @@ class RecordingPages:
         while len(self._cache) > MAX_CACHED:
             self._cache.pop(next(iter(self._cache)))
         return batch
-
-
-class Viewing:
-    """Reads the rows of inputs once, with the changes of their streams."""
-
-    def __init__(
-        self,
-        inputs: Sequence[Input],
-        span: TimeRange | None,
-        baud: int | None,
-        pages: RecordingPages | None,
-        note: Callable[[str], None],
-    ) -> None:
-        """Read no rows yet.
-
-        Args:
-            inputs: what to read, in this order.
-            span: only rows in it; None for all.
-            baud: the baud of every port; None for that of the inputs.
-            pages: gets the batches that can be read again.
-            note: called with a message about a fault of an input.
-        """
-        self._inputs, self._span, self._pages, self._note = inputs, span, pages, note
-        self._baud = baud
-        self._reported = [one.gaps(span) for one in inputs]
-        self._gaps: list[Gap] = [gap for gaps in self._reported for gap in gaps]
-        self._detector = GapDetector()
-        ports = [port.name for one in inputs for port in one.ports]
-        self.source = ExportSource(
-            ports,
-            dict.fromkeys(ports, baud) if baud else bauds_of(inputs),
-            self._gaps,
-            [selection for one in inputs for selection in one.selections()],
-        )
-        """What is known about the rows; gaps are added as they are found."""
-        if span is not None:
-            self._gaps[:] = self.source.within(span.first_ns, span.end_ns - 1).gaps
-
-    def __iter__(self) -> Iterator[Read]:
-        before = None
-        for one, gaps in zip(self._inputs, self._reported, strict=True):
-            yield from self._reads(one, gaps, follows=one.follows(before))
-            before = one
-
-    def _reads(self, one: Input, gaps: Sequence[Gap], *, follows: bool) -> Iterator[Read]:
-        changes = self._detector.begin({} if self._baud else bauds_of([one]), gaps)
-        if not follows:
-            changes.append(self._detector.interrupt(*ANOTHER))
-        for batch in one.batches(self._span, self._note):
-            if batch.after_gap:
-                changes.append(self._detector.interrupt(*DAMAGED))
-            if gap := self._detector.observe(batch.times):
-                self._gaps.append(gap)
-            self._append_page(batch)
-            changes += self._detector.changes(batch.rows, batch.events)
-            yield Read(batch.rows, batch.events, (), changes)
-            changes = []
-        if one.losses:
-            changes.append(self._detector.interrupt(*DAMAGED))
-        if changes:
-            yield Read((), (), one.losses, changes)
-
-    def _append_page(self, batch: InputBatch) -> None:
-        if self._pages is not None and batch.reload is not None:
-            self._pages.append(batch.reload, len(batch.rows))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import polars as pl
 
     from fte_sniff.recording.metadata import Selection
-    from fte_sniff.session.inputs import Rows
+    from fte_sniff.row_batch import Rows
 
 
 @dataclass(frozen=True, slots=True)

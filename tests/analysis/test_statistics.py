@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.analysis.feed import GapDetector
 from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.statistics import LineSetup, Statistics
@@ -166,7 +167,7 @@ MS = 1_000_000
 def summary_of(*sources: Sequence[Row], baud: int = 115_200) -> StatisticsSummary:
     summary = StatisticsSummary(LineSetup(baud))
     for number, rows in enumerate(sources):
-        summary.begin(f"{number}.mcap", {})
+        summary.begin(f"{number}.mcap")
         summary.observe(rows)
     return summary
 
@@ -208,9 +209,11 @@ def test_gaps_leave_the_measurements_of_the_rows_between_them(sizes: list[int], 
         t_ns += size * MS + 2 * SECOND
     rows = [row for piece in pieces for row in piece]
     summary = StatisticsSummary(LineSetup(115_200))
-    summary.begin("a.mcap", {}, gaps)
-    summary.observe(rows[:cut])
-    summary.observe(rows[cut:])
+    summary.begin("a.mcap")
+    detector = GapDetector()
+    detector.begin({}, gaps)
+    for part in (rows[:cut], rows[cut:]):
+        summary.observe(part, changes=detector.changes(part))
     (port,), (stream,) = summary.ports(), summary.streams()
     measured = len(rows) - len(pieces)
     assert (stream.periods.count, port.silences.count) == (measured, measured)
@@ -317,11 +320,13 @@ def test_utilization_follows_a_baud_change() -> None:
     expected = (20 * fast + 20 * slow) / (3 * SECOND + 10 * slow)
     for cut in range(5):
         summary = StatisticsSummary(LineSetup(1200))
-        summary.begin("a", {"p": 115_200})
-        summary.observe(rows[:cut], [change] if cut > 1 else [])
-        # The next file of a capture tells how it began.
-        summary.begin("b", {"p": 115_200})
-        summary.observe(rows[cut:], [] if cut > 1 else [change])
+        detector = GapDetector()
+        first, second = ([change], []) if cut > 1 else ([], [change])
+        for name, part, events in (("a", rows[:cut], first), ("b", rows[cut:], second)):
+            summary.begin(name)
+            # The second file of a capture names the baud of its beginning too.
+            changes = detector.begin({"p": 115_200})
+            summary.observe(part, events, changes + detector.changes(part, events))
         (port,) = summary.ports()
         assert port.share == pytest.approx(expected), cut
         assert port.baud == 9600
@@ -330,9 +335,10 @@ def test_utilization_follows_a_baud_change() -> None:
 
 def test_the_baud_of_the_user_has_priority() -> None:
     summary = StatisticsSummary(LineSetup(1200))
-    summary.begin("a", {})
+    summary.begin("a")
     rows = [frame("reset", at * SECOND) for at in range(2)]
-    summary.observe(rows, [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)])
+    events = [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)]
+    summary.observe(rows, events, GapDetector().changes(rows, events))
     assert summary.ports()[0].baud == 1200
 
 

@@ -38,8 +38,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.inputs import RecordingInput
-from fte_sniff.session.replay import Viewing
+from fte_sniff.session.inputs import InputReading, RecordingInput
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM
 
@@ -633,7 +632,7 @@ def viewed(paths: list[Path]) -> LiveModels:
     store = RowStore()
     models = LiveModels(store, LineSetup())
     inputs = [RecordingInput(RecordingReader(path)) for path in paths]
-    for read in Viewing(inputs, None, None, None, print):
+    for read in InputReading(inputs):
         models.add_changes(shifted(read.changes, store.next))
         store.append(read.rows)
         models.statistics.observe_events(read.events)
@@ -662,7 +661,7 @@ def test_the_screen_measures_nothing_across_what_was_left_out(tmp_path: Path) ->
 def test_the_screen_takes_the_baud_from_the_recording(tmp_path: Path) -> None:
     slow = recorded(tmp_path / "a.mcap", rows_of(0, 20), baud=9600)
     assert viewed([slow]).statistics.ports()[0].baud == 9600
-    said = Viewing([RecordingInput(RecordingReader(slow))], None, 1200, None, print)
+    said = InputReading([RecordingInput(RecordingReader(slow))], baud=1200)
     assert not [one for read in said for one in read.changes if isinstance(one.what, BaudChange)]
     assert said.source.bauds == {"p": 1200}
 

@@ -25,15 +25,16 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.row_ranges import EVERYTHING, TimeRange
 from fte_sniff.row_batch import Codebook, RowBatch
-from fte_sniff.session.replay import MAX_READ_AHEAD, Read, RecordingPages, ReplaySession
+from fte_sniff.session.inputs import InputBatch
+from fte_sniff.session.replay import MAX_READ_AHEAD, RecordingPages, ReplaySession
 from tests.examples import examples
 
 FRAME = bytes.fromhex("AA0000000000000000EE")
 
 
-def batches(count: int, size: int = 10) -> list[Read]:
+def batches(count: int, size: int = 10) -> list[InputBatch]:
     return [
-        Read([Frame("f", (b * size + i) * 10, FRAME, None) for i in range(size)])
+        InputBatch([Frame("f", (b * size + i) * 10, FRAME, None) for i in range(size)])
         for b in range(count)
     ]
 
@@ -61,7 +62,7 @@ def test_reading_waits_for_the_view() -> None:
     read = []
     enough = threading.Event()
 
-    def reading() -> Iterator[Read]:
+    def reading() -> Iterator[InputBatch]:
         for number, batch in enumerate(batches(1000)):
             read.append(number)
             if len(read) > MAX_READ_AHEAD:
@@ -79,7 +80,7 @@ def test_reading_waits_for_the_view() -> None:
 def test_no_more_than_the_first_batch_is_read_before_it_was_taken() -> None:
     read = []
 
-    def reading() -> Iterator[Read]:
+    def reading() -> Iterator[InputBatch]:
         for number, batch in enumerate(batches(3)):
             read.append(number)
             yield batch
@@ -101,7 +102,7 @@ def first_of(session: ReplaySession) -> list[Row]:
 def test_port_events_come_with_the_rows_among_which_they_stand() -> None:
     lost = PortEvent(5, "f", PortEventKind.LOST, "")
     made = batches(2)
-    session = ReplaySession([made[0], Read(made[1].rows, [lost])], "file")
+    session = ReplaySession([made[0], InputBatch(made[1].rows, [lost])], "file")
     events: list[PortEvent] = []
     deadline = monotonic() + 60
     while monotonic() < deadline:
@@ -113,7 +114,7 @@ def test_port_events_come_with_the_rows_among_which_they_stand() -> None:
 
 
 def test_what_cannot_be_read_ends_it_after_what_could() -> None:
-    def reading() -> Iterator[Read]:
+    def reading() -> Iterator[InputBatch]:
         yield from batches(3)
         raise FileError("file: broken here")
 
@@ -127,7 +128,7 @@ def test_reading_rests_until_the_next_poll() -> None:
     read: queue.Queue[int] = queue.Queue()
     gate = threading.Semaphore(1)
 
-    def reading() -> Iterator[Read]:
+    def reading() -> Iterator[InputBatch]:
         for number, batch in enumerate(batches(5)):
             assert gate.acquire(timeout=60)
             read.put(number)
@@ -161,7 +162,7 @@ def test_a_session_that_was_stopped_does_not_rest_for_ever() -> None:
 
 
 def test_stop_ends_the_reading() -> None:
-    def endless() -> Iterator[Read]:
+    def endless() -> Iterator[InputBatch]:
         while True:
             yield from batches(1)
 
@@ -174,7 +175,7 @@ def test_stop_ends_the_reading() -> None:
 def test_batches_come_in_order_and_tell_how_far_they_are() -> None:
     rows: list[Row] = [Frame("f", place * 10, FRAME, place) for place in range(1000)]
     parts = [RowBatch.from_rows(rows[at : at + 100]) for at in range(0, 1000, 100)]
-    session = ReplaySession((Read(part) for part in parts), "file", 1000)
+    session = ReplaySession((InputBatch(part) for part in parts), "file", 1000)
     found: list[Row] = []
     told = []
     deadline = monotonic() + 60
@@ -192,7 +193,7 @@ def test_batches_come_in_order_and_tell_how_far_they_are() -> None:
 def test_what_the_file_lacks_stands_as_soon_as_it_is_known() -> None:
     for count in (1, 3):
         losses = [f"bytes {number} are gone" for number in range(count)]
-        session = ReplaySession([*batches(3), Read((), (), losses)], "file")
+        session = ReplaySession([*batches(3), InputBatch([], losses=losses)], "file")
         assert len(all_of(session)) == 30
         trouble = session.poll().state.trouble
         assert trouble is not None
