@@ -9,8 +9,8 @@ FTE_SNIFF_COMPILED=0 skips the compilation; with 1 a failed compilation is an er
 from __future__ import annotations
 
 import os
+import runpy
 import sys
-from hashlib import sha256
 from pathlib import Path
 from sysconfig import get_config_var
 from textwrap import shorten
@@ -21,25 +21,13 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parent
 FRAMER = Path("fte_sniff/protocol/framer")
+HASH = runpy.run_path(str(ROOT / "fte_sniff/session/framer_hash.py"))
 CHOICE = "FTE_SNIFF_COMPILED"
 NOTHING_BUILT = {"egg_info", "dist_info", "sdist", "clean"}
 """Commands that need no extension."""
 FLAGS = ("-Wno-error", "-fvisibility=hidden", "-fno-semantic-interposition")
 """Flags of the C compiler: warnings are no errors; functions are private, so it may inline them."""
 IN_PLACE = {"editable_wheel", "develop", "--inplace", "-i"}
-
-
-def sources() -> list[Path]:
-    """Modules to compile. Not `__init__`: the library has to be inside its package."""
-    return sorted(path for path in (ROOT / FRAMER).glob("*.py") if path.name != "__init__.py")
-
-
-def library() -> str:
-    """Full name of the library module for the present sources."""
-    told = sha256()
-    for path in sources():
-        told.update(b"%b\0%b\0" % (path.name.encode(), path.read_bytes()))
-    return f"{'.'.join(FRAMER.parts)}.sources_{told.hexdigest()[:12]}__mypyc"
 
 
 def forget(folder: Path) -> None:
@@ -68,11 +56,13 @@ def extensions() -> list[Extension]:
     try:
         from mypyc.build import mypycify
 
+        sources = HASH["framer_sources"](ROOT / FRAMER)
+        library = HASH["library_name"](ROOT / FRAMER)
         made: list[Extension] = mypycify(
-            ["--config-file=setup.cfg", *(str(path.relative_to(ROOT)) for path in sources())],
+            ["--config-file=setup.cfg", *(str(path.relative_to(ROOT)) for path in sources)],
             opt_level="3",
             debug_level="0",
-            group_name=library().removesuffix("__mypyc"),
+            group_name=f"{'.'.join(FRAMER.parts)}.{library}".removesuffix("__mypyc"),
         )
     except ImportError as error:
         interpreted(f"{error}; it takes mypy[mypyc]")

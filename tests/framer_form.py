@@ -7,7 +7,6 @@ source, in their own process; a program that a test starts loads what is install
 
 from __future__ import annotations
 
-import runpy
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.abc import MetaPathFinder
@@ -20,7 +19,6 @@ CHOICE = "FTE_SNIFF_COMPILED"
 """As in `setup.py`: 1, the framer must be compiled; 0, it need not be. In CI it must."""
 INTERPRETED = "FTE_SNIFF_TESTS_INTERPRETED"
 """Set by `--interpreted` for the workers of pytest-xdist."""
-SETUP = Path(__file__).parents[1] / "setup.py"
 FIX = "run: pip install -e ."
 
 
@@ -45,10 +43,12 @@ def interpret() -> None:
 
 def form_error(environment: Mapping[str, str]) -> str | None:
     """Why the tests cannot use the framer they would load; None if they can."""
-    __import__(PACKAGE)
+    from fte_sniff.protocol import framer
+    from fte_sniff.session.framer_hash import library_name
+
     loaded = {name for name in sys.modules if name.startswith(f"{PACKAGE}.sources_")}
     if loaded:
-        present = runpy.run_path(str(SETUP))["library"]()
+        present = f"{PACKAGE}.{library_name(Path(framer.__file__).parent)}"
         return None if loaded == {present} else f"the compiled framer is of another source: {FIX}"
     usual = "1" if environment.get("CI") == "true" else "0"
     if environment.get(CHOICE, usual) != "1":

@@ -6,6 +6,7 @@ Modules:
     capture_state    Messages of the capture process and the state folded from
                      them.
     doctor           The checks of `doctor`: machine, ports, line.
+    framer_hash      Hash of the framer's sources, for setup.py and doctor.
     inputs           Recordings, logs, raw bytes and standard input, read
                      through a filter, with the gaps found.
     live_session     LiveSession: start, poll, stop.

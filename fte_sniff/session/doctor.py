@@ -58,6 +58,7 @@ from fte_sniff.capture.serial_port import (
 from fte_sniff.capture.uart_errors import UNAVAILABLE
 from fte_sniff.errors import PortError, printable, reason_of
 from fte_sniff.protocol import Direction, LineErrorCounts, framer
+from fte_sniff.session.framer_hash import library_name
 
 _ROOT = Path("/")
 
@@ -204,7 +205,7 @@ def terminal_findings(environment: Mapping[str, str], encoding: str) -> Iterator
 
 
 def framer_finding(folder: Path, *, compiled: bool) -> Finding:
-    """Check that the framer in `folder` runs compiled, and is not older than its source."""
+    """Check that the framer in `folder` runs compiled, and from the present source."""
     if not compiled:
         return warn(
             "framer",
@@ -212,20 +213,13 @@ def framer_finding(folder: Path, *, compiled: bool) -> Finding:
             "install a C compiler and Python's headers (Debian, Ubuntu: sudo apt install gcc "
             "python3-dev), then fte-sniff again: pip install .",
         )
-    edited = _edited_since_compiled(folder)
-    if edited is None:
+    if any(folder.glob(f"{library_name(folder)}.*")):
         return ok("framer", "compiled")
     return warn(
         "framer",
-        f"compiled before {edited} was changed: the running code differs from the source",
+        "compiled from another source: the running code differs from the files",
         "install fte-sniff again: pip install -e . (or pip install .)",
     )
-
-
-def _edited_since_compiled(folder: Path) -> str | None:
-    compiled = [path.stat().st_mtime for path in folder.glob("*__mypyc.*")]
-    newer = (p for p in sorted(folder.glob("*.py")) if p.stat().st_mtime > max(compiled))
-    return next((path.name for path in newer), None) if compiled else None
 
 
 _TIME_ERROR = 5
