@@ -1,11 +1,13 @@
-"""Console entry point: `fte-sniff` and `python -m fte_sniff`.
+"""Entry points: `fte-sniff`, `python -m fte_sniff`, and the processes that the program starts.
 
 While the program is loading, Ctrl-C ends it at once and without a traceback; afterwards the
-command line handles it.
+command line handles it. No code of the working folder is imported, except what Python itself loads
+before this module for `python -m`.
 """
 
 # The built-in module behind `signal`, which would take time to import before Ctrl-C is handled.
 import _signal as signal  # type: ignore[import-not-found]
+import sys
 
 
 def main() -> None:
@@ -17,5 +19,27 @@ def main() -> None:
     run()
 
 
+def worker() -> None:
+    """Load and run a worker process, see `session.worker_process`."""
+    from fte_sniff.session.worker_process import run
+
+    run(int(sys.argv[1]))
+
+
+def _leave_working_folder() -> None:
+    """Remove the folder that `python -m` puts first on the import path."""
+    import os
+
+    try:
+        folder = os.getcwd()  # noqa: PTH109
+    except FileNotFoundError:
+        return
+    if sys.path[0] == folder:
+        del sys.path[0]
+        if __file__ == f"{folder}/fte_sniff/__main__.py":
+            sys.path.append(folder)
+
+
 if __name__ == "__main__":
+    _leave_working_folder()
     main()

@@ -14,4 +14,5 @@ Modules:
     replay           ReplaySession over files with paging.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().
+    worker_process   Start another process of this program, with a pipe to it.
 """

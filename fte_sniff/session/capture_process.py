@@ -277,9 +277,6 @@ def _step_words(step_ns: int) -> TranslatableText:
 _SWITCH_EVERY_S = 0.0005
 """Longest time that the framing thread may delay the reading thread (interpreter switch)."""
 
-_TERMINAL_SIGNALS = (signal.SIGINT, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
-"""Signals that a terminal sends to every process; only the view handles them."""
-
 _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -288,10 +285,6 @@ def capture(plan: CapturePlan, view: Connection) -> None:
     # The name that `lsof` and `fuser` show for the open port.
     with suppress(OSError):
         Path("/proc/self/comm").write_text(PROGRAM)
-    # Ctrl-C and Ctrl-Z reach every process of the terminal. The view handles them; a stopped
-    # capture would lose bytes.
-    for number in _TERMINAL_SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(_SWITCH_EVERY_S)
     clock = Clock.tied()
     try:

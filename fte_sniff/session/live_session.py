@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
+from subprocess import TimeoutExpired
 from types import TracebackType
 from typing import Self
 
@@ -26,6 +23,7 @@ from fte_sniff.session.capture_state import (
     RowsMessage,
     Started,
 )
+from fte_sniff.session.worker_process import start_worker
 
 MOST_ROWS_A_POLL = 16_384
 """Most rows of one poll, so that a view that was suspended stays responsive."""
@@ -64,15 +62,7 @@ class LiveSession:
         self._receiving_since_s: float | None = None
         """When receiving of the current, possibly incomplete, message started."""
         self._killed = False
-        context = multiprocessing.get_context("spawn")
-        self._capture, theirs = context.Pipe()
-        # A daemon process gets SIGTERM if this process exits without `close`.
-        self._process = context.Process(
-            target=capture, args=(plan, theirs), name="fte-sniff capture", daemon=True
-        )
-        with _signals_deferred():
-            self._process.start()
-        theirs.close()
+        self._process, self._capture = start_worker(capture, plan)
 
     def begin(self) -> None:
         """Wait until the port and the recording, if any, are open.
@@ -97,7 +87,6 @@ class LiveSession:
     @property
     def capture_pid(self) -> int:
         """Process id of the capture, to end it without this view."""
-        assert self._process.pid is not None
         return self._process.pid
 
     @property
@@ -156,10 +145,11 @@ class LiveSession:
         self.stop()
         while self.state.ended is None:
             self.wait(WAIT_S)
-        self._process.join(END_WITHIN_S)
-        if self._process.is_alive():
+        try:
+            self._process.wait(END_WITHIN_S)
+        except TimeoutExpired:
             self._process.kill()
-            self._process.join()
+            self._process.wait()
         self._capture.close()
 
     def __enter__(self) -> Self:
@@ -212,22 +202,3 @@ def _check_folder() -> None:
         raise FileError(
             TranslatableText("the working folder is gone; go to another one with `cd`")
         ) from error
-
-
-@contextmanager
-def _signals_deferred() -> Iterator[None]:
-    """Context to start a process in: it ignores Ctrl-C, and signals here wait until it started."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    held: list[int] = []
-    before = {signal.SIGINT: signal.signal(signal.SIGINT, signal.SIG_IGN)}
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        before[number] = signal.signal(number, lambda number, _: held.append(number))
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    for late in held:
-        signal.raise_signal(late)

@@ -285,7 +285,7 @@ def captures_of(process: Process) -> list[Path]:
     """The capture processes that a program has started, in /proc."""
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     found = [Path("/proc") / child for child in children]
-    return [child for child in found if b"spawn_main" in (child / "cmdline").read_bytes()]
+    return [child for child in found if b"worker()" in (child / "cmdline").read_bytes()]
 
 
 def has_loaded(library: str, process: Path) -> bool:

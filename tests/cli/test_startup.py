@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -164,3 +165,57 @@ def test_ctrl_c_while_it_loads_is_no_traceback(environment, tmp_path: Path) -> N
         _, errors = process.communicate(timeout=60)
     assert process.returncode == -signal.SIGINT
     assert errors == b""
+
+
+POISON = "with open({marker!r}, 'a') as file:\n    file.write(__name__ + '\\n')\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["live", "sim://", "--plain", "--count", "3"],
+        ["live", "sim://", "--plain", "--count", "3", "--trigger", "motor = 1"],
+        ["bridge", "sim://?host=off", "--plain", "--count", "3"],
+        ["decode", str(SAMPLES / "damaged.mcap"), "--filter", "motor = 1", "-o", "rows.parquet"],
+        ["stats", str(SAMPLES / "damaged.mcap"), "--format", "json"],
+        ["doctor"],
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize("start", ["script", "module"])
+def test_no_code_of_the_working_folder_runs(
+    environment, tmp_path: Path, tmp_path_factory, start: str, arguments: list[str]
+) -> None:
+    """Each library has a namesake there; Python itself loads a few for `python -m`."""
+    marker = tmp_path_factory.mktemp("marker") / "executed"
+    script = marker.with_name("fte-sniff")
+    script.write_text("from fte_sniff.__main__ import main\nmain()\n")
+    names = {*sys.stdlib_module_names, *third_party()}
+    if start == "module":
+        names -= loaded_by("runpy")
+    for name in names:
+        (tmp_path / f"{name}.py").write_text(POISON.format(marker=str(marker)))
+    done = subprocess.run(
+        [sys.executable, *((script,) if start == "script" else ("-m", "fte_sniff")), *arguments],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        env=environment,
+        cwd=tmp_path,
+        timeout=BOUND_S,
+        check=False,
+    )
+    assert not marker.exists(), marker.read_text()
+    assert done.returncode in (0, 1) if arguments == ["doctor"] else not done.returncode, done
+
+
+def third_party() -> set[str]:
+    return {name for name in packages_distributions() if name.isidentifier()} - {"fte_sniff"}
+
+
+def loaded_by(module: str) -> set[str]:
+    program = f"import {module}, sys; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True
+    )
+    return set(done.stdout.split())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import os
 import resource
 import select
@@ -29,6 +28,7 @@ from fte_sniff.session import live_session as live
 from fte_sniff.session.capture_process import capture
 from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage, Started
 from fte_sniff.session.live_session import END_WITHIN_S, LiveSession
+from fte_sniff.session.worker_process import start_worker
 from tests.cli.processes import BOUND_S, holding, wait_until
 
 SIM = "sim://?seed=1&rate=1000"
@@ -142,7 +142,7 @@ def test_leaving_the_session_closes_the_file(tmp_path: Path) -> None:
 def test_a_signal_to_the_capture_process_ends_it_well(tmp_path: Path, number: int) -> None:
     with LiveSession(plan(tmp_path / "x.mcap")) as session:
         until(session, lambda rows: rows > 20)
-        os.kill(session._process.pid or 0, number)
+        os.kill(session.capture_pid, number)
         rows = to_the_end(session)
         assert session.state.error is None
     assert list(RecordingReader(tmp_path / "x.mcap"))[-len(rows) :] == rows
@@ -150,7 +150,7 @@ def test_a_signal_to_the_capture_process_ends_it_well(tmp_path: Path, number: in
 
 def test_ctrl_c_means_nothing_to_the_capture_process(tmp_path: Path) -> None:
     with LiveSession(plan(tmp_path / "x.mcap")) as session:
-        os.kill(session._process.pid or 0, signal.SIGINT)
+        os.kill(session.capture_pid, signal.SIGINT)
         until(session, lambda rows: rows > 50)
         assert session.poll().state.running
 
@@ -182,7 +182,7 @@ def test_what_cannot_start_raises_and_leaves_no_process(tmp_path: Path) -> None:
     ):
         with pytest.raises(refusal, match=words):
             session.begin()
-        assert not session._process.is_alive()
+        assert session._process.poll() is not None
     assert (tmp_path / "x.mcap").read_bytes() == b""
 
 
@@ -225,13 +225,13 @@ def test_a_capture_that_is_stuck_is_killed_and_that_is_told(
 ) -> None:
     with LiveSession(plan(tmp_path / "x.mcap")) as session:
         wait_until(lambda: bool(list(RecordingReader(tmp_path / "x.mcap"))))
-        os.kill(session._process.pid or 0, signal.SIGSTOP)
+        os.kill(session.capture_pid, signal.SIGSTOP)
         start = monotonic()
         session.stop()
     assert quickly_overdue <= monotonic() - start < BOUND_S / 2
     assert isinstance(session.state.error, PortError)
     assert "was killed" in (session.poll().state.ended or "")
-    assert not session._process.is_alive()
+    assert session._process.poll() is not None
     assert list(RecordingReader(tmp_path / "x.mcap"))
 
 
@@ -278,14 +278,14 @@ def test_a_capture_that_is_stuck_before_it_begins_just_ends(
     tmp_path: Path, quickly_overdue: float
 ) -> None:
     session = LiveSession(plan(tmp_path / "x.mcap"))
-    pid = session._process.pid or 0
+    pid = session.capture_pid
     os.kill(pid, signal.SIGSTOP)
     os.waitid(os.P_PID, pid, os.WSTOPPED)
     session.stop()
     with session:
         assert not session.poll().state.running
     assert session.state.error is None
-    assert not session._process.is_alive()
+    assert session._process.poll() is not None
     assert list(tmp_path.iterdir()) == []
 
 
@@ -316,16 +316,11 @@ def test_a_capture_whose_view_went_before_it_began_says_and_leaves_nothing(
     if existing is Existing.REPLACE:
         (tmp_path / "x.mcap").write_bytes(b"precious")
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
     wanted = replace(plan(tmp_path / "x.mcap"), existing=existing)
-    process = context.Process(target=capture, args=(wanted, theirs))
-    process.start()
-    theirs.close()
-    ours.close()
-    process.join(BOUND_S)
+    process, connection = start_worker(capture, wanted)
+    connection.close()
     # A traceback would come with another exit code.
-    assert process.exitcode == 0
+    assert process.wait(BOUND_S) == 0
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 

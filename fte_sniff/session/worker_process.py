@@ -1,0 +1,71 @@
+"""Processes that the program starts: a function that runs in another Python, and a pipe to it.
+
+Messages are pickled objects. A small module of its own: the new process imports it first, and
+handles signals before it loads anything large.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
+
+_TERMINAL_SIGNALS = (signal.SIGINT, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""Signals that a terminal sends to every process; only the starting process handles them."""
+
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+_START = """
+import sys
+# In front only for the package, so that it is this one; its folder may have other modules.
+sys.path.insert(0, sys.argv[2])
+import fte_sniff.__main__
+sys.path.append(sys.path.pop(0))
+fte_sniff.__main__.worker()
+"""
+
+
+def start_worker(
+    function: Callable[..., None], *arguments: object
+) -> tuple[subprocess.Popen[bytes], Connection]:
+    """Call `function(*arguments, connection)` in a new process; return it and the other end.
+
+    The working folder is not on its import path. It inherits standard output and standard error,
+    and ignores Ctrl-C. Raises OSError if it cannot be started.
+    """
+    ours, theirs = Pipe()
+    # The flags of this Python, for example -E; multiprocessing uses the same function.
+    flags = subprocess._args_from_interpreter_flags()  # type: ignore[attr-defined]
+    folder = str(Path(__file__).parents[2])
+    program = [sys.executable, *flags, "-P", "-c", _START, str(theirs.fileno()), folder]
+    with theirs, _signals_blocked():
+        process = subprocess.Popen(program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
+    with suppress(OSError):  # it has ended already; the caller notices at its first `recv`
+        ours.send([path for path in sys.path if path not in ("", str(Path.cwd()))])
+        ours.send((function, arguments))
+    return process, ours
+
+
+@contextmanager
+def _signals_blocked() -> Iterator[None]:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def run(descriptor: int) -> None:
+    """Run the function of `start_worker` in the new process."""
+    # Ctrl-C and Ctrl-Z reach every process of the terminal. A stopped capture would lose bytes.
+    for number in _TERMINAL_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING_SIGNALS)
+    connection = Connection(descriptor)
+    sys.path += [path for path in connection.recv() if path not in sys.path]
+    function, arguments = connection.recv()
+    function(*arguments, connection)
