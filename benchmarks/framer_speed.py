@@ -19,7 +19,6 @@ from time import process_time
 
 from benchmarks.faults import damaged_stream
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_state_machine
-from fte_sniff.analysis.fields import field_values, kind_codes
 from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Chunk, Framer, byte_time_ns
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.inputs import SPAN_BYTES, decided_spans
@@ -68,9 +67,8 @@ def in_bulk(data: bytes) -> None:
     pieces = (Chunk("bench", None, data[at : at + SPAN_BYTES]) for at in starts)
     for span in decided_spans(pieces, "bench", lambda _: None, lambda: False):
         rows = RowBatch.from_span(span)
-        kinds = kind_codes(rows.raw, rows.framed)
         for field in VALUE_FIELDS:
-            field_values(rows.raw, kinds, field.name)
+            rows.field(field.name)
 
 
 def compare(size: int) -> None:

@@ -10,18 +10,38 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from threading import Lock
 from typing import Any, Final, Self, TypeAlias, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.protocol import FRAME_LENGTH, Damage, Fault, Frame, PortEvent, Row
+from fte_sniff.protocol import (
+    FRAME_LENGTH,
+    KINDS,
+    VALUE_FIELDS,
+    Damage,
+    Fault,
+    Frame,
+    PortEvent,
+    Row,
+)
 from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.tables import FAULT_SETS
 from fte_sniff.protocol.framer.timestamps import ArrivalTime
+from fte_sniff.protocol.spec import CMD_OFFSET, FTE_FORMAT, NUM_OFFSET
 
-Array = npt.NDArray[Any]
+Array: TypeAlias = npt.NDArray[Any]
+Bools: TypeAlias = npt.NDArray[np.bool_]
+Codes: TypeAlias = npt.NDArray[np.uint8]
+Ints: TypeAlias = npt.NDArray[np.int64]
+
+NO_TIME: Final = -(2**63)
+"""Time, or read delay, of a row without one."""
+
+NO_KIND: Final = len(KINDS)
+"""The kind code of a row without a kind."""
 
 _Key = TypeVar("_Key")
 
@@ -61,21 +81,17 @@ def _code_of(key: _Key, codes: dict[_Key, int], keys: list[_Key], lock: Lock) ->
     return code
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RowBatch(Sequence[Row]):
     """Rows as columns of equal length, and the port events between them."""
 
     codebook: Codebook
     t_ns: Array
-    """Nanoseconds since 1970 UTC, int64; valid where `timed`."""
-    timed: Array
-    """Whether the row has a time, bool."""
+    """Nanoseconds since 1970 UTC, or `NO_TIME`; int64."""
     offset: Array
     """Offset of the row's first byte in its port's stream, int64."""
     delay_ns: Array
-    """Read delay, nanoseconds, int64; valid where `delayed`."""
-    delayed: Array
-    """Whether the row has a read delay, bool."""
+    """Read delay, nanoseconds, or `NO_TIME`; int64."""
     length: Array
     """Bytes of the row, uint32."""
     port: Array
@@ -98,10 +114,8 @@ class RowBatch(Sequence[Row]):
         return cls(
             codebook,
             t_ns=np.empty(rows, np.int64),
-            timed=np.ones(rows, np.bool_),
             offset=np.empty(rows, np.int64),
             delay_ns=np.zeros(rows, np.int64),
-            delayed=np.ones(rows, np.bool_),
             length=np.full(rows, FRAME_LENGTH, np.uint32),
             port=np.empty(rows, np.uint16),
             faults=np.zeros(rows, np.uint16),
@@ -123,16 +137,12 @@ class RowBatch(Sequence[Row]):
             return replace(batch, events=tuple(events))
         codebook = codebook or Codebook()
         raws = [row.raw for row in rows]
-        times = [row.t_ns for row in rows]
-        delays = [row.read_delay_ns for row in rows]
         first_bytes = b"".join([raw[:FRAME_LENGTH].ljust(FRAME_LENGTH, b"\0") for raw in raws])
         return cls(
             codebook,
-            t_ns=np.array([time or 0 for time in times], np.int64),
-            timed=np.array([time is not None for time in times], np.bool_),
+            t_ns=_times_or_none([row.t_ns for row in rows]),
             offset=np.array([row.offset for row in rows], np.int64),
-            delay_ns=np.array([delay or 0 for delay in delays], np.int64),
-            delayed=np.array([delay is not None for delay in delays], np.bool_),
+            delay_ns=_times_or_none([row.read_delay_ns for row in rows]),
             length=np.array([len(raw) for raw in raws], np.uint32),
             port=np.array([codebook.port_code(row.port) for row in rows], np.uint16),
             faults=np.array([codebook.fault_code(row.faults) for row in rows], np.uint16),
@@ -164,9 +174,8 @@ class RowBatch(Sequence[Row]):
 
     def put(self, at: int, row: Row) -> None:
         """Fill in one row."""
-        self.t_ns[at], self.timed[at] = row.t_ns or 0, row.t_ns is not None
+        self.t_ns[at], self.delay_ns[at] = _times_or_none([row.t_ns, row.read_delay_ns])
         self.offset[at], self.length[at] = row.offset, len(row.raw)
-        self.delay_ns[at], self.delayed[at] = row.read_delay_ns or 0, row.read_delay_ns is not None
         self.port[at] = self.codebook.port_code(row.port)
         self.faults[at] = self.codebook.fault_code(row.faults)
         self.framed[at], self.unordered[at] = isinstance(row, Frame), row.order_uncertain
@@ -204,24 +213,72 @@ class RowBatch(Sequence[Row]):
         raws = self.raw[start:end].tobytes()
         scalars = zip(*(getattr(self, name)[start:end].tolist() for name in _SCALARS), strict=True)
         for at, scalar in enumerate(scalars):
-            t_ns, timed, offset, delay, delayed, length, port, fault, framed, unordered = scalar
+            t_ns, offset, delay, length, port, fault, framed, unordered = scalar
             first = at * FRAME_LENGTH
             yield (Frame if framed else Damage)(
                 ports[port],
                 offset,
                 self.long[start + at] if length > FRAME_LENGTH else raws[first : first + length],
-                t_ns if timed else None,
+                None if t_ns == NO_TIME else t_ns,
                 faults[fault],
-                delay if delayed else None,
+                None if delay == NO_TIME else delay,
                 unordered,
             )
 
     @property
+    def timed(self) -> Bools:
+        """Whether each row has a time."""
+        found: Bools = self.t_ns != NO_TIME
+        return found
+
+    @property
     def times(self) -> tuple[int, int] | None:
         """Time of the first row and the latest time; None if a row has none, or without rows."""
-        if not len(self) or not self.timed.all():
+        if not len(self) or int(self.t_ns.min()) == NO_TIME:
             return None
         return int(self.t_ns[0]), int(self.t_ns.max())
+
+    # The fields of frames; a batch that is still filled in must not use these
+
+    @cached_property
+    def kinds(self) -> Codes:
+        """The index in `KINDS` of each row's kind, `NO_KIND` without one."""
+        heads = self.raw[:, 0].astype(np.uint16) << np.uint16(8) | self.raw[:, CMD_OFFSET]
+        kinds: Codes = _KIND_CODES.take(heads)
+        kinds[~self.framed] = NO_KIND
+        return kinds
+
+    @property
+    def cmds(self) -> Codes:
+        """CMD of each frame."""
+        return self.raw[:, CMD_OFFSET]
+
+    @property
+    def nums(self) -> Codes:
+        """NUM of each frame."""
+        return self.raw[:, NUM_OFFSET]
+
+    def field(self, name: str) -> tuple[Array, Bools]:
+        """A field in each row, as wide as on the wire, and a mask of the rows that have it."""
+        return _field_values(self.raw, self.kinds, name)
+
+    def values(self, name: str, rows: Ints) -> Ints:
+        """One field of the rows at these indices, which all must have it."""
+        values, _ = _field_values(self.raw[rows], self.kinds[rows], name)
+        return values.astype(np.int64)
+
+    def value(self, name: str, row: int) -> int:
+        """One field of the row at an index, which must have it."""
+        return int(self.values(name, np.array([row]))[0])
+
+    def raised(self) -> Bools:
+        """Which rows are frames with a flag byte that is not in order, as `Field.raised`."""
+        found: Bools = np.zeros(len(self), np.bool_)
+        for flags in VALUE_FIELDS:
+            if flags.defined_bits is not None:
+                values, known = self.field(flags.name)
+                found |= known & (values != flags.default)
+        return found
 
     def select(self, rows: slice | Array, events: tuple[PortEvent, ...] = ()) -> RowBatch:
         """The rows of a slice, a mask or an array of indices, with these events."""
@@ -270,10 +327,8 @@ Rows: TypeAlias = list[Row] | RowBatch
 
 _SCALARS: Final = (
     "t_ns",
-    "timed",
     "offset",
     "delay_ns",
-    "delayed",
     "length",
     "port",
     "faults",
@@ -281,6 +336,48 @@ _SCALARS: Final = (
     "unordered",
 )
 COLUMNS: Final = (*_SCALARS, "raw")
+
+FieldLayout: TypeAlias = tuple[int, int, bool]
+"""Start and size of a field, and whether it is signed."""
+
+
+def _field_layouts() -> dict[str, dict[FieldLayout, Bools]]:
+    """By field name: its layouts, each with a mask of the kinds."""
+    layouts: dict[str, dict[FieldLayout, Bools]] = {}
+    for code, kind in enumerate(KINDS):
+        for one in kind.fields:
+            kinds = layouts.setdefault(one.name, {}).setdefault(
+                (one.start, one.size, one.signed), np.zeros(len(KINDS) + 1, np.bool_)
+            )
+            kinds[code] = True
+    return layouts
+
+
+_KIND_CODES: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
+_FIELD_LAYOUTS: Final = _field_layouts()
+
+
+def _field_values(raw: Array, kinds: Codes, name: str) -> tuple[Array, Bools]:
+    (layout, having), *others = _FIELD_LAYOUTS[name].items()
+    values, known = read_field(raw, *layout), having.take(kinds)
+    for layout, having in others:
+        here = having.take(kinds)
+        np.copyto(values, read_field(raw, *layout), where=here)
+        known |= here
+    return values, known
+
+
+def read_field(raw: Array, start: int, size: int, signed: bool) -> Array:
+    """One field in the first bytes of every row; it is big-endian (PROTOCOL.md, "Framing")."""
+    wire = np.dtype(f">{'i' if signed else 'u'}{size}")
+    if not len(raw):
+        return np.empty(0, wire.newbyteorder("="))
+    found: Array = np.ndarray((len(raw),), wire, np.ascontiguousarray(raw), start, (FRAME_LENGTH,))
+    return found.astype(wire.newbyteorder("="))
+
+
+def _times_or_none(times: Sequence[int | None]) -> Ints:
+    return np.array([NO_TIME if time is None else time for time in times], np.int64)
 
 
 def _is_identity(codes: npt.NDArray[np.integer]) -> bool:
@@ -330,14 +427,12 @@ def _batch_of_span(span: DecidedSpan) -> RowBatch:
         offset = start + ends - length
         raw = _first_bytes(span.data, offset - span.start, length)
         long = _long_rows(span, offset, length)
-    t_ns, delay_ns, timed = _times(span.times, offset)
+    t_ns, delay_ns = _times(span.times, offset)
     return RowBatch(
         codebook,
         t_ns=t_ns,
-        timed=timed,
         offset=offset,
         delay_ns=delay_ns,
-        delayed=timed,
         length=length,
         port=_constant(codebook.port_code(span.port), rows, np.uint16),
         faults=faults,
@@ -401,10 +496,10 @@ def _long_rows(span: DecidedSpan, offset: Array, length: Array) -> dict[int, byt
     }
 
 
-def _times(marks: Sequence[ArrivalTime], offset: Array) -> tuple[Array, Array, Array]:
+def _times(marks: Sequence[ArrivalTime], offset: Array) -> tuple[Array, Array]:
     if all(mark.t_ns is None for mark in marks):
-        none = _constant(0, len(offset), np.int64)
-        return none, none, _constant(False, len(offset), np.bool_)
+        none = _constant(NO_TIME, len(offset), np.int64)
+        return none, none
     stop, floor, byte = (
         np.array([getattr(mark, name) for mark in marks], np.int64)
         for name in ("stop", "floor_ns", "byte_ns")
@@ -417,5 +512,5 @@ def _times(marks: Sequence[ArrivalTime], offset: Array) -> tuple[Array, Array, A
     early = t_ns < floor
     t_ns[early] = floor[early]
     delay[early] = np.maximum(read[own][early] - floor[early], 0)
-    t_ns[~known] = delay[~known] = 0
-    return t_ns, delay, known
+    t_ns[~known] = delay[~known] = NO_TIME
+    return t_ns, delay

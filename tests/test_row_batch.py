@@ -12,11 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.faults import damaged_stream
-from fte_sniff.analysis.fields import NO_KIND, field_values, kind_codes
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Chunk, Damage, Fault, Frame, Framer, Row
 from fte_sniff.protocol.framer.segments import DecidedSpan
-from fte_sniff.row_batch import COLUMNS, Codebook, RowBatch, RowBuffer
+from fte_sniff.row_batch import COLUMNS, NO_KIND, Codebook, RowBatch, RowBuffer
 from tests.analysis import conftest as _row_strategies  # noqa: F401
 from tests.protocol.streams import raw_bytes
 
@@ -214,11 +213,10 @@ def test_columns_have_the_values_of_the_rows(share: float, payload: str) -> None
     assert batch.length.tolist() == [len(row.raw) for row in rows]
     assert batch.framed.tolist() == [isinstance(row, Frame) for row in rows]
     assert [batch.codebook.faults[code] for code in batch.faults] == [row.faults for row in rows]
-    kind_of_row = kind_codes(batch.raw, batch.framed)
     kinds = [row.kind if isinstance(row, Frame) else None for row in rows]
-    assert kind_of_row.tolist() == [KINDS.index(k) if k else NO_KIND for k in kinds]
+    assert batch.kinds.tolist() == [KINDS.index(k) if k else NO_KIND for k in kinds]
     for field in VALUE_FIELDS:
-        values, known = field_values(batch.raw, kind_of_row, field.name)
+        values, known = batch.field(field.name)
         expected = [row.values.get(field.name) if isinstance(row, Frame) else None for row in rows]
         got = [int(v) if k else None for v, k in zip(values, known, strict=True)]
         assert got == expected

@@ -8,7 +8,6 @@ Modules:
                   rates.
     dataframe     RowBatch to polars DataFrame.
     feed          Follow a growing store; gaps and baud changes.
-    fields        Value fields of a frame: names, types, decode from raw.
     filter        The filter language: SQL boolean expressions over the row
                   columns.
     live_models   Models that follow a growing store, with checkpoints of the

@@ -16,7 +16,7 @@ from typing import Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.fields import Ints
+from fte_sniff.row_batch import Ints
 
 PER_OCTAVE: Final = 1024
 """Bins in an octave."""

@@ -16,7 +16,6 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.fields import Bools, Codes, field_values, kind_codes
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     COLUMNS,
@@ -31,7 +30,7 @@ from fte_sniff.protocol import (
     status_of,
 )
 from fte_sniff.protocol.spec import CMD_OFFSET
-from fte_sniff.row_batch import Array, RowBatch
+from fte_sniff.row_batch import Array, Bools, Codes, RowBatch
 
 _NO_DIRECTION: Final = len(Direction)
 
@@ -105,21 +104,12 @@ class _Maker:
     def __init__(self, rows: RowBatch) -> None:
         self._rows = rows
         self._bytes: Array = np.ascontiguousarray(rows.raw)
-        self._kinds: Codes | None = None
 
     def series(self, name: str) -> pl.Series:
         if name in _FIELD_NAMES:
-            return self._field(name).rename(name)
+            values, known = self._rows.field(name)
+            return _known(pl.Series(name, values), known)
         return _MAKERS[name](self).rename(name)
-
-    def _kind_of_row(self) -> Codes:
-        if self._kinds is None:
-            self._kinds = kind_codes(self._bytes, self._rows.framed)
-        return self._kinds
-
-    def _field(self, name: str) -> pl.Series:
-        values, known = field_values(self._bytes, self._kind_of_row(), name)
-        return _known(pl.Series(values), known)
 
     def _time(self) -> pl.Series:
         return _known(pl.Series(self._rows.t_ns).cast(TABLE_SCHEMA["time"]), self._rows.timed)
@@ -136,7 +126,7 @@ class _Maker:
 
     def _kind(self) -> pl.Series:
         words = [*(kind.name for kind in KINDS), None]
-        return _looked_up(words, self._kind_of_row(), TABLE_SCHEMA["kind"])
+        return _looked_up(words, self._rows.kinds, TABLE_SCHEMA["kind"])
 
     def _cmd(self) -> pl.Series:
         return _known(pl.Series(self._bytes[:, CMD_OFFSET].copy()), self._rows.framed)

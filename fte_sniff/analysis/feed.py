@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind, Row
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.fields import Ints
+    from fte_sniff.row_batch import Ints
 
 GAP_EVENTS: Final = frozenset(
     {PortEventKind.LOST, PortEventKind.FOUND_AGAIN, PortEventKind.OVERRUN}

@@ -13,7 +13,6 @@ from operator import attrgetter
 from typing import Final
 
 from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motor_stats import FlagCounts
 from fte_sniff.analysis.motors import Motors, motor_rows
 from fte_sniff.analysis.row_store import RowStore
@@ -61,13 +60,12 @@ class LiveModels:
             stop = min(end, (self._next // self._checkpoint_rows + 1) * self._checkpoint_rows)
             if self._applied < len(self._changes):
                 stop = min(stop, self._changes[self._applied].index)
-            for batch in self._store.batches(self._next, stop):
-                rows = Decoded(batch)
+            for rows in self._store.batches(self._next, stop):
                 found = motor_rows(rows)
                 self.motors.observe(rows, found)
                 self.flags.observe(rows, found)
                 self.traces.observe(rows)
-                self.statistics.observe(rows, self._store.codebook)
+                self.statistics.observe(rows)
             self._next = stop
             if stop % self._checkpoint_rows == 0:
                 self._checkpoints.append((stop, self.motors.copy()))
@@ -125,7 +123,7 @@ class LiveModels:
 
     def _replay(self, model: Motors | Traces, start: int, end: int) -> None:
         for batch in self._store.batches(start, end):
-            model.observe(Decoded(batch))
+            model.observe(batch)
 
     def traces_at(self, index: int, from_ns: int) -> Traces:
         """The traces from a time up to a row.

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 
 from fte_sniff.analysis.counters import Durations
-from fte_sniff.analysis.fields import NO_TIME, Bools, Decoded, Ints
 from fte_sniff.analysis.motors import BITS, MotorFrames, MotorRows, Pairing
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import MOTORS
+from fte_sniff.row_batch import NO_TIME, Bools, Ints, RowBatch
 
 
 @dataclass(slots=True)
@@ -54,7 +54,7 @@ class FlagCounts:
         self._motors = {number: FlagStats(number) for number in MOTORS}
         self._online: int | None = None
 
-    def observe(self, rows: Decoded, found: MotorRows) -> None:
+    def observe(self, rows: RowBatch, found: MotorRows) -> None:
         """Add the next rows, in order of time."""
         for number, own in found.feedback.items():
             self._count_errors(self._motors[number], rows.values("error", own), rows.t_ns[own])
@@ -181,7 +181,7 @@ class Answers:
     def __init__(self) -> None:
         self._motors = [AnswerStats(number) for number in MOTORS]
 
-    def observe(self, rows: Decoded, found: MotorRows) -> None:
+    def observe(self, rows: RowBatch, found: MotorRows) -> None:
         """Add the next rows, in order of time."""
         for motor in self._motors:
             commands, feedback = found.commands[motor.motor], found.feedback[motor.motor]

@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 
 from fte_sniff.analysis.counters import RecentValues
-from fte_sniff.analysis.fields import NO_TIME, Bools, Decoded, Ints, subject
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, FrameKind
 from fte_sniff.protocol.spec import NUM_OFFSET
+from fte_sniff.row_batch import NO_TIME, Bools, Ints, RowBatch
 
 
 def _by_kind(values: Iterator[bool]) -> Bools:
@@ -41,7 +41,7 @@ class MotorRows:
     """Of all motors, in order."""
 
 
-def motor_rows(rows: Decoded) -> MotorRows:
+def motor_rows(rows: RowBatch) -> MotorRows:
     """Find the rows that are to or from motors."""
     commands = np.flatnonzero(_COMMANDS[rows.kinds])
     feedback = np.flatnonzero(_FEEDBACK[rows.kinds])
@@ -75,7 +75,7 @@ class MotorFrames:
     """Nanoseconds since 1970 UTC, or `NO_TIME`."""
 
     @classmethod
-    def of(cls, rows: Decoded, indices: Ints) -> MotorFrames:
+    def of(cls, rows: RowBatch, indices: Ints) -> MotorFrames:
         """The rows with these indices."""
         return cls(indices, rows.cmds[indices].astype(np.int64), rows.t_ns[indices])
 
@@ -262,7 +262,7 @@ class _FlagByte:
 _SUBJECTS: Final = [
     (code, name)
     for code, kind in enumerate(KINDS)
-    if kind.direction is Direction.FEEDBACK and (name := subject(kind))
+    if kind.direction is Direction.FEEDBACK and (name := kind.subject)
 ]
 
 
@@ -276,7 +276,7 @@ class _Motor:
         self._flags = {name: _FlagByte() for name in FLAG_FIELDS}
         self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
-    def update(self, rows: Decoded, commands: Ints, feedback: Ints) -> None:
+    def update(self, rows: RowBatch, commands: Ints, feedback: Ints) -> None:
         """Apply the commands to this motor and its feedback, by their indices in the batch."""
         self.pairing.update(MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback))
         self.commands += len(commands)
@@ -299,7 +299,7 @@ class _Motor:
         self.pairing.interrupt()
         self._command_times, self._feedback_times = RecentValues(), RecentValues()
 
-    def _set_target(self, rows: Decoded, commands: Ints) -> None:
+    def _set_target(self, rows: RowBatch, commands: Ints) -> None:
         last = int(commands[-1])
         kind = KINDS[rows.kinds[last]]
         fields = [field for field in kind.fields if field.start != NUM_OFFSET]
@@ -352,7 +352,7 @@ class Motors:
         self._motors = [_Motor(number) for number in MOTORS]
         self._online = _FlagByte()
 
-    def observe(self, rows: Decoded, found: MotorRows | None = None) -> None:
+    def observe(self, rows: RowBatch, found: MotorRows | None = None) -> None:
         """Apply the next rows, in order of time; `found` is `motor_rows(rows)` if known."""
         found = found or motor_rows(rows)
         for motor in self._motors:

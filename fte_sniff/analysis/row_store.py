@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.fields import raised
 from fte_sniff.protocol import Row
 from fte_sniff.row_batch import Codebook, RowBatch
 
@@ -65,7 +64,7 @@ class Block:
         self.rows.assign(self.count, rows)
         self.count += len(rows)
         self.faulty |= bool((rows.faults != rows.codebook.fault_code(())).any())
-        self.raised = self.raised or bool(raised(rows).any())
+        self.raised = self.raised or bool(rows.raised().any())
 
     def drop(self) -> None:
         """Free the memory of the rows."""

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.analysis.fields import raised
 from fte_sniff.analysis.row_store import Block, Offsets, RowStore
 from fte_sniff.errors import InputTextError, printable
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, Row
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.row_batch import Bools, RowBatch
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
 
 SELECT_ROWS: Final = 4096
 """Most rows that one `select_rows` returns, in a few hundredths of a second."""
-
-Bools: TypeAlias = npt.NDArray[np.bool_]
 
 RowTest: TypeAlias = Callable[[RowBatch], Bools]
 """Whether each row of a batch matches."""
@@ -72,7 +69,7 @@ def find_fault(store: RowStore, index: int, by: int) -> int | None:
 
 def find_raised(store: RowStore, index: int, by: int) -> int | None:
     """The same for a row with a raised flag byte."""
-    return _find(store, raised, attrgetter("raised"), index + by, by)
+    return _find(store, RowBatch.raised, attrgetter("raised"), index + by, by)
 
 
 def find_byte(store: RowStore, port: str, offset: int) -> int | None:

@@ -14,8 +14,8 @@ import numpy.typing as npt
 import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
-from fte_sniff.analysis.fields import VALUE_FORMS, short_feedback, value_heads
 from fte_sniff.protocol import KINDS, Field, FrameKind
+from fte_sniff.protocol.row_schema import VALUE_FORMS, short_feedback, value_heads
 from fte_sniff.row_batch import RowBatch
 
 _HEX_WORDS: Final = [f"{byte:02x}" for byte in range(256)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,6 @@ from fte_sniff.analysis.counters import (
     extent,
 )
 from fte_sniff.analysis.feed import BaudChange
-from fte_sniff.analysis.fields import NO_KIND, NO_TIME, Decoded, Ints, read_field
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
@@ -39,7 +38,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     status_of,
 )
-from fte_sniff.row_batch import Codebook
+from fte_sniff.row_batch import NO_KIND, NO_TIME, FieldLayout, Ints, RowBatch, read_field
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,17 +68,18 @@ class FaultCounts:
     def __init__(self) -> None:
         self._counts: dict[tuple[str, tuple[Fault, ...]], RowCount] = {}
 
-    def update(self, rows: Decoded, codebook: Codebook) -> None:
-        """Count the next rows, whose ports and faults are codes of the codebook."""
+    def update(self, rows: RowBatch) -> None:
+        """Count the next rows."""
+        codebook = rows.codebook
         sets = len(codebook.faults)
-        keys = rows.rows.port.astype(np.int64) * sets + rows.rows.faults
-        lengths = rows.rows.length.astype(np.int64)
+        keys = rows.port.astype(np.int64) * sets + rows.faults
+        lengths = rows.length.astype(np.int64)
         for key in np.flatnonzero(np.bincount(keys)).tolist():
             own = keys == key
             port, faults = divmod(key, sets)
             name = codebook.ports[port], codebook.faults[faults]
             count = self._counts.setdefault(name, RowCount())
-            times = extent(rows.t_ns[own & rows.has_time])
+            times = extent(rows.t_ns[own & rows.timed])
             count.count(int(own.sum()), int(lengths[own].sum()), times)
 
     def by_fault(self, port: str | None = None) -> dict[Fault, RowCount]:
@@ -228,10 +228,7 @@ def _stream_codes() -> tuple[list[tuple[int, int | None]], Ints]:
 _STREAMS, _STREAM_CODES = _stream_codes()
 _NO_STREAM: Final = len(_STREAMS)
 
-_Layout: TypeAlias = tuple[int, int, bool]
-"""Offset and size of a field, and whether it is signed."""
-
-_QUANTITIES: Final[list[dict[str, _Layout]]] = [
+_QUANTITIES: Final[list[dict[str, FieldLayout]]] = [
     {field.name: (field.start, field.size, field.signed) for field in kind.fields if field.unit}
     for kind in KINDS
 ]
@@ -303,7 +300,9 @@ class _Stream:
         return self._measured * 1e9 / self._measured_ns if self._measured_ns > 0 else None
 
 
-def _ranges(rows: Decoded, order: Ints, starts: Ints) -> dict[_Layout, tuple[list[int], list[int]]]:
+def _ranges(
+    rows: RowBatch, order: Ints, starts: Ints
+) -> dict[FieldLayout, tuple[list[int], list[int]]]:
     """By layout, minimum and maximum of the field in each group of the ordered rows."""
     found = {}
     for layout in _QUANTITY_LAYOUTS:
@@ -319,8 +318,8 @@ class _Streams:
     def __init__(self) -> None:
         self._streams: dict[tuple[int, int], _Stream] = {}
 
-    def update(self, rows: Decoded) -> None:
-        of_port = rows.rows.port.astype(np.int64) * (_NO_STREAM + 1)
+    def update(self, rows: RowBatch) -> None:
+        of_port = rows.port.astype(np.int64) * (_NO_STREAM + 1)
         keys = of_port + _STREAM_CODES[rows.kinds, rows.nums]
         # A small integer type makes numpy use a radix sort.
         order = np.argsort(keys.astype(np.min_scalar_type(int(keys.max()))), kind="stable")
@@ -387,14 +386,14 @@ class Statistics:
         self._faults_over_time = CountsOverTime()
         self._busy_over_time = CountsOverTime()
 
-    def observe(self, rows: Decoded, codebook: Codebook) -> None:
-        """Add the next rows, whose ports and faults are codes of the codebook."""
+    def observe(self, rows: RowBatch) -> None:
+        """Add the next rows; all batches share a codebook."""
         if not len(rows):
             return
-        self._names = codebook.ports
+        self._names = rows.codebook.ports
         self._observe_ports(rows)
         self._streams.update(rows)
-        self._observe_faults(rows, codebook)
+        self._observe_faults(rows)
 
     def observe_events(self, events: Sequence[PortEvent]) -> None:
         """Add events of ports."""
@@ -419,23 +418,23 @@ class Statistics:
             self._ports[name] = PortStats(name, self._baud)
         return self._ports[name]
 
-    def _observe_ports(self, rows: Decoded) -> None:
-        codes, lengths = rows.rows.port, rows.rows.length.astype(np.int64)
-        framed = rows.rows.framed
+    def _observe_ports(self, rows: RowBatch) -> None:
+        codes, lengths = rows.port, rows.length.astype(np.int64)
+        framed = rows.framed
         for code in np.flatnonzero(np.bincount(codes)).tolist():
             own, port = codes == code, self._port(self._names[code])
             port.update(lengths[own], rows.t_ns[own], rows.raw[own & framed, 0])
-            known = own & rows.has_time
+            known = own & rows.timed
             busy = lengths[known] * byte_time_ns(port.baud)
             self._busy_over_time.update(np.full(len(busy), code, np.int64), rows.t_ns[known], busy)
 
-    def _observe_faults(self, rows: Decoded, codebook: Codebook) -> None:
-        self.fault_counts.update(rows, codebook)
-        codes = rows.rows.faults
+    def _observe_faults(self, rows: RowBatch) -> None:
+        self.fault_counts.update(rows)
+        codes = rows.faults
         for number, fault in enumerate(_FAULTS):
-            having = np.array([fault in faults for faults in codebook.faults])
+            having = np.array([fault in faults for faults in rows.codebook.faults])
             if having.any():
-                t_ns = rows.t_ns[having[codes] & rows.has_time]
+                t_ns = rows.t_ns[having[codes] & rows.timed]
                 self._faults_over_time.update(np.full(len(t_ns), number), t_ns)
 
     def streams(self, now_ns: int | None) -> list[StreamStats]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from fte_sniff.analysis.counters import extent
 from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motor_stats import Answers, AnswerStats, FlagCounts, FlagStats
 from fte_sniff.analysis.motors import motor_rows
 from fte_sniff.analysis.statistics import (
@@ -67,13 +66,12 @@ class StatisticsSummary:
         self._observe(batch[start:])
         self._statistics.observe_events(events)
 
-    def _observe(self, batch: RowBatch) -> None:
-        if not len(batch):
+    def _observe(self, rows: RowBatch) -> None:
+        if not len(rows):
             return
-        rows = Decoded(batch)
-        length = int(batch.length.sum(dtype=np.int64))
-        self.sources[-1].count.count(len(rows), length, extent(rows.t_ns[rows.has_time]))
-        self._statistics.observe(rows, self._codebook)
+        length = int(rows.length.sum(dtype=np.int64))
+        self.sources[-1].count.count(len(rows), length, extent(rows.t_ns[rows.timed]))
+        self._statistics.observe(rows)
         found = motor_rows(rows)
         self._answers.observe(rows, found)
         self._flags.observe(rows, found)

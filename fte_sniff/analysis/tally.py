@@ -89,9 +89,7 @@ class Tally(RowCount):
     def _update_batch(self, rows: RowBatch) -> None:
         import numpy as np
 
-        from fte_sniff.analysis.fields import kind_codes
-
-        timed, codebook = rows.timed, rows.codebook
+        codebook, timed = rows.codebook, rows.timed
         times = rows.t_ns if timed.all() else rows.t_ns[timed]
         first_last = (int(times.min()), int(times.max())) if len(times) else None
         self.count(len(rows), int(rows.length.sum(dtype=np.int64)), first_last)
@@ -102,7 +100,7 @@ class Tally(RowCount):
         for code, count in enumerate(np.bincount(rows.faults).tolist()):
             if count:
                 self._count_faults(codebook.faults[code], count)
-        counts = np.bincount(kind_codes(rows.raw, rows.framed), minlength=len(KINDS)).tolist()
+        counts = np.bincount(rows.kinds, minlength=len(KINDS)).tolist()
         for kind, count in zip(KINDS, counts, strict=False):
             if count:
                 self.by_kind[kind.name] += count

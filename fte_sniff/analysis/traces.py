@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis.counters import extent
-from fte_sniff.analysis.fields import Bools, Decoded, Ints, subject
 from fte_sniff.protocol import KINDS, MOTORS, Direction
+from fte_sniff.row_batch import Bools, Ints, RowBatch
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 
@@ -176,7 +176,7 @@ _Key: TypeAlias = tuple[int, Direction, str]
 _TRACED: Final = [
     (code, kind, name)
     for code, kind in enumerate(KINDS)
-    if kind.names_motor and (name := subject(kind)) is not None
+    if kind.names_motor and (name := kind.subject) is not None
 ]
 
 _ALL_MOTORS: Final = 0
@@ -199,22 +199,22 @@ class Traces:
         """Earliest time of a row, nanoseconds since 1970 UTC."""
         self.last_ns: int | None = None
 
-    def observe(self, rows: Decoded) -> None:
+    def observe(self, rows: RowBatch) -> None:
         """Add the next rows."""
-        times = extent(rows.t_ns[rows.has_time])
+        times = extent(rows.t_ns[rows.timed])
         if times is None:
             return
         first, last = times
         self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
         self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
         for code, kind, name in _TRACED:
-            own = np.flatnonzero((rows.kinds == code) & rows.has_time)
+            own = np.flatnonzero((rows.kinds == code) & rows.timed)
             for motor in MOTORS if len(own) else ():
                 at = own[rows.nums[own] == motor]
                 if len(at):
                     trace = self._trace(motor, kind.direction, name)
                     trace.update(rows.t_ns[at], rows.values(name, at))
-        to_all = np.flatnonzero(np.isin(rows.kinds, _TO_ALL) & rows.has_time)
+        to_all = np.flatnonzero(np.isin(rows.kinds, _TO_ALL) & rows.timed)
         if len(to_all):
             trace = self._trace(_ALL_MOTORS, Direction.CONTROL, "")
             trace.update(rows.t_ns[to_all], np.zeros(len(to_all), np.int64))

@@ -1,14 +1,25 @@
-"""The row contract: names, types and order of a row's columns; text forms of times and bytes."""
+"""The row contract: names, types and order of a row's columns; text forms of its values."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
+from functools import cache
 from typing import TypeAlias
 
 from fte_sniff.protocol.rows import Frame, Row
-from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS, Direction, Fault, Status
+from fte_sniff.protocol.spec import (
+    FAULT_MEANINGS,
+    KINDS,
+    VALUE_FIELDS,
+    Direction,
+    Fault,
+    Field,
+    FrameKind,
+    Status,
+)
 
 Value: TypeAlias = int | str | list[str] | None
 """The value of a column: a number, a text, the list of faults, or None."""
@@ -107,3 +118,46 @@ def spaced_hex(raw: bytes) -> str:
 
 TIME_FORMAT = "%Y-%m-%dT%H:%M:%S%.9fZ"
 """The format of `iso_time` for polars."""
+
+FEEDBACK = "fb"
+"""Abbreviation of "feedback" where a kind's name does not fit."""
+
+VALUE_FORMS = 4
+"""Number of forms of `value_heads`."""
+
+
+def short_feedback(kind: FrameKind, width: int) -> str | None:
+    """A feedback kind's name shortened to at most `width` cells; None for a command."""
+    if kind.direction is not Direction.FEEDBACK:
+        return None
+    stem = kind.name.removesuffix(f"_{Direction.FEEDBACK}")
+    return f"{stem[: max(0, width - len(FEEDBACK) - 1)]} {FEEDBACK}"[: max(0, width)]
+
+
+@cache
+def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
+    """The labels of a kind's fields, in forms of falling length."""
+    fields = kind.fields
+    short = _shortest([field.option for field in fields])
+    return (
+        tuple(f"{field.option}=" for field in fields),
+        tuple(_letter(field) or f"{field.option}=" for field in fields),
+        tuple(_letter(field) or f"{short[field.option]}=" for field in fields),
+        tuple(_letter(field) for field in fields),
+    )
+
+
+def _letter(field: Field) -> str:
+    return "" if field.unit else field.option[0].upper()
+
+
+def _shortest(names: Sequence[str]) -> dict[str, str]:
+    """The shortest unique prefix of each name."""
+    return {
+        name: next(
+            name[:size]
+            for size in range(1, len(name) + 1)
+            if size == len(name) or sum(other.startswith(name[:size]) for other in names) == 1
+        )
+        for name in names
+    }

@@ -214,6 +214,11 @@ class FrameKind:
         """Whether NUM is a motor number; otherwise it has no meaning, and any value is legal."""
         return any(field.start == NUM_OFFSET for field in self.fields)
 
+    @property
+    def subject(self) -> str | None:
+        """The main value: the last field with a unit, a speed or a position; None without one."""
+        return next((field.name for field in reversed(self.fields) if field.unit), None)
+
     def field(self, name: str) -> Field | None:
         """The field of that row name, or None."""
         return next((field for field in self.fields if field.name == name), None)

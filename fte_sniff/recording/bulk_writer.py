@@ -173,7 +173,7 @@ class BulkWriter:
 
 
 def _check_times(rows: RowBatch) -> None:
-    untimed = np.flatnonzero(~rows.timed | (rows.t_ns < 0))
+    untimed = np.flatnonzero(rows.t_ns < 0)
     if len(untimed):
         row = rows[int(untimed[0])]
         raise FileError(

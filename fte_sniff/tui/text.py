@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from fte_sniff.analysis.fields import short_feedback, value_heads
 from fte_sniff.formats import cell_text
 from fte_sniff.formats.cell_text import ELLIPSIS, fit
 from fte_sniff.protocol import (
@@ -17,6 +16,7 @@ from fte_sniff.protocol import (
     Row,
     spaced_hex,
 )
+from fte_sniff.protocol.row_schema import short_feedback, value_heads
 from fte_sniff.tui.i18n import _, later
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.feed import BaudChange, StreamChange
-from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.row_store import RowStore
@@ -32,7 +31,7 @@ def _rows(count: int) -> list[Row]:
 
 def _motors(rows: Sequence[Row]) -> Motors:
     motors = Motors()
-    motors.observe(Decoded(RowBatch.from_rows(rows)))
+    motors.observe(RowBatch.from_rows(rows))
     return motors
 
 
@@ -138,7 +137,7 @@ def test_no_measurement_spans_a_gap(
         for row in range(look + 1):
             if row in places:
                 expected.interrupt()
-            expected.observe(Decoded(RowBatch.from_rows(rows[row : row + 1], codebook)))
+            expected.observe(RowBatch.from_rows(rows[row : row + 1], codebook))
         motors = following.motors_at(look)
         assert motors is not None
         assert motors.states(rows[look].t_ns) == expected.states(rows[look].t_ns)

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.fields import NO_TIME, Decoded
 from fte_sniff.analysis.motors import MotorFrames, Motors, MotorState, Pairing
 from fte_sniff.protocol import KIND_BY_NAME, KINDS, Damage, Direction, Fault, Frame, Row, encode
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.row_batch import NO_TIME, Codebook, RowBatch
 
 SECOND = 1_000_000_000
 SMALL = st.integers(-300, 300)
@@ -49,7 +48,7 @@ def states_of(rows: list[Row], cuts: list[int], now_ns: int = 40 * SECOND) -> li
     motors, codebook = Motors(), Codebook()
     edges = [0, *sorted(min(cut, len(rows)) for cut in cuts), len(rows)]
     for start, end in pairwise(edges):
-        motors.observe(Decoded(RowBatch.from_rows(rows[start:end], codebook)))
+        motors.observe(RowBatch.from_rows(rows[start:end], codebook))
     return motors.states(now_ns)
 
 

@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.feed import GapDetector
-from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.statistics import LineSetup, Statistics
 from fte_sniff.analysis.summary import StatisticsSummary
@@ -43,7 +42,7 @@ SETUP = LineSetup()
 def statistics_of(rows: list[Row], cut: int = 0) -> Statistics:
     found, codebook = Statistics(SETUP), Codebook()
     for part in (rows[:cut], rows[cut:]):
-        found.observe(Decoded(RowBatch.from_rows(part, codebook)), codebook)
+        found.observe(RowBatch.from_rows(part, codebook))
     return found
 
 
@@ -251,7 +250,7 @@ def test_directions_and_ranges_equal_a_count_by_hand(rows: list[Row]) -> None:
 def test_answers_equal_those_of_the_motor_states(rows: list[Row], cut: int) -> None:
     summary = summary_of(rows[:cut], rows[cut:])
     motors = Motors()
-    motors.observe(Decoded(RowBatch.from_rows(rows)))
+    motors.observe(RowBatch.from_rows(rows))
     for found, state in zip(summary.answers(), motors.states(None), strict=True):
         assert (found.motor, found.commands, found.feedback, found.answered, found.unanswered) == (
             state.motor,

@@ -34,7 +34,7 @@ from fte_sniff.recording.parallel import JOB
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.row_batch import RowBatch
+from fte_sniff.row_batch import NO_TIME, RowBatch
 from tests.examples import examples
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
@@ -43,7 +43,7 @@ WithDelays = Callable[[list[Row]], list[tuple[Row, int | None]]]
 
 PORTS = ("/dev/ttyUSB0", "loop://", "串口 \x1b[31m[bold]")
 times = st.integers(0, 2**63 - 1) | st.integers(1000, 1020)
-delays = st.none() | st.integers(-(2**63), 2**63 - 1)
+delays = st.none() | st.integers(NO_TIME + 1, 2**63 - 1)
 offsets = st.integers(0, 2**63 - 1)
 faults = st.lists(st.sampled_from(Fault), unique=True, max_size=4).map(tuple)
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
 
-from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.motors import Motors
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.traces import EnvelopeColumns, Traces
@@ -33,10 +32,10 @@ def _row(name: str, at_s: float | None, **values: int) -> Row:
 
 
 def _look(rows: Sequence[Row], at_s: float | None, bench: LineSetup | None = None) -> MotorsView:
-    decoded = Decoded(RowBatch.from_rows(rows))
+    batch = RowBatch.from_rows(rows)
     motors, traces = Motors(), Traces()
-    motors.observe(decoded)
-    traces.observe(decoded)
+    motors.observe(batch)
+    traces.observe(batch)
     now = None if at_s is None else NOON_NS + round(at_s * SECOND_NS)
     return MotorsView(tuple(motors.states(now)), traces, now, 10 * SECOND_NS, bench or LineSetup())
 
@@ -98,7 +97,7 @@ def test_a_target_is_told_since_its_first_command_wherever_batches_are_cut(cut: 
     ]
     motors = Motors()
     for start in range(0, len(rows), cut):
-        motors.observe(Decoded(RowBatch.from_rows(rows[start : start + cut])))
+        motors.observe(RowBatch.from_rows(rows[start : start + cut]))
     first, second, *_ = motors.states(NOON_NS + 5 * SECOND_NS)
     assert first.target is not None
     assert second.target is not None

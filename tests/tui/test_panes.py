@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from textual.pilot import Pilot
 
-from fte_sniff.analysis.fields import Decoded
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, FlagCounts
 from fte_sniff.analysis.motors import motor_rows
@@ -30,7 +29,7 @@ from fte_sniff.protocol import (
     encode,
     spaced_hex,
 )
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.app import LOW, SniffApp
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.bytes import BytesPane, dump, neighbours
@@ -464,11 +463,11 @@ def test_a_row_that_left_has_no_neighbours() -> None:
 def _page(
     rows: Sequence[Row], width: int, now_ns: int | None = NOON_NS, behind: int = 0
 ) -> StatisticsPage:
-    statistics, codebook = Statistics(LineSetup()), Codebook()
-    decoded = Decoded(RowBatch.from_rows(rows, codebook))
-    statistics.observe(decoded, codebook)
+    statistics = Statistics(LineSetup())
+    batch = RowBatch.from_rows(rows)
+    statistics.observe(batch)
     flags = FlagCounts()
-    flags.observe(decoded, motor_rows(decoded))
+    flags.observe(batch, motor_rows(batch))
     return StatisticsPage(statistics, flags.stats(), now_ns, behind, 0, width, DARK)
 
 

@@ -26,10 +26,10 @@ from typing import Final
 import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
-from fte_sniff.analysis.fields import Bools
 from fte_sniff.analysis.filter.parser import parse
 from fte_sniff.errors import FilterError, printable
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, Row, encode
+from fte_sniff.row_batch import Bools
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ from fte_sniff.recording.messages.index import (
     field_view,
 )
 from fte_sniff.recording.messages.wire_layout import COMMON, WireLayout
-from fte_sniff.row_batch import Array, RowBatch
+from fte_sniff.row_batch import NO_TIME, Array, RowBatch
 
 _RAW = np.dtype(f"V{FRAME_LENGTH}")
 """A frame as one opaque value, which numpy copies at once."""
@@ -247,8 +247,9 @@ class _Decoder:
         if layout.time is not None:
             columns.t_ns[rows] = batch.field(layout.time, "<i8")
         columns.offset[rows] = batch.field(layout.offset, "<i8")
-        columns.delayed[rows] = layout.delay is not None
-        columns.delay_ns[rows] = 0 if layout.delay is None else batch.field(layout.delay, "<i8")
+        columns.delay_ns[rows] = (
+            NO_TIME if layout.delay is None else batch.field(layout.delay, "<i8")
+        )
         columns.framed[rows] = layout.framed
         if layout.unordered is not None:
             columns.unordered[rows] = batch.field(layout.unordered, "u1")

@@ -32,7 +32,7 @@ from fte_sniff.recording.messages.schema import (
 )
 from fte_sniff.recording.messages.wire_layout import SOUND_LACKS, WireField, wire_fields
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.row_batch import Array, RowBatch
+from fte_sniff.row_batch import NO_TIME, Array, RowBatch
 
 MESSAGE = struct.Struct("<BQHIQQ")
 """Header of a message record: opcode, length, channel, sequence, log and publish time."""
@@ -242,7 +242,8 @@ def _forms_of(rows: RowBatch, times: Array) -> Array:
     head = rows.raw[:, 0] | rows.raw[:, CMD_OFFSET].astype(np.uint16) << np.uint16(8)
     forms: Array = _FORM_CODES.take(head)
     clean = np.array([not faults for faults in rows.codebook.faults]).take(rows.faults)
-    packable = (forms != _NO_FORM) & rows.framed & rows.delayed & clean & (rows.t_ns == times)
+    packable = (forms != _NO_FORM) & rows.framed & clean & (rows.t_ns == times)
+    packable &= rows.delay_ns != NO_TIME
     num = rows.raw[:, NUM_OFFSET]
     packable &= ~_NAMES_MOTOR.take(forms) | (num >= MOTORS[0]) & (num <= MOTORS[-1])
     forms += rows.unordered * np.uint8(_UNCERTAIN)

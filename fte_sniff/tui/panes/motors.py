@@ -11,7 +11,6 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.fields import subject
 from fte_sniff.analysis.motors import Flags, Motors, MotorState
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.traces import QUANTITIES, Traces
@@ -68,7 +67,7 @@ class MotorsView:
         """The target at the start of the window, also where it is too old for the traces."""
         target, start = state.target, self.window[0]
         if target is not None and target.t_ns is not None and target.t_ns < start:
-            return target.values[name] if subject(target.kind) == name else None
+            return target.values[name] if target.kind.subject == name else None
         return self.traces.target_before(state.motor, name, start)
 
     def age_ns(self, t_ns: int | None) -> int | None:
@@ -128,7 +127,7 @@ STALE_NS: Final = SECOND_NS
 
 _LABEL_WIDTH: Final = 7
 _FIELD: Final = {field.name: field for field in VALUE_FIELDS}
-_KIND: Final = {subject(kind): kind for kind in reversed(KINDS)}
+_KIND: Final = {kind.subject: kind for kind in reversed(KINDS)}
 """The first kind in the frame table about each quantity."""
 _BOLD: Final = Style(bold=True)
 _PLAIN: Final = Style.null()
@@ -300,7 +299,7 @@ class MotorCard:
     @property
     def _quantity(self) -> str:
         """The quantity of the motor's mode: of the last command, or of the newest feedback."""
-        commanded = subject(self.state.target.kind) if self.state.target is not None else None
+        commanded = self.state.target.kind.subject if self.state.target is not None else None
         if commanded in QUANTITIES:
             return commanded
         present = self.state.present
@@ -324,7 +323,7 @@ def _by_importance(kind: FrameKind) -> list[Field]:
     """The fields of a command; the target is before its limit."""
     if not kind.names_motor:
         return list(kind.fields)
-    return sorted(kind.fields, key=lambda field: field.name != subject(kind))
+    return sorted(kind.fields, key=lambda field: field.name != kind.subject)
 
 
 def _first_fitting(forms: Sequence[str], width: int, **values: object) -> Text:

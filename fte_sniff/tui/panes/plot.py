@@ -14,9 +14,9 @@ import numpy.typing as npt
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.fields import Bools, Ints
 from fte_sniff.analysis.traces import EnvelopeColumns, Floats
 from fte_sniff.formats.cell_text import fit_right, short_number
+from fte_sniff.row_batch import Bools, Ints
 
 ACROSS: Final = 2
 """Dots across in a cell."""

@@ -12,7 +12,6 @@ from textual.color import Color
 from textual.filter import LineFilter
 from textual.theme import Theme
 
-from fte_sniff.analysis.fields import subject
 from fte_sniff.protocol import KINDS, Direction, Frame, Row, Status
 from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT
 
@@ -46,10 +45,10 @@ class Palette:
     @cached_property
     def kinds(self) -> Mapping[str, Style]:
         """The style of each kind, by name."""
-        subjects = list(dict.fromkeys(subject(kind) for kind in KINDS))
+        subjects = list(dict.fromkeys(kind.subject for kind in KINDS))
         return {
             kind.name: Style(
-                color=self.hues[subjects.index(subject(kind)) % len(self.hues)],
+                color=self.hues[subjects.index(kind.subject) % len(self.hues)],
                 bold=kind.direction is Direction.CONTROL,
             )
             for kind in KINDS
