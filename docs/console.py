@@ -1,10 +1,11 @@
-"""Keep the command outputs in the README files current.
+"""Keep the command outputs and the generated tables in README and docs current.
 
     python docs/console.py            run every command in a `console` block, insert its output
-    python docs/console.py --check    report outputs that are not current; exit 1 if any
+    python docs/console.py --check    report pages that are not current; exit 1 if any
 
 A command is a line that begins with `$ `. It runs in the top folder, without a terminal. Its output
-on both streams follows until the next command or the end of the block.
+on both streams follows until the next command or the end of the block. Output that differs from run
+to run belongs into a `text` block. `docs/reference.py` makes the generated tables.
 """
 
 from __future__ import annotations
@@ -13,13 +14,16 @@ import os
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
-TOP = Path(__file__).parents[1]
-PAGES = ("README.md", "README.zh-CN.md")
+import reference
+from links import PAGES, TOP
+
 BLOCK = re.compile(r"(?<=^```console\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
 
 
+@cache
 def output_of(command: str) -> str:
     """The output of a command, without trailing spaces."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
@@ -37,13 +41,13 @@ def output_of(command: str) -> str:
 
 
 def refreshed(page: str) -> str:
-    """The page with the current output of every command."""
+    """The page with current outputs and tables."""
 
     def run(block: re.Match[str]) -> str:
         commands = [line for line in block.group().splitlines() if line.startswith("$ ")]
         return "".join(f"{command}\n{output_of(command[2:])}" for command in commands)
 
-    return BLOCK.sub(run, page)
+    return BLOCK.sub(run, reference.refreshed(page))
 
 
 def main() -> int:
@@ -52,14 +56,15 @@ def main() -> int:
         print(__doc__, file=sys.stderr)
         return 2
     stale = 0
-    for name in PAGES:
-        path = TOP / name
+    for path in PAGES:
         page = path.read_text(encoding="utf-8")
         fresh = refreshed(page)
         if sys.argv[1:] != ["--check"]:
             path.write_text(fresh, encoding="utf-8")
         elif fresh != page:
-            print(f"not current: {name}; run python docs/console.py", file=sys.stderr)
+            print(
+                f"not current: {path.relative_to(TOP)}; run python docs/console.py", file=sys.stderr
+            )
             stale = 1
     return stale
 

@@ -1,4 +1,4 @@
-"""What users rely on: the public names, and the README of either language."""
+"""What users rely on: the public names, and the pages of README and docs."""
 
 from importlib.metadata import version
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import fte_sniff
+from docs.links import PAGES, TOP, broken, unreached
 from fte_sniff.protocol import COLUMNS, KINDS, Fault, Status
 
 
@@ -49,18 +50,46 @@ def test_version_is_that_of_the_package() -> None:
     assert version("fte-sniff").count(".") == 2
 
 
-PAGES = ("README.md", "README.zh-CN.md")
+READMES = ("README.md", "README.zh-CN.md")
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [*READMES, "docs/reference/rows.md"])
 def test_every_name_of_the_row_contract_is_explained(page: str) -> None:
-    text = (Path(__file__).parents[1] / page).read_text(encoding="utf-8")
+    text = (TOP / page).read_text(encoding="utf-8")
     names = [column.name for column in COLUMNS]
     names += [kind.name for kind in KINDS] + [str(word) for word in (*Fault, *Status)]
     assert [name for name in names if f"`{name}`" not in text] == []
 
 
-@pytest.mark.parametrize("page", PAGES)
-@pytest.mark.parametrize("words", ["130", "| 4 |", "adapter TX ──", "--dtr", "GND"])
-def test_exit_codes_and_wiring_are_explained(page: str, words: str) -> None:
-    assert words in (Path(__file__).parents[1] / page).read_text(encoding="utf-8")
+@pytest.mark.parametrize("page", [*READMES, "docs/reference/rows.md"])
+@pytest.mark.parametrize("words", ["130", "| 4 |"])
+def test_exit_codes_are_explained(page: str, words: str) -> None:
+    assert words in (TOP / page).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", ["docs/capture.md", "docs/zh/capture.md"])
+@pytest.mark.parametrize("words", ["adapter TX ──", "--dtr", "GND"])
+def test_wiring_is_explained(page: str, words: str) -> None:
+    assert words in (TOP / page).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", READMES)
+def test_readme_is_short(page: str) -> None:
+    assert len((TOP / page).read_text(encoding="utf-8").splitlines()) <= 180
+
+
+def test_every_link_leads_to_a_file_and_a_heading() -> None:
+    assert [fault for path in PAGES for fault in broken(path)] == []
+    assert list(unreached()) == []
+
+
+def test_a_broken_link_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# A `b`: c\n## Twice\n## Twice\n[1](#a-b-c) [2](#twice-1) [3](#no) ![4](no.png)\n"
+        "[5](https://example.org/no) [6](page.md#twice) [7](page.md#no) [8][]\n"
+        "\n[8]: page.md#no-2\n"
+    )
+    assert [fault.split(": ")[1] for fault in broken(page, tmp_path)] == [
+        *("#no", "no.png", "page.md#no", "page.md#no-2")
+    ]

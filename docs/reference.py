@@ -1,0 +1,343 @@
+"""The generated parts of the pages: commands, rows, frames, keys and the Python API, as Markdown.
+
+A part of a page between `<!-- generated: NAME -->` and `<!-- end -->` is replaced by the text of
+`GENERATED[NAME]`. `docs/console.py` does it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import click
+import griffe
+from google.protobuf.descriptor_pb2 import (
+    DescriptorProto,
+    FieldDescriptorProto,
+    FileDescriptorSet,
+)
+from mcap.reader import make_reader
+
+import fte_sniff
+from fte_sniff.cli.main import COMMANDS, PROGRAM
+from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
+from fte_sniff.protocol.spec import FTE_FORMAT, Direction, Field, FrameKind, status_of
+from fte_sniff.tui.i18n import _, set_language
+from fte_sniff.tui.keys import SECTIONS, key_names
+
+_PART = re.compile(r"(?<=^<!-- generated: )([\w ]+)( -->\n).*?(?=^<!-- end -->$)", re.M | re.S)
+
+SAMPLE = Path(__file__).parents[1] / "samples/clean.mcap"
+"""A recording: every topic and schema is in every recording."""
+
+NO_CELL = "–"
+LONGEST_VALUE = 60
+"""Characters of a constant whose value is shown."""
+
+
+def refreshed(page: str) -> str:
+    """The page with its generated parts made again.
+
+    Raises:
+        KeyError: a part has an unknown name.
+    """
+    return _PART.sub(lambda part: f"{part[1]}{part[2]}{GENERATED[part[1]]()}\n", page)
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "".join(f"| {' | '.join(map(_cell, line))} |\n" for line in lines)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _code(words: Iterable[str]) -> str:
+    return ", ".join(f"`{word}`" for word in words)
+
+
+# The frame table
+
+
+def rows_table() -> str:
+    """The columns of a row."""
+    described = (
+        (column.meaning + (f": {_code(column.words)}" if column.words else ""), column)
+        for column in COLUMNS
+    )
+    return table(
+        ("name", "type", "meaning"),
+        ((f"`{column.name}`", column.type.value, text) for text, column in described),
+    )
+
+
+def faults_table() -> str:
+    """The faults, with the status that each of them gives a row."""
+    return table(
+        ("fault", "status", "meaning"),
+        (
+            (f"`{fault}`", f"`{status_of((fault,))}`", text)
+            for fault, text in FAULT_MEANINGS.items()
+        ),
+    )
+
+
+def kinds_table() -> str:
+    """The kinds of frames, byte by byte."""
+    return table(
+        ("kind", "meaning", *map(str, range(FTE_FORMAT.length))),
+        ((f"`{kind.name}`", kind.meaning, *_layout(kind)) for kind in KINDS),
+    )
+
+
+def _layout(kind: FrameKind) -> Iterator[str]:
+    by_offset = {offset: field.option for field in kind.fields for offset in field.offsets}
+    fixed = {0: f"{kind.header:02X}", FTE_FORMAT.length - 1: f"{FTE_FORMAT.tail:02X}"}
+    fixed[1] = "/".join(f"{cmd:02X}" for cmd in kind.cmds)
+    fixed |= dict.fromkeys(kind.reserved, "00")
+    for offset in range(FTE_FORMAT.length):
+        yield fixed.get(offset) or by_offset.get(offset, NO_CELL)
+
+
+def fields_table() -> str:
+    """The fields of each kind."""
+    return table(
+        ("kind", "bytes", "column", "meaning", "range"),
+        (
+            (f"`{kind.name}`", _bytes(field), f"`{field.name}`", field.meaning, _range(field))
+            for kind in KINDS
+            for field in kind.fields
+        ),
+    )
+
+
+def _bytes(field: Field) -> str:
+    offsets = field.offsets
+    return f"{offsets[0]}" if field.size == 1 else f"{offsets[0]}–{offsets[-1]}"
+
+
+def _range(field: Field) -> str:
+    if field.defined_bits is None:
+        return field.range_text
+    return f"bits 0x{field.defined_bits:02X}"
+
+
+def headers_table() -> str:
+    """Header bytes by direction."""
+    named = ((f"`{way}`", f"{FTE_FORMAT.headers[way]:02X}") for way in Direction)
+    return table(("direction", "header"), named)
+
+
+# The recording
+
+
+def topics_table() -> str:
+    """The topics of a recording."""
+    with SAMPLE.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    return table(
+        ("topic", "message"),
+        (
+            (f"`{channel.topic}`", f"`{summary.schemas[channel.schema_id].name}`")
+            for channel in summary.channels.values()
+        ),
+    )
+
+
+def messages_table() -> str:
+    """The fields of each message, with their protobuf types."""
+    with SAMPLE.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    messages = (
+        FileDescriptorSet.FromString(schema.data).file[0].message_type[0]
+        for schema in summary.schemas.values()
+    )
+    return table(
+        ("message", "fields"),
+        ((f"`fte.{message.name}`", _message_fields(message)) for message in messages),
+    )
+
+
+def _message_fields(message: DescriptorProto) -> str:
+    return ", ".join(f"`{field.name}` {_type(field)}" for field in message.field)
+
+
+def _type(field: FieldDescriptorProto) -> str:
+    if field.type_name:
+        return field.type_name.rpartition(".")[2]
+    return FieldDescriptorProto.Type.Name(field.type).removeprefix("TYPE_").lower()
+
+
+# The command line
+
+
+def commands() -> str:
+    """Every command with its usage, help and options."""
+    root = click.Context(click.Group(PROGRAM), info_name=PROGRAM)
+    parts = []
+    for name, module in COMMANDS.items():
+        command = importlib.import_module(module).command
+        parts.append(_command(command, click.Context(command, root, name, max_content_width=100)))
+        if isinstance(command, click.Group):
+            context = click.Context(command, root, name)
+            for sub in command.list_commands(context):
+                found = command.get_command(context, sub)
+                assert found is not None
+                shown = sub.replace("_", "-")
+                parts.append(_command(found, click.Context(found, context, shown), "###"))
+    return "\n".join(parts)
+
+
+def _command(command: click.Command, context: click.Context, level: str = "##") -> str:
+    title = context.command_path.removeprefix(f"{PROGRAM} ")
+    usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
+    text = "\n\n".join(map(_paragraph, (command.help or "").split("\n\n")))
+    records = [
+        record
+        for parameter in command.params
+        if isinstance(parameter, click.Option) and (record := parameter.get_help_record(context))
+    ]
+    options = table(("option", "meaning"), ((f"`{flags}`", text) for flags, text in records))
+    shown = f"{level} {title}\n\n```text\n{usage}\n```\n\n{text}\n"
+    return f"{shown}\n{options}" if records else shown
+
+
+def _paragraph(text: str) -> str:
+    """A paragraph of a help text; one that begins with \\b is an example, left as it is."""
+    lines = [line.strip() for line in text.strip().splitlines()]
+    if lines[0] == "\b":
+        return "\n".join(["```sh", *lines[1:], "```"])
+    return " ".join(lines).replace("<", "\\<")
+
+
+# The keys of the screen
+
+
+def keys(language: str, key: str, meaning: str) -> str:
+    """The keys of the screen, by the sections of its help."""
+    set_language(language)
+    try:
+        return "\n".join(
+            f"**{_(heading)}**\n\n"
+            + table(
+                (key, meaning),
+                ((_code(key_names(one).split()), _(one.tooltip)) for one in bindings),
+            )
+            for heading, bindings in SECTIONS
+        )
+    finally:
+        set_language("en")
+
+
+# The Python API
+
+
+def python_api() -> str:
+    """The public names, from their docstrings."""
+    package = griffe.load(
+        "fte_sniff", search_paths=[Path(fte_sniff.__file__).parents[1]], allow_inspection=False
+    )
+    by_kind = groupby(
+        sorted(fte_sniff.__all__, key=lambda name: _rank(package[name])),
+        key=lambda name: _rank(package[name])[0],
+    )
+    return "\n".join(
+        f"## {_HEADINGS[rank]}\n\n" + "\n".join(_public(package[name]) for name in names)
+        for rank, names in by_kind
+    )
+
+
+_HEADINGS = ("Functions", "Classes", "Constants and types", "Exceptions and warnings")
+
+
+def _rank(item: griffe.Object | griffe.Alias) -> tuple[int, str]:
+    if item.name.endswith(("Error", "Warning")):
+        return 3, ""
+    return (0 if item.is_function else 1 if item.is_class else 2), ""
+
+
+def _public(item: griffe.Object | griffe.Alias) -> str:
+    text = f"### {item.name}\n\n"
+    if item.is_function:
+        text += f"```python\n{_signature(item)}\n```\n\n"
+    if item.is_attribute and len(str(item.value)) < LONGEST_VALUE:
+        text += f"```python\n{item.name} = {item.value}\n```\n\n"
+    text += _docstring(item)
+    if item.is_class and _rank(item)[0] == 1:
+        text += _members(item)
+    return text
+
+
+def _signature(item: griffe.Object | griffe.Alias, prefix: str = "") -> str:
+    shown = [_parameter(one) for one in item.parameters if one.name != "self"]
+    result = f" -> {item.returns}" if item.returns else ""
+    return f"{prefix}{item.name}({', '.join(shown)}){result}"
+
+
+def _parameter(one: griffe.Parameter) -> str:
+    default = f" = {one.default}" if one.default is not None else ""
+    return f"{one.name}: {one.annotation}{default}"
+
+
+def _members(item: griffe.Object | griffe.Alias) -> str:
+    public = [one for one in item.members.values() if not one.name.startswith("_")]
+    values = [
+        (f"`{one.name}`", f"`{one.annotation or one.value}`", _first(one))
+        for one in public
+        if one.is_attribute
+    ]
+    methods = [one for one in public if one.is_function]
+    text = "\n" + table(("attribute", "type or value", "meaning"), values) if values else ""
+    for one in methods:
+        text += f"\n```python\n{_signature(one)}\n```\n\n{_docstring(one)}"
+    return text
+
+
+def _first(item: griffe.Object | griffe.Alias) -> str:
+    return item.docstring.value if item.docstring else ""
+
+
+def _docstring(item: griffe.Object | griffe.Alias) -> str:
+    if item.docstring is None:
+        return ""
+    parts = []
+    for section in item.docstring.parse("google", warnings=False):
+        if section.kind is griffe.DocstringSectionKind.text:
+            parts.append(f"{section.value}\n")
+        elif section.kind is griffe.DocstringSectionKind.examples:
+            parts.append(
+                "```python\n" + "\n".join(text for _kind, text in section.value) + "\n```\n"
+            )
+        else:
+            parts.append(
+                f"**{section.kind.value.capitalize()}**\n\n" + "".join(map(_item, section.value))
+            )
+    return "\n".join(parts)
+
+
+def _item(entry: griffe.DocstringElement) -> str:
+    name = getattr(entry, "name", "") or entry.annotation
+    return f"- `{name}`: {' '.join(entry.description.split())}\n"
+
+
+GENERATED: Mapping[str, Callable[[], str]] = {
+    "rows": rows_table,
+    "faults": faults_table,
+    "kinds": kinds_table,
+    "fields": fields_table,
+    "headers": headers_table,
+    "topics": topics_table,
+    "messages": messages_table,
+    "commands": commands,
+    "keys": lambda: keys("en", "key", "what it does"),
+    "keys zh": lambda: keys("zh", "按键", "作用"),
+    "python api": python_api,
+}
+"""Makers of the generated parts, by name."""
