@@ -160,8 +160,8 @@ def _warn_of(reader: RecordingReader) -> None:
         lost[_MOST_LOSSES:] = [f"{len(lost) - _MOST_LOSSES} more losses"]
     if lost:
         # Above are the generators and `read`: the line that called it is where the warning belongs.
-        told = printable(f"{reader.path}: {'; '.join(lost)}")
-        warnings.warn(told, RecordingWarning, stacklevel=6)
+        losses = printable(f"{reader.path}: {'; '.join(lost)}")
+        warnings.warn(losses, RecordingWarning, stacklevel=6)
 
 
 def _maker(names: list[str] | None, wanted: pl.Expr | None) -> Callable[[RowBatch], pl.DataFrame]:

@@ -136,7 +136,7 @@ class ViewModel:
             for kind, count in self._events.items()
             if kind not in ROUTINE_EVENTS
         )
-        return _("port events while it was recorded: {told}; S tells more").format(told=counts)
+        return _("port events while it was recorded: {events}; S shows more").format(events=counts)
 
     @property
     def filter_text(self) -> str:
