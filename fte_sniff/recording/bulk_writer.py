@@ -42,7 +42,7 @@ class BackgroundPacker:
         """
         while len(self._under_way) >= self._most_under_way:
             self._write_first()
-        definitions = self._file.definitions_for(batch)
+        definitions = self._file.next_definitions()
         self._under_way.append(self._threads.submit(packed, definitions, batch))
 
     def close(self) -> None:

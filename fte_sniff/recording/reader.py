@@ -22,7 +22,7 @@ from mcap.records import Channel, Metadata
 from fte_sniff.errors import FileError, TranslatableText, unreadable
 from fte_sniff.protocol import Gap, PortEvent, Row
 from fte_sniff.recording.mcap.reader import RawRecord, RecordStream, Summary, read_summary
-from fte_sniff.recording.mcap.records import MAGIC, RecordError, parse, records_in
+from fte_sniff.recording.mcap.records import MAGIC, RecordError, parse, records_in, unpack
 from fte_sniff.recording.mcap.salvage import next_chunk
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import (
@@ -204,14 +204,14 @@ class RecordingReader:
         return self._all_metadata
 
     def _known(self, span: TimeRange) -> Definitions | None:
-        """The definitions in the summary, for a pass that does not read every record.
+        """The definitions in the summary, if a pass may begin with them.
 
-        A skipped chunk may hold a definition, so without them no chunk can be skipped.
+        Without them no chunk can be skipped, because it may hold a definition.
         """
-        if span.everything and not self._scan.begin:
-            return None
         summary = self._summary
         if summary is None or not summary.channels:
+            return None
+        if span.everything and not (self._scan.begin or summary.guarded):
             return None
         return Definitions(
             {schema.id: schema for schema in summary.schemas},
@@ -268,6 +268,8 @@ class RecordingReader:
             self._summary = summary
         stream.seek(0)
         for record in () if self._scan.begin else RecordStream(stream):
+            if record.opcode == Opcode.CHUNK and self._summary is None:
+                self._read_definitions(record.body)
             if record.opcode in _HEAD_ENDS:
                 break
             self._read_definition(record.opcode, record.body)
@@ -301,6 +303,11 @@ class RecordingReader:
         self._scan.begin_with(first)
         for opcode, body in records_in(first.records):
             self._read_definition(opcode, body)
+
+    def _read_definitions(self, chunk: bytes) -> None:
+        with suppress(RecordError):
+            for opcode, body in records_in(unpack(chunk)):
+                self._read_definition(opcode, body)
 
     def _read_definition(self, opcode: int, body: bytes) -> None:
         with suppress(RecordError):

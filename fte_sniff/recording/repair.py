@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,7 +18,7 @@ from fte_sniff.recording.mcap.append_file import Stream
 from fte_sniff.recording.mcap.reader import RecordStream
 from fte_sniff.recording.mcap.records import HEAD, RecordError, parse, records_in, unpack
 from fte_sniff.recording.mcap.salvage import Descriptions, FoundChunk, Salvage
-from fte_sniff.recording.mcap.writer import McapBatch, McapFile, indexed
+from fte_sniff.recording.mcap.writer import McapBatch, McapFile
 from fte_sniff.recording.messages.codec import MessageReader
 from fte_sniff.recording.messages.packer import MESSAGE, MESSAGE_HEAD
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME, schema_name
@@ -273,14 +273,10 @@ class _RepairJob:
             damage.lost_messages = expected - damage.messages
 
     def _copy(self, found: FoundChunk, file: McapFile) -> None:
-        """Write a chunk, without the messages whose channel is not defined."""
+        """Write a chunk again, without the messages whose channel is not defined."""
         messages = messages_of(found.records)
         known = np.isin(messages.batch.channels, list(self._channels))
-        if known.all() and len(known):
-            first, last = messages.span
-            chunk = replace(found.chunk, message_start_time=first, message_end_time=last)
-            file.write_chunk(indexed(chunk, messages.batch))
-        elif known.any():
+        if known.any():
             file.write_batch(messages.select(known))
 
 

@@ -154,7 +154,7 @@ class RecordingWriter:
         self.write([event])
 
     def write_metadata(self, metadata: Metadata) -> None:
-        """Write one more metadata record; the next chunk, or `close`, stores it."""
+        """Write one more metadata record; `flush` stores it."""
         self._metadata.append(metadata)
 
     def flush(self) -> None:
@@ -163,15 +163,14 @@ class RecordingWriter:
         Raises FileError if the disk is full or failed; or the file was deleted, moved or replaced.
         """
         self._check()
-        if self._pending:
-            self._pending.sort(key=itemgetter(0))
-            try:
+        try:
+            if self._pending:
+                self._pending.sort(key=itemgetter(0))
                 self._file.write_batch(self._batch(self._pending), self._metadata)
-            except OSError as error:
-                raise self._stop(error) from error
+            else:
+                self._file.write_metadata(self._metadata)
             self._pending, self._metadata = [], []
             self.flushed_rows = self.rows
-        try:
             is_gone, is_deleted = self._output.is_gone, self._output.is_deleted
         except OSError as error:
             raise self._stop(error) from error
@@ -191,7 +190,6 @@ class RecordingWriter:
         try:
             if self.failure is None:
                 self.flush()
-                self._file.write_metadata(self._metadata)
                 self._file.close()
         except OSError as error:
             raise self._stop(error) from error

@@ -63,18 +63,29 @@ def typescript(builds: Path) -> Lines:
 
 
 @pytest.fixture(scope="session")
-def rust(builds: Path) -> Lines:
-    """The `mcap` crate with prost-reflect."""
+def rust_programs(builds: Path) -> Path:
+    """The folder of the programs in `rust/`."""
     _needs(shutil.which("cargo"), "cargo")
     folder = builds / "rust"
     shutil.copytree(HERE / "rust", folder, dirs_exist_ok=True)
     _run("cargo", "build", "--quiet", cwd=folder)
+    return folder / "target" / "debug"
 
-    def lines(path: Path) -> list[str]:
-        program = folder / "target" / "debug" / "mcap-lines"
-        return _run(program, path, cwd=folder, within_s=READ_WITHIN_S).splitlines()
 
-    return lines
+def _lines_of(program: Path) -> Lines:
+    return lambda path: _run(program, path, cwd=path.parent, within_s=READ_WITHIN_S).splitlines()
+
+
+@pytest.fixture(scope="session")
+def rust(rust_programs: Path) -> Lines:
+    """The `mcap` crate with prost-reflect."""
+    return _lines_of(rust_programs / "mcap-lines")
+
+
+@pytest.fixture(scope="session")
+def doctor(rust_programs: Path) -> Lines:
+    """A check with the `mcap` crate of all that its project's `mcap doctor` checks, and more."""
+    return _lines_of(rust_programs / "doctor")
 
 
 @pytest.fixture(scope="session")

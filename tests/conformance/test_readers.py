@@ -1,9 +1,22 @@
 """The rows that went into a recording come out of every reader that people have, as they were."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 
-from tests.conformance.conftest import Recorded
+from fte_sniff.recording.bulk_writer import write_recording
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.recorder import Recorder
+from fte_sniff.recording.repair import repair
+from fte_sniff.recording.retention import RecordingOptions
+from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.row_batch import RowBatch
+from tests.conformance.conftest import Lines, Recorded
 from tests.conformance.expected import digest, expected_lines
+from tests.recording.conftest import START, some_rows
 
 pytestmark = pytest.mark.conformance
 
@@ -17,3 +30,90 @@ def test_every_reader_finds_the_rows_that_went_in(
     wanted = expected_lines(rows, events)
     assert read[:5] == wanted[:5]
     assert digest(read) == digest(wanted)
+
+
+def test_the_checker_has_nothing_to_report(recorded: Recorded, doctor: Lines) -> None:
+    assert doctor(recorded[0]) == []
+
+
+PORT = PortFacts("/dev/ttyUSB0", 115_200)
+
+
+def _write_bulk(folder: Path) -> None:
+    batches = (RowBatch.from_rows(some_rows(40_000, start=START + n * 10**12)) for n in range(3))
+    write_recording(folder / "x.mcap", [PORT], batches)
+
+
+def _write_empty_bulk(folder: Path) -> None:
+    write_recording(folder / "x.mcap", [PORT], [])
+
+
+def _write_rotated(folder: Path) -> None:
+    recorder = Recorder(folder / "x.mcap", [PORT], options=RecordingOptions(rotate_bytes=30_000))
+    for row in some_rows(3000):
+        recorder.write([row])
+        if row.offset % 1000 == 0:
+            recorder.flush()
+    recorder.close()
+
+
+def _write_new_port(folder: Path) -> None:
+    with RecordingWriter(folder / "x.mcap", [PORT]) as writer:
+        for number, row in enumerate(some_rows(300)):
+            writer.write([replace(row, port=f"port {number // 100}")])
+            if number % 50 == 0:
+                writer.flush()
+
+
+def _repair(folder: Path, *, chunk: int) -> None:
+    """A recording whose chunk of this number is damaged, and the repaired one."""
+    damaged = folder / "damaged"
+    with RecordingWriter(damaged, [PORT]) as writer:
+        for number in range(4):
+            writer.write(some_rows(50, start=START + number * 10**9))
+            writer.flush()
+    content = bytearray(damaged.read_bytes())
+    marks = [at for at in range(len(content)) if content.startswith(b"\x04\0\0\0zstd", at)]
+    content[marks[chunk] + 100] ^= 1
+    damaged.write_bytes(content)
+    found = repair(damaged, folder / "repaired.mcap", Existing.REFUSE)
+    assert (found.chunks, found.lost_messages) == (3, 50)
+
+
+RECORDINGS = {
+    "decoded": _write_bulk,
+    "decoded without rows": _write_empty_bulk,
+    "rotated": _write_rotated,
+    "a new port": _write_new_port,
+    "repaired without the first chunk": lambda folder: _repair(folder, chunk=0),
+    "repaired without another chunk": lambda folder: _repair(folder, chunk=2),
+}
+
+
+@pytest.mark.parametrize("write", RECORDINGS.values(), ids=RECORDINGS)
+def test_the_checker_has_nothing_to_report_on_any_way_to_write(
+    write: Callable[[Path], None], tmp_path: Path, doctor: Lines, python: Lines
+) -> None:
+    write(tmp_path)
+    files = sorted(tmp_path.glob("*.mcap"))
+    assert files
+    for path in files:
+        assert doctor(path) == []
+        python(path)
+
+
+def test_the_checker_finds_faults(tmp_path: Path, doctor: Lines) -> None:
+    path = tmp_path / "x.mcap"
+    RecordingWriter(path, [PORT]).close()
+    content = path.read_bytes()
+    channel = content.index(b"/fte/")
+    schema = content.index(b"\x03", content.index(b"port.1.baud"))
+    length = 9 + int.from_bytes(content[schema + 1 : schema + 9], "little")
+    for altered, remark in (
+        (content + b"x", "1 bytes follow the end"),
+        (content[: schema + length] + content[schema:], "schema 1 exists twice"),
+        (content.replace(b"ttyUSB0", b"ttyUSB1", 1), "CRC failed"),
+        (content[:channel] + content[channel:].replace(b"USB0", b"USB1", 1), "channel 1 differs"),
+    ):
+        path.write_bytes(altered)
+        assert remark in "\n".join(doctor(path)), remark

@@ -8,13 +8,13 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from mcap.records import Statistics
-from mcap.stream_reader import StreamReader
+from mcap.records import Chunk, McapRecord, Metadata, Statistics
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap_protobuf.decoder import DecoderFactory
 
 from benchmarks.recording_kill import kill_one
@@ -72,16 +72,39 @@ def test_an_empty_capture_explains_itself_in_every_reader(tmp_path: Path) -> Non
     assert reader2.metadata["fte-sniff"] == metadata.metadata
 
 
-def test_definitions_come_before_the_first_chunk(
+def _names(records: Iterable[McapRecord]) -> list[str]:
+    return [type(record).__name__ for record in records]
+
+
+def test_each_definition_exists_once_in_the_data_and_a_checksum_protects_it(
     recorded: tuple[Path, list[Row], list[PortEvent]],
 ) -> None:
-    names = []
     with recorded[0].open("rb") as file:
-        for record in StreamReader(file, emit_chunks=True, validate_crcs=True).records:
-            names.append(type(record).__name__)
-    first = names.index("Chunk")
-    assert names[:first] == ["Header", "Metadata", *["Schema"] * 6, *["Channel"] * len(TOPICS)]
-    assert names.count("Chunk") == 4
+        records = list(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
+    data = records[: _names(records).index("DataEnd")]
+    chunks = [record for record in data if isinstance(record, Chunk)]
+    assert not {"Schema", "Channel"} & set(_names(data))
+    inside = [_names(breakup_chunk(chunk, validate_crc=True)) for chunk in chunks]
+    assert inside[0][: 6 + len(TOPICS)] == ["Schema"] * 6 + ["Channel"] * len(TOPICS)
+    assert set(sum(inside[1:], inside[0][6 + len(TOPICS) :])) == {"Message"}
+    assert len(chunks) == 4
+
+
+def test_a_file_without_rows_has_its_definitions_until_a_chunk_holds_them(
+    tmp_path: Path, make_rows: Rows
+) -> None:
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [PORT]) as writer:
+        for rows, outside in (([], True), ([], True), (make_rows(1), False)):
+            writer.write(rows)
+            writer.write_metadata(Metadata("note", {}))
+            writer.flush()
+            with path.open("rb") as file:
+                records = _names(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
+            data = records[: records.index("DataEnd")]
+            assert data.count("Schema") == 6 * outside
+            assert data.count("Channel") == len(TOPICS) * outside
+            assert RecordingReader(path).ports == (PORT,)
 
 
 def test_another_program_decodes_the_same_values(
@@ -139,22 +162,22 @@ def test_a_long_summary_waits_for_data_and_the_file_is_readable_meanwhile(
 ) -> None:
     monkeypatch.setattr(mcap_file, "LONG_SUMMARY", 0)
     path = tmp_path / "x.mcap"
-    rows = make_rows(40)
+    rows = make_rows(400)
     summaries = []
     with RecordingWriter(path, [PORT]) as writer:
         for number in range(40):
-            writer.write(rows[number : number + 1])
+            writer.write(rows[10 * number : 10 * number + 10])
             writer.flush()
             with path.open("rb") as file:
                 reader = make_reader(file, validate_crcs=True)
                 summaries.append(reader.get_summary() is not None)
-                assert sum(1 for _ in reader.iter_messages()) == number + 1
+                assert sum(1 for _ in reader.iter_messages()) == 10 * number + 10
             ours = RecordingReader(path)
-            assert list(ours) == rows[: number + 1]
+            assert list(ours) == rows[: 10 * number + 10]
             assert (ours.ending, ours.losses) == ("", ())
     assert True in summaries
     assert False in summaries
-    assert _statistics(path).message_count == 40
+    assert _statistics(path).message_count == 400
 
 
 def test_close_can_be_repeated_and_writing_afterwards_is_a_mistake(
@@ -341,7 +364,7 @@ def test_the_message_records_are_what_the_format_says(tmp_path: Path, make_rows:
     with RecordingWriter(path, [PORT]) as writer:
         writer.write(make_rows(40))
     from mcap.data_stream import ReadDataStream
-    from mcap.records import Chunk, MessageIndex
+    from mcap.records import MessageIndex
     from mcap.stream_reader import get_chunk_data_stream
 
     with path.open("rb") as file:

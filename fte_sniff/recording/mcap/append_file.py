@@ -22,12 +22,18 @@ bytes, a length is one number. A barrier (fdatasync) separates steps that a powe
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
-from fte_sniff.recording.mcap.records import DATA_END_LENGTH, END_LENGTH, HEAD, Tail
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import DataEnd, Footer, McapRecord, SummaryOffset
+from zlib_ng.zlib_ng import crc32
+
+from fte_sniff.recording.mcap.records import DATA_END_LENGTH, END_LENGTH, HEAD, MAGIC
 
 _SECTOR = 512
 _PRIVATE = 0x80
@@ -37,6 +43,74 @@ LARGEST_BARRED = 1024 * 1024
 
 By default a capture begins its next file at half of that.
 """
+
+
+_FOOTER = struct.Struct("<BQQQ")
+_FOOTER_LENGTH = _FOOTER.size - HEAD.size + 4
+_OFFSET_LENGTH = HEAD.size + 1 + 8 + 8
+
+
+@dataclass(frozen=True, slots=True)
+class Tail:
+    """The end of a file: definitions, data end, summary, footer, magic."""
+
+    definitions: bytes
+    """The schema and channel records that no chunk holds."""
+    data_crc: int
+    """The checksum of all bytes up to the data end; 0 if unknown."""
+    groups: tuple[tuple[Opcode, bytes], ...]
+    """The summary's records by opcode; no group is empty."""
+    indexed: bool = True
+    """Whether the tail has the summary; without, tools scan the file."""
+
+    @property
+    def index_length(self) -> int:
+        """Bytes from the summary to the end."""
+        records = sum(len(records) for _, records in self.groups)
+        return records + _OFFSET_LENGTH * len(self.groups) + END_LENGTH
+
+    def summary_at(self, start: int) -> int:
+        """Where the summary begins if the tail begins at `start`."""
+        return start + len(self.definitions) + DATA_END_LENGTH
+
+    def at(self, start: int) -> bytes:
+        """The bytes of the tail for data that ends at `start`."""
+        before = self.definitions + bytes_of(DataEnd(self.data_crc))
+        if not self.indexed:
+            return before + _end_without_summary()
+        return before + self._summary(self.summary_at(start))
+
+    def end_for(self, start: int) -> bytes:
+        """Footer and magic for this tail at `start`, if other bytes follow its summary.
+
+        They have no checksum, because it would cover those bytes.
+        """
+        return _end(self.summary_at(start), 0, 0) if self.indexed else _end_without_summary()
+
+    def _summary(self, start: int) -> bytes:
+        offsets, at = [], start
+        for opcode, records in self.groups:
+            offsets.append(SummaryOffset(opcode, at, len(records)))
+            at += len(records)
+        summary = b"".join([*(records for _, records in self.groups), bytes_of(*offsets)])
+        guarded = _FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, start, at)
+        return summary + _end(start, at, crc32(guarded, crc32(summary)))
+
+
+def _end_without_summary() -> bytes:
+    return _end(0, 0, crc32(_FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, 0, 0)))
+
+
+def _end(summary: int, offsets: int, crc: int) -> bytes:
+    return bytes_of(Footer(summary, offsets, crc)) + MAGIC
+
+
+def bytes_of(*records: McapRecord) -> bytes:
+    """The bytes of records."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
 class AppendTarget(Protocol):
@@ -105,7 +179,7 @@ class AppendFile:
     def _guard(self, tail: Tail, stop: int) -> int:
         """Write the guard after `stop` and after the file's end; returns where it begins."""
         start = max(stop, self.size)
-        start += _room_for_footer(start + DATA_END_LENGTH + tail.index_length)
+        start += _room_for_footer(tail.summary_at(start) + tail.index_length)
         guard = replace(tail, data_crc=0, indexed=True).at(start)
         footer_at = start + len(guard) - END_LENGTH
         _write_at(self._descriptor, tail.end_for(self._end), footer_at)

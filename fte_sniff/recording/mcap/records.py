@@ -1,4 +1,4 @@
-"""MCAP records: parse, decompress, CRC, end of file.
+"""MCAP records: parse, decompress, CRC.
 
 File:
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 from io import BytesIO
 from typing import Protocol, TypeVar
@@ -19,10 +18,8 @@ from typing import Protocol, TypeVar
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import DataEnd, Footer, McapRecord, SummaryOffset
 from mcap.writer import MCAP0_MAGIC
 from zlib_ng.zlib_ng import crc32
 
@@ -215,76 +212,8 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-_FOOTER = struct.Struct("<BQQQ")
-_FOOTER_LENGTH = 8 + 8 + 4
-
-END_LENGTH = 9 + _FOOTER_LENGTH + len(MCAP0_MAGIC)
+END_LENGTH = HEAD.size + 8 + 8 + 4 + len(MAGIC)
 """Bytes of the footer and the final magic."""
 
-DATA_END_LENGTH = 9 + 4
+DATA_END_LENGTH = HEAD.size + 4
 """Bytes of the record that ends the data."""
-
-_OFFSET_LENGTH = 9 + 1 + 8 + 8
-
-
-@dataclass(frozen=True, slots=True)
-class Tail:
-    """The end of a file: data end, summary, footer, magic."""
-
-    data_crc: int
-    """The checksum of all bytes before the tail."""
-    groups: tuple[tuple[Opcode, bytes], ...]
-    """The summary's records by opcode; no group is empty."""
-    indexed: bool = True
-    """Whether the tail has the summary; without, tools scan the file."""
-
-    @property
-    def index_length(self) -> int:
-        """Bytes from the summary to the end."""
-        records = sum(len(records) for _, records in self.groups)
-        return records + _OFFSET_LENGTH * len(self.groups) + END_LENGTH
-
-    def at(self, start: int) -> bytes:
-        """The bytes of the tail for data that ends at `start`."""
-        data_end = bytes_of(DataEnd(self.data_crc))
-        if not self.indexed:
-            return data_end + _end_without_summary()
-        return data_end + self._summary_at(start + len(data_end))
-
-    def _summary_at(self, start: int) -> bytes:
-        offsets, at = [], start
-        for opcode, records in self.groups:
-            offsets.append(SummaryOffset(opcode, at, len(records)))
-            at += len(records)
-        summary = b"".join([*(records for _, records in self.groups), bytes_of(*offsets)])
-        guarded = _FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, start, at)
-        crc = crc32(guarded, crc32(summary))
-        return summary + _end(start, at, crc)
-
-    def end_for(self, start: int) -> bytes:
-        """Footer and magic for this tail at `start`, if other bytes follow its summary.
-
-        They have no checksum, because it would cover those bytes.
-        """
-        return _end(start + DATA_END_LENGTH, 0, 0) if self.indexed else _end_without_summary()
-
-
-def _end_without_summary() -> bytes:
-    return _end(0, 0, crc32(_FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, 0, 0)))
-
-
-def _end(summary: int, offsets: int, crc: int) -> bytes:
-    return bytes_of(Footer(summary, offsets, crc)) + MCAP0_MAGIC
-
-
-def bytes_of(*records: McapRecord) -> bytes:
-    """The bytes of records."""
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
-
-
-def groups_of(*groups: tuple[Opcode, bytes]) -> tuple[tuple[Opcode, bytes], ...]:
-    """The non-empty groups."""
-    return tuple((opcode, records) for opcode, records in groups if records)

@@ -1,5 +1,9 @@
 """Writer of an MCAP file: chunks, indexes, summary.
 
+The first chunk begins with all definitions (schemas and channels), a later one with those that are
+new. So each exists once in the data, protected by the chunk's checksum, and once in the summary.
+Until a chunk holds them, they are part of the tail: a file without messages explains itself.
+
 The summary grows with each chunk. A long summary is written only after as much new data; between,
 the file ends without summary, which is legal and makes tools scan the file. A caller that needs a
 summary at every moment ends the file before, by `index_length`.
@@ -19,7 +23,6 @@ from mcap.records import (
     Chunk,
     ChunkIndex,
     Header,
-    McapRecord,
     Metadata,
     MetadataIndex,
     Schema,
@@ -29,8 +32,7 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 from zlib_ng.zlib_ng import crc32
 
-from fte_sniff.recording.mcap.append_file import AppendTarget
-from fte_sniff.recording.mcap.records import Tail, bytes_of, groups_of
+from fte_sniff.recording.mcap.append_file import AppendTarget, Tail, bytes_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,7 @@ class PackedChunk:
 
 
 def packed(definitions: bytes, batch: McapBatch) -> PackedChunk:
-    """Compress a chunk of definitions and at least one message."""
+    """Compress and index a chunk of definitions and at least one message."""
     records = b"".join([definitions, batch.data]) if definitions else batch.data
     chunk = Chunk(
         compression="zstd",
@@ -78,14 +80,9 @@ def packed(definitions: bytes, batch: McapBatch) -> PackedChunk:
         uncompressed_crc=crc32(records),
         uncompressed_size=len(records),
     )
-    return indexed(chunk, replace(batch, starts=batch.starts + len(definitions)))
-
-
-def indexed(chunk: Chunk, batch: McapBatch) -> PackedChunk:
-    """Index a compressed chunk; the starts in `batch` are those in the unpacked chunk."""
     record = bytes_of(chunk)
-    counts = counts_of(batch)
-    indexes, offsets = _message_indexes(batch, counts, len(record))
+    counts = _counts_of(batch)
+    indexes, offsets = _message_indexes(batch, counts, len(definitions), len(record))
     index = ChunkIndex(
         message_start_time=chunk.message_start_time,
         message_end_time=chunk.message_end_time,
@@ -100,21 +97,21 @@ def indexed(chunk: Chunk, batch: McapBatch) -> PackedChunk:
     return PackedChunk(record + indexes, index, counts)
 
 
-def counts_of(batch: McapBatch) -> dict[int, int]:
+def _counts_of(batch: McapBatch) -> dict[int, int]:
     """Number of messages by channel id, in rising order."""
     counts = np.bincount(batch.channels)
     return {channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()}
 
 
 def _message_indexes(
-    batch: McapBatch, counts: Mapping[int, int], position: int
+    batch: McapBatch, counts: Mapping[int, int], first_start: int, position: int
 ) -> tuple[bytes, dict[int, int]]:
     """The message index records of a chunk, and their offsets by channel id from `position` on."""
     # Numpy sorts 16-bit numbers, which channel ids are, in one pass.
     order = np.argsort(batch.channels.astype(np.uint16), kind="stable")
     entries = np.empty((len(order), 2), "<u8")
     entries[:, 0] = batch.times.take(order)
-    entries[:, 1] = batch.starts.take(order)
+    entries[:, 1] = batch.starts.take(order) + first_start
     found, offsets, first = bytearray(), {}, 0
     for channel_id, count in counts.items():
         offsets[channel_id] = position + len(found)
@@ -153,7 +150,7 @@ class McapFile:
         self._target = target
         self._schemas = {schema.id: schema for schema in schemas}
         self._channels = {channel.id: channel for channel in channels}
-        self._defined: set[tuple[type[McapRecord], int]] = set()
+        self._undefined = bytes_of(*self._schemas.values(), *self._channels.values())
         self._metadata_indexes: list[MetadataIndex] = []
         self._chunk_indexes = bytearray()
         self._chunks = 0
@@ -166,8 +163,7 @@ class McapFile:
         start = MCAP0_MAGIC + bytes_of(Header("", library))
         record = bytes_of(metadata)
         self._metadata_indexes.append(MetadataIndex(len(start), len(record), metadata.name))
-        definitions = bytes_of(*self._schemas.values(), *self._channels.values())
-        self._extend(start + record + definitions)
+        self._extend(start + record)
 
     @property
     def size(self) -> int:
@@ -180,27 +176,21 @@ class McapFile:
         return self._index_length
 
     def add_channel(self, channel: Channel) -> None:
-        """Add a channel; the first chunk that uses it defines it in the file."""
+        """Add a channel; its schema is one of the file's."""
         self._channels[channel.id] = channel
+        self._undefined += bytes_of(channel)
 
     def write_batch(self, batch: McapBatch, metadata: Iterable[Metadata] = ()) -> None:
         """Write metadata records and a chunk of at least one message, and sync them to the disk."""
-        self.write_chunk(packed(self.definitions_for(batch), batch), metadata)
+        self.write_chunk(packed(self.next_definitions(), batch), metadata)
 
-    def definitions_for(self, batch: McapBatch) -> bytes:
-        """The schema and channel records that a chunk of this batch must begin with.
-
-        They are those of no previous call, so chunks must be written in the order of the calls.
-        """
-        channels = [self._channels[id_] for id_ in counts_of(batch)]
-        schemas = [self._schemas[id_] for id_ in sorted({c.schema_id for c in channels})]
-        used: list[Schema | Channel] = [*schemas, *channels]
-        new = [record for record in used if (type(record), record.id) not in self._defined]
-        self._defined.update((type(record), record.id) for record in new)
-        return bytes_of(*new)
+    def next_definitions(self) -> bytes:
+        """The definitions that the next chunk must begin with: those of no previous call."""
+        found, self._undefined = self._undefined, b""
+        return found
 
     def write_chunk(self, chunk: PackedChunk, metadata: Iterable[Metadata] = ()) -> None:
-        """Write metadata records and a compressed chunk, whose channels are those of this file."""
+        """Write metadata records and a compressed chunk, in the order of `next_definitions`."""
         before = self._metadata_records(metadata)
         self._chunk_indexes += bytes_of(chunk.index_at(self._end + len(before)))
         self._count(chunk)
@@ -247,14 +237,15 @@ class McapFile:
         return tail
 
     def _tail(self, crc: int) -> Tail:
-        groups = groups_of(
+        groups = (
             (Opcode.SCHEMA, bytes_of(*self._schemas.values())),
             (Opcode.CHANNEL, bytes_of(*self._channels.values())),
             (Opcode.STATISTICS, bytes_of(self._statistics())),
             (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
             (Opcode.METADATA_INDEX, bytes_of(*self._metadata_indexes)),
         )
-        return Tail(crc, groups)
+        found = tuple((opcode, records) for opcode, records in groups if records)
+        return Tail(self._undefined, crc32(self._undefined, crc), found)
 
     def _statistics(self) -> Statistics:
         return Statistics(
