@@ -24,7 +24,7 @@ _COM_PORT = b"\x2c"
 _KNOWN = {b"\x00", b"\x03", _COM_PORT}
 """Options that are agreed to: binary, suppress go-ahead, and the port's control."""
 _ANSWERS = {_WILL: (_DO, _DONT), _DO: (_WILL, _WONT)}
-_SET_BAUDRATE, _SET_CONTROL, _PURGE = 1, 5, 12
+SET_BAUDRATE, SET_DATASIZE, SET_CONTROL, PURGE = 1, 2, 5, 12
 _ANSWER_OFFSET = 100
 
 DTR_ON, DTR_OFF, RTS_ON, RTS_OFF = 8, 9, 11, 12
@@ -48,6 +48,10 @@ class Server:
         """All that clients asked of the modem lines and the flow control."""
         self.bauds: list[int] = []
         self.clients = 0
+        self.greeting = b""
+        """What it sends to a client unasked."""
+        self.answers: dict[int, bytes | None] = {}
+        """What it answers to a command instead of the value asked for; None for nothing."""
         self._ending, self._hang_up = os.pipe()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -68,6 +72,7 @@ class Server:
                 client, _ = self._listening.accept()
                 self.clients += 1
                 with client, suppress(ConnectionError):
+                    client.sendall(self.greeting)
                     self._serve(client)
 
     def _comes(self, *descriptors: int) -> bool:
@@ -110,16 +115,23 @@ class Server:
         if about[:1] != _COM_PORT:
             return
         command, value = about[1], about[2:]
-        if command == _SET_BAUDRATE:
+        if command == SET_BAUDRATE:
             (baud,) = struct.unpack("!I", value)
             self.bauds.append(baud)
             set_speed(self._port, baud)
-        elif command == _SET_CONTROL:
+        elif command == SET_CONTROL:
             self.controls.append(value[0])
-        elif command == _PURGE:
+        elif command == PURGE:
             termios.tcflush(self._port, termios.TCIFLUSH)
-        answer = _COM_PORT + bytes([command + _ANSWER_OFFSET]) + value.replace(IAC, IAC + IAC)
-        client.sendall(IAC + SB + answer + IAC + SE)
+        value = self.answers.get(command, value)
+        if value is not None:
+            client.sendall(answer_to(command, value))
+
+
+def answer_to(command: int, value: bytes) -> bytes:
+    """A server's answer to a command, as it is sent."""
+    content = _COM_PORT + bytes([command + _ANSWER_OFFSET]) + value
+    return IAC + SB + content.replace(IAC, IAC + IAC) + IAC + SE
 
 
 @contextmanager

@@ -26,6 +26,8 @@ NETWORK_SCHEMES = ("socket", "rfc2217")
 _OWN_TERMINAL = "/dev/tty"
 _LOGGING = re.compile(r"[?&]logging=", re.IGNORECASE)
 _NO_RFC2217 = "does not seem to support RFC2217"
+_REFUSED = re.compile(r"(?:option '|[ [])(\w+)(?:'|:(?!ACTIVE)\w+)")
+"""An option that an RFC 2217 server refuses, or does not answer to, in pyserial's text."""
 _MODULE_NEEDED = {"cp2110": "hid"}
 _HANDLER_PREFIX = "protocol_"
 
@@ -95,14 +97,22 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
     if isinstance(error.__cause__, PortError):
         return error.__cause__
     named, number = printable(name), _errno_of(error)
+    scheme, _, rest = name.partition("://")
+    scheme, bare = scheme.lower(), printable(f"socket://{re.split('[/?#]', rest)[0]}")
     reason: str | None = None
     if _NO_RFC2217 in str(error):
         # pyserial's own text ends with a dump of the telnet options.
         reason = TranslatableText(
             "what answers there does not speak RFC 2217; where it sends bare bytes, open {bare}",
-            bare=printable(f"socket://{urlsplit(name).netloc}"),
+            bare=bare,
         )
-    elif number in (errno.ECONNRESET, errno.EPIPE) and name.lower().startswith("rfc2217://"):
+    elif scheme == "rfc2217" and (refused := _REFUSED.findall(str(error))):
+        reason = TranslatableText(
+            "the server refuses {options}; set them on the server itself, and open {bare}",
+            options=", ".join(refused),
+            bare=bare,
+        )
+    elif scheme == "rfc2217" and number in (errno.ECONNRESET, errno.EPIPE):
         reason = TranslatableText(
             "the server hung up: it does not speak RFC 2217, or serves somebody else"
         )
@@ -115,7 +125,7 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
         if isinstance(error, LookupError):
             reason = TranslatableText("its options cannot be read")
         what = TranslatableText(" cannot be opened: {why}", why=reason)
-        if name.partition("://")[0].lower() in NETWORK_SCHEMES:
+        if scheme in NETWORK_SCHEMES:
             what = TranslatableText(
                 " cannot be opened: {why}; does a server listen there?", why=reason
             )

@@ -11,6 +11,7 @@ import click
 
 from fte_sniff.cli.options import Seconds, list_format_option
 from fte_sniff.errors import UsageError, printable
+from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
@@ -81,4 +82,4 @@ def _json(finding: Finding) -> str:
         "what": finding.what,
         "way_out": finding.fix,
     }
-    return json.dumps(fields, ensure_ascii=False)
+    return printable_json(json.dumps(fields, ensure_ascii=False))

@@ -11,6 +11,7 @@ import click
 
 from fte_sniff.cli.options import list_format_option
 from fte_sniff.cli.streams import print_err
+from fte_sniff.formats.writers import printable_json
 
 if TYPE_CHECKING:
     from fte_sniff.capture.discovery import PortListing
@@ -34,7 +35,8 @@ def command(form: str) -> None:
 
 
 def _json(port: PortListing) -> str:
-    return json.dumps({**asdict(port), "state": port.state}, ensure_ascii=False)
+    fields = {**asdict(port), "state": port.state}
+    return printable_json(json.dumps(fields, ensure_ascii=False))
 
 
 def _table(ports: Sequence[PortListing]) -> Iterator[str]:

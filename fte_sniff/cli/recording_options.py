@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.options import Seconds, parse_seconds, row_filter
-from fte_sniff.errors import UsageError
+from fte_sniff.errors import UsageError, quoted
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
 from fte_sniff.recording.output_file import Existing, is_stream
 from fte_sniff.recording.retention import (
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 _BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
+_MOST_BYTES = 10**18
+_MOST_SECONDS = 10**9
 _MIN_FILE = 100_000
 _MIN_SECONDS = 1.0
 
@@ -59,21 +61,26 @@ def _size(text: str) -> int | None:
     found = _SIZE.fullmatch(text)
     if found is None:
         raise click.BadParameter(f"{text!r} is not a size; use for example 512MB, 2GB or none")
-    return round(float(found[1]) * _BYTES[found[2].lower()])
+    size = float(found[1]) * _BYTES[found[2].lower()]
+    if size > _MOST_BYTES:
+        raise click.BadParameter(f"{quoted(text)} is too large; use for example 512MB, 2GB or none")
+    return round(size)
 
 
 def _seconds(text: str) -> float:
     seconds = parse_seconds(text)
     if seconds is None:
         raise click.BadParameter(f"{text!r} is not a time; use for example 10s, 5min or 1h")
+    if seconds > _MOST_SECONDS:
+        raise click.BadParameter(f"{quoted(text)} is too long; use for example 10s, 5min or 1h")
     return seconds
 
 
 def _rotate(text: str) -> _Value:
     if text.lower() in _ROTATE_WORDS:
         return _ROTATE_WORDS[text.lower()]
-    if (seconds := parse_seconds(text)) is not None:
-        return seconds
+    if parse_seconds(text) is not None:
+        return _seconds(text)
     if _SIZE.fullmatch(text):
         return _size(text)
     raise click.BadParameter(

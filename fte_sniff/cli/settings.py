@@ -208,6 +208,10 @@ class _Check:
 CONFIG_VARIABLE: Final = "FTE_SNIFF_CONFIG"
 """Environment variable that names another settings file."""
 
+_MOST_BYTES = 1_000_000
+_MOST_DOTS = 32
+"""Most dots in a line."""
+
 _FIX = "correct the file, or move it away"
 
 
@@ -227,11 +231,20 @@ def read_settings(path: Path) -> Settings:
     Raises FileError if it cannot be read, or is not TOML.
     """
     try:
-        content = path.read_bytes()
+        if not (path.is_dir() or path.is_file()) and path.exists():
+            raise FileError(f"{path} is not a regular file; {_FIX}")
+        with path.open("rb") as file:
+            content = file.read(_MOST_BYTES + 1)
     except (FileNotFoundError, NotADirectoryError):
         return Settings()
     except OSError as error:
         raise unreadable(path, error) from error
+    if len(content) > _MOST_BYTES:
+        raise FileError(f"{path} is larger than 1 MB; {_FIX}")
+    # The time that a dotted key takes grows with the square of its length.
+    lines = (line for line in content.splitlines() if not line.lstrip().startswith(b"#"))
+    if any(line.count(b".") > _MOST_DOTS for line in lines):
+        raise FileError(f"{path} is nested too deeply; {_FIX}")
     try:
         tables = tomllib.loads(content.decode())
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

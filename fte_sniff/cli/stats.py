@@ -21,6 +21,7 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.output import explain_no_frames
 from fte_sniff.cli.stats_json import ReportOptions, statistics_json
 from fte_sniff.cli.streams import print_err
+from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.inputs import InputReading
 
@@ -79,7 +80,7 @@ def command(
     options = ReportOptions(filter_text, reading.tally.rows, reading.reported_gaps, selections)
     if form is Form.JSON:
         numbers = statistics_json(summary, options)
-        click.echo(json.dumps(numbers, ensure_ascii=False, indent=2))
+        click.echo(printable_json(json.dumps(numbers, ensure_ascii=False, indent=2)))
     else:
         _show(summary, options)
     for note in reading.notes:

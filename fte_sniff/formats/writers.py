@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Sequence
 from enum import StrEnum
 from types import MappingProxyType
@@ -113,14 +114,28 @@ class JsonlWriter(_LineWriter):
         import polars as pl
 
         time = pl.col("time").dt.strftime(TIME_FORMAT)
-        self._stream.write(frame.with_columns(time).write_ndjson())
+        self._stream.write(printable_json(frame.with_columns(time).write_ndjson()))
 
 
 def _line(row: Row) -> str:
     values = record(row)
     if row.t_ns is not None:
         values["time"] = iso_time(row.t_ns)
-    return json.dumps(values, ensure_ascii=False, separators=(",", ":")) + "\n"
+    return printable_json(json.dumps(values, ensure_ascii=False, separators=(",", ":"))) + "\n"
+
+
+def printable_json(text: str) -> str:
+    """Escape characters of a JSON text that a terminal obeys or does not show, such as U+202E."""
+    return text if text.isascii() else _NOT_ASCII.sub(_escaped, text)
+
+
+_NOT_ASCII = re.compile(r"[^\x00-\x7f]+")
+
+
+def _escaped(found: re.Match[str]) -> str:
+    if found[0].isprintable():
+        return found[0]
+    return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in found[0])
 
 
 class CsvWriter(_LineWriter):

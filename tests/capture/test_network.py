@@ -17,7 +17,17 @@ from fte_sniff.capture.serial_port import ControlLine, PortSettings, open_port
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Chunk, PortEvent
-from tests.rfc2217_server import DTR_OFF, DTR_ON, RTS_OFF, RTS_ON, serving
+from tests.rfc2217_server import (
+    DTR_OFF,
+    DTR_ON,
+    RTS_OFF,
+    RTS_ON,
+    SET_BAUDRATE,
+    SET_CONTROL,
+    SET_DATASIZE,
+    answer_to,
+    serving,
+)
 
 CLOCK = Clock.tied()
 
@@ -113,6 +123,27 @@ def test_a_server_that_does_not_speak_rfc2217_is_refused():
         with pytest.raises(PortError, match="does not speak RFC 2217"):
             open_port(url)
         speaker.join()
+
+
+def test_answers_that_nobody_asked_for_mean_nothing(server, pty):
+    server.greeting = b"".join(
+        answer_to(command, value) for command in range(156) for value in (b"", b"\xff\x00\x00\x01")
+    )
+    with open_source(server.url, PortSettings(), CLOCK) as source:
+        pty.send(b"bytes")
+        assert taken(source, 5) == b"bytes"
+
+
+@pytest.mark.parametrize("answer", [None, b"\x63\x63\x63\x63"])
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [(SET_BAUDRATE, "baudrate"), (SET_DATASIZE, "datasize"), (SET_CONTROL, "control")],
+)
+def test_a_server_that_refuses_an_option_is_one_line_that_names_it(server, command, name, answer):
+    server.answers[command] = answer
+    with pytest.raises(PortError, match=f"the server refuses {name};") as refused:
+        open_port(server.url)
+    assert "dict_values" not in str(refused.value)
 
 
 def test_a_server_that_hangs_up_at_once_is_told_from_none():

@@ -140,6 +140,30 @@ def test_input_overrules_the_name(run, tmp_path: Path, samples: Path) -> None:
     assert len(jsonl(done.stdout)) == 12
 
 
+TERMINAL_OBEYS = "\x85\x9b\u2028\u2029\u202e\u2066\ufeff"
+"""Characters that a terminal obeys, or that change the order of the text around them."""
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("decode", ["--format", "jsonl"]),
+        ("decode", ["--format", "jsonl", "--filter", "motor >= 0 OR motor IS NULL"]),
+        ("stats", ["--format", "json"]),
+    ],
+)
+def test_json_is_text_that_every_terminal_shows_as_it_is(
+    run, tmp_path: Path, command: str, options: list[str]
+) -> None:
+    file = tmp_path / f"中文{TERMINAL_OBEYS}.raw"
+    file.write_bytes(bytes.fromhex("AA0000000000000000EE") * 2)
+    output = run(command, file, *options).stdout
+    assert "中文" in output
+    assert all(line.isprintable() for line in output.split("\n"))
+    for found in [json.loads(output)] if command == "stats" else jsonl(output)[-1:]:
+        assert ascii(TERMINAL_OBEYS)[1:-1] in ascii(found)
+
+
 def test_output_to_a_file(run, tmp_path: Path, samples: Path) -> None:
     done = run("decode", samples / "idle.raw", "--format", "csv", "-o", "rows.csv")
     assert done.stdout == ""

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 
 import pytest
 from hypothesis import given
@@ -145,6 +149,47 @@ def test_a_folder_in_its_place_is_one_line(file: Path) -> None:
     file.mkdir(parents=True)
     with pytest.raises(FileError, match="is a directory"):
         read_settings(file)
+
+
+def zero(file: Path) -> None:
+    file.symlink_to("/dev/zero")
+
+
+def large(file: Path) -> None:
+    file.write_text("#" * 1_000_001)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, zero, large])
+def test_what_is_no_settings_file_is_not_read(file: Path, make: Callable[[Path], None]) -> None:
+    file.parent.mkdir()
+    make(file)
+    with pytest.raises(FileError, match=r"is (not a regular file|larger than 1 MB);") as caught:
+        read_settings(file)
+    assert str(file) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a" + ".a" * 20_000 + " = 1",
+        "[" + "a." * 20_000 + "a]",
+        f"x = '#'\n{'a.' * 5_000}a = 1\n" * 20,
+        f"{'a.' * 40}a = 1\n" * 11_000,
+        "\n".join(f"{'a.' * 30}a{n} = 1" for n in range(14_000)),
+        "[a]\n" + "\n".join(f"b{n}.c = {{ d = 1 }}" for n in range(40_000)),
+        "\n".join(f"[[a]]\nb = [{'[' * 50}{']' * 50}]" for n in range(8_000)),
+    ],
+    ids=len,
+)
+def test_a_file_that_is_slow_to_read_is_refused_or_read_within_seconds(
+    file: Path, text: str
+) -> None:
+    assert len(text) < 1_000_000
+    written(file, text)
+    start = process_time()
+    with suppress(FileError):
+        read_settings(file)
+    assert process_time() - start < 5
 
 
 @given(first=screens, second=screens)

@@ -42,6 +42,7 @@ class Rfc2217Serial(rfc2217.Serial):
     """pyserial's RFC 2217 port; bytes that came before the connection failed can be read."""
 
     _socket: socket.socket | None
+    _rfc2217_options: dict[str, Any]
     _telnet_negotiate_option: Callable[[bytes, bytes], None]
     _telnet_process_command: Callable[[bytes], None]
     _telnet_process_subnegotiation: Callable[[bytes], None]
@@ -145,7 +146,13 @@ class Rfc2217Serial(rfc2217.Serial):
             self._telnet_process_command(command["other"])
         else:
             content = command["subnegotiation"].replace(rfc2217.IAC_DOUBLED, rfc2217.IAC)
-            self._telnet_process_subnegotiation(content)
+            # pyserial fails on an answer to an option that it did not set.
+            if content[1:2] not in self._unrequested():
+                self._telnet_process_subnegotiation(content)
+
+    def _unrequested(self) -> set[bytes]:
+        options = self._rfc2217_options.values()
+        return {option.ack_option for option in options if option.state != rfc2217.REQUESTED}
 
     def _append(self, data: bytes) -> None:
         if data:
