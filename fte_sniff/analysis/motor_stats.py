@@ -8,30 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.counters import Durations
+from fte_sniff.analysis.counters import Durations, extent
 from fte_sniff.analysis.motors import BITS, MotorFrames, MotorRows, Pairing
+from fte_sniff.analysis.tally import RowCount
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol import MOTORS
-from fte_sniff.row_batch import NO_TIME, Bools, Ints, RowBatch
-
-
-@dataclass(slots=True)
-class FlagCount:
-    """Number of frames with a flag, and when they were first and last seen."""
-
-    frames: int = 0
-    first_ns: int | None = None
-    """Nanoseconds since 1970 UTC; None if no such frame has a time."""
-    last_ns: int | None = None
-
-    def update(self, having: Bools, t_ns: Ints) -> None:
-        """Count frames: whether each has the flag, and its time."""
-        times = t_ns[having]
-        self.frames += len(times)
-        times = times[times != NO_TIME]
-        if len(times):
-            self.first_ns = int(times[0]) if self.first_ns is None else self.first_ns
-            self.last_ns = int(times[-1])
+from fte_sniff.protocol import FRAME_LENGTH, MOTORS
+from fte_sniff.row_batch import NO_TIME, Ints, RowBatch
 
 
 @dataclass(slots=True)
@@ -39,9 +21,9 @@ class FlagStats:
     """The flags of one motor."""
 
     motor: int
-    error_bits: dict[int, FlagCount] = field(default_factory=dict)
-    """By bit of ERROR, from 0; only bits that were set in this motor's feedback."""
-    offline: FlagCount = field(default_factory=FlagCount)
+    error_bits: dict[int, RowCount] = field(default_factory=dict)
+    """Frames by bit of ERROR, from 0; only bits that were set in this motor's feedback."""
+    offline: RowCount = field(default_factory=RowCount)
     """Feedback of any motor whose ONLINE byte lacks this motor's bit."""
     times_lost: int = 0
     """Number of times that the bit changed from 1 to 0."""
@@ -67,7 +49,7 @@ class FlagCounts:
         for bit in BITS:
             if ever >> bit & 1:
                 having = (errors >> bit & 1).astype(np.bool_)
-                motor.error_bits.setdefault(bit, FlagCount()).update(having, t_ns)
+                _count(motor.error_bits.setdefault(bit, RowCount()), t_ns[having])
 
     def _count_online(self, online: Ints, t_ns: Ints) -> None:
         before = online[0] if self._online is None else self._online
@@ -76,7 +58,7 @@ class FlagCounts:
         for number, motor in self._motors.items():
             bit = number - MOTORS[0]
             if not always >> bit & 1:
-                motor.offline.update((online >> bit & 1) == 0, t_ns)
+                _count(motor.offline, t_ns[(online >> bit & 1) == 0])
                 motor.times_lost += int((lost >> bit & 1).sum())
         self._online = int(online[-1])
 
@@ -85,6 +67,11 @@ class FlagCounts:
         for motor in self._motors.values():
             motor.error_bits = dict(sorted(motor.error_bits.items()))
         return list(self._motors.values())
+
+
+def _count(flag: RowCount, t_ns: Ints) -> None:
+    """Count the frames of these times that have a flag."""
+    flag.count(len(t_ns), len(t_ns) * FRAME_LENGTH, extent(t_ns[t_ns != NO_TIME]))
 
 
 FLAGS_IN_ORDER: Final = TranslatableText(
@@ -107,7 +94,7 @@ def flag_texts(
                 bit=bit,
                 seen=_count_text(seen, time_text),
             )
-        if motor.offline.frames:
+        if motor.offline.rows:
             text = TranslatableText(
                 "motor {motor}: not ONLINE in {seen}",
                 motor=motor.motor,
@@ -117,10 +104,10 @@ def flag_texts(
             yield TranslatableText("{one}; {other}", one=text, other=lost) if in_order else text
 
 
-def _count_text(seen: FlagCount, time_text: TimeText) -> TranslatableText:
+def _count_text(seen: RowCount, time_text: TimeText) -> TranslatableText:
     """`12 frames, 12:00:01.000 to 12:00:09.000`."""
-    frames = TranslatableText("{count:,} frames", count=seen.frames)
-    if seen.frames == 1:
+    frames = TranslatableText("{count:,} frames", count=seen.rows)
+    if seen.rows == 1:
         frames = TranslatableText("1 frame")
     if seen.first_ns is None:
         return frames

@@ -8,6 +8,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import reduce
 from glob import escape
@@ -144,7 +145,7 @@ def _start_options(
 
     return StartOptions(
         AtEnd.STAY if plan.duration_s is None and plan.count is None else AtEnd.LEAVE,
-        signals=tuple(_ending_signals(plan)),
+        signals=_ending_signals(plan),
         line_setup=setup,
         language=settings.language(lang),
         choices=settings.choices,
@@ -163,33 +164,59 @@ def _is_stdout(recording: Path | None) -> bool:
         return False
 
 
+def _ending_signals(plan: CapturePlan) -> tuple[signal.Signals, ...]:
+    """The signals that end the capture; others end only the view."""
+    return tuple(one for one in ENDING_SIGNALS if one != signal.SIGHUP or not plan.outlives_view)
+
+
+def _ended_by_signals(
+    session: LiveSession, plan: CapturePlan
+) -> AbstractContextManager[Callable[[], None]]:
+    return ending_signals(session.stop, _ending_signals(plan), session.drop_leftover)
+
+
 def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
     select = selection(filter_text)
     from fte_sniff.session.live_session import LiveSession
 
     session = LiveSession(plan)
-    with ending_signals(session.stop, _ending_signals(plan), session.drop_leftover):
+    lines = PlainLines(select, ports=len(plan.wiring.names) > 1)
+    with _ended_by_signals(session, plan):
         session.begin()
-        if session.state.device is not None:
-            print_err(f"a host program can open {printable(session.state.device)}")
+        _report_device(session)
         if session.state.recording is not None:
             print_err(f"recording to {session.state.recording}")
         _report_survivor(plan, session)
-        print_lines(session, select, ports=len(plan.wiring.names) > 1)
+        try:
+            for update in _updates(session):
+                lines.write(update, session.state.error)
+        except BrokenPipeError:
+            abandon_stdout()
+        finally:
+            finish_session(session)
+        lines.close()
         _report_recording(session)
 
 
 def _record_to_stdout(plan: CapturePlan) -> None:
-    """Write the recording, and nothing else, to standard output."""
+    """Write the recording, and nothing else, to standard output; a lost reader ends it."""
     from fte_sniff.session.live_session import LiveSession
 
     session = LiveSession(plan)
-    with ending_signals(session.stop, _ending_signals(plan), session.drop_leftover):
+    lines = PlainLines(lambda _: [])
+    with _ended_by_signals(session, plan):
         session.begin()
-        if session.state.device is not None:
-            print_err(f"a host program can open {printable(session.state.device)}")
+        _report_device(session)
         print_err("recording to standard output")
-        print_problems(session)
+        try:
+            for update in _updates(session):
+                gone = session.state.recording is None and has_no_reader(sys.stdout.fileno())
+                lines.write(update, None if gone else session.state.error)
+                if session.state.recording is None:
+                    session.stop()
+        finally:
+            finish_session(session)
+        lines.close()
         if session.state.error is not None:
             # A reader that went away ends the capture; rows after that are no loss.
             ended = has_no_reader(sys.stdout.fileno()) and session.state.stopped_recording
@@ -202,7 +229,7 @@ def _show_screen(plan: CapturePlan, options: StartOptions) -> None:
     code = 0
     seen: list[Tally] = []
     session = LiveSession(plan)
-    with ending_signals(session.stop, _ending_signals(plan), session.drop_leftover):
+    with _ended_by_signals(session, plan):
         # Imported while the capture process starts on another core and opens the port.
         from fte_sniff.tui.app import run_screen
 
@@ -213,9 +240,7 @@ def _show_screen(plan: CapturePlan, options: StartOptions) -> None:
             code = run_screen(session, options, on_exit=seen.append)
     finally:
         # The screen has replaced the signal handlers.
-        with ending_signals(
-            session.stop, _ending_signals(plan), session.drop_leftover
-        ) as request_end:
+        with _ended_by_signals(session, plan) as request_end:
             # A stopped terminal may not block the exit either.
             request_end()
             finish_session(session, seen)
@@ -223,11 +248,9 @@ def _show_screen(plan: CapturePlan, options: StartOptions) -> None:
     sys.exit(code)
 
 
-def _ending_signals(plan: CapturePlan) -> Sequence[signal.Signals]:
-    """The signals that end the capture; others end only the view."""
-    if plan.outlives_view:
-        return [number for number in ENDING_SIGNALS if number is not signal.SIGHUP]
-    return ENDING_SIGNALS
+def _report_device(session: LiveSession) -> None:
+    if session.state.device is not None:
+        print_err(f"a host program can open {printable(session.state.device)}")
 
 
 def _report_survivor(plan: CapturePlan, session: LiveSession) -> None:
@@ -286,7 +309,6 @@ class PlainLines:
         self._failure: FteSniffError | None = None
         self._recording: str | None = None
         self._not_shown = 0
-        self._leftover = _Leftover()
 
     def write(self, update: FeedUpdate, failure: FteSniffError | None) -> None:
         """Print an update; report an error of the capture once.
@@ -297,7 +319,6 @@ class PlainLines:
             self._print_event(event)
         if update.state.running:
             self._print_problem(failure, update.state.recording)
-            self._leftover.report(update)
         self._not_shown = update.state.not_shown
         self._tally.update(update.rows)
         self._writer.write(self._select(update.rows))
@@ -328,44 +349,14 @@ class PlainLines:
             print_err(f"{event.port} {event.kind.replace('_', ' ')}{detail}")
 
 
-def print_lines(
-    session: LiveSession, select: Callable[[Sequence[Row]], list[Row]], *, ports: bool
-) -> None:
-    """Print the rows of a running session until it ends or standard output has no reader."""
-    lines = PlainLines(select, ports=ports)
-    try:
-        for update in _updates(session):
-            lines.write(update, session.state.error)
-    except BrokenPipeError:
-        abandon_stdout()
-    finally:
-        finish_session(session)
-    lines.close()
-
-
-def print_problems(session: LiveSession) -> None:
-    """Print only errors and events until the session ends; a lost recording ends it."""
-    lines = PlainLines(lambda _: [])
-    try:
-        for update in _updates(session):
-            gone = session.state.recording is None and has_no_reader(sys.stdout.fileno())
-            lines.write(update, None if gone else session.state.error)
-            if session.state.recording is None:
-                session.stop()
-    finally:
-        finish_session(session)
-    lines.close()
-
-
 def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
     """Stop a session, wait for its end, and report what it waits for; print no rows.
 
     To `seen`, counts of rows that a screen has shown, the remaining rows are added for the summary.
     """
     session.stop()
-    leftover, not_shown = _Leftover(), 0
+    not_shown = 0
     for update in _updates(session):
-        leftover.report(update)
         not_shown = update.state.not_shown
         for tally in seen:
             tally.update(update.rows)
@@ -376,23 +367,15 @@ def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
         print_err(summary(tally))
 
 
-class _Leftover:
-    """Reports once that many bytes are still to be written at the end."""
-
-    _reported = False
-
-    def report(self, update: FeedUpdate) -> None:
-        count = update.state.leftover
-        if update.state.running and count and not self._reported:
-            self._reported = True
-            print_err(f"writing what has arrived: {count:,} bytes wait; Ctrl-C drops them")
-
-
 def _updates(session: LiveSession) -> Iterator[FeedUpdate]:
+    """The updates until the end; reports once that many bytes are still to be written."""
     from fte_sniff.session.live_session import WAIT_S
 
-    running = True
+    running, reported = True, False
     while running:
         update = session.wait(WAIT_S)
-        running = update.state.running
+        running, count = update.state.running, update.state.leftover
+        if running and count and not reported:
+            reported = True
+            print_err(f"writing what has arrived: {count:,} bytes wait; Ctrl-C drops them")
         yield update

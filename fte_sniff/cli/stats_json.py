@@ -14,7 +14,7 @@ from fte_sniff.protocol import Direction, Fault, Gap, PortEventKind, Status, iso
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Durations
-    from fte_sniff.analysis.motor_stats import AnswerStats, FlagCount, FlagStats
+    from fte_sniff.analysis.motor_stats import AnswerStats, FlagStats
     from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
     from fte_sniff.analysis.summary import StatisticsSummary
     from fte_sniff.analysis.tally import RowCount
@@ -79,7 +79,7 @@ def _extent(count: RowCount) -> Json:
     return {"rows": count.rows, "bytes": count.bytes, **_times(count)}
 
 
-def _times(when: RowCount | FlagCount | EventStats | PortStats) -> Json:
+def _times(when: RowCount | EventStats | PortStats) -> Json:
     return {"first_time": _time(when.first_ns), "last_time": _time(when.last_ns)}
 
 
@@ -158,11 +158,11 @@ def _motor(answers: AnswerStats, flags: FlagStats, *, in_order: bool) -> Json:
         "neither": known(answers.neither),
         "delay": _durations(answers.delays if in_order else _no_durations()),
         "error_bits": [
-            {"bit": bit, "frames": seen.frames, **_times(seen)}
+            {"bit": bit, "frames": seen.rows, **_times(seen)}
             for bit, seen in flags.error_bits.items()
         ],
         "offline": {
-            "frames": flags.offline.frames,
+            "frames": flags.offline.rows,
             "times_lost": known(flags.times_lost),
             **_times(flags.offline),
         },

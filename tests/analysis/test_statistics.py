@@ -301,12 +301,12 @@ def test_flags_equal_a_count_by_hand(told: list[tuple[int, int, int]], cut: int)
             at = [at for at, error in own if error >> bit & 1]
             if at:
                 bits[bit] = len(at), at[0] * MS, at[-1] * MS
-        found = {b: (s.frames, s.first_ns, s.last_ns) for b, s in flags.error_bits.items()}
+        found = {b: (s.rows, s.first_ns, s.last_ns) for b, s in flags.error_bits.items()}
         assert found == bits
         assert list(found) == sorted(found)
         there = [bool(online >> (flags.motor - 1) & 1) for _, _, online in told]
         away = [at for at, here in enumerate(there) if not here]
-        assert flags.offline.frames == len(away)
+        assert flags.offline.rows == len(away)
         assert flags.offline.first_ns == (away[0] * MS if away else None)
         assert flags.offline.last_ns == (away[-1] * MS if away else None)
         assert flags.times_lost == sum(one and not other for one, other in pairwise(there))
