@@ -14,7 +14,7 @@ from textual.app import App
 from textual.worker import WorkType
 
 from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
-from fte_sniff.analysis.search import Search, find_raised, find_step
+from fte_sniff.analysis.search import Search, find_fault, find_raised, find_step
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.session.save import SaveJob
@@ -181,24 +181,28 @@ class NavigationActions(ScreenActions):
 
     def action_fault(self, by: int) -> None:
         """Go to the next fault, or to the previous one."""
-        if self._table.jump_to_fault(by):
+        store, start = self._model.store, self._table.last_index
+        if self._table.jump_to_index(find_fault(store, start, by)):
             return
         text = _("no row with a fault below this one")
         if by < 0:
             text = _("no row with a fault above this one")
-        if find_raised(self._model.store, self._table.last_index, by) is not None:
+        if find_raised(store, start, by) is not None:
             hint = _("{key} goes to one whose ERROR or ONLINE is not in order")
             text += "; " + hint.format(key="a" if by > 0 else "A")
         self._inform(text)
 
     def action_raised(self, by: int) -> None:
         """Go to the next row with a raised flag byte, or to the previous one."""
-        if self._table.jump_to_raised(by):
-            return
-        if by > 0:
-            self._inform(_("no row below this one whose ERROR or ONLINE is not in order"))
-        else:
-            self._inform(_("no row above this one whose ERROR or ONLINE is not in order"))
+        below = _("no row below this one whose ERROR or ONLINE is not in order")
+        above = _("no row above this one whose ERROR or ONLINE is not in order")
+        index = find_raised(self._model.store, self._table.last_index, by)
+        self._jump(index, below if by > 0 else above)
+
+    def _jump(self, index: int | None, otherwise: str) -> None:
+        """Go to a row by its index, or inform why not."""
+        if not self._table.jump_to_index(index):
+            self._inform(otherwise)
 
     def action_mark(self) -> None:
         """Mark the row under the cursor, or remove its mark."""
@@ -209,14 +213,10 @@ class NavigationActions(ScreenActions):
 
     def action_to_mark(self, by: int) -> None:
         """Go to the next mark, or to the previous one."""
-        if self._table.jump_to_mark(by):
-            return
-        if not self._table.marks:
-            self._inform(_("no row is marked; m marks one"))
-        elif by > 0:
-            self._inform(_("no marked row is shown below this one"))
-        else:
-            self._inform(_("no marked row is shown above this one"))
+        below = _("no marked row is shown below this one")
+        above = _("no marked row is shown above this one")
+        none = "" if self._table.marks else _("no row is marked; m marks one")
+        self._jump(self._table.next_mark(by), none or (below if by > 0 else above))
 
     def action_select(self) -> None:
         """Begin a selection at the cursor's row, or end it."""
@@ -374,7 +374,7 @@ class FindActions(ScreenActions):
                 index = step.next_index
 
     def _show_hit(self, progress: SearchProgress) -> None:
-        if progress.found is None or not self._table.jump_to_index(progress.found):
+        if not self._table.jump_to_index(progress.found):
             self._inform(_("the next row that has it came after the pause; space goes on"))
         elif progress.wrapped:
             self._inform(_("there was no further one: it went on from the other end"))

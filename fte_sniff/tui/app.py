@@ -21,11 +21,12 @@ from textual.filter import LineFilter
 
 from fte_sniff.analysis.feed import Feed
 from fte_sniff.analysis.row_store import BlockSource
+from fte_sniff.analysis.search import Search
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.tui.actions import FindActions, NavigationActions, ViewActions
 from fte_sniff.tui.export_actions import ExportActions
-from fte_sniff.tui.goto import GotoField
+from fte_sniff.tui.goto import GotoField, parse_goal
 from fte_sniff.tui.i18n import THEMES, _, set_language
 from fte_sniff.tui.keys import (
     FINDING,
@@ -89,9 +90,10 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._table = RowTable(store, self._header, TableView(choice=options.choices.columns))
         self._panes = PaneSwitcher(store, self._table, options.line_setup)
         self._notice = NoticeLine()
-        self._filter_field = FilterField(options.row_filter, self._set_filter, self._cursor_ns)
-        self._search_field = SearchField(self._search)
-        self._goto_field = GotoField(self._go)
+        filter_line = options.row_filter.text if options.row_filter else ""
+        self._filter_field = FilterField(filter_line, self._set_filter, self._cursor_ns)
+        self._search_field = SearchField(Search.parse, self._search)
+        self._goto_field = GotoField(parse_goal, self._go)
         self._save_field = SaveField(self._target, self._save)
         self._earlier_filters = []
         self._save_job = None
@@ -164,7 +166,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             self._table.action_first()
         self.set_interval(TICK_S, self._on_clock)
         if self._model.state.running:
-            self._poll_interval.start(lambda: self.call_later(self._on_wake))
+            self._poll_interval.start(lambda: self.call_later(self.tick))
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
             # Only the main thread can have signal handlers.
@@ -199,10 +201,6 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         """The time of a poll, by a monotonic clock."""
         return monotonic_ns()
 
-    def _on_wake(self) -> None:
-        self._poll_interval.on_wake()
-        self.tick()
-
     def _on_clock(self) -> None:
         if self._poll_interval.on_clock():
             self.tick()
@@ -228,8 +226,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             return
         if not self._model.state.running:
             self._poll_interval.stop()
-        self._panes.on_port_events(update.events)
-        self._panes.on_stream_changes(update.stream_changes)
+        self._panes.on_update(update)
         self._report(update)
         if update.changed:
             self._update_table()
@@ -269,7 +266,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         mode = mode_of(model.state, viewport.paused, viewport.following)
         unseen = viewport.waiting if viewport.paused else viewport.below
         self._title_line.show(model.state, mode, unseen)
-        self._status_line.show(model.status_counters(viewport, self._hit_status.text))
+        self._status_line.numbers = model.status_counters(viewport, self._hit_status.text)
         self._filter_field.set_count(model.filter_text)
         self._table.set_empty_text(model.empty_text)
 

@@ -87,16 +87,15 @@ class ExportActions(ScreenActions):
 
     def _rows_to_copy(self) -> list[Row] | None:
         """The rows to copy; None where there are none, or too many."""
-        shown_rows, selected = self._model.store.view, self._table.selected
-        if not selected:
-            row = self._table.cursor_row
+        positions, row = self._selected_positions(), self._table.cursor_row
+        if not self._table.selected:
             return None if row is None else [row]
-        start, end = (shown_rows.position_of(at) for at in (selected.start, selected.stop))
-        if end - start > MAX_COPIED_ROWS:
+        if len(positions) > MAX_COPIED_ROWS:
             text = _("{count:,} rows are too many to copy (at most {most:,}); w saves them")
-            self._inform(text.format(count=end - start, most=MAX_COPIED_ROWS))
+            self._inform(text.format(count=len(positions), most=MAX_COPIED_ROWS))
             return None
-        return [row for _, row in shown_rows.slice(start, end)]
+        rows = self._model.store.view.slice(positions.start, positions.stop)
+        return [row for _, row in rows]
 
     def _copy(self, text: str, rows: int) -> None:
         text = text.rstrip("\n").encode("utf-8", "backslashreplace").decode()
@@ -128,13 +127,16 @@ class ExportActions(ScreenActions):
             self._save_field.open()
 
     def _report_row_count(self) -> None:
-        shown_rows, selected = self._model.store.view, self._table.selected
+        selected = self._selected_positions()
+        count, text = self._model.store.view.count, _("{count:,} shown rows would be saved")
         if selected:
-            count = shown_rows.position_of(selected.stop) - shown_rows.position_of(selected.start)
-            self._inform(_("{count:,} selected rows would be saved").format(count=count))
-        else:
-            count = shown_rows.count
-            self._inform(_("{count:,} shown rows would be saved").format(count=count))
+            count, text = len(selected), _("{count:,} selected rows would be saved")
+        self._inform(text.format(count=count))
+
+    def _selected_positions(self) -> range:
+        """Positions of the selected rows among those shown."""
+        selected, position_of = self._table.selected, self._model.store.view.position_of
+        return range(position_of(selected.start), position_of(selected.stop))
 
     def _target(self, line: str) -> SaveTarget:
         return SaveTarget.parse(line, self._model.state.files)

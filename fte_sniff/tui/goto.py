@@ -13,7 +13,7 @@ from fte_sniff.analysis.search import find_byte
 from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
 from fte_sniff.errors import InputTextError
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.prompt import OnSubmit, PromptField
+from fte_sniff.tui.prompt import PromptField
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,11 +166,6 @@ def time_at(store: RowStore, position: int) -> int | None:
 class GotoField(PromptField):
     """Asks where to go."""
 
-    def __init__(self, on_submit: OnSubmit) -> None:
-        super().__init__(
-            later("go to"),
-            parse_goal,
-            on_submit,
-            "1200, 50%, 12:00:03.5, +2s, -50ms, @8190",
-            _("enter goes there, esc stays here"),
-        )
+    LABEL = later("go to")
+    EXAMPLE = "1200, 50%, 12:00:03.5, +2s, -50ms, @8190"
+    HINT = later("enter goes there, esc stays here")

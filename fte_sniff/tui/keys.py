@@ -132,20 +132,17 @@ def _of_list(key: str, short: str, display: str) -> Binding:
     return Binding(key, f"list('{key}')", short, key_display=display)
 
 
-PICKING: tuple[Binding, ...] = (
-    _of_list("enter", later("Pick"), "enter"),
-    _of_list("escape", later("Back"), "esc"),
-    _of_list("up", later("Up"), "up"),
-    _of_list("down", later("Down"), "down"),
-)
+_BACK = _of_list("escape", later("Back"), "esc")
+_MOVES = (_of_list("up", later("Up"), "up"), _of_list("down", later("Down"), "down"))
+
+PICKING = (_of_list("enter", later("Pick"), "enter"), _BACK, *_MOVES)
 """Keys of a picker."""
 
-CHOOSING: tuple[Binding, ...] = (
+CHOOSING = (
     _of_list("enter", later("Apply"), "enter"),
-    _of_list("escape", later("Back"), "esc"),
+    _BACK,
     _of_list("space", later("Show"), "space"),
-    _of_list("up", later("Up"), "up"),
-    _of_list("down", later("Down"), "down"),
+    *_MOVES,
 )
 """Keys of the column chooser."""
 

@@ -9,17 +9,18 @@ from typing import ClassVar, Generic, TypeAlias, TypeVar
 
 from rich.cells import cell_len
 from rich.style import Style
+from rich.table import Column, Table
 from rich.text import Text
-from textual import events
+from textual import events, on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen, ScreenResultType
-from textual.widget import Widget
-from textual.widgets import Static
+from textual.strip import Strip
+from textual.widgets import OptionList, Static
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
-from fte_sniff.formats.cell_text import fit, padded, wrap
+from fte_sniff.formats.cell_text import padded, wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, FAULT_MEANINGS, Status, status_of
 from fte_sniff.tui.i18n import _, later
@@ -41,53 +42,25 @@ from fte_sniff.tui.table.painter import Sign
 
 Picked = TypeVar("Picked")
 
-MAX_SHARE = 0.9
-"""Share of the screen's height that a list may have."""
-
-BORDER_LINES = 2
 
 CURSOR = Style(reverse=True, bold=True)
 
 
-class PickerLines(Widget):
-    """The lines of a list that fit; a sign marks the one under the cursor."""
+def _line(text: str, right: str) -> Table:
+    """A line of a list, with a text at its right end."""
+    line = Table.grid(Column(ratio=1, no_wrap=True), Column(no_wrap=True), expand=True)
+    line.add_row(Text(text), Text(f" {right}" if right else ""))
+    return line
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._lines: Sequence[tuple[str, str]] = ()
-        self.cursor = 0
 
-    def show(self, lines: Sequence[tuple[str, str]], cursor: int) -> None:
-        """Draw lines, each with a text at its right end."""
-        self._lines, self.cursor = lines, cursor
-        most = int(self.app.size.height * MAX_SHARE) - BORDER_LINES
-        self.styles.height = max(1, min(len(lines), most))
-        self.refresh()
+class LineList(OptionList, can_focus=False):
+    """Lines of which one is under the cursor; a screen handles their keys."""
 
-    @property
-    def top(self) -> int:
-        """The first line in view, so that the cursor is in view."""
-        height = max(1, self.size.height)
-        least = max(0, self.cursor - height + 1)
-        return min(max(least, self.cursor - height // 2), max(0, len(self._lines) - height))
-
-    def line_at(self, event: events.Click) -> int | None:
-        """Number of the clicked line; None outside of the list."""
-        if not self.region.contains(event.screen_x, event.screen_y):
-            return None
-        number = event.screen_y - self.region.y + self.top
-        return number if number < len(self._lines) else None
-
-    def render(self) -> Text:
-        """The lines in view."""
-        width, top = self.size.width, self.top
-        lines = []
-        for number, (text, right) in enumerate(self._lines[top : top + self.size.height], top):
-            left = max(0, width - 2 - (cell_len(right) + 1 if right else 0))
-            line = f"{'>' if number == self.cursor else ' '} {fit(text, left)}"
-            line = fit(f"{line} {right}" if right else line, width)
-            lines.append(Text(line, CURSOR if number == self.cursor else "", end=""))
-        return Text("\n", no_wrap=True, overflow="crop").join(lines)
+    def render_line(self, y: int) -> Strip:
+        """A line; reversed under the cursor, as there may be no colours."""
+        strip = super().render_line(y)
+        under_cursor = self.scroll_offset.y + y == self.highlighted
+        return strip.apply_style(CURSOR) if under_cursor else strip
 
 
 class ListScreen(ModalScreen[ScreenResultType]):
@@ -98,47 +71,53 @@ class ListScreen(ModalScreen[ScreenResultType]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._cursor = 0
         self._done = False
-        self._lines = PickerLines()
+        self._list = LineList(compact=True)
         translate_keys(self)
 
     def compose(self) -> ComposeResult:
         """The box and the line of keys."""
         with Vertical(id="picker"):
-            yield self._lines
+            yield self._list
         yield KeyLine()
 
     @abstractmethod
-    def _show(self) -> None:
-        """Draw the list with `_show_lines`."""
+    def _press(self, event: events.Key) -> None:
+        """Handle a key that does not move the cursor."""
 
     @abstractmethod
-    def _press(self, event: events.Key) -> None:
-        """Handle a key."""
+    def _click(self, number: int) -> None:
+        """Handle a click on a line."""
 
-    def _show_lines(self, title: str, subtitle: str, lines: Sequence[tuple[str, str]]) -> None:
+    @property
+    def _cursor(self) -> int:
+        return self._list.highlighted or 0
+
+    def _show(
+        self, title: str, subtitle: str, lines: Sequence[tuple[str, str]], cursor: int
+    ) -> None:
         box = self.query_one("#picker")
         box.border_title, box.border_subtitle = Text(title), Text(subtitle)
-        self._lines.show(lines, self._cursor)
-
-    def on_mount(self) -> None:
-        """Draw the list."""
-        self._show()
-
-    def on_resize(self) -> None:
-        """Draw the lines that fit."""
-        self._show()
+        self._list.set_options(_line(text, right) for text, right in lines)
+        self._list.highlighted = cursor
 
     def on_key(self, event: events.Key) -> None:
         """Handle a key before the next one acts."""
         event.prevent_default().stop()
+        page, all_lines = max(1, self._list.size.height - 1), self._list.option_count
+        steps = {"up": -1, "down": 1, "pageup": -page, "pagedown": page}
+        steps |= {"ctrl+p": -1, "ctrl+n": 1, "home": -all_lines, "end": all_lines}
         if self._done:
             self.app.post_message(events.Key(event.key, event.character))
-            return
-        self._press(event)
+        elif event.key in steps:
+            self._list.highlighted = self._cursor + steps[event.key]
+        else:
+            self._press(event)
+
+    @on(OptionList.OptionSelected)
+    def _on_clicked(self, event: OptionList.OptionSelected) -> None:
         if not self._done:
-            self._show()
+            self._click(event.option_index)
 
     def _finish(self, result: ScreenResultType | None) -> None:
         self._done = True
@@ -163,7 +142,7 @@ class Picker(ListScreen[Picked | None], Generic[Picked]):
 
     def __init__(self, title: str, entries: Sequence[Entry[Picked]], cursor: int = 0) -> None:
         super().__init__()
-        self._heading, self._entries, self._cursor = title, entries, cursor
+        self._heading, self._entries, self._first = title, entries, cursor
         self._typed = ""
 
     @property
@@ -177,55 +156,39 @@ class Picker(ListScreen[Picked | None], Generic[Picked]):
                 found.append((text.find(words[0]) if words else 0, entry))
         return [entry for _, entry in sorted(found, key=lambda pair: pair[0])]
 
-    def _show(self) -> None:
+    def on_mount(self) -> None:
+        """Draw the list."""
+        self._type("", self._first)
+
+    def _type(self, typed: str, cursor: int = 0) -> None:
+        """Show the entries for a typed text."""
+        self._typed = typed
         lines = [(entry.text, entry.right) for entry in self.shown]
-        self._cursor = min(max(0, self._cursor), max(0, len(lines) - 1))
-        hint = _("type to find, enter picks, esc goes back")
-        typed = f"{self._typed}_" if self._typed else hint
-        self._show_lines(self._heading, typed, lines or [(_("nothing is called that"), "")])
+        hint = f"{typed}_" if typed else _("type to find, enter picks, esc goes back")
+        self._show(self._heading, hint, lines or [(_("nothing is called that"), "")], cursor)
 
     def _press(self, event: events.Key) -> None:
-        page = max(1, self._lines.size.height - 1)
-        steps = {"up": -1, "down": 1, "pageup": -page, "pagedown": page}
-        steps |= {"ctrl+p": -1, "ctrl+n": 1, "home": -len(self._entries), "end": len(self._entries)}
-        if event.key == "escape":
-            self._finish(None)
-        elif event.key == "enter":
-            self._pick(self._cursor)
-        elif event.key in steps:
-            self._cursor += steps[event.key]
-        elif event.key == "backspace":
-            self._typed = self._typed[:-1]
-        elif event.key == "ctrl+u":
-            self._typed = ""
-        elif event.is_printable and event.character:
-            self._typed, self._cursor = self._typed + event.character, 0
+        match event.key:
+            case "escape":
+                self._finish(None)
+            case "enter":
+                self._click(self._cursor)
+            case "backspace":
+                self._type(self._typed[:-1], self._cursor)
+            case "ctrl+u":
+                self._type("", self._cursor)
+            case _ if event.is_printable and event.character:
+                self._type(self._typed + event.character)
 
-    def _pick(self, number: int) -> None:
+    def _click(self, number: int) -> None:
         shown = self.shown
         self._finish(shown[number].value if shown else None)
 
     def on_click(self, event: events.Click) -> None:
-        """Pick the clicked entry; a click outside of the box goes back."""
-        event.stop()
-        number = self._lines.line_at(event)
+        """Go back where the click was outside of the box."""
         box = self.query_one("#picker").region
-        if self._done:
-            return
-        if number is not None and self.shown:
-            self._pick(number)
-        elif not box.contains(event.screen_x, event.screen_y):
+        if not (self._done or box.contains(event.screen_x, event.screen_y)):
             self._finish(None)
-
-    def on_mouse_scroll_up(self) -> None:
-        """Move up."""
-        self._cursor -= 1
-        self._show()
-
-    def on_mouse_scroll_down(self) -> None:
-        """Move down."""
-        self._cursor += 1
-        self._show()
 
 
 VALUES_MEANING = later("all values of a row by their short names, as far as there is room")
@@ -269,21 +232,27 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
             if name not in names
         ]
 
-    def _show(self) -> None:
+    def on_mount(self) -> None:
+        """Draw the list."""
+        self._draw(0)
+
+    def _draw(self, cursor: int) -> None:
         lines = [(column.text, f"{column.width:>3}") for column in self._columns]
-        self._show_lines(_("columns"), _(KEYS), lines)
+        self._show(_("columns"), _(KEYS), lines, cursor)
 
     def _press(self, event: events.Key) -> None:
-        column = self._columns[self._cursor]
+        cursor = self._cursor
+        column, last = self._columns[cursor], len(self._columns) - 1
         match event.key:
-            case "up" | "k":
-                self._cursor = max(0, self._cursor - 1)
-            case "down" | "j":
-                self._cursor = min(len(self._columns) - 1, self._cursor + 1)
-            case "K" | "shift+up":
-                self._move(-1)
-            case "J" | "shift+down":
-                self._move(1)
+            case "k":
+                cursor -= 1
+            case "j":
+                cursor += 1
+            case "K" | "shift+up" | "J" | "shift+down":
+                by = -1 if event.key in ("K", "shift+up") else 1
+                cursor = min(max(0, cursor + by), last)
+                self._columns.remove(column)
+                self._columns.insert(cursor, column)
             case "space" | "x":
                 column.is_shown = not column.is_shown
             case "less_than_sign" | "left" | "h":
@@ -296,11 +265,12 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
                 self._finish(self._chosen())
             case "escape" | "q" | "C":
                 self._finish(None)
+        if not self._done:
+            self._draw(cursor)
 
-    def _move(self, by: int) -> None:
-        to = min(max(0, self._cursor + by), len(self._columns) - 1)
-        self._columns.insert(to, self._columns.pop(self._cursor))
-        self._cursor = to
+    def _click(self, number: int) -> None:
+        self._columns[number].is_shown = not self._columns[number].is_shown
+        self._draw(number)
 
     def _chosen(self) -> ChosenColumns | None:
         shown = [column for column in self._columns if column.is_shown]
@@ -308,15 +278,6 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
             return None
         widths = tuple((column.name, column.width) for column in shown)
         return ChosenColumns(ColumnChoice(tuple(column.name for column in shown), widths))
-
-    def on_click(self, event: events.Click) -> None:
-        """Show or hide the clicked column."""
-        event.stop()
-        number = self._lines.line_at(event)
-        if number is not None and not self._done:
-            self._cursor = number
-            self._columns[number].is_shown = not self._columns[number].is_shown
-            self._show()
 
 
 RAISED = later("ERROR or ONLINE reports that a motor is not in order")
@@ -379,12 +340,12 @@ class HelpPage(ModalScreen[None]):
         Binding(keys, action, short, priority=True, show=bool(short), key_display=display)
         for keys, action, short, display in (
             ("escape,question_mark,q,enter", "dismiss", later("Back"), "esc"),
-            ("down,j", "scroll(1)", later("Down"), "down"),
-            ("up,k", "scroll(-1)", later("Up"), "up"),
-            ("pagedown,ctrl+d,space", "page(1)", later("Page"), "space"),
-            ("pageup,ctrl+u", "page(-1)", "", None),
-            ("home,g", "edge(-1)", later("Start"), "g"),
-            ("end,G", "edge(1)", later("End"), "G"),
+            ("down,j", "scroll('down')", later("Down"), "down"),
+            ("up,k", "scroll('up')", later("Up"), "up"),
+            ("pagedown,ctrl+d,space", "scroll('page_down')", later("Page"), "space"),
+            ("pageup,ctrl+u", "scroll('page_up')", "", None),
+            ("home,g", "scroll('home')", later("Start"), "g"),
+            ("end,G", "scroll('end')", later("End"), "G"),
         )
     ]
 
@@ -417,14 +378,6 @@ class HelpPage(ModalScreen[None]):
         more = _("{count} more lines: down, pgdn, end   esc: back").format(count=below)
         page.border_subtitle = more if below > 0 else _("esc: back")
 
-    def action_scroll(self, by: int) -> None:
-        """Scroll by lines, once the page is laid out."""
-        self.call_after_refresh(self._page.scroll_relative, y=by, animate=False)
-
-    def action_page(self, by: int) -> None:
-        """Scroll by a page."""
-        (self._page.scroll_page_down if by > 0 else self._page.scroll_page_up)(animate=False)
-
-    def action_edge(self, by: int) -> None:
-        """Go to the end, or to the start (negative)."""
-        (self._page.scroll_end if by > 0 else self._page.scroll_home)(animate=False)
+    def action_scroll(self, to: str) -> None:
+        """Scroll the page, once it is laid out."""
+        self.call_after_refresh(getattr(self._page, f"scroll_{to}"), animate=False)

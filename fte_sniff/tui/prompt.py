@@ -17,7 +17,6 @@ from textual.suggester import Suggester
 from textual.widget import Widget
 from textual.widgets import Input, Static
 
-from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.session.save import EXAMPLE
@@ -74,20 +73,14 @@ class PromptLine(Input):
         Binding("escape", "leave", later("Back"), key_display="esc"),
     ]
 
-    def __init__(
-        self,
-        placeholder: str,
-        suggester: Suggester | None,
-        submit: OnSubmit,
-        leave: Callable[[], None],
-    ) -> None:
+    def __init__(self, field: PromptField, placeholder: str, suggester: Suggester | None) -> None:
         super().__init__(placeholder=placeholder, compact=True, suggester=suggester)
         translate_keys(self)
         self.history = History()
         self.can_focus = False
         self.is_open = False
         """Whether keys are typed into it."""
-        self._submit_line, self._leave_field = submit, leave
+        self._field = field
 
     async def on_key(self, event: events.Key) -> None:
         """Let each key act before the next one, also when several are typed ahead.
@@ -118,42 +111,34 @@ class PromptLine(Input):
     def on_blur(self) -> None:
         """Leave where another widget was clicked, but not where the terminal lost the focus."""
         if self.is_open and self.app.app_focus:
-            self._leave_field()
+            self._field.close()
 
     async def action_submit(self) -> None:
-        """Submit the line; an invalid one can be corrected."""
-        self._submit_line(self.value.strip())
+        """Submit the line."""
+        self._field.submit(self.value.strip())
 
     def action_leave(self) -> None:
         """Close the field."""
-        self._leave_field()
+        self._field.close()
 
 
 class PromptField(Vertical):
     """A labelled input that is checked while the user types."""
 
-    def __init__(
-        self,
-        label: str,
-        check: Check,
-        on_submit: OnSubmit,
-        placeholder: str,
-        hint: str,
-        suggester: Suggester | None = None,
-    ) -> None:
-        """A closed field.
+    LABEL: ClassVar[str]
+    """What is asked for; in English, since errors begin with it."""
+    EXAMPLE: ClassVar[str]
+    """A line that is shown while there is none."""
+    HINT: ClassVar[str]
+    """What the keys do, shown while the line is valid."""
 
-        Args:
-            label: what is asked for; in English, since errors begin with it.
-            check: parses a line.
-            on_submit: receives a valid line.
-            placeholder: an example, shown while the line is empty.
-            hint: what the keys do, shown while the line is valid.
-            suggester: completes the line.
-        """
+    def __init__(
+        self, check: Check, on_submit: OnSubmit, suggester: Suggester | None = None
+    ) -> None:
+        """A closed field: `check` parses a line, `on_submit` receives a valid one."""
         super().__init__()
-        self._label, self._check, self._on_submit, self._hint = label, check, on_submit, hint
-        self._line = PromptLine(placeholder, suggester, self._submit, self.close)
+        self._check, self._on_submit = check, on_submit
+        self._line = PromptLine(self, self.EXAMPLE, suggester)
         self._focused_before: Widget | None = None
         self._verdict = WrappedText(classes="verdict")
         self.current = ""
@@ -163,7 +148,7 @@ class PromptField(Vertical):
     def compose(self) -> ComposeResult:
         """The label, the input and, below, the verdict."""
         with Horizontal(classes="asked"):
-            yield Static(Text(f" {_(self._label)} "), classes="label")
+            yield Static(Text(f" {_(self.LABEL)} "), classes="label")
             yield self._line
         yield self._verdict
 
@@ -210,7 +195,13 @@ class PromptField(Vertical):
         event.stop()
         self._judge(event.value)
 
-    def _submit(self, line: str) -> None:
+    @property
+    def hint(self) -> str:
+        """The translated hint."""
+        return _(self.HINT)
+
+    def submit(self, line: str) -> None:
+        """Forward a valid line and close; an invalid one can be corrected."""
         if self._judge(line):
             self._line.history.append(line)
             self._on_submit(line)
@@ -222,9 +213,9 @@ class PromptField(Vertical):
             if line.strip():
                 self._check(line)
         except FteSniffError as error:
-            self._show_verdict("✗", error_text(error).removeprefix(f"{self._label}: "), bad=True)
+            self._show_verdict("✗", error_text(error).removeprefix(f"{self.LABEL}: "), bad=True)
             return False
-        self._show_verdict("✓" if line.strip() else " ", self._hint, bad=False)
+        self._show_verdict("✓" if line.strip() else " ", self.hint, bad=False)
         return True
 
     def _show_verdict(self, sign: str, text: str, bad: bool) -> None:
@@ -283,24 +274,18 @@ class FilterSuggester(Suggester):
 class FilterField(PromptField):
     """Asks for a filter; shows the current one with the number of rows that pass."""
 
+    LABEL = later("filter")
+    EXAMPLE = "motor = 1 AND rpm > 500"
+    HINT = later("enter applies, empty shows all; tab completes, up: earlier ones; esc: back")
+
     def __init__(
-        self,
-        row_filter: RowFilter | None,
-        on_submit: OnSubmit,
-        cursor_ns: Callable[[], int | None],
+        self, current: str, on_submit: OnSubmit, cursor_ns: Callable[[], int | None]
     ) -> None:
         """A field with the filter in effect; `cursor_ns` returns the time that is suggested."""
-        super().__init__(
-            later("filter"),
-            parse_filter,
-            on_submit,
-            "motor = 1 AND rpm > 500",
-            _("enter applies, empty shows all; tab completes, up: earlier ones; esc: back"),
-            FilterSuggester(cursor_ns),
-        )
+        super().__init__(parse_filter, on_submit, FilterSuggester(cursor_ns))
         self._count = Static(classes="shown")
         self._count_text = ""
-        self.current = row_filter.text if row_filter else ""
+        self.current = current
 
     def on_mount(self) -> None:
         """Add the count after the line."""
@@ -325,14 +310,9 @@ class FilterField(PromptField):
 class SearchField(PromptField):
     """Asks for a text or bytes."""
 
-    def __init__(self, on_submit: OnSubmit) -> None:
-        super().__init__(
-            later("search"),
-            Search.parse,
-            on_submit,
-            "rpm=1000, AA 01, hex:AA ?? 03",
-            _("enter finds the next row from here on, then n and N; up: earlier ones"),
-        )
+    LABEL = later("search")
+    EXAMPLE = "rpm=1000, AA 01, hex:AA ?? 03"
+    HINT = later("enter finds the next row from here on, then n and N; up: earlier ones")
 
     def open(self) -> None:
         """Let the user type."""
@@ -343,14 +323,11 @@ class SearchField(PromptField):
 class SaveField(PromptField):
     """Asks for a file name; checks while the user types whether the file can be written."""
 
-    def __init__(self, check: Check, on_submit: OnSubmit) -> None:
-        forms = " ".join(FORMAT_BY_SUFFIX)
-        super().__init__(
-            later("save to"),
-            check,
-            on_submit,
-            EXAMPLE,
-            _("enter saves, esc goes back; the name's end is the form: {forms}").format(
-                forms=forms
-            ),
-        )
+    LABEL = later("save to")
+    EXAMPLE = EXAMPLE
+    HINT = later("enter saves, esc goes back; the name's end is the form: {forms}")
+
+    @property
+    def hint(self) -> str:
+        """With the names of all forms."""
+        return super().hint.format(forms=" ".join(FORMAT_BY_SUFFIX))

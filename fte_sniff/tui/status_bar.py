@@ -11,6 +11,7 @@ from rich.cells import cell_len
 from rich.text import Text
 from textual.binding import Binding
 from textual.events import Click
+from textual.reactive import reactive
 from textual.widget import Widget
 
 from fte_sniff.analysis.feed import FeedState
@@ -140,7 +141,7 @@ class StatusCounters:
 
 def status_text(numbers: StatusCounters, width: int) -> str:
     """The status line in exactly `width` cells; the last numbers are left out first."""
-    parts = _parts(numbers) if width >= WIDE else _short_parts(numbers)
+    parts = _parts(numbers, abbreviated=width < WIDE)
     if numbers.hits:
         parts.insert(1, numbers.hits)
     if numbers.line_errors:
@@ -159,26 +160,25 @@ def status_text(numbers: StatusCounters, width: int) -> str:
     return fit(line, width)
 
 
-def _parts(numbers: StatusCounters) -> list[str]:
-    per_s = numbers.frames_per_s
-    rate = [] if per_s is None else [_("{rate:>6,.0f} frames/s").format(rate=per_s)]
-    malformed = _("{count:>6,} malformed {share:>6}").format(
-        count=numbers.malformed, share=_share(numbers, 2)
-    )
-    return [_("{count:>9,} rows").format(count=numbers.rows), *rate, malformed]
+def _parts(numbers: StatusCounters, *, abbreviated: bool) -> list[str]:
+    """Rows, rate and malformed rows; abbreviated, the rate is the last."""
+    malformed = _("{count:>6,} malformed {share:>6}")
+    if abbreviated:
+        malformed = _("{count:>5,} bad {share:>5}")
+    share = _share_text(numbers.malformed_share, 1 if abbreviated else 2)
+    parts = [
+        _("{count:>9,} rows").format(count=numbers.rows),
+        malformed.format(count=numbers.malformed, share=share),
+    ]
+    if abbreviated and numbers.frames_per_s is not None:
+        parts.append(f"{numbers.frames_per_s:>5,.0f}/s")
+    elif numbers.frames_per_s is not None:
+        parts.insert(1, _("{rate:>6,.0f} frames/s").format(rate=numbers.frames_per_s))
+    return parts
 
 
-def _short_parts(numbers: StatusCounters) -> list[str]:
-    """The same abbreviated, the rate last."""
-    rate = [] if numbers.frames_per_s is None else [f"{numbers.frames_per_s:>5,.0f}/s"]
-    malformed = _("{count:>5,} bad {share:>5}").format(
-        count=numbers.malformed, share=_share(numbers, 1)
-    )
-    return [_("{count:>9,} rows").format(count=numbers.rows), malformed, *rate]
-
-
-def _share(numbers: StatusCounters, digits: int) -> str:
-    share, least = numbers.malformed_share, 10.0 ** -(digits + 2)
+def _share_text(share: float, digits: int) -> str:
+    least = 10.0 ** -(digits + 2)
     if 0 < share < least:
         return f"<{least:.{digits}%}"
     return f"{share:.{digits}%}" if share < 1 else "100%"
@@ -187,21 +187,12 @@ def _share(numbers: StatusCounters, digits: int) -> str:
 class StatusLine(Widget):
     """The line of numbers at the bottom."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._numbers: StatusCounters | None = None
-
-    def show(self, numbers: StatusCounters) -> None:
-        """Draw changed numbers."""
-        if numbers != self._numbers:
-            self._numbers = numbers
-            self.refresh()
+    numbers: reactive[StatusCounters | None] = reactive(None)
 
     def render(self) -> Text:
         """The line."""
-        if self._numbers is None:
-            return Text()
-        return Text(status_text(self._numbers, self.size.width), no_wrap=True, overflow="crop")
+        line = status_text(self.numbers, self.size.width) if self.numbers else ""
+        return Text(line, no_wrap=True, overflow="crop")
 
 
 GAP = 1

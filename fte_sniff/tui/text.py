@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Final
+
+from rich.cells import cell_len
 
 from fte_sniff.formats import cell_text
 from fte_sniff.formats.cell_text import ELLIPSIS, fit
@@ -33,12 +35,15 @@ def short_values(row: Row, width: int | None = None) -> str:
     if kind is None:
         return ""
     forms = _forms(kind, row.raw)
-    text = next(forms)
-    while width is not None and len(text) > width:
-        shorter = next(forms, None)
-        if shorter is None:
+    return next(forms) if width is None else first_fitting(forms, width)
+
+
+def first_fitting(texts: Iterable[str], width: int) -> str:
+    """The first text that fits into `width` cells, or else the last."""
+    text = ""
+    for text in texts:
+        if cell_len(text) <= width:
             break
-        text = shorter
     return text
 
 

@@ -220,32 +220,6 @@ WAKE_INTERVAL_S: Final = 1 / 25
 """Shortest time between two wake-ups, seconds; a live feed sends batches less often."""
 
 
-class WakeUp:
-    """Calls back whenever a file descriptor is readable, but not too often."""
-
-    def __init__(self, descriptor: int, callback: Callable[[], object]) -> None:
-        """Start to listen; needs a running event loop, which makes the calls."""
-        self._descriptor, self._callback = descriptor, callback
-        self._loop = asyncio.get_running_loop()
-        self._timer: asyncio.TimerHandle | None = None
-        self._listen()
-
-    def stop(self) -> None:
-        """Make no more calls; may be called again."""
-        self._loop.remove_reader(self._descriptor)
-        if self._timer is not None:
-            self._timer.cancel()
-
-    def _listen(self) -> None:
-        self._loop.add_reader(self._descriptor, self._on_readable)
-
-    def _on_readable(self) -> None:
-        # The descriptor stays readable until the feed, which has its own pace, reads it.
-        self._loop.remove_reader(self._descriptor)
-        self._timer = self._loop.call_later(WAKE_INTERVAL_S, self._listen)
-        self._callback()
-
-
 TICK_S: Final = 1 / 20
 """Interval at which the clock polls the feed, seconds."""
 
@@ -258,24 +232,32 @@ class PollInterval:
 
     def __init__(self, feed: Feed) -> None:
         self._feed = feed
-        self._wake_up: WakeUp | None = None
         self._woken = False
         self._last_key_ns = monotonic_ns() - KEY_PAUSE_NS
+        self._stop_listening: Callable[[], object] = lambda: None
 
     def start(self, callback: Callable[[], object]) -> None:
-        """Call back when a live feed has data; needs a running event loop."""
-        if isinstance(self._feed, LiveFeed):
-            self._wake_up = WakeUp(self._feed.descriptor, callback)
+        """Call back when a live feed has data, but not too often; needs a running event loop."""
+        if not isinstance(self._feed, LiveFeed):
+            return
+        loop, descriptor = asyncio.get_running_loop(), self._feed.descriptor
+
+        def listen() -> None:
+            loop.add_reader(descriptor, on_readable)
+            self._stop_listening = partial(loop.remove_reader, descriptor)
+
+        def on_readable() -> None:
+            # The descriptor stays readable until the feed, which has its own pace, reads it.
+            loop.remove_reader(descriptor)
+            self._stop_listening = loop.call_later(WAKE_INTERVAL_S, listen).cancel
+            self._woken = True
+            callback()
+
+        listen()
 
     def stop(self) -> None:
         """Make no more calls; may be called again."""
-        if self._wake_up is not None:
-            self._wake_up.stop()
-            self._wake_up = None
-
-    def on_wake(self) -> None:
-        """Note that the feed was polled because it had data."""
-        self._woken = True
+        self._stop_listening()
 
     def on_clock(self) -> bool:
         """Whether to poll at this tick of the clock: not where the feed woke the screen since."""

@@ -146,20 +146,11 @@ class BytesPane(Pane):
     EXPLAINS_ROW = True
     HINT = HINT
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._dumped: tuple[object, ...] | None = None
-
     def draw(self, context: PaneContext) -> None:
         """Dump the bytes around the cursor's row, where they are not shown already."""
         if context.row is None or context.index is None:
-            self._dumped = None
-            self.set_page(Text(_(NO_ROW)))
+            self.set_page_of(Text, _(NO_ROW))
             return
-        width = self.page_size.width
         rows = neighbours(context.store, context.index, CONTEXT_LINES * BYTES_PER_LINE[0])
-        dumped = (context.row, rows[0].offset, len(rows), width, context.palette)
-        if dumped != self._dumped:
-            self._dumped = dumped
-            self.set_title(_(TITLE).format(offset=context.row.offset))
-            self.set_page(dump(context.row, rows, width, context.palette))
+        self.set_title(_(TITLE).format(offset=context.row.offset))
+        self.set_page_of(dump, context.row, rows, self.page_size.width, context.palette)

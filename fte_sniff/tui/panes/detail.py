@@ -72,13 +72,12 @@ def detail_text(
     """The explanation of a row; positions in turns too, where the set-up gives pulses per turn."""
     lines = _heading(row, palette, layout, zone)
     style = palette.statuses[row.status]
-    for explanation in explain(row):
-        first, *more = wrap(_(explanation), layout.width - 2)
-        lines.append(Text(f"{MARKS[row.status]} {first}", style=style))
-        lines += [Text(f"  {line}", style=style) for line in more]
+    marked = [(MARKS[row.status], explanation, style) for explanation in explain(row)]
     if row.order_uncertain:
-        first, *more = wrap(_(UNCERTAIN_ORDER), layout.width - 2)
-        lines += [Text(f"{ORDER_MARK} {first}"), *(Text(f"  {line}") for line in more)]
+        marked.append((ORDER_MARK, UNCERTAIN_ORDER, Style.null()))
+    for mark, text, style in marked:
+        for n, part in enumerate(wrap(_(text), layout.width - 2)):
+            lines.append(Text(f"{' ' if n else mark} {part}", style=style))
     fields = [_with_turns(field, line_setup) for field in dissect(row)]
     value_width = _VALUE_WIDTH if any(field.value for field in fields) else 0
     for field in fields:
@@ -183,20 +182,12 @@ class DetailPane(Pane):
     NAME = "detail"
     EXPLAINS_ROW = True
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._explained: tuple[Row, Palette, DetailLayout, LineSetup, tzinfo] | None = None
-
     def draw(self, context: PaneContext) -> None:
         """Explain the cursor's row, where it is not explained already."""
         self.set_title(_(TITLE))
-        if context.row is None:
-            self._explained = None
-            self.set_page(Text(_(NO_ROW)))
-            return
         layout = DetailLayout(self.page_size.width, self.app.size.height >= TALL)
-        wanted = (context.row, context.palette, layout, context.line_setup, context.zone)
-        if self._explained != wanted:
-            self._explained = wanted
-            self.set_page(detail_text(*wanted))
+        setup, zone = context.line_setup, context.zone
+        if context.row is None:
+            self.set_page_of(Text, _(NO_ROW))
+        elif self.set_page_of(detail_text, context.row, context.palette, layout, setup, zone):
             self.scroll_home(animate=False)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from typing import Final
 
-from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
@@ -20,7 +19,7 @@ from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.plot import Curves, PlotStyles, dots_across, plot
 from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.text import span_text, turns_text
+from fte_sniff.tui.text import first_fitting, span_text, turns_text
 
 SECOND_NS: Final = 1_000_000_000
 
@@ -186,7 +185,8 @@ class MotorCard:
         yield self._commands(width)
         p50, p99 = span_text(self.state.delay_p50_ns), span_text(self.state.delay_p99_ns)
         rate = rate_text(self.state.feedback_per_s)
-        yield _first_fitting(FEEDBACK, width, rate=rate, p50=p50, p99=p99)
+        forms = (_(form).format(rate=rate, p50=p50, p99=p99) for form in FEEDBACK)
+        yield Text(first_fitting(forms, width))
         if tall:
             yield from self._bit_lines()
 
@@ -212,10 +212,10 @@ class MotorCard:
             t_ns, bit = changes[0]
             value, second = error.byte >> bit & 1, self.view.clock(t_ns, 0)
             form = _(BIT_SET if value else BIT_CLEARED)
-            forms = (form.format(bit=bit, time=time) for time in (self.view.clock(t_ns), second))
-            short = BIT_SHORT.format(bit=bit, value=value, time=second)
-            fitting = (one for one in forms if text.cell_len + cell_len(one) < width)
-            text.append(f" {next(fitting, short)}", self.palette.muted)
+            forms = [form.format(bit=bit, time=time) for time in (self.view.clock(t_ns), second)]
+            forms.append(BIT_SHORT.format(bit=bit, value=value, time=second))
+            change = first_fitting(forms, width - text.cell_len - 1)
+            text.append(f" {change}", self.palette.muted)
         return text
 
     def _bit_lines(self) -> Iterator[Text]:
@@ -294,7 +294,8 @@ class MotorCard:
             text = _(WAITING).format(rate=rate, span=span_text(wait_ns))
             return Text(text, style=self.palette.statuses[Status.SUSPECT])
         total = state.answered + state.unanswered
-        return _first_fitting(COMMANDS, width, rate=rate, unanswered=state.unanswered, all=total)
+        values = {"rate": rate, "unanswered": state.unanswered, "all": total}
+        return Text(first_fitting((_(form).format(**values) for form in COMMANDS), width))
 
     @property
     def _quantity(self) -> str:
@@ -324,11 +325,6 @@ def _by_importance(kind: FrameKind) -> list[Field]:
     if not kind.names_motor:
         return list(kind.fields)
     return sorted(kind.fields, key=lambda field: field.name != kind.subject)
-
-
-def _first_fitting(forms: Sequence[str], width: int, **values: object) -> Text:
-    texts = [_(form).format(**values) for form in forms]
-    return Text(next((text for text in texts if cell_len(text) <= width), texts[-1]))
 
 
 TITLE: Final = later("motors, {span}: line now, dots target")
@@ -393,14 +389,6 @@ def _as_of(context: PaneContext) -> str:
     return _(AS_OF).format(row=context.row_number, time=time)
 
 
-@dataclass(frozen=True, slots=True)
-class _PastState:
-    index: int
-    window_ns: int
-    motors: Motors
-    traces: Traces
-
-
 class MotorsPane(Pane):
     """All motors at the cursor's row, or now."""
 
@@ -411,7 +399,8 @@ class MotorsPane(Pane):
     def __init__(self) -> None:
         super().__init__()
         self._window = DEFAULT_WINDOW
-        self._past: _PastState | None = None
+        self._past: tuple[int, int, Motors, Traces] | None = None
+        """State at the index of a row, with traces over a time span."""
 
     def zoom(self, by: int) -> None:
         """Plot a longer (`by` 1) or shorter (-1) time span."""
@@ -431,24 +420,17 @@ class MotorsPane(Pane):
 
     def _view(self, context: PaneContext) -> MotorsView | None:
         models, now_ns, window_ns = context.models, context.now_ns, WINDOWS_NS[self._window]
+        motors, traces = models.motors, models.traces
         if context.following or context.index is None:
             self._past = None
-            motors, traces = models.motors, models.traces
         else:
-            past = self._state_at(context, context.index, window_ns)
-            if past is None:
-                return None
-            motors, traces = past.motors, past.traces
+            wanted = (context.index, window_ns)
+            if self._past is None or self._past[:2] != wanted:
+                past = models.motors_at(context.index)
+                if past is None:
+                    return None
+                since_ns = (now_ns or 0) - window_ns
+                self._past = (*wanted, past, models.traces_at(context.index, since_ns))
+            *_, motors, traces = self._past
         states = tuple(motors.states(now_ns))
         return MotorsView(states, traces, now_ns, window_ns, context.line_setup, context.zone)
-
-    def _state_at(self, context: PaneContext, index: int, window_ns: int) -> _PastState | None:
-        past = self._past
-        if past is not None and (past.index, past.window_ns) == (index, window_ns):
-            return past
-        motors = context.models.motors_at(index)
-        if motors is None:
-            return None
-        traces = context.models.traces_at(index, (context.now_ns or 0) - window_ns)
-        self._past = _PastState(index, window_ns, motors, traces)
-        return self._past

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import tzinfo
-from typing import ClassVar
+from typing import ClassVar, ParamSpec
 
-from rich.cells import cell_len
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
@@ -20,8 +20,11 @@ from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import Row
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.text import first_fitting
 
 HINT = later("J K: scroll   esc: close")
+
+P = ParamSpec("P")
 
 _CORNERS = 4
 
@@ -66,6 +69,7 @@ class Pane(VerticalScroll, can_focus=False):
         super().__init__()
         self._page = Static()
         self._drawn: Text | None = None
+        self._wanted: tuple[object, ...] = ()
         self.display = False
         self.set_class(self.EXPLAINS_ROW, "-row")
 
@@ -95,9 +99,17 @@ class Pane(VerticalScroll, can_focus=False):
     def set_title(self, *titles: str) -> None:
         """Set the first title that fits, or else the last."""
         width = self.size.width - _CORNERS
-        title = next((title for title in titles if cell_len(title) <= width), titles[-1])
-        with_hint = f"{title}   {_(self.HINT)}"
-        self.border_title = Text(with_hint if cell_len(with_hint) <= width else title)
+        title = first_fitting(titles, width)
+        self.border_title = Text(first_fitting((f"{title}   {_(self.HINT)}", title), width))
+
+    def set_page_of(self, draw: Callable[P, Text], *args: P.args, **kwargs: P.kwargs) -> bool:
+        """Show `draw(...)`, where it is not shown already; returns whether it is new."""
+        wanted = (draw, args, kwargs)
+        is_new = wanted != self._wanted
+        if is_new:
+            self._wanted = wanted
+            self.set_page(draw(*args, **kwargs))
+        return is_new
 
     def set_page(self, page: Text) -> None:
         """Show the page, where it is not shown already."""

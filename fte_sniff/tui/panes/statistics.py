@@ -13,8 +13,9 @@ from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.counters import Durations, TimeSeries
-from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, FlagStats, TimeText, flag_texts
-from fte_sniff.analysis.statistics import PortStats, Statistics, StreamStats
+from fte_sniff.analysis.live_models import LiveModels
+from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, TimeText, flag_texts
+from fte_sniff.analysis.statistics import PortStats, StreamStats
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import (
     UNKNOWN,
@@ -96,14 +97,8 @@ STREAMS_HEAD: Final = later("kind and motor")
 class StatisticsPage:
     """The statistics as text."""
 
-    statistics: Statistics
-    flags: Sequence[FlagStats]
-    """Of every motor."""
+    models: LiveModels
     now_ns: int | None
-    behind: int
-    """Rows that are still to be counted."""
-    missed: int
-    """Rows that left memory uncounted."""
     width: int
     """Cells."""
     palette: Palette
@@ -124,15 +119,16 @@ class StatisticsPage:
         return Text(text, style=self.palette.muted)
 
     def _lines(self) -> Iterator[Text]:
-        if self.behind:
-            yield self._muted(_(BEHIND).format(rows=self.behind))
-        if self.missed:
-            yield self._muted(_(MISSED).format(rows=self.missed))
-        ports, streams = self.statistics.ports(), self.statistics.streams(self.now_ns)
+        models, statistics = self.models, self.models.statistics
+        if models.pending:
+            yield self._muted(_(BEHIND).format(rows=models.pending))
+        if models.missed:
+            yield self._muted(_(MISSED).format(rows=models.missed))
+        ports, streams = statistics.ports(), statistics.streams(self.now_ns)
         if not ports:
             yield self._muted(_(NO_ROWS))
             return
-        raised = [_(text) for text in flag_texts(self.flags, self._when, in_order=True)]
+        raised = [_(text) for text in flag_texts(models.flags.stats(), self._when, in_order=True)]
         if raised:
             # A motor with an error is on top, so that nobody has to scroll to it.
             for line in raised:
@@ -211,7 +207,7 @@ class StatisticsPage:
             yield Text.assemble("  ", (fit(name, _NAME_WIDTH), self.palette.kinds[kind]), cells)
 
     def _faults(self) -> Iterator[Text]:
-        faults = self.statistics.faults()
+        faults = self.models.statistics.faults()
         if not faults:
             yield Text(_(NO_FAULTS))
             return
@@ -251,15 +247,6 @@ class StatisticsPane(Pane):
     def draw(self, context: PaneContext) -> None:
         """Draw the current numbers."""
         self.set_title(_(TITLE))
-        models = context.models
-        page = StatisticsPage(
-            models.statistics,
-            models.flags.stats(),
-            context.newest_ns,
-            models.pending,
-            models.missed,
-            self.page_size.width,
-            context.palette,
-            context.zone,
-        )
+        width, palette = self.page_size.width, context.palette
+        page = StatisticsPage(context.models, context.newest_ns, width, palette, context.zone)
         self.set_page(page.text)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from time import perf_counter
 from typing import Final
 
-from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.live_models import LiveModels
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
-from fte_sniff.protocol import PortEvent
 from fte_sniff.tui.panes.bytes import BytesPane
 from fte_sniff.tui.panes.detail import DetailPane
 from fte_sniff.tui.panes.motors import MotorsPane
@@ -18,6 +16,7 @@ from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.statistics import StatisticsPane
 from fte_sniff.tui.table.theme import palette_of
 from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.view_model import ViewUpdate
 
 PANES: Final[tuple[type[Pane], ...]] = (DetailPane, BytesPane, MotorsPane, StatisticsPane)
 
@@ -91,13 +90,10 @@ class PaneSwitcher:
         if self._open is not None:
             self._open.scroll_relative(y=by, animate=False)
 
-    def on_port_events(self, events: Sequence[PortEvent]) -> None:
-        """Count port events."""
-        self._models.statistics.observe_events(events)
-
-    def on_stream_changes(self, changes: Sequence[StreamChange]) -> None:
-        """Forward gaps and baud changes between rows of the store to the models."""
-        self._models.add_changes(changes)
+    def on_update(self, update: ViewUpdate) -> None:
+        """Forward port events, and gaps and baud changes between rows, to the models."""
+        self._models.statistics.observe_events(update.events)
+        self._models.add_changes(update.stream_changes)
 
     def tick(self, now_ns: int, running: bool) -> None:
         """Update the models with new rows, and draw the open pane where it is due.

@@ -123,8 +123,7 @@ LONG_VALUES_WIDTH = 45
 
 _MICROSECONDS_WIDTH = len("12:00:00.000000")
 _PORT_WIDTH = 12
-_FAULTS_WIDTH = 19
-_HEX_WIDTH = 3 * FRAME_LENGTH - 1
+_TEXT_WIDTHS = {VALUES: LONG_VALUES_WIDTH, "raw": 3 * FRAME_LENGTH - 1, "faults": 19}
 _COUNT_WIDTH = 10
 
 
@@ -171,18 +170,12 @@ def column_of(name: str, view: TableView) -> TableColumn:
         return _time_column(view)
     if name == "port":
         return _port_column(view.ports)
-    if name == VALUES:
-        return TableColumn(name, name, LONG_VALUES_WIDTH, False, _plain_cell)
-    if name == "raw":
-        return TableColumn(name, name, _HEX_WIDTH, False, _hex_cell)
-    if name == "faults":
-        return TableColumn(name, name, _FAULTS_WIDTH, False, _words_cell)
     if name in ("offset", "length", "cmd"):
         width = _COUNT_WIDTH if name == "offset" else len(name)
         return TableColumn(name, name, width, True, _plain_cell)
-    widest = max(len(word) for word in COLUMN_BY_NAME[name].words)
-    text = _kind_cell if name == "kind" else _plain_cell
-    return TableColumn(name, name, max(widest, len(name)), False, text)
+    text = {"raw": _hex_cell, "faults": _words_cell, "kind": _kind_cell}.get(name, _plain_cell)
+    width = _TEXT_WIDTHS.get(name) or max(map(len, (name, *COLUMN_BY_NAME[name].words)))
+    return TableColumn(name, name, width, False, text)
 
 
 def _time_column(view: TableView) -> TableColumn:
@@ -313,12 +306,8 @@ class TableLayout:
 
     def end_of(self, name: str) -> int:
         """The cell after the column of that name."""
-        end = len(MARKS[Status.OK])
-        for column in self.columns:
-            end += column.width + 1
-            if column.name == name:
-                break
-        return end
+        names = [column.name for column in self.columns]
+        return TableLayout(self.columns[: names.index(name) + 1]).width
 
     def column_at(self, cell: int) -> TableColumn | None:
         """The column at a cell of the line; the gap before a column belongs to it."""

@@ -13,13 +13,14 @@ from textual import events, on
 from textual.binding import BindingType
 from textual.geometry import Region, Size
 from textual.message import Message
+from textual.reactive import reactive
 from textual.scroll_view import ScrollView
 from textual.scrollbar import ScrollDown, ScrollTo, ScrollUp
 from textual.strip import Strip
 from textual.widget import Widget
 
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.analysis.search import Search, find_fault, find_raised
+from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.protocol import Row
@@ -44,15 +45,7 @@ class TableHeader(Widget):
     class Clicked(Message):
         """The header was clicked."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._painter: Painter | None = None
-
-    def show(self, painter: Painter) -> None:
-        """Draw the painter's column names."""
-        if self._painter != painter:
-            self._painter = painter
-            self.refresh()
+    painter: reactive[Painter | None] = reactive(None)
 
     def on_click(self) -> None:
         """Post the message."""
@@ -64,9 +57,9 @@ class TableHeader(Widget):
 
     def render_line(self, y: int) -> Strip:
         """The names."""
-        if self._painter is None:
+        if self.painter is None:
             return Strip.blank(self.size.width, self.rich_style)
-        strip = self._painter.head(self.rich_style)
+        strip = self.painter.head(self.rich_style)
         return strip.adjust_cell_length(self.size.width, self.rich_style)
 
 
@@ -231,7 +224,7 @@ class RowTable(ScrollView, can_focus=True):
         except FteSniffError as failure:
             self.post_message(self.Failed(failure))
             return
-        self._header.show(painter)
+        self._header.painter = painter
         drawn = (painter, self._cells, viewport.cursor - viewport.top, self.scrollable_size)
         if drawn != self._drawn:
             self._drawn = drawn
@@ -368,26 +361,14 @@ class RowTable(ScrollView, can_focus=True):
         self.viewport.jump(position)
         self._on_moved()
 
-    def jump_to_index(self, index: int) -> bool:
-        """Put the cursor on a shown row by its index; False where a pause hides it."""
-        position = self._store.view.position_of(index)
+    def jump_to_index(self, index: int | None) -> bool:
+        """Put the cursor on a row by its index; False where there is none or a pause hides it."""
+        position = self.viewport.count if index is None else self._store.view.position_of(index)
         if position >= self.viewport.count:
             return False
         self.jump(position)
         return True
 
-    def jump_to_fault(self, by: int) -> bool:
-        """Go to the nearest fault below (`by` 1) or above (-1), if there is one."""
-        index = find_fault(self._store, self._cursor_index, by)
-        return index is not None and self.jump_to_index(index)
-
-    def jump_to_raised(self, by: int) -> bool:
-        """Go to the nearest row with a raised flag byte, if there is one."""
-        index = find_raised(self._store, self._cursor_index, by)
-        return index is not None and self.jump_to_index(index)
-
-    def jump_to_mark(self, by: int) -> bool:
-        """Go to the nearest shown mark, if there is one."""
-        shown = filter(self._store.view.has, self.marks.beyond(self._cursor_index, by))
-        index = next(shown, None)
-        return index is not None and self.jump_to_index(index)
+    def next_mark(self, by: int) -> int | None:
+        """Index of the nearest shown mark below (`by` 1) or above (-1)."""
+        return next(filter(self._store.view.has, self.marks.beyond(self._cursor_index, by)), None)
