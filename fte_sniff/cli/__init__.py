@@ -4,6 +4,7 @@ Modules:
 
     bridge             `fte-sniff bridge`: pass bytes between host and controller; record both.
     capture_command    Run a capture with screen or plain lines.
+    completion         `fte-sniff completion`: scripts for shells; ports, files, filters.
     decode             `fte-sniff decode`: files to text, Parquet, MCAP or raw bytes.
     doctor             `fte-sniff doctor`: faults of the set-up, each with a command that fixes it.
     encode             `fte-sniff encode`: bytes of a frame from its values.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.capture_command import capture_options, run_capture
+from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.options import FileName
 from fte_sniff.cli.settings import load_settings
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command(name="bridge", short_help="Sit between a host program and the controller.")
-@click.argument("port")
+@click.argument("port", shell_complete=complete_port)
 @click.option("--link", type=FileName(), help="Make this link for host programs.")
 @capture_options
 def command(

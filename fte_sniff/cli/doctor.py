@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.options import Seconds, list_format_option
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.writers import printable_json
@@ -22,7 +23,7 @@ EXIT_WRONG = 1
 
 
 @click.command(name="doctor", short_help="What is wrong with this set-up, and how to fix it.")
-@click.argument("port", required=False)
+@click.argument("port", required=False, shell_complete=complete_port)
 @click.option("--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s.")
 @click.option(
     "--seconds",

@@ -15,9 +15,11 @@ from typing import Any
 
 import click
 
+from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import FileName
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.input_kind import (
+    KIND_OF_SUFFIX,
     InputKind,
     kind_of_content,
     kind_of_file,
@@ -48,7 +50,14 @@ def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
     ) -> Any:
         return command(how=ReadOptions(kind, topic, day, zone), **others)
 
-    files = click.argument("files", nargs=-1, required=True, metavar="FILE...", type=FileName())
+    files = click.argument(
+        "files",
+        nargs=-1,
+        required=True,
+        metavar="FILE...",
+        type=FileName(),
+        shell_complete=files_with(KIND_OF_SUFFIX),
+    )
     kind = click.option(
         "--input",
         "kind",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fte_sniff.cli.capture_command import capture_options, run_capture
+from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import UsageError
 
@@ -19,7 +20,7 @@ _MOST_PORTS = 2
 
 
 @click.command(name="live", short_help="Capture a port, record it and watch it.")
-@click.argument("ports", nargs=-1, metavar="PORT [PORT]")
+@click.argument("ports", nargs=-1, metavar="PORT [PORT]", shell_complete=complete_port)
 @capture_options
 def command(
     ports: tuple[str, ...], no_reconnect: bool, config: Path | None, **options: Any

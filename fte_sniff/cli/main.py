@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -12,6 +13,7 @@ from typing import NoReturn
 
 import click
 
+from fte_sniff.cli.completion import VARIABLE
 from fte_sniff.cli.streams import (
     abandon,
     abandon_stdout,
@@ -26,7 +28,7 @@ PROGRAM = "fte-sniff"
 
 _NAMES = (
     *("live", "view", "decode", "stats", "hex", "encode"),
-    *("bridge", "simulate", "repair", "ports", "doctor"),
+    *("bridge", "simulate", "repair", "ports", "doctor", "completion"),
 )
 
 COMMANDS: Mapping[str, str] = MappingProxyType({name: f"fte_sniff.cli.{name}" for name in _NAMES})
@@ -48,7 +50,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, or fail with the closest name."""
         name = args[0]
-        if name not in COMMANDS and not name.startswith("-"):
+        if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
             near = get_close_matches(name, COMMANDS, 1)
             hint = f" Did you mean {near[0]}?" if near else ""
             ctx.fail(f"No such command '{name}'.{hint}")
@@ -98,6 +100,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _run(arguments: Sequence[str]) -> int:
+    if asked := os.environ.get(VARIABLE):
+        from click.shell_completion import shell_complete
+
+        return shell_complete(fte_sniff, {}, PROGRAM, VARIABLE, asked)
     # click's own `main` would turn a closed pipe into exit code 1.
     try:
         with fte_sniff.make_context(PROGRAM, list(arguments)) as context:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from fte_sniff.analysis.time_text import ClockTime, clock_time, duration_ns, time_ns
+from fte_sniff.cli.completion import complete_filter
 from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
 from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
 
@@ -158,7 +159,7 @@ def _absolute(text: str, option: str, zone: tzinfo) -> int:
 
 
 def _explain(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
-    if text is None or text.strip().lower() != "help":
+    if text is None or text.strip().lower() != "help" or context.resilient_parsing:
         return text
     from fte_sniff.analysis.filter.terms import FILTER_HELP
 
@@ -172,6 +173,7 @@ filter_option = click.option(
     metavar="EXPR",
     is_eager=True,
     callback=_explain,
+    shell_complete=complete_filter,
     help="Only rows that match: motor = 1 AND rpm > 500. '--filter help' explains the language.",
 )
 """The `--filter` option."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fte_sniff.cli.completion import complete_filter
 from fte_sniff.cli.options import Seconds, parse_seconds, row_filter
 from fte_sniff.errors import UsageError, quoted
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
@@ -148,6 +149,7 @@ def options_with(
         click.option(
             "--trigger",
             metavar="EXPR",
+            shell_complete=complete_filter,
             help="Keep only the time around rows for which this filter holds: error > 0.",
         ),
         click.option(

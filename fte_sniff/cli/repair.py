@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import FileName
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError
@@ -18,7 +19,7 @@ _MOST_GAPS = 20
 
 
 @click.command(name="repair", short_help="Repair a damaged recording.")
-@click.argument("file", type=FileName())
+@click.argument("file", type=FileName(), shell_complete=files_with([".mcap"]))
 @click.option(
     "-o",
     "--output",

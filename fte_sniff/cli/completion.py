@@ -1,0 +1,83 @@
+"""`fte-sniff completion`, and the completion of ports, input files and filters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection
+from glob import escape
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+VARIABLE = "_FTE_SNIFF_COMPLETE"
+"""The environment variable by which the script asks the program for completions."""
+
+
+@click.command(name="completion", short_help="Print the completion script of a shell.")
+@click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
+@click.pass_context
+def command(context: click.Context, shell: str) -> None:
+    """Print the script that completes commands, options, ports, files and filters.
+
+    The lines for ~/.bashrc, for ~/.zshrc (after compinit), and a command for fish:
+
+    \b
+    eval "$(fte-sniff completion bash)"
+    eval "$(fte-sniff completion zsh)"
+    fte-sniff completion fish >~/.config/fish/completions/fte-sniff.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    root = context.find_root()
+    script = get_completion_class(shell)
+    assert script is not None
+    click.echo(script(root.command, {}, str(root.info_name), VARIABLE).source())
+
+
+def complete_port(_context: click.Context, _port: click.Parameter, start: str) -> list[str]:
+    """The ports that are plugged in, by device and stable name, and the simulator."""
+    from fte_sniff.capture.discovery import list_ports
+
+    names = [name for port in list_ports() for name in (port.device, port.by_id) if name]
+    return [name for name in (*names, "sim://") if name.startswith(start)]
+
+
+def complete_filter(_context: click.Context, _filter: click.Parameter, start: str) -> list[str]:
+    """The fields and words that complete the last word of a filter."""
+    from fte_sniff.protocol import COLUMNS
+
+    written = re.sub(r"\w*$", "", start)
+    words = [word for column in COLUMNS for word in (column.name, *column.words)]
+    return [written + word for word in words if (written + word).startswith(start)]
+
+
+def files_with(
+    suffixes: Collection[str],
+) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem[str]]]:
+    """A completer of folders, and of files with one of these suffixes."""
+
+    def complete(
+        _context: click.Context, _file: click.Parameter, start: str
+    ) -> list[CompletionItem[str]]:
+        from click.shell_completion import CompletionItem
+
+        name = start.rpartition("/")[2]
+        folder = start.removesuffix(name)
+        try:
+            found = sorted(Path(folder or ".").expanduser().glob(f"{escape(name)}*"))
+        except OSError:
+            return []
+        files = [path.name for path in found if path.suffix.lower() in suffixes and path.is_file()]
+        if not files:
+            return [CompletionItem(start, type="dir")]
+        if any(quote(file) != file for file in files):
+            return [CompletionItem(start, type="file")]  # the shell knows how to quote such names
+        folders = [f"{path.name}/" for path in found if path.is_dir()]
+        return [CompletionItem(folder + each) for each in files + folders]
+
+    return complete

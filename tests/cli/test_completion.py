@@ -1,0 +1,94 @@
+"""Completion in real shells, and what the program offers them."""
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.protocol import COLUMNS
+from tests.cli.conftest import SAMPLES
+from tests.cli.terminals import ruling, terminal
+
+SHELLS = {
+    "bash": (["bash", "--norc", "--noprofile", "-i"], 'eval "$(fte-sniff completion bash)"'),
+    "zsh": (
+        ["zsh", "-f", "-i"],
+        'autoload -Uz compinit && compinit -u -D && eval "$(fte-sniff completion zsh)"',
+    ),
+    "fish": (["fish", "--no-config", "-i"], "fte-sniff completion fish | source"),
+}
+"""How each shell is started without the user's settings, and how it loads the script."""
+
+TYPED = (
+    ("fte-sniff enc\tres\t\n", "AA 00 00 00 00 00 00 00 00 EE"),
+    ("fte-sniff decode sub\tin\t--form\tcs\t --filter mecan\t\n", ",mecanum,"),
+    ("fte-sniff live si\t --plain --no-record --count 1\n", "1 row"),
+)
+"""What is typed, with tabs, and what it prints if each tab completes the word."""
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_tab_completes(environment: dict[str, str], tmp_path: Path, shell: str) -> None:
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
+    program, load = SHELLS[shell]
+    folder = tmp_path / "work"
+    (folder / "subfolder").mkdir(parents=True)
+    shutil.copy(SAMPLES / "clean.hex", folder / "subfolder/inner.hex")
+    (folder / "subfolder/inner.png").touch()
+    here = f"{Path(sys.executable).parent}{os.pathsep}{environment['PATH']}"
+    own = environment | {"PATH": here, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}
+    with terminal(own, folder, program=program, manner=ruling, size=(200, 50)) as screen:
+        screen.type(f"{load}; echo rea''dy\n")
+        screen.until("ready")
+        for keys, shown in TYPED:
+            screen.type(keys)
+            screen.until(shown)
+        screen.type("exit\n")
+        screen.ended()
+
+
+@pytest.fixture
+def offered(run, environment: dict[str, str]):
+    """What the program offers for the last word, as its type and its text."""
+
+    def offered(*words: str) -> list[str]:
+        environment["_FTE_SNIFF_COMPLETE"] = "bash_complete"
+        environment["COMP_WORDS"] = "\n".join(["fte-sniff", *words])
+        environment["COMP_CWORD"] = str(len(words))
+        done = run()
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout.splitlines()
+
+    return offered
+
+
+def test_files_are_offered_by_extension_and_folders(offered, tmp_path: Path) -> None:
+    for name in ("a.mcap", "a.MCAP", "a.log", "a.png", ".a.raw", "b c.hex", "d[1].csv", "e/f.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert offered("decode", "a") == ["plain,a.MCAP", "plain,a.log", "plain,a.mcap"]
+    assert offered("repair", "a") == ["plain,a.MCAP", "plain,a.mcap"]
+    assert offered("view", "e/") == ["plain,e/f.txt"]
+    assert offered("stats", "e") == ["dir,e"]
+    assert offered("stats", "none/x") == ["dir,none/x"]
+    assert offered("decode", "'b ") == ["file,b "]
+    assert offered("decode", "d[") == ["file,d["]
+
+
+def test_words_of_a_filter_are_offered(offered) -> None:
+    assert offered("live", "--filter", "mot") == ["plain,motor"]
+    assert offered("live", "--trigger", "'motor = 1 AND rp") == ["plain,motor = 1 AND rpm"]
+    assert len(offered("decode", "--filter", "")) == sum(1 + len(each.words) for each in COLUMNS)
+    assert offered("decode", "--filter", "help", "--lim") == ["plain,--limit"]
+
+
+def test_nothing_is_offered_after_an_unknown_command(offered) -> None:
+    assert offered("lvie", "x") == [""]
+
+
+def test_ports_are_offered(offered) -> None:
+    for command in ("live", "bridge", "doctor"):
+        assert "plain,sim://" in offered(command, "")
