@@ -18,7 +18,13 @@ from itertools import count
 from pathlib import Path
 
 from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
-from fte_sniff.recording.mcap.append_file import AppendFile, AppendTarget, Stream
+from fte_sniff.recording.mcap.append_file import (
+    AppendFile,
+    AppendTarget,
+    CutOffError,
+    NotRestoredError,
+    Stream,
+)
 
 
 def stopped_by_error(path: object, error: OSError, rows: int) -> FileError:
@@ -28,6 +34,21 @@ def stopped_by_error(path: object, error: OSError, rows: int) -> FileError:
         return FileError(
             "{where}: its reader is gone; the recording ended after {rows:,} rows",
             where=where,
+            rows=rows,
+        )
+    if isinstance(error, CutOffError):
+        return FileError(
+            "recording stopped: another program cut off {path} while it was being written; "
+            "of the {rows} rows in it, those after the cut are lost; leave the file alone",
+            path=path,
+            rows=rows,
+        )
+    if isinstance(error, NotRestoredError):
+        return FileError(
+            "recording stopped: {reason}; {path} has the {rows} rows up to there, but also bytes "
+            "of the failed write; copy it with `fte-sniff decode {path} -o NAME.mcap`",
+            reason=reason_of(error),
+            path=path,
             rows=rows,
         )
     return FileError(
@@ -86,7 +107,7 @@ class OutputPath:
     path: Path
     """The file's name once `commit` was called."""
     descriptor: int
-    """The file, empty at first, open for writing."""
+    """The file, empty at first, open for reading and writing."""
 
     def __init__(self, path: Path, existing: Existing) -> None:
         """Make the file and lock it.
@@ -164,12 +185,12 @@ def _new(wanted: Path, existing: Existing) -> tuple[int, Path | None]:
     if existing is not Existing.NUMBER and wanted.exists():
         raise FileExistsError
     with suppress(OSError):  # other errors appear again below
-        descriptor = os.open(wanted.parent, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o666)
+        descriptor = os.open(wanted.parent, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o666)
         _lock(descriptor, wanted)
         return descriptor, None
     for path in _names(wanted, existing):
         with suppress(FileExistsError):
-            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
             # Not removed if another program locked it first: that one replaces it.
             _lock(descriptor, path)
             return descriptor, path

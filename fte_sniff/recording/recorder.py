@@ -247,16 +247,20 @@ class Recorder:
         self._files.closed(writer.path, writer.flushed_rows)
         cause = failure.__cause__
         self._is_disk_full = isinstance(cause, OSError) and cause.errno in _FULL
+        self._note(writer, failure)
+        unflushed = writer.unflushed
+        if not (self._backoff.is_due and self._resume(unflushed)):
+            self._miss(unflushed)
+        self._backoff.failed()
+
+    def _note(self, writer: RecordingWriter, failure: FileError) -> None:
+        """Begin the gap after a file that failed."""
         self._failure = failure
         gap = Gap(GapKind.WRITE_ERROR, 0, reason=str(failure))
         if writer.is_gone and writer.span_ns is not None and writer.flushed_rows:
             gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
         self._gaps.append(gap)
         self._changes.append(Change(None, failure))
-        unflushed = writer.unflushed
-        if not (self._backoff.is_due and self._resume(unflushed)):
-            self._miss(unflushed)
-        self._backoff.failed()
 
     def _resume(self, unflushed: Sequence[Entry]) -> bool:
         """Go on in a new file that begins with `unflushed`; False if that fails."""
@@ -307,8 +311,12 @@ class Recorder:
             self._backoff.tried()
             return
         writer.write_metadata(Metadata(NEXT_NAME, {"file": following.path.name}))
-        with suppress(FileError):  # all rows are flushed, and the file is valid
+        try:
             writer.close()
+        except FileError as failure:
+            # Otherwise all rows are flushed, and the file is valid.
+            if writer.is_gone:
+                self._note(writer, failure)
         self._files.closed(writer.path, writer.flushed_rows)
         self._go_on(following)
 

@@ -18,7 +18,7 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.mcap.append_file import AppendTarget
+from fte_sniff.recording.mcap.append_file import AppendTarget, CutOffError
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile
 from fte_sniff.recording.messages.codec import encodable, encodable_items
 from fte_sniff.recording.messages.packer import Channels, ColumnPacker
@@ -99,7 +99,7 @@ class RecordingWriter:
         self.failure: FileError | None = None
         """Why the recording stopped; None while it goes on."""
         self.is_gone = False
-        """Whether the file was deleted, moved or replaced."""
+        """Whether the file was deleted, moved, replaced or cut off."""
         self._last_of_port: dict[str, int] = {}
         self._last_time = 0
         self._metadata: list[Metadata] = []
@@ -160,7 +160,8 @@ class RecordingWriter:
     def flush(self) -> None:
         """End the chunk and push it to the disk. Call it at least once a second.
 
-        Raises FileError if the disk is full or failed; or the file was deleted, moved or replaced.
+        Raises FileError if the disk is full or failed; or the file was deleted, moved, replaced or
+        cut off by another program.
         """
         self._check()
         try:
@@ -221,6 +222,7 @@ class RecordingWriter:
             raise ValueError(f"{self.path} is closed already")
 
     def _stop(self, error: OSError) -> FileError:
+        self.is_gone = isinstance(error, CutOffError)
         self.failure = stopped_by_error(self.path, error, self.flushed_rows)
         return self.failure
 

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import termios
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
@@ -168,21 +168,33 @@ def test_ended_while_it_starts_it_leaves_no_noise_and_no_broken_file(
     assert all(run("decode", file).returncode == 0 for file in files)
 
 
-def test_a_deleted_recording_is_told_at_once_and_the_rows_go_on(
-    environment, tmp_path: Path
+def _empty(path: Path) -> None:
+    """Wait for two chunks and their indexes, then do as `: > path`."""
+    wait_until(lambda: path.read_bytes().count(b"zstd") >= 4)
+    os.truncate(path, 0)
+
+
+@pytest.mark.parametrize(
+    ("take_away", "what"),
+    [(Path.unlink, "x.mcap was deleted"), (_empty, "another program cut off x.mcap")],
+)
+def test_a_recording_that_is_taken_away_is_reported_at_once_and_the_rows_go_on(
+    environment, tmp_path: Path, take_away: Callable[[Path], None], what: str
 ) -> None:
     with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
-        (tmp_path / "x.mcap").unlink()
-        assert b"x.mcap was deleted" in until_told(process, b"recording goes on in x_00002.mcap")
+        take_away(tmp_path / "x.mcap")
+        reported = until_told(process, b"recording goes on in x_00002.mcap")
+        assert what in reported.decode()
         until(process, b"speed_feedback")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
     assert code == 4
-    assert "recorded to x_00002.mcap" in errors
+    assert "recorded to " in errors
+    assert "x_00002.mcap" in errors
     last = errors.splitlines()[-1]
     assert last.startswith("fte-sniff: ")
-    assert "were not recorded: recording stopped: x.mcap was deleted" in last
+    assert f"were not recorded: recording stopped: {what}" in last
 
 
 def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(

@@ -192,6 +192,22 @@ def test_a_file_that_is_deleted_or_moved_leaves_a_gap(tmp_path: Path, way: str) 
     assert "\n" not in str(recorder.failure)
 
 
+@pytest.mark.parametrize("left", [0, 3000])
+def test_a_file_that_another_program_cuts_off_leaves_a_gap(tmp_path: Path, left: int) -> None:
+    rows = some_rows(60)
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], options=ALL)
+    _record(recorder, [rows[:20]])
+    os.truncate(tmp_path / "x.mcap", left)
+    _record(recorder, [rows[20:40], rows[40:]])
+    recorder.close()
+    assert (tmp_path / "x.mcap").stat().st_size == left
+    assert _rows(tmp_path / "x_00002.mcap") == rows[20:]
+    (gap,) = _named(tmp_path / "x_00002.mcap", GAP_NAME)
+    assert gap["rows"] == "20"
+    assert "20 rows and port events" in str(recorder.failure)
+    assert "another program cut off" in str(recorder.failure)
+
+
 @contextmanager
 def _small_disk(folder: Path, size: str) -> Iterator[Path]:
     """A file system of its own, of a few hundred kB."""

@@ -24,7 +24,6 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -130,6 +129,14 @@ class AppendTarget(Protocol):
         ...
 
 
+class CutOffError(OSError):
+    """Another program has cut off the file: what was after the cut is lost."""
+
+
+class NotRestoredError(OSError):
+    """A write failed, and so did restoring the file; it is valid, but holds unused bytes."""
+
+
 class AppendFile:
     """A regular file, which is valid after each step.
 
@@ -137,7 +144,7 @@ class AppendFile:
     """
 
     def __init__(self, descriptor: int) -> None:
-        """Take an empty file, open for writing; the caller closes it."""
+        """Take an empty file, open for reading and writing; the caller closes it."""
         self._descriptor = descriptor
         self._end = 0
         self._tail: Tail | None = None
@@ -149,35 +156,50 @@ class AppendFile:
         return self._end + self._tail_length
 
     def append(self, data: bytes, tail: Callable[[], Tail]) -> None:
-        """Overwrite the old tail with data and the new tail, and sync them to the disk."""
+        """Overwrite the old tail with data and the new tail, and sync them to the disk.
+
+        Raises CutOffError, NotRestoredError, or another OSError after which the file is restored.
+        """
         end, new_tail = self._end + len(data), tail()
         tail_bytes = new_tail.at(end)
         stop = end + len(tail_bytes)
+        guard, guard_end = 0, 0
+        self._check_end()
         try:
-            guarded = self._guard(self._tail, stop) if self._tail else 0
-            try:
-                self._overwrite(data + tail_bytes, guarded)
-                os.fdatasync(self._descriptor)
-                if guarded:
-                    # Not synced: until it is on the disk, the file is valid with its old index.
-                    os.ftruncate(self._descriptor, stop)
-            except OSError:
-                self._restore(self._tail, guarded)
-                raise
-        except OSError:
-            with suppress(OSError):
-                os.ftruncate(self._descriptor, self.size)
+            if self._tail is not None:
+                guard, guard_end = self._guard(self._tail, stop)
+                # The guard would hide a cut before it.
+                self._check_end()
+            self._overwrite(data + tail_bytes, guard)
+            os.fdatasync(self._descriptor)
+            if os.fstat(self._descriptor).st_size < guard_end:
+                raise CutOffError
+            if guard:
+                # Not synced: until it is on the disk, the file is valid with its old index.
+                os.ftruncate(self._descriptor, stop)
+        except CutOffError:
+            raise
+        except OSError as error:
+            self._restore(guard, error)
             raise
         self._end, self._tail, self._tail_length = end, new_tail, len(tail_bytes)
 
     def close(self, tail: Tail) -> None:
-        """End the file with this tail, and sync it to the disk."""
+        """End the file with this tail, and sync it to the disk; raises as `append`."""
         if self._tail != tail:
             self.append(b"", lambda: tail)
+        self._check_end()
         os.fdatasync(self._descriptor)
 
-    def _guard(self, tail: Tail, stop: int) -> int:
-        """Write the guard after `stop` and after the file's end; returns where it begins."""
+    def _check_end(self) -> None:
+        """Raise CutOffError if the tail is not where it was written."""
+        if self._tail is not None:
+            last = os.pread(self._descriptor, len(MAGIC), self.size - len(MAGIC))
+            if last != MAGIC:
+                raise CutOffError
+
+    def _guard(self, tail: Tail, stop: int) -> tuple[int, int]:
+        """Write the guard after `stop` and after the file's end; returns its start and end."""
         start = max(stop, self.size)
         start += _room_for_footer(tail.summary_at(start) + tail.index_length)
         guard = replace(tail, data_crc=0, indexed=True).at(start)
@@ -187,7 +209,7 @@ class AppendFile:
         _write_at(self._descriptor, guard[-END_LENGTH:], footer_at)
         if len(guard) <= LARGEST_BARRED:
             os.fdatasync(self._descriptor)
-        return start
+        return start, start + len(guard)
 
     def _overwrite(self, new: bytes, guard: int) -> None:
         """Write `new` over the old tail; if there is a guard, its first bytes last."""
@@ -199,9 +221,16 @@ class AppendFile:
         _write_at(self._descriptor, new[HEAD.size :], after_head)
         _write_at(self._descriptor, new[: HEAD.size], self._end)
 
-    def _restore(self, tail: Tail | None, guard: int) -> None:
-        with suppress(OSError):
-            self._overwrite(tail.at(self._end) if tail else b"", guard)
+    def _restore(self, guard: int, cause: OSError) -> None:
+        """Restore the old tail; only then is the guard, which protects the file, cut off."""
+        try:
+            if guard and self._tail is not None:
+                self._overwrite(self._tail.at(self._end), guard)
+                os.fdatasync(self._descriptor)
+            if os.fstat(self._descriptor).st_size > self.size:
+                os.ftruncate(self._descriptor, self.size)
+        except OSError as error:
+            raise NotRestoredError(*cause.args) from error
 
 
 class Stream:

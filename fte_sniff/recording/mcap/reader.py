@@ -233,11 +233,34 @@ class RecordStream:
             self.ending = TranslatableText(
                 "its last {count} bytes are damaged or missing", count=len(MAGIC)
             )
-        elif self._stream.read(1):
+        elif self._stream.read(1) and not _is_interrupted(self._stream, footer, self._position):
             self.ending = TranslatableText(
                 "bytes that do not belong to it follow its end at byte {position}",
                 position=self._position,
             )
+
+
+_NO_CHECKSUM = HEAD.pack(Opcode.DATA_END, _CRC_LENGTH) + bytes(_CRC_LENGTH)
+
+
+def _is_interrupted(stream: BinaryIO, footer: bytes, stop: int) -> bool:
+    """Whether the bytes after the end are those that `AppendFile` leaves if it is killed.
+
+    `footer` is the body of the footer that ends the file at `stop`. The last footer of the file
+    points to the same summary, or to a copy of one after a data end without checksum.
+    """
+    if not stream.seekable():
+        return False
+    stream.seek(-END_LENGTH, os.SEEK_END)
+    last = stream.read(END_LENGTH)
+    body = last[HEAD.size : -len(MAGIC)]
+    if not last.endswith(MAGIC) or HEAD.unpack_from(last) != (Opcode.FOOTER, len(body)):
+        return False
+    start = parse(Footer, body).summary_start
+    if start <= stop:
+        return body in (footer, footer[:8] + bytes(len(footer) - 8))
+    stream.seek(start - DATA_END_LENGTH)
+    return stream.read(DATA_END_LENGTH) == _NO_CHECKSUM and read_summary(stream) is not None
 
 
 @dataclass(slots=True)

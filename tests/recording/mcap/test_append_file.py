@@ -1,5 +1,6 @@
 """The file between any two steps of a write, as a kill or a power cut would leave it."""
 
+import errno
 import os
 import random
 from collections.abc import Callable, Iterator
@@ -14,9 +15,12 @@ from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
+from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 from fte_sniff.recording.mcap import writer as mcap_file
 from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.repair import is_whole
 from fte_sniff.recording.writer import RecordingWriter
 
 Rows = Callable[..., list[Row]]
@@ -51,26 +55,28 @@ class _Step:
 
 
 @contextmanager
-def _watched(monkeypatch: pytest.MonkeyPatch, steps: list[_Step]) -> Iterator[None]:
-    """Notes each system call that writes, and lets it through."""
+def _before_each_call(
+    monkeypatch: pytest.MonkeyPatch, do: Callable[[_Step], None]
+) -> Iterator[None]:
+    """Calls `do` before each system call that writes; if it raises, the call fails."""
     pwrite, truncate, sync = os.pwrite, os.ftruncate, os.fdatasync
 
-    def noted_write(descriptor: int, data: bytes, offset: int) -> int:
-        steps.append(_Step(offset, bytes(data)))
+    def write_after(descriptor: int, data: bytes, offset: int) -> int:
+        do(_Step(offset, bytes(data)))
         return pwrite(descriptor, data, offset)
 
-    def noted_truncate(descriptor: int, size: int) -> None:
-        steps.append(_Step(size))
+    def truncate_after(descriptor: int, size: int) -> None:
+        do(_Step(size))
         truncate(descriptor, size)
 
-    def noted_sync(descriptor: int) -> None:
-        steps.append(_Step(0, barrier=True))
+    def sync_after(descriptor: int) -> None:
+        do(_Step(0, barrier=True))
         sync(descriptor)
 
     with monkeypatch.context() as patched:
-        patched.setattr(os, "pwrite", noted_write)
-        patched.setattr(os, "ftruncate", noted_truncate)
-        patched.setattr(os, "fdatasync", noted_sync)
+        patched.setattr(os, "pwrite", write_after)
+        patched.setattr(os, "ftruncate", truncate_after)
+        patched.setattr(os, "fdatasync", sync_after)
         yield
 
 
@@ -88,6 +94,16 @@ def _messages(content: bytearray) -> int:
     return found
 
 
+def _assert_whole(content: bytearray, path: Path) -> None:
+    """Our reader finds nothing wrong, and the index leads to true rows."""
+    path.write_bytes(content)
+    reader = RecordingReader(path)
+    rows = list(reader)
+    assert (reader.ending, reader.losses) == ("", ())
+    assert reader.ports == (PORT,)
+    assert [row for batch in reader.batches() for row in batch] == rows
+
+
 def _flushes(
     path: Path, rows: list[Row], monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[tuple[bytearray, list[_Step], int, int]]:
@@ -97,7 +113,7 @@ def _flushes(
         for number, size in enumerate(sizes):
             before, start = bytearray(path.read_bytes()), sum(sizes[:number])
             steps: list[_Step] = []
-            with _watched(monkeypatch, steps):
+            with _before_each_call(monkeypatch, steps.append):
                 writer.write(rows[start : start + size])
                 writer.flush()
             yield before, steps, start, start + size
@@ -115,6 +131,8 @@ def test_the_file_opens_after_a_kill_between_any_two_pages_of_any_write(
             for part in step.cut(PAGE):
                 part.apply(content)
                 assert _messages(content) in (before, after)
+                _assert_whole(content, tmp_path / "killed.mcap")
+                assert is_whole(tmp_path / "killed.mcap") or not long_summary
                 states += 1
         assert _messages(content) == after
     assert states > 80
@@ -161,3 +179,80 @@ def test_a_footer_is_never_written_across_two_sectors(
                 footers += 1
                 assert len(step.cut(SECTOR)) == 1
     assert footers == 14
+
+
+CALLS = 8
+"""System calls of a flush with a guard, and a few of the next one."""
+
+
+def _flushed(path: Path, rows: list[Row]) -> RecordingWriter:
+    writer = RecordingWriter(path, [PORT])
+    for part in (rows[:500], rows[500:700]):
+        writer.write(part)
+        writer.flush()
+    return writer
+
+
+@pytest.mark.parametrize("failing", ["writes", "writes and syncs", "syncs", "all"])
+@pytest.mark.parametrize("first", range(CALLS))
+def test_after_calls_that_fail_from_one_on_the_file_opens_and_the_message_is_true(
+    tmp_path: Path, make_rows: Rows, monkeypatch: pytest.MonkeyPatch, failing: str, first: int
+) -> None:
+    path, rows = tmp_path / "x.mcap", make_rows(900)
+    writer = _flushed(path, rows)
+    size, calls = writer.size, 0
+
+    def fail(step: _Step) -> None:
+        nonlocal calls
+        calls += 1
+        is_write = step.data is not None
+        fails = failing == "all" or (is_write and "writes" in failing)
+        if calls > first and (fails or (step.barrier and "syncs" in failing)):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    writer.write(rows[700:])
+    try:
+        with _before_each_call(monkeypatch, fail):
+            writer.flush()
+    except FileError as error:
+        assert ("complete up to there (700 rows)" in str(error)) == (path.stat().st_size == size)
+        assert ("bytes of the failed write" in str(error)) == (path.stat().st_size > size)
+        expected = 700
+    else:
+        expected = 900
+    writer.close()
+    assert _messages(bytearray(path.read_bytes())) == expected
+    reader = RecordingReader(path)
+    found = list(reader)
+    # The bytes of the failed write may be all that it wrote.
+    assert found == rows[:expected] or (found == rows and path.stat().st_size > size)
+    assert (reader.ending, reader.losses) == ("", ())
+
+
+@pytest.mark.parametrize("left", [0, 100, 7000, -1])
+@pytest.mark.parametrize("call", range(CALLS))
+def test_a_file_that_is_cut_off_before_any_call_is_reported(
+    tmp_path: Path, make_rows: Rows, monkeypatch: pytest.MonkeyPatch, left: int, call: int
+) -> None:
+    path, rows = tmp_path / "x.mcap", make_rows(900)
+    writer = _flushed(path, rows)
+    size, calls = writer.size, 0
+    assert size > 7000
+
+    def cut(_: _Step) -> None:
+        nonlocal calls
+        calls += 1
+        if calls == call:
+            os.truncate(path, size + left if left < 0 else left)
+
+    if not call:
+        os.truncate(path, size + left if left < 0 else left)
+    writer.write(rows[700:])
+    with (
+        pytest.raises(FileError, match="another program cut off"),
+        _before_each_call(monkeypatch, cut),
+    ):
+        writer.flush()
+        writer.close()
+    assert writer.is_gone
+    writer.close()
