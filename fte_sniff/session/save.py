@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain, count
 from pathlib import Path
 from queue import Full, Queue
 from threading import Thread
@@ -160,8 +161,15 @@ class RawSink:
 OVERWRITE: Final = "!"
 """After a file name, it allows the file to be replaced."""
 
-EXAMPLE: Final = "rows.csv"
-"""An example of a file name."""
+DEFAULT_NAME: Final = "rows.csv"
+"""File name for rows if the user gives none."""
+
+
+def free_path(name: str) -> Path:
+    """The path, or the first of `rows-2.csv`, `rows-3.csv`, ... that does not exist."""
+    path = Path(name)
+    others = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
+    return next(one for one in chain([path], others) if not os.path.lexists(one))
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from textual.widgets import Input, Static
 
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
-from fte_sniff.session.save import EXAMPLE
+from fte_sniff.session.save import DEFAULT_NAME, free_path
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.keys import translate_keys
 from fte_sniff.tui.notices import WrappedText
@@ -104,6 +104,7 @@ class PromptLine(Input):
 
     def action_complete(self) -> None:
         """Accept the suggestion; the focus stays here in any case."""
+        self.value = self.value or self._field.default
         self.cursor_position = len(self.value)
         if self._suggestion:
             self.action_cursor_right()
@@ -200,8 +201,14 @@ class PromptField(Vertical):
         """The translated hint."""
         return _(self.HINT)
 
+    @property
+    def default(self) -> str:
+        """The line that an empty one stands for."""
+        return ""
+
     def submit(self, line: str) -> None:
         """Forward a valid line and close; an invalid one can be corrected."""
+        line = line or self.default
         if self._judge(line):
             self._line.history.append(line)
             self._on_submit(line)
@@ -324,8 +331,18 @@ class SaveField(PromptField):
     """Asks for a file name; checks while the user types whether the file can be written."""
 
     LABEL = later("save to")
-    EXAMPLE = EXAMPLE
+    EXAMPLE = DEFAULT_NAME
     HINT = later("enter saves, esc goes back; the name's end is the form: {forms}")
+
+    def open(self) -> None:
+        """Suggest a name that is free, and let the user type another."""
+        self._line.placeholder = str(free_path(DEFAULT_NAME))
+        super().open()
+
+    @property
+    def default(self) -> str:
+        """The suggested name."""
+        return self._line.placeholder
 
     @property
     def hint(self) -> str:

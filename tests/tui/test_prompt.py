@@ -609,6 +609,28 @@ def test_the_name_of_a_file_is_judged_while_it_is_typed(
     play(feed, scenario)
 
 
+@pytest.mark.parametrize("keys", [("enter",), ("tab", "enter")])
+def test_enter_without_a_name_saves_under_the_suggested_name(
+    feed: Any, speed_rows: Rows, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keys: list[str]
+) -> None:
+    """The suggested name is free, so that no file is in the way."""
+    monkeypatch.chdir(tmp_path)
+    Path("rows.csv").write_text("kept")
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        await press(app, pilot, "w")
+        await settle(app, pilot)
+        assert "rows-2.csv" in page(app)
+        await press(app, pilot, *keys)
+        await until(app, pilot, lambda: "saved 10 rows to rows-2.csv" in page(app))
+
+    play(feed, scenario)
+    assert len(Path("rows-2.csv").read_text().splitlines()) == 11
+    assert Path("rows.csv").read_text() == "kept"
+
+
 def test_nothing_is_there_to_take(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, "y", "Y", "v", "m", "x", "X", "w", "t", "T")
