@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from fte_sniff.cli.input_files import ReadOptions, check_inputs, input_arguments, open_inputs
-from fte_sniff.cli.options import FileName, filter_option, row_filter, span_options, time_range
+from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
+from fte_sniff.cli.options import FileName
 from fte_sniff.cli.output import format_option, summary
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, unwritable
@@ -18,7 +18,7 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 
 
 @click.command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
-@input_arguments
+@input_options
 @format_option(None, tuple(OutputFormat))
 @click.option(
     "-o",
@@ -27,18 +27,12 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
     help="Write to this file instead of standard output; its extension selects the format.",
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
-@filter_option
-@span_options
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
-    files: tuple[Path, ...],
-    how: ReadOptions,
+    query: InputQuery,
     form: OutputFormat | None,
     output: Path | None,
     force: bool,
-    filter_text: str | None,
-    since: str | None,
-    until: str | None,
     limit: int | None,
 ) -> None:
     """Decode recordings (.mcap), raw bytes (.bin .raw) and hex text (.hex .txt .log).
@@ -52,24 +46,13 @@ def command(
     fte-sniff decode samples/clean.mcap --from +10s --to +20s
     fte-sniff decode samples/clean.hex --format csv -o clean.csv
     """
-    check_inputs(files, output)
+    check_inputs(query.files, output)
     form = form or _format_for(output)
-    wanted = row_filter(filter_text)
-    inputs = open_inputs(files, how)
-    span = time_range(since, until, (one.times for one in inputs), how.zone_given())
-    reading = InputReading(inputs, span, wanted, limit)
+    reading = query.read(query.row_filter(), limit)
     _write(form, output, reading, force=force)
     for note in reading.notes:
         print_err(f"fte-sniff: {note}")
-    line = summary(
-        reading.tally,
-        reading.written,
-        partly=reading.written == limit,
-        filter_text=filter_text,
-        spanned=span is not None,
-        gaps=reading.reported_gaps,
-    )
-    print_err(line)
+    print_err(summary(reading.tally, reading))
 
 
 def _format_for(output: Path | None) -> OutputFormat:

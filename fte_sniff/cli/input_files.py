@@ -1,22 +1,28 @@
-"""Arguments and options of commands that read files, opened as session inputs."""
+"""Arguments and options of commands that read files: which files, and which of their rows."""
 
 from __future__ import annotations
 
 import shutil
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import tzinfo
-from functools import wraps
+from functools import reduce, wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fte_sniff.cli.completion import files_with
-from fte_sniff.cli.options import FileName
+from fte_sniff.cli.options import (
+    FileName,
+    filter_option,
+    row_filter,
+    span_options,
+    time_range,
+)
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.input_kind import (
     KIND_OF_SUFFIX,
@@ -28,62 +34,134 @@ from fte_sniff.formats.input_kind import (
 )
 from fte_sniff.formats.logs.hex_log import HexLog
 from fte_sniff.formats.logs.log_clock import LogClock, day_of, zone_of
-from fte_sniff.session.inputs import STDIN_NAME, Input, LogInput, RecordingInput
+from fte_sniff.session.inputs import (
+    STDIN_NAME,
+    Input,
+    InputReading,
+    LogInput,
+    RecordingInput,
+)
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter.row_filter import RowFilter
 
 STDIN = Path("-")
 
 
-def input_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add FILE... and the options that say how to read them.
-
-    The command receives `files`, and the options as `how`, a `ReadOptions`.
-    """
-
-    @wraps(command)
-    def with_how(
-        *,
-        kind: InputKind | None,
-        topic: str | None,
-        day: str | None,
-        zone: str | None,
-        **others: Any,
-    ) -> Any:
-        return command(how=ReadOptions(kind, topic, day, zone), **others)
-
-    files = click.argument(
+_OPTIONS = (
+    click.argument(
         "files",
         nargs=-1,
         required=True,
         metavar="FILE...",
         type=FileName(),
         shell_complete=files_with(KIND_OF_SUFFIX),
-    )
-    kind = click.option(
+    ),
+    click.option(
         "--input",
         "kind",
         type=click.Choice([kind.value for kind in InputKind]),
         callback=lambda _context, _option, word: InputKind(word) if word else None,
         help="What the files contain, if their names do not show it.",
-    )
-    topic = click.option(
+    ),
+    click.option(
         "--topic",
         metavar="NAME",
         help="For MCAP files of other programs: the topic with the serial bytes.",
-    )
-    day = click.option(
+    ),
+    click.option(
         "--date",
         "day",
         metavar="DATE",
         help="For hex logs with only a time of day, or dates such as 2/8/2026: the date of the"
         " first, such as 2026-01-31.",
-    )
-    zone = click.option(
+    ),
+    click.option(
         "--zone",
         metavar="ZONE",
         help="The zone of times without one, in hex logs and in --from and --to, such as +08:00 "
         "or Asia/Shanghai.  [default: UTC]",
-    )
-    return files(kind(topic(day(zone(with_how)))))
+    ),
+    filter_option,
+    span_options,
+)
+
+
+def input_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add FILE... and the options that select its rows; the command receives them as `query`."""
+
+    @wraps(command)
+    def with_query(**options: Any) -> Any:
+        query = InputQuery(**{one.name: options.pop(one.name) for one in fields(InputQuery)})
+        return command(query=query, **options)
+
+    return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), with_query)
+
+
+@dataclass(frozen=True, slots=True)
+class InputQuery:
+    """The inputs of a command, how to read them, and which of their rows are wanted."""
+
+    files: tuple[Path, ...]
+    kind: InputKind | None = None
+    """What they contain; None to decide by name or content."""
+    topic: str | None = None
+    """For MCAP files, the topic with serial bytes; None for recordings."""
+    day: str | None = None
+    """For hex logs, the date of the first time."""
+    zone: str | None = None
+    """The zone of times without one; None for UTC."""
+    filter_text: str | None = None
+    """A filter that the rows match; None for all."""
+    since: str | None = None
+    """The first time, as `--from` takes it."""
+    until: str | None = None
+    """The time after the last, as `--to` takes it."""
+
+    def clock(self) -> LogClock:
+        """The clock of a log; raises InputTextError if day or zone is invalid."""
+        day = None if self.day is None else day_of(self.day)
+        return LogClock(day, self.zone_given())
+
+    def zone_given(self) -> tzinfo | None:
+        """The zone of `--zone`, or None; raises InputTextError if there is no such zone."""
+        return None if self.zone is None else zone_of(self.zone)
+
+    def row_filter(self) -> RowFilter | None:
+        """The compiled filter; raises FilterError."""
+        return row_filter(self.filter_text)
+
+    def paths(self) -> list[Path]:
+        """The files, the recordings of folders, and the matches of patterns; `-` is stdin.
+
+        Raises FileError if a folder or a pattern has none.
+        """
+        return [path for named in self.files for path in _expanded(named)]
+
+    def read(
+        self, row_filter: RowFilter | None, limit: int | None = None, baud: int | None = None
+    ) -> InputReading:
+        """Open the inputs; the arguments are those of `InputReading`.
+
+        If all inputs are recordings, they are sorted by their first times.
+
+        Raises:
+            FileError: a file cannot be read, is not what it should be, or does not exist.
+            UsageError: the content of a file is unknown, or does not fit the options.
+            InputTextError: a time, date or zone is invalid.
+        """
+        if self.day is not None or self.zone is not None:
+            self.clock()  # an invalid date or zone is an error even if no log is read
+        inputs = [_opened(path, self) for path in self.paths()]
+        recordings = [one for one in inputs if isinstance(one, RecordingInput)]
+        if len(recordings) == len(inputs):
+            from fte_sniff.recording.reader import start_of
+
+            recordings.sort(key=lambda one: start_of(one.reader))
+            inputs = [*recordings]
+        times = (one.times for one in inputs)
+        span = time_range(self.since, self.until, times, self.zone_given())
+        return InputReading(inputs, span, row_filter, limit, baud)
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
@@ -105,55 +183,8 @@ def _same(one: Path, other: Path) -> bool:
         return False
 
 
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
-    """How the inputs are to be read."""
-
-    kind: InputKind | None = None
-    """What they contain; None to decide by name or content."""
-    topic: str | None = None
-    """For MCAP files, the topic with serial bytes; None for recordings."""
-    day: str | None = None
-    """For hex logs, the date of the first time."""
-    zone: str | None = None
-    """The zone of times without one; None for UTC."""
-
-    def clock(self) -> LogClock:
-        """The clock of a log; raises InputTextError if day or zone is invalid."""
-        day = None if self.day is None else day_of(self.day)
-        return LogClock(day, self.zone_given())
-
-    def zone_given(self) -> tzinfo | None:
-        """The zone of `--zone`, or None; raises InputTextError if there is no such zone."""
-        return None if self.zone is None else zone_of(self.zone)
-
-
-def open_inputs(files: Sequence[Path], how: ReadOptions) -> list[Input]:
-    """Open files, the recordings of folders, and the matches of patterns.
-
-    If all inputs are recordings, they are sorted by their first times.
-
-    Raises:
-        FileError: a file cannot be read, is not what it should be, or does not exist.
-        UsageError: the content of a file is unknown, or does not fit the options.
-    """
-    if how.day is not None or how.zone is not None:
-        how.clock()  # an invalid date or zone is an error even if no log is read
-    inputs = [_opened(path, how) for named in files for path in expand(named)]
-    recordings = [one for one in inputs if isinstance(one, RecordingInput)]
-    if len(recordings) < len(inputs):
-        return inputs
-    from fte_sniff.recording.reader import start_of
-
-    recordings.sort(key=lambda one: start_of(one.reader))
-    return [*recordings]
-
-
-def expand(named: Path) -> list[Path]:
-    """The files of one argument: the file, a folder's recordings, a pattern's matches.
-
-    Raises FileError if there are none.
-    """
+def _expanded(named: Path) -> list[Path]:
+    """The file, a folder's recordings, or a pattern's matches."""
     if named == STDIN or named.is_file():
         return [named]
     from fte_sniff.recording.reader import files_of
@@ -161,19 +192,19 @@ def expand(named: Path) -> list[Path]:
     return list(files_of(named))
 
 
-def _opened(path: Path, how: ReadOptions) -> Input:
-    if how.topic is not None:
-        return _topic(path, how.topic)
+def _opened(path: Path, query: InputQuery) -> Input:
+    if query.topic is not None:
+        return _topic(path, query.topic)
     if path == STDIN:
-        return _stdin(how)
-    chosen = how.kind or kind_of_file(path)
+        return _stdin(query)
+    chosen = query.kind or kind_of_file(path)
     if chosen is InputKind.MCAP:
         from fte_sniff.recording.reader import RecordingReader
 
         return RecordingInput(RecordingReader(path))
     if chosen is InputKind.RAW:
         return LogInput(raw_chunks(path), str(path))
-    return LogInput(HexLog.of_file(path, how.clock()), str(path))
+    return LogInput(HexLog.of_file(path, query.clock()), str(path))
 
 
 def _topic(path: Path, topic: str) -> Input:
@@ -184,9 +215,9 @@ def _topic(path: Path, topic: str) -> Input:
     return LogInput(topic_chunks(path, topic), topic)
 
 
-def _stdin(how: ReadOptions) -> Input:
+def _stdin(query: InputQuery) -> Input:
     stream = BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
-    chosen = how.kind or kind_of_content(stream.peek(1))
+    chosen = query.kind or kind_of_content(stream.peek(1))
     if chosen is InputKind.MCAP:
         from fte_sniff.recording.reader import RecordingReader
 
@@ -199,5 +230,5 @@ def _stdin(how: ReadOptions) -> Input:
             raise FileError(str(error).replace(file.name, STDIN_NAME)) from error
     if chosen is InputKind.RAW:
         return LogInput(raw_stream_chunks(stream, STDIN_NAME), STDIN_NAME, lambda: True)
-    log = HexLog.of_stream(stream, STDIN_NAME, how.clock())
+    log = HexLog.of_stream(stream, STDIN_NAME, query.clock())
     return LogInput(log, STDIN_NAME, log.drained)

@@ -13,6 +13,7 @@ from fte_sniff.protocol import Gap, Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.tally import Tally
+    from fte_sniff.session.inputs import InputReading
 
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -37,36 +38,26 @@ ENOUGH_ROWS = 5
 """This many damaged rows without a frame point to a wrong setup."""
 
 
-def summary(
-    tally: Tally,
-    written: int | None = None,
-    *,
-    partly: bool = False,
-    filter_text: str | None = None,
-    spanned: bool = False,
-    gaps: Sequence[Gap] = (),
-) -> str:
-    """Summary of an input: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
+def summary(tally: Tally, reading: InputReading | None = None) -> str:
+    """Summary of all rows: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
-    Args:
-        tally: counts of all rows that were read.
-        written: how many of them were written; None for all.
-        partly: reading stopped at a limit, so that the counts do not cover the whole input.
-        filter_text: the filter of the rows that were written; None without a filter.
-        spanned: only rows of a time range were read.
-        gaps: gaps that the input reports.
+    With `reading`, whose rows the tally counts, it names what that has left out.
     """
-    if partly:
-        return f"stopped at the limit: {tally.rows:,} rows read so far, {written or 0:,} written"
+    if reading is not None and reading.written == reading.limit:
+        read = f"{tally.rows:,} rows read so far, {reading.written:,} written"
+        return f"stopped at the limit: {read}"
     parts = [f"{tally.rows:,} row{'s' if tally.rows != 1 else ''}"]
-    if written is not None and written != tally.rows:
-        parts[0] += f" read, {written:,} written"
+    if reading is not None and reading.written != tally.rows:
+        parts[0] += f" read, {reading.written:,} written"
     parts += [
         text for status in (Status.SUSPECT, Status.MALFORMED) if (text := _share(tally, status))
     ]
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
-    advice = _missed(tally, written, filter_text, spanned=spanned) or explain_no_frames(tally)
+    advice = explain_no_frames(tally)
+    gaps: Sequence[Gap] = ()
+    if reading is not None:
+        advice, gaps = _missed(tally, reading) or advice, reading.reported_gaps
     lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
     return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
 
@@ -80,12 +71,12 @@ def gap_text(gaps: Sequence[Gap]) -> str:
     return f"{text} in {places:,} place{'s' * (places != 1)}"
 
 
-def _missed(tally: Tally, written: int | None, filter_text: str | None, *, spanned: bool) -> str:
+def _missed(tally: Tally, reading: InputReading) -> str:
     """Why no row was written although rows may have been read; empty otherwise."""
-    if not tally.rows and spanned:
+    if not tally.rows and reading.span is not None:
         return "none is between --from and --to"
-    if tally.rows and written == 0 and filter_text is not None:
-        return f"none of them matches the filter: {printable(filter_text)}"
+    if tally.rows and not reading.written and reading.row_filter is not None:
+        return f"none of them matches the filter: {printable(reading.row_filter.text)}"
     return ""
 
 

@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.input_files import ReadOptions, check_inputs, input_arguments, open_inputs
-from fte_sniff.cli.options import (
-    filter_option,
-    line_speed_option,
-    row_filter,
-    span_options,
-    time_range,
-)
+from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
+from fte_sniff.cli.options import line_speed_option
 from fte_sniff.cli.output import explain_no_frames
 from fte_sniff.cli.stats_json import ReportOptions, statistics_json
 from fte_sniff.cli.streams import print_err
@@ -29,36 +21,18 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.summary import StatisticsSummary
 
 
-class Form(StrEnum):
-    """Output formats of the statistics."""
-
-    TEXT = "text"
-    JSON = "json"
-
-
 @click.command(name="stats", short_help="Statistics over files: rates, faults, silences, answers.")
-@input_arguments
+@input_options
 @click.option(
     "--format",
     "form",
-    type=click.Choice([form.value for form in Form]),
-    callback=lambda _context, _option, word: Form(word),
-    default=Form.TEXT.value,
+    type=click.Choice(["text", "json"]),
+    default="text",
     show_default=True,
     help="Text for people, or one JSON object (docs/stats.md).",
 )
-@filter_option
-@span_options
 @line_speed_option
-def command(
-    files: tuple[Path, ...],
-    how: ReadOptions,
-    form: Form,
-    filter_text: str | None,
-    since: str | None,
-    until: str | None,
-    baud: int | None,
-) -> None:
+def command(query: InputQuery, form: str, baud: int | None) -> None:
     """Print statistics over recordings, raw bytes or hex text, all files together.
 
     Duration, rows and bytes, use and silences of each line; faults by kind; rate, period, jitter
@@ -70,22 +44,20 @@ def command(
     fte-sniff stats logs/ --from -10m
     fte-sniff stats samples/clean.mcap --format json
     """
-    check_inputs(files)
-    wanted = row_filter(filter_text)
-    inputs = open_inputs(files, how)
-    span = time_range(since, until, (one.times for one in inputs), how.zone_given())
-    selections = [selection for one in inputs for selection in one.selections()]
-    reading = InputReading(inputs, span, wanted, baud=baud)
+    check_inputs(query.files)
+    reading = query.read(query.row_filter(), baud=baud)
     summary = _summarize(reading, baud)
-    options = ReportOptions(filter_text, reading.tally.rows, reading.reported_gaps, selections)
-    if form is Form.JSON:
+    options = ReportOptions(
+        query.filter_text, reading.tally.rows, reading.reported_gaps, reading.source.selections
+    )
+    if form == "json":
         numbers = statistics_json(summary, options)
         click.echo(printable_json(json.dumps(numbers, ensure_ascii=False, indent=2)))
     else:
         _show(summary, options)
     for note in reading.notes:
         print_err(f"fte-sniff: {note}")
-    if span is not None and not reading.tally.rows:
+    if reading.span is not None and not reading.tally.rows:
         print_err("fte-sniff: no row is between --from and --to")
     elif advice := explain_no_frames(reading.tally):
         print_err(f"fte-sniff: {advice}")

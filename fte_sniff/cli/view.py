@@ -9,47 +9,30 @@ from pathlib import Path
 
 import click
 
-from fte_sniff.cli.input_files import (
-    STDIN,
-    ReadOptions,
-    check_inputs,
-    expand,
-    input_arguments,
-    open_inputs,
-)
+from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
 from fte_sniff.cli.options import (
     REREAD_ROWS,
-    filter_option,
     keep_rows_option,
     line_setup,
     line_speed_option,
-    row_filter,
-    span_options,
-    time_range,
     units_options,
 )
 from fte_sniff.cli.settings import config_option, lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
-from fte_sniff.session.inputs import Input, InputBatch, InputReading, RecordingInput
+from fte_sniff.session.inputs import Input, InputBatch, RecordingInput
 
 
 @click.command(name="view", short_help="Show files on the screen of live.")
-@input_arguments
-@filter_option
-@span_options
+@input_options
 @keep_rows_option(10_000_000, REREAD_ROWS)
 @line_speed_option
 @units_options
 @config_option
 @lang_option
 def command(
-    files: tuple[Path, ...],
-    how: ReadOptions,
-    filter_text: str | None,
-    since: str | None,
-    until: str | None,
+    query: InputQuery,
     keep_rows: int,
     baud: int | None,
     resolution: float | None,
@@ -64,7 +47,7 @@ def command(
     \b
     fte-sniff view samples/damaged.mcap
     """
-    if STDIN in files:
+    if STDIN in query.files:
         raise UsageError(
             "view reads files only, since the keys come from standard input;"
             " 'fte-sniff decode -' reads it"
@@ -72,24 +55,21 @@ def command(
     if not (sys.stdout.isatty() and sys.stdin.isatty()):
         raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     settings = load_settings(config)
-    check_inputs(files)
+    check_inputs(query.files)
     from fte_sniff.session.replay import RecordingPages, ReplaySession
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 
-    wanted = row_filter(filter_text)
-    inputs = open_inputs(files, how)
-    ports = [port.name for one in inputs for port in one.ports]
+    wanted = query.row_filter()
+    reading = query.read(None, baud=baud)
+    ports = reading.source.ports
     setup = line_setup(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
-    span = time_range(since, until, (one.times for one in inputs), how.zone_given())
-    # A file that cannot be read is reported before the screen opens.
-    pages = RecordingPages() if _recordings_only(inputs) else None
-    reading = InputReading(inputs, span, baud=baud)
+    pages = RecordingPages() if _recordings_only(reading.inputs) else None
     session = ReplaySession(
         _begun(iter(reading)),
-        " ".join(map(str, files)),
-        None if span else _total(inputs),
-        [str(path) for named in files for path in expand(named)],
+        " ".join(map(str, query.files)),
+        None if reading.span else _total(reading.inputs),
+        list(map(str, query.paths())),
         pages,
     )
     opening = StartOptions(
@@ -97,7 +77,7 @@ def command(
         keep_rows=keep_rows,
         line_setup=setup,
         export_source=reading.source,
-        zone=how.zone_given(),
+        zone=query.zone_given(),
         language=settings.language(lang),
         choices=settings.choices,
         save_choices=settings.keep,
@@ -115,7 +95,7 @@ def command(
 
 
 def _begun(batches: Iterator[InputBatch]) -> Iterator[InputBatch]:
-    """The same batches; the first is read at once."""
+    """The same batches; the first is read at once, so that its error comes before the screen."""
     return chain([*islice(batches, 1)], batches)
 
 

@@ -387,7 +387,7 @@ class InputReading:
             baud: the baud of every port; None for that of the inputs.
         """
         self.inputs = inputs
-        self._span, self._filter, self._limit, self._baud = span, row_filter, limit, baud
+        self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
         self.tally = Tally()
         """Counts of all rows that were read."""
         self.notes: list[str] = []
@@ -415,9 +415,9 @@ class InputReading:
 
     def _clip_gaps(self) -> None:
         """Limit the gaps to the times of the rows; the filter makes no gaps."""
-        first_ns = None if self._span is None else self._span.first_ns
-        last_ns = None if self._span is None else self._span.end_ns - 1
-        if self.written == self._limit:
+        first_ns = None if self.span is None else self.span.first_ns
+        last_ns = None if self.span is None else self.span.end_ns - 1
+        if self.written == self.limit:
             last_ns = self._last_ns or 0
         self._gaps[:] = self.source.within(first_ns, last_ns).gaps
 
@@ -425,21 +425,21 @@ class InputReading:
         """The rows that match, up to the limit."""
         for one in self.inputs:
             yield from self.batches_of(one)
-            if self.written == self._limit:
+            if self.written == self.limit:
                 break
         self._clip_gaps()
-        if self._filter is not None:
+        if self.row_filter is not None:
             from fte_sniff.recording.metadata import Selection
 
-            self._selections.append(Selection(self._filter.text, self.tally.rows))
+            self._selections.append(Selection(self.row_filter.text, self.tally.rows))
 
     def batches_of(self, one: Input) -> Iterator[InputBatch]:
         """The rows of one input, which is the next."""
-        changes = self._detector.begin({} if self._baud else _bauds_of([one]), one.gaps(self._span))
+        changes = self._detector.begin({} if self._baud else _bauds_of([one]), one.gaps(self.span))
         if not one.follows(self._before):
             changes.append(self._detector.interrupt(*ANOTHER))
         self._before = one
-        for batch in one.batches(self._span, self.notes.append):
+        for batch in one.batches(self.span, self.notes.append):
             if batch.after_gap:
                 changes.append(self._detector.interrupt(*DAMAGED))
             if gap := self._detector.observe(batch.times):
@@ -448,7 +448,7 @@ class InputReading:
             found = self._matching(batch)
             changes += self._detector.changes(found.rows, found.events)
             yield replace(found, changes=changes)
-            if self.written == self._limit:
+            if self.written == self.limit:
                 return
             changes = []
         if one.losses:
@@ -458,9 +458,9 @@ class InputReading:
 
     def _matching(self, batch: InputBatch) -> InputBatch:
         """The rows of a batch that match, up to the limit."""
-        found = batch if self._filter is None else batch.select(self._filter)
-        if self._limit is not None:
-            found = found.first(self._limit - self.written)
+        found = batch if self.row_filter is None else batch.select(self.row_filter)
+        if self.limit is not None:
+            found = found.first(self.limit - self.written)
             if found.times is not None:
                 self._last_ns = max(self._last_ns or 0, found.times[1])
         self.written += len(found.rows)

@@ -113,11 +113,11 @@ def test_a_span_takes_what_lies_in_it(count: int) -> None:
 
 
 def test_a_large_file_is_read_in_pieces(tmp_path: Path) -> None:
-    from fte_sniff.cli.input_files import ReadOptions, open_inputs
+    from fte_sniff.cli.input_files import InputQuery
 
     path = tmp_path / "large.bin"
     path.write_bytes(FRAME * 200_000)
-    (one,) = open_inputs([path], ReadOptions())
+    (one,) = InputQuery((path,)).read(None).inputs
     sizes = [len(batch.rows) for batch in one.batches(None, lambda _: None)]
     assert sum(sizes) == 200_000
     assert max(sizes) <= SPAN_BYTES // len(FRAME) + 1
