@@ -226,8 +226,21 @@ def _names(wanted: Path, existing: Existing) -> Iterator[Path]:
             yield wanted.with_stem(f"{wanted.stem}-{number}")
 
 
+def lock_replaced(path: Path) -> int | None:
+    """A descriptor that keeps the lock of a file that is to be replaced; None if there is no file.
+
+    Raises FileError if another program records to it.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return None
+    _lock(descriptor, path, fcntl.LOCK_SH)  # an exclusive lock needs write permission on NFS
+    return descriptor
+
+
 def _locked(path: Path) -> int:
-    """A locked descriptor of the file that is to be replaced."""
+    """A locked descriptor of the recording that is to be replaced."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
     _lock(descriptor, path)
     # Another program may have replaced it between the opening and the lock.
@@ -237,10 +250,10 @@ def _locked(path: Path) -> int:
     return descriptor
 
 
-def _lock(descriptor: int, path: Path) -> None:
+def _lock(descriptor: int, path: Path, kind: int = fcntl.LOCK_EX) -> None:
     """Lock the file; if another program has it locked, close it and raise FileError."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
     except BlockingIOError as error:
         os.close(descriptor)
         raise _in_use(path) from error

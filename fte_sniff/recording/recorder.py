@@ -38,6 +38,11 @@ RETRY_S, MAX_RETRY_S = 3.0, 60.0
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
+def _is_disk_full(failure: FileError) -> bool:
+    cause = failure.__cause__
+    return isinstance(cause, OSError) and cause.errno in _FULL
+
+
 class Backoff:
     """Exponential backoff: attempts are further apart if each succeeds but fails again soon."""
 
@@ -245,11 +250,11 @@ class Recorder:
             writer.close()
         self._writer = None
         self._files.closed(writer.path, writer.flushed_rows)
-        cause = failure.__cause__
-        self._is_disk_full = isinstance(cause, OSError) and cause.errno in _FULL
+        self._is_disk_full = _is_disk_full(failure)
         self._note(writer, failure)
         unflushed = writer.unflushed
-        if not (self._backoff.is_due and self._resume(unflushed)):
+        is_due = self._backoff.is_due or (self._is_disk_full and self._deletes_oldest)
+        if not (is_due and self._resume(unflushed)):
             self._miss(unflushed)
         self._backoff.failed()
 
@@ -264,12 +269,21 @@ class Recorder:
 
     def _resume(self, unflushed: Sequence[Entry]) -> bool:
         """Go on in a new file that begins with `unflushed`; False if that fails."""
-        if not self._files.are_regular or not self._has_space():
-            return False
-        try:
-            writer = self._open_next()
-        except FileError:
-            return False
+        while self._files.are_regular and self._has_space():
+            try:
+                writer = self._begin_next(unflushed)
+            except FileError as failure:
+                is_full = _is_disk_full(failure) and self._deletes_oldest
+                if not (is_full and self._files.delete_oldest(keep=1)):
+                    return False
+            else:
+                self._go_on(writer)
+                return True
+        return False
+
+    def _begin_next(self, unflushed: Sequence[Entry]) -> RecordingWriter:
+        """The next file, with the gap before it and these entries; if it fails there is no file."""
+        writer = self._open_next()
         try:
             if self._failure is not None and self._gaps[-1].start_ns is not None:
                 writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(self._gaps[-1])))
@@ -279,13 +293,16 @@ class Recorder:
             with suppress(FileError, OSError):
                 writer.close()
                 writer.path.unlink()
-            return False
-        self._go_on(writer)
-        return True
+            raise
+        return writer
+
+    @property
+    def _deletes_oldest(self) -> bool:
+        return self._options.on_full is OnFull.ROTATE_OLDEST
 
     def _has_space(self) -> bool:
         """Whether another file may be begun; deletes the oldest files if the options allow it."""
-        if self._options.on_full is OnFull.STOP:
+        if not self._deletes_oldest:
             return not self._files.limit_reached(0)
         if self._is_disk_full:
             self._files.delete_oldest(keep=1)
@@ -335,7 +352,7 @@ class Recorder:
         """Delete the oldest files, or stop, while a limit is reached."""
         writer = self._writer
         while writer is not None and (limit := self._files.limit_reached(writer.size)):
-            if self._options.on_full is OnFull.ROTATE_OLDEST and self._files.delete_oldest():
+            if self._deletes_oldest and self._files.delete_oldest():
                 continue
             with suppress(FileError):  # all rows are flushed, and the file is valid
                 writer.close()

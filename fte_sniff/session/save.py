@@ -248,19 +248,24 @@ class FileExport:
         """Create the temporary file, in the same folder; an old one is replaced.
 
         Raises:
-            OSError: it cannot be created.
+            FileError: another program records to `path`.
+            OSError: the file cannot be created.
         """
         self.path = path
         self._temporary = temporary_path(path)
+        self._lock = _locked(path)
         try:
             self.sink = open_sink(form, self._temporary, source)
         except OSError:
             self._temporary.unlink(missing_ok=True)
+            self._unlock()
             raise
 
     def commit(self) -> None:
         """Give the closed file its name; a file of that name is replaced."""
+        self._lock = _locked(self.path) if self._lock is None else self._lock
         self._temporary.replace(self.path)
+        self._unlock()
 
     def abandon(self) -> None:
         """Close and delete the temporary file."""
@@ -268,6 +273,21 @@ class FileExport:
             self.sink.abandon()
         with suppress(OSError):
             self._temporary.unlink(missing_ok=True)
+        self._unlock()
+
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+
+def _locked(path: Path) -> int | None:
+    """The lock of an existing file; raises FileError if another program records to it."""
+    if not path.exists():
+        return None
+    from fte_sniff.recording.output_file import lock_replaced
+
+    return lock_replaced(path)
 
 
 def temporary_path(path: Path) -> Path:

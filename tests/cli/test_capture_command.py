@@ -216,14 +216,25 @@ def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(
     assert run("decode", "x.mcap").returncode == 0
 
 
-def test_two_cannot_record_to_one_file(run, environment, tmp_path: Path) -> None:
+def test_no_command_replaces_a_file_that_is_being_recorded(
+    run, samples: Path, environment, tmp_path: Path
+) -> None:
+    source = str(samples / "clean.mcap")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((samples / "clean.mcap").read_bytes()[:-200])
     with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
-        second = run("live", SIM, "-o", "x.mcap", "--force", "--count", "5")
-        assert second.returncode == 4
-        assert second.stdout == ""
-        assert second.stderr.count("\n") == 1
-        assert "x.mcap is being recorded to by another program" in second.stderr
+        for command in (
+            ("live", SIM, "--count", "5"),
+            ("repair", "cut.mcap"),
+            *(("decode", source, "--format", form) for form in ("mcap", "csv", "raw", "parquet")),
+        ):
+            second = run(*command, "-o", "x.mcap", "--force")
+            assert second.returncode == 4, command
+            assert second.stdout == ""
+            assert second.stderr.count("\n") == 1, second.stderr
+            assert "x.mcap is being recorded to by another program" in second.stderr
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "x.mcap"]
         process.send_signal(signal.SIGINT)
         code, output, _ = ended(process)
     assert code == 0

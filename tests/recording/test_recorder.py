@@ -5,7 +5,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -273,6 +273,29 @@ def test_the_oldest_of_our_own_files_is_deleted_for_space_and_no_other(tmp_path:
         everything = [row for batch in batches for row in batch]
         found = [row for file in files for row in _rows(file)]
         assert found == everything[-len(found) :]
+
+
+@pytest.mark.parametrize("rotate_bytes", [60_000, None])
+def test_a_disk_without_any_space_left_costs_old_files_only(
+    tmp_path: Path, rotate_bytes: int | None
+) -> None:
+    batches = [some_rows(500, start=START + n * 500 * STEP) for n in range(60)]
+    with _small_disk(tmp_path / "small", "300k") as folder:
+        options = replace(ALL, on_full=OnFull.ROTATE_OLDEST, rotate_bytes=rotate_bytes)
+        options = replace(options, max_bytes=500_000)
+        recorder = Recorder(folder / "x.mcap", [PORT], options=options)
+        _record(recorder, batches[:30])
+        with suppress(OSError):  # another program takes the rest of the disk
+            (folder / "ballast").write_bytes(bytes(60_000))
+        _record(recorder, batches[30:])
+        recorder.close()
+        assert recorder.failure is None
+        everything = [row for batch in batches for row in batch]
+        found = [row for file in _files(folder) for row in _rows(file)]
+        assert found == everything[-len(found) :]
+        outcome = recorder.outcome
+        assert outcome.deleted_rows + len(found) == len(everything)
+        assert outcome.deleted_files > 3
 
 
 def test_a_file_that_replaced_ours_is_not_deleted(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save as parquet_sink
 from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget
 
@@ -209,3 +210,17 @@ def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None
     reader = RecordingReader(tmp_path / "rows.mcap")
     assert (reader.gaps(), reader.selections()) == (gaps, [Selection("motor = 1", 99)])
     assert {port.name: port.baud for port in reader.ports} == {PORTS[0]: None, "b": 9600}
+
+
+def test_a_file_that_is_being_recorded_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    target = SaveTarget.parse(f"{path}!")
+    saving = SaveJob(target, ORIGIN)
+    with RecordingWriter(path, []) as writer:
+        with pytest.raises(FileError, match="being recorded to by another program"):
+            saving.close()
+        with pytest.raises(FileError, match="being recorded to by another program"):
+            SaveJob(target, ORIGIN)
+        writer.flush()
+    assert not writer.is_gone
+    assert [one.name for one in tmp_path.iterdir()] == ["x.mcap"]
