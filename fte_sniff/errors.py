@@ -16,6 +16,7 @@ Each message is one line: what happened, where, and how to fix it.
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import ClassVar
@@ -119,74 +120,55 @@ class RecordingWarning(UserWarning):
     """
 
 
-_REASONS = {
+REASONS: Mapping[int, TranslatableText] = {
     errno.ENOSPC: TranslatableText("the disk is full"),
     errno.EDQUOT: TranslatableText("the disk quota is used up"),
-    errno.EPERM: TranslatableText("Operation not permitted"),
-    errno.ENOENT: TranslatableText("No such file or directory"),
-    errno.EIO: TranslatableText("Input/output error"),
-    errno.ENXIO: TranslatableText("No such device or address"),
-    errno.EACCES: TranslatableText("Permission denied"),
-    errno.EBUSY: TranslatableText("Device or resource busy"),
-    errno.ENODEV: TranslatableText("No such device"),
-    errno.EINVAL: TranslatableText("Invalid argument"),
-    errno.EMFILE: TranslatableText("Too many open files"),
-    errno.EFBIG: TranslatableText("File too large"),
-    errno.EROFS: TranslatableText("Read-only file system"),
-    errno.ENAMETOOLONG: TranslatableText("File name too long"),
-    errno.ECONNREFUSED: TranslatableText("Connection refused"),
-    errno.ECONNRESET: TranslatableText("Connection reset by peer"),
-    errno.ETIMEDOUT: TranslatableText("Connection timed out"),
+    **{
+        code: TranslatableText(os.strerror(code))
+        for code in (
+            *(errno.EPERM, errno.ENOENT, errno.EIO, errno.ENXIO, errno.EACCES, errno.EBUSY),
+            *(errno.ENODEV, errno.EINVAL, errno.EMFILE, errno.EFBIG, errno.EROFS),
+            *(errno.ENAMETOOLONG, errno.ECONNREFUSED, errno.ECONNRESET, errno.ETIMEDOUT),
+        )
+    },
 }
 """Frequent reasons, so that they are translated; all but the first two in the system's words."""
 
 
 def reason_of(error: OSError) -> str:
     """The reason of a system error, in words."""
-    return _REASONS.get(error.errno or 0, error.strerror or str(error))
+    return REASONS.get(error.errno or 0, error.strerror or str(error))
+
+
+UNREADABLE: Mapping[type[OSError], str] = {
+    FileNotFoundError: "{path}: there is no such file; check the name and the folder",
+    IsADirectoryError: "{path} is a directory; name the files in it",
+    PermissionError: "{path}: no permission to read it; try `ls -l` and `chmod u+r`",
+    OSError: "{path} cannot be read: {reason}; copy it and try again",
+}
+"""Forms of the errors of a file that cannot be opened or read."""
+
+UNWRITABLE: Mapping[type[OSError], str] = {
+    FileExistsError: "{path} exists already; name another file, or use --force",
+    FileNotFoundError: "{path}: its folder does not exist; make it with `mkdir -p`",
+    NotADirectoryError: "{path}: part of this path is a file, not a folder; name another",
+    IsADirectoryError: "{path} is a directory; name a file in it",
+    PermissionError: "{path}: no permission to write there; name another place with -o",
+    OSError: "{path} cannot be written: {reason}; name another place with -o",
+}
+"""Forms of the errors of a file that cannot be created or written."""
 
 
 def unreadable(path: object, error: OSError) -> FileError:
     """The error of a file that cannot be opened or read."""
-    match error:
-        case FileNotFoundError():
-            return FileError(
-                "{path}: there is no such file; check the name and the folder", path=path
-            )
-        case IsADirectoryError():
-            return FileError("{path} is a directory; name the files in it", path=path)
-        case PermissionError():
-            return FileError(
-                "{path}: no permission to read it; try `ls -l` and `chmod u+r`", path=path
-            )
-    return FileError(
-        "{path} cannot be read: {reason}; copy it and try again",
-        path=path,
-        reason=reason_of(error),
-    )
+    return _file_error(UNREADABLE, path, error)
 
 
 def unwritable(path: object, error: OSError) -> FileError:
     """The error of a file that cannot be created or written."""
-    match error:
-        case FileExistsError():
-            return FileError("{path} exists already; name another file, or use --force", path=path)
-        case FileNotFoundError():
-            return FileError(
-                "{path}: its folder does not exist; make it with `mkdir -p`", path=path
-            )
-        case NotADirectoryError():
-            return FileError(
-                "{path}: part of this path is a file, not a folder; name another", path=path
-            )
-        case IsADirectoryError():
-            return FileError("{path} is a directory; name a file in it", path=path)
-        case PermissionError():
-            return FileError(
-                "{path}: no permission to write there; name another place with -o", path=path
-            )
-    return FileError(
-        "{path} cannot be written: {reason}; name another place with -o",
-        path=path,
-        reason=reason_of(error),
-    )
+    return _file_error(UNWRITABLE, path, error)
+
+
+def _file_error(forms: Mapping[type[OSError], str], path: object, error: OSError) -> FileError:
+    form = next(form for kind, form in forms.items() if isinstance(error, kind))
+    return FileError(form, path=path, reason=reason_of(error))
