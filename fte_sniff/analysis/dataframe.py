@@ -29,7 +29,6 @@ from fte_sniff.protocol import (
     Row,
     status_of,
 )
-from fte_sniff.protocol.spec import CMD_OFFSET
 from fte_sniff.row_batch import Array, Bools, Codes, RowBatch
 
 _NO_DIRECTION: Final = len(Direction)
@@ -79,9 +78,8 @@ TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
 def table_frame(rows: Sequence[Row], names: Collection[str] | None = None) -> pl.DataFrame:
     """The rows, of any ports, as a frame of `TABLE_SCHEMA`, or of only its columns `names`."""
     batch = rows if isinstance(rows, RowBatch) else RowBatch.from_rows(rows)
-    maker = _Maker(batch)
     wanted = (name for name in COLUMN_BY_NAME if names is None or name in names)
-    return pl.DataFrame([maker.series(name) for name in wanted])
+    return pl.DataFrame([_series(batch, name) for name in wanted])
 
 
 def _direction_codes() -> Codes:
@@ -98,82 +96,81 @@ _HEX_PAIRS: Final = np.frombuffer(
 )
 
 
-class _Maker:
-    """Makes the columns of some rows, each when it is asked for."""
-
-    def __init__(self, rows: RowBatch) -> None:
-        self._rows = rows
-        self._bytes: Array = np.ascontiguousarray(rows.raw)
-
-    def series(self, name: str) -> pl.Series:
-        if name in _FIELD_NAMES:
-            values, known = self._rows.field(name)
-            return _known(pl.Series(name, values), known)
-        return _MAKERS[name](self).rename(name)
-
-    def _time(self) -> pl.Series:
-        return _known(pl.Series(self._rows.t_ns).cast(TABLE_SCHEMA["time"]), self._rows.timed)
-
-    def _port(self) -> pl.Series:
-        # A device path may hold bytes that are no text; polars takes valid Unicode alone.
-        ports = [port.encode(errors="replace").decode() for port in self._rows.codebook.ports]
-        return _looked_up(ports, self._rows.port, pl.String())
-
-    def _direction(self) -> pl.Series:
-        codes = _DIRECTION_CODES[self._bytes[:, 0]]
-        codes[~self._rows.framed] = _NO_DIRECTION
-        return _looked_up([*map(str, Direction), None], codes, TABLE_SCHEMA["direction"])
-
-    def _kind(self) -> pl.Series:
-        words = [*(kind.name for kind in KINDS), None]
-        return _looked_up(words, self._rows.kinds, TABLE_SCHEMA["kind"])
-
-    def _cmd(self) -> pl.Series:
-        return _known(pl.Series(self._bytes[:, CMD_OFFSET].copy()), self._rows.framed)
-
-    def _status(self) -> pl.Series:
-        words = [status_of(faults).value for faults in self._rows.codebook.faults]
-        return _looked_up(words, self._rows.faults, TABLE_SCHEMA["status"])
-
-    def _faults(self) -> pl.Series:
-        words = [[fault.value for fault in faults] for faults in self._rows.codebook.faults]
-        return _looked_up(words, self._rows.faults, TABLE_SCHEMA["faults"])
-
-    def _raw(self) -> pl.Series:
-        digits = _HEX_PAIRS[self._bytes].view(np.uint8)
-        texts = (
-            pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * FRAME_LENGTH))
-            .cast(pl.List(pl.UInt8()))
-            .cast(pl.Binary())
-            .cast(pl.String())
-        )
-        length = self._rows.length
-        odd = np.flatnonzero(length != FRAME_LENGTH)
-        if not odd.size:
-            return texts
-        return texts.scatter(pl.Series(odd), pl.Series([self._hex(at) for at in odd.tolist()]))
-
-    def _hex(self, at: int) -> str:
-        long = self._rows.long.get(at)
-        raw = self._bytes[at, : self._rows.length[at]].tobytes() if long is None else long
-        return raw.hex().upper()
+def _series(rows: RowBatch, name: str) -> pl.Series:
+    """One column of the row contract."""
+    if name in _FIELD_NAMES:
+        return _known(name, *rows.field(name))
+    return _MAKERS[name](rows).rename(name)
 
 
-_MAKERS: Final[Mapping[str, Callable[[_Maker], pl.Series]]] = {
-    "time": _Maker._time,
-    "port": _Maker._port,
-    "offset": lambda maker: pl.Series(maker._rows.offset),
-    "length": lambda maker: pl.Series(maker._rows.length),
-    "direction": _Maker._direction,
-    "kind": _Maker._kind,
-    "cmd": _Maker._cmd,
-    "status": _Maker._status,
-    "faults": _Maker._faults,
-    "raw": _Maker._raw,
+def _time(rows: RowBatch) -> pl.Series:
+    return _known("time", rows.t_ns, rows.timed).cast(TABLE_SCHEMA["time"])
+
+
+def _port(rows: RowBatch) -> pl.Series:
+    # A device path may hold bytes that are no text; polars takes valid Unicode alone.
+    ports = [port.encode(errors="replace").decode() for port in rows.codebook.ports]
+    return _looked_up(ports, rows.port, pl.String())
+
+
+def _direction(rows: RowBatch) -> pl.Series:
+    codes = _DIRECTION_CODES[rows.raw[:, 0]]
+    codes[~rows.framed] = _NO_DIRECTION
+    return _looked_up([*map(str, Direction), None], codes, TABLE_SCHEMA["direction"])
+
+
+def _kind(rows: RowBatch) -> pl.Series:
+    words = [*(kind.name for kind in KINDS), None]
+    return _looked_up(words, rows.kinds, TABLE_SCHEMA["kind"])
+
+
+def _status(rows: RowBatch) -> pl.Series:
+    words = [status_of(faults).value for faults in rows.codebook.faults]
+    return _looked_up(words, rows.faults, TABLE_SCHEMA["status"])
+
+
+def _faults(rows: RowBatch) -> pl.Series:
+    words = [[fault.value for fault in faults] for faults in rows.codebook.faults]
+    return _looked_up(words, rows.faults, TABLE_SCHEMA["faults"])
+
+
+def _raw(rows: RowBatch) -> pl.Series:
+    digits = _HEX_PAIRS[rows.raw].view(np.uint8)
+    texts = (
+        pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * FRAME_LENGTH))
+        .cast(pl.List(pl.UInt8()))
+        .cast(pl.Binary())
+        .cast(pl.String())
+    )
+    odd = np.flatnonzero(rows.length != FRAME_LENGTH)
+    if not odd.size:
+        return texts
+    return texts.scatter(pl.Series(odd), pl.Series([_hex(rows, at) for at in odd.tolist()]))
+
+
+def _hex(rows: RowBatch, at: int) -> str:
+    long = rows.long.get(at)
+    raw = rows.raw[at, : rows.length[at]].tobytes() if long is None else long
+    return raw.hex().upper()
+
+
+_MAKERS: Final[Mapping[str, Callable[[RowBatch], pl.Series]]] = {
+    "time": _time,
+    "port": _port,
+    "offset": lambda rows: pl.Series(rows.offset),
+    "length": lambda rows: pl.Series(rows.length),
+    "direction": _direction,
+    "kind": _kind,
+    "cmd": lambda rows: _known("cmd", rows.cmds.copy(), rows.framed),
+    "status": _status,
+    "faults": _faults,
+    "raw": _raw,
 }
 
 
-def _known(values: pl.Series, known: Bools) -> pl.Series:
+def _known(name: str, numbers: Array, known: Bools) -> pl.Series:
+    """The numbers as a series, null where they are not known."""
+    values = pl.Series(name, numbers)
     if known.all():
         return values
     return values.zip_with(pl.Series(known), pl.Series([None], dtype=values.dtype))

@@ -63,12 +63,12 @@ def command(
 
 def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Finding]:
     from fte_sniff.capture.serial_port import PortSettings
-    from fte_sniff.session.doctor import PortCheck, check_all_ports, check_machine, check_port
+    from fte_sniff.session.doctor import check_all_ports, check_machine, check_port
 
     if port is None:
         return chain(check_machine(), check_all_ports())
-    check = PortCheck(port, PortSettings(baud), seconds, probe)
-    return chain(check_machine(), check_port(check))
+    own = check_port(port, PortSettings(baud), seconds, probe=probe)
+    return chain(check_machine(), own)
 
 
 def _line(finding: Finding) -> str:

@@ -64,7 +64,7 @@ _CELLS: Mapping[str, Callable[[PortListing], str]] = {
 def _hints(ports: Sequence[PortListing]) -> Iterator[str]:
     from fte_sniff.capture.discovery import stray_adapters
     from fte_sniff.capture.port_errors import permission_fix
-    from fte_sniff.session.doctor import machine_kind, missing_adapter_hint, stray_finding
+    from fte_sniff.session.doctor import machine_kind, stray_finding
 
     for port in ports:
         if not port.permitted:
@@ -75,4 +75,4 @@ def _hints(ports: Sequence[PortListing]) -> Iterator[str]:
         yield f"{finding.about}: {finding.what}: {finding.fix}"
     if not strays and all(port.vid is None for port in ports):
         what = "no USB adapter is" if ports else "no serial port is"
-        yield f"{what} plugged in ({missing_adapter_hint(machine_kind())}); sim:// simulates one"
+        yield f"{what} plugged in ({machine_kind().value}); sim:// simulates one"

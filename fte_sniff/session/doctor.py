@@ -21,7 +21,7 @@ import termios
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
+from enum import Enum, StrEnum
 from pathlib import Path
 from shlex import quote
 from typing import Self
@@ -104,16 +104,6 @@ def bad(about: str, what: str, fix: str) -> Finding:
 # The runners
 
 
-@dataclass(frozen=True, slots=True)
-class PortCheck:
-    """What `check_port` does: listen for some seconds, and optionally probe other bauds."""
-
-    port: str
-    settings: PortSettings
-    seconds: float
-    probe: bool
-
-
 def check_machine() -> Iterator[Finding]:
     """Check folder, terminal, installation, clock, and programs that interfere."""
     yield working_folder_finding()
@@ -132,27 +122,31 @@ def check_all_ports() -> Iterator[Finding]:
         for finding in holder_findings(port):
             yield replace(finding, level=Level.WARN)
     if not found:
-        yield bad("ports", "no serial port is plugged in", missing_adapter_hint(machine_kind()))
+        yield bad("ports", "no serial port is plugged in", machine_kind().value)
     elif all(port.vid is None for port in found):
-        yield warn("ports", "no USB adapter is plugged in", missing_adapter_hint(machine_kind()))
+        yield warn("ports", "no USB adapter is plugged in", machine_kind().value)
 
 
-def check_port(check: PortCheck) -> Iterator[Finding]:
-    """Open one port, listen to it, and diagnose its line; raises PortError if that fails."""
-    name, baud = check.port, check.settings.baud
-    port = listing_of(name)
+def check_port(
+    name: str, settings: PortSettings, seconds: float, *, probe: bool
+) -> Iterator[Finding]:
+    """Open one port, listen to it for some seconds, and diagnose its line.
+
+    With `probe`, other bauds are tried too. Raises PortError if the port cannot be opened.
+    """
+    baud, port = settings.baud, listing_of(name)
     if port is not None:
         yield from device_findings(port)
         yield from holder_findings(port)
-    with LineListener(name, check.settings) as listener:
+    with LineListener(name, settings) as listener:
         yield from capability_findings(name, listener.capabilities)
-        sample = listener.listen(check.seconds, _ENOUGH_BYTES)
+        sample = listener.listen(seconds, _ENOUGH_BYTES)
         if sample.line_errors:
             what = f"line errors while listening: {sample.line_errors}"
             yield warn(name, what, "another baud or polarity, or a loose or unshielded wire")
         verdict = diagnose(sample.data, baud)
         yield verdict_finding(name, baud, verdict)
-        if check.probe:
+        if probe:
             yield _probe(name, baud, listener, verdict)
 
 
@@ -257,13 +251,13 @@ INTERFERING_PROGRAMS = {
 """Programs that open adapters by themselves, and the fix for each."""
 
 
-class MachineKind(StrEnum):
-    """Kind of machine, as far as devices are concerned."""
+class MachineKind(Enum):
+    """Kind of machine; the value is what to do if it does not see an adapter that is plugged in."""
 
-    METAL = "a machine of its own"
-    CONTAINER = "a container"
-    WSL = "WSL"
-    VIRTUAL = "a virtual machine"
+    METAL = "plug the adapter in, and see what the system says: sudo dmesg | tail"
+    CONTAINER = "give it to the container: docker run --device /dev/ttyUSB0 ..."
+    WSL = "in Windows: usbipd list, then usbipd attach --wsl --busid <its BUSID>"
+    VIRTUAL = "pass the USB adapter through to the virtual machine, in its settings"
 
 
 def machine_kind(root: Path = _ROOT) -> MachineKind:
@@ -290,16 +284,6 @@ def is_virtual(root: Path = _ROOT) -> bool:
 def running_programs(root: Path = _ROOT) -> frozenset[str]:
     """The names of all running programs."""
     return frozenset(_text(file).strip() for file in (root / "proc").glob("[0-9]*/comm"))
-
-
-def missing_adapter_hint(kind: MachineKind) -> str:
-    """What to do if this kind of machine does not see an adapter that is plugged in."""
-    return {
-        MachineKind.CONTAINER: "give it to the container: docker run --device /dev/ttyUSB0 ...",
-        MachineKind.WSL: "in Windows: usbipd list, then usbipd attach --wsl --busid <its BUSID>",
-        MachineKind.VIRTUAL: "pass the USB adapter through to the virtual machine, in its settings",
-        MachineKind.METAL: "plug the adapter in, and see what the system says: sudo dmesg | tail",
-    }[kind]
 
 
 def adapter_findings(root: Path = _ROOT) -> Iterator[Finding]:

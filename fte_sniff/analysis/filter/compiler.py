@@ -141,21 +141,16 @@ class Compiler:
         function = FUNCTIONS[name]
         if len(arguments) != len(function.takes):
             raise self._wrong_count(name, len(arguments), start)
-        digits = arguments[0].type is TermType.HEX
         sqls = [
-            self._argument(name, wanted, term, digits)
+            self._argument(name, wanted, term)
             for wanted, term in zip(function.takes, arguments, strict=True)
         ]
         made = self.combine(f"{name}({', '.join(sqls)})", arguments, of_type=function.gives)
         return replace(made, start=start, label=f"{name}(...)")
 
-    def _argument(self, name: str, wanted: TermType, term: Term, digits: bool) -> str:
+    def _argument(self, name: str, wanted: TermType, term: Term) -> str:
         if wanted is TermType.TEXT:
             return self._as_text(term, name)
-        if wanted is TermType.LITERAL and digits:
-            why = TranslatableText("{name} needs a text in quotes", name=name)
-            self._expect(term, wanted, why)
-            return quoted(self._hex_digits(term))
         type_name = TranslatableText(wanted.value)
         why = TranslatableText("{name} needs {type}", name=name, type=type_name)
         self._expect(term, wanted, why)

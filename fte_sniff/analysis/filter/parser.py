@@ -3,7 +3,7 @@
 or          and { (OR | ||) and }
 and         not { (AND | &&) not }
 not         [NOT | !] predicate
-predicate   value [ sign value | [NOT] IN list | [NOT] IN faults | [NOT] BETWEEN value AND value
+predicate   value [ sign value | [NOT] IN list | [NOT] BETWEEN value AND value
                   | [NOT] (LIKE | ILIKE | ~ | REGEXP | RLIKE) 'pattern'
                   | IS [NOT] (NULL | TRUE | FALSE | DISTINCT FROM value) ]
 value       numbers joined by + - * / % and the bit operators & and |
@@ -47,7 +47,7 @@ PATTERN_WORDS: Final = ("LIKE", "ILIKE", "REGEXP", "RLIKE")
 """The operators that take a pattern."""
 
 OPERATOR_WORDS: Final = frozenset(
-    ["AND", "OR", "NOT", "IN", "IS", "BETWEEN", "DISTINCT", "ANY", *PATTERN_WORDS]
+    ["AND", "OR", "NOT", "IN", "IS", "BETWEEN", "DISTINCT", *PATTERN_WORDS]
 )
 """The operators that are words; no name can be one of them."""
 
@@ -75,6 +75,7 @@ _UNSUPPORTED: Final = {
     ),
     "XOR": TranslatableText("write (one condition) != (the other)"),
     "ESCAPE": TranslatableText("leave it out"),
+    "ANY": TranslatableText("ask for one, as in faults = 'noise'"),
 }
 """SQL keywords that filters do not support, each with the fix."""
 
@@ -333,22 +334,12 @@ class _Parser:
             what = TranslatableText("'{sign}' is no sign", sign=sign)
             fix = TranslatableText("write {second}{first}", second=sign[1], first=sign[0])
             raise error_at(self._text, token.start, what, fix)
-        if self._accept("ANY"):
-            right = self._brackets()
-            what = TranslatableText("ANY needs a list")
-            self._expect_list(right, what, TranslatableText("as in 'noise' = ANY(faults)"))
-        else:
-            right = self._value()
-        found = self._compiler.compare(left, COMPARISONS[sign], right)
+        found = self._compiler.compare(left, COMPARISONS[sign], self._value())
         if self._at(*COMPARISONS):
             raise self._unexpected(
                 TranslatableText("join comparisons with AND; a single & joins bits")
             )
         return found
-
-    def _expect_list(self, term: Term, what: str, fix: str) -> None:
-        if term.type is not TermType.WORDS:
-            raise error_at(self._text, term.start, what, fix)
 
     def _brackets(self) -> Term:
         self._expect("(", _NO_BRACKET)
@@ -390,10 +381,7 @@ class _Parser:
 
     def _in(self, left: Term) -> Term:
         if not self._at("("):
-            right = self._value()
-            what = TranslatableText("IN needs a list")
-            self._expect_list(right, what, TranslatableText("write it in brackets: IN (1, 2)"))
-            return self._compiler.compare(right, "=", left)
+            raise self._unexpected(TranslatableText("write it in brackets: IN (1, 2)"))
         items = self._arguments()
         if not items:
             what = TranslatableText("the list after IN is empty")

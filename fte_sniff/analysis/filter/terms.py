@@ -72,12 +72,6 @@ FUNCTIONS: Final = {
     ),
     "lower": Function((TermType.TEXT,), TermType.TEXT, "lower(port) LIKE '%usb%'"),
     "upper": Function((TermType.TEXT,), TermType.TEXT, "upper(port) LIKE '%USB%'"),
-    "starts_with": Function(
-        (TermType.TEXT, TermType.LITERAL), TermType.TRUTH, "starts_with(raw, 'AA 01')"
-    ),
-    "ends_with": Function(
-        (TermType.TEXT, TermType.LITERAL), TermType.TRUTH, "ends_with(raw, 'EE')"
-    ),
 }
 """The functions by name. polars SQL must have a function of the same name and meaning."""
 

@@ -150,9 +150,6 @@ WANTED: list[tuple[str, set[str]]] = [
     ("faults = 'line_error' AND faults = 'truncated'", {"cut"}),
     ("faults IN ('noise', 'truncated')", {"noise", "cut"}),
     ("faults NOT IN ('noise', 'truncated')", set(ROWS) - {"noise", "cut"}),
-    ("'noise' IN faults", {"noise"}),
-    ("'noise' NOT IN faults", set(ROWS) - {"noise"}),
-    ("'noise' = ANY(faults)", {"noise"}),
     ("faults LIKE '%trunc%'", {"cut"}),
     ("faults LIKE 'truncated,line_error'", {"cut"}),
     ("faults ~ 'unknown|noise'", {"unknown", "noise"}),
@@ -172,8 +169,6 @@ WANTED: list[tuple[str, set[str]]] = [
     ("raw IN ('000102', '55010103')", {"noise", "cut"}),
     ("raw ~ '^aa0[23]'", {"pos", "mec"}),
     ("raw !~ 'ee$'", {"noise", "cut"}),
-    ("starts_with(raw, 'aa 03')", {"mec"}),
-    ("ends_with(raw, 'ee') AND mecanum", {"mec"}),
     # port
     ("port = 'it''s'", {"unknown", "noise", "cut"}),
     ("port LIKE '%USB_'", set(ROWS) - {"unknown", "noise", "cut"}),
