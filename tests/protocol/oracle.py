@@ -27,7 +27,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import exp, inf, log
+from itertools import product
+from math import exp, inf, log, prod
 
 from fte_sniff.protocol import FRAME_LENGTH, HEADERS, KINDS, TAIL, FrameKind
 from fte_sniff.protocol.codec import HEADER_BYTES, legal_bytes
@@ -124,10 +125,34 @@ def _other_num(flags: bytes) -> bytes:
     return rb"[^\x00].{%d}" % (_INSIDE - len(flags) - NUM_OFFSET)
 
 
+_SCORES = {kind.name: byte_scores(FTE_FORMAT, kind) for kind in KINDS}
+_FLAGGED = next(kind for kind in KINDS if _usual_flags(kind))
+_EMPTY = next(kind for kind in KINDS if not kind.fields)
+_FREE = next(kind for kind in KINDS if legal_bytes(kind)[-2] is None)
+
+
+def _ending_score(kind: FrameKind, ending: tuple[int, ...]) -> float:
+    return prod(
+        scores[byte]
+        for scores, byte in zip(_SCORES[kind.name][-1 - len(ending) : -1], ending, strict=True)
+    )
+
+
+def _likely_ending(kind: FrameKind) -> bytes:
+    """Matches after a frame whose payload scores no higher as another kind without fields, and ends
+    with bytes that score no higher as flags; if the kind has flags, no higher as numbers."""
+    other = _FREE if _usual_flags(kind) else _FLAGGED
+    flags = product(*(one or b"" for one in legal_bytes(_FLAGGED)[-3:-1]))
+    unlikely = [e for e in flags if _ending_score(kind, e) < _ending_score(other, e)]
+    zeros = ((num, *bytes(_INSIDE - NUM_OFFSET)) for num in range(256))
+    unlikely += [e for e in zeros if _ending_score(kind, e) < _ending_score(_EMPTY, e)]
+    return b"".join(b"(?<!%b%b)" % (re.escape(bytes(e)), _TAIL) for e in unlikely)
+
+
 _STRICT = _any_kind(_sequence(legal_bytes(kind)) for kind in KINDS)
 _PLAIN = _any_kind(_unsplit(kind) + _not_as_flags(kind) for kind in KINDS)
 _UNSPLIT = _any_kind(_unsplit(kind) for kind in KINDS)
-_USUAL_NUM = _any_kind(_sequence(_with_num(kind, b"\x00")) + _not_as_flags(kind) for kind in KINDS)
+_LIKELY = _any_kind(_sequence(_with_num(kind, b"\x00")) + _likely_ending(kind) for kind in KINDS)
 
 FRAMED = _compiled(_FRAMED)
 FRAMED_THREE = _compiled(_FRAMED * 3)
@@ -139,7 +164,7 @@ UNSPLIT_RUN = _compiled(b"%b*" % _UNSPLIT)
 PLAIN_RUN = _compiled(b"%b*" % _PLAIN)
 CLEAR = _compiled(_CLEAR)
 ISOLATED = _compiled(_CLEAR + _NO_TAIL_AFTER)
-UNAMBIGUOUS = _compiled(b"(?=%b%b)%b" % (_CLEAR, _NO_TAIL_AFTER, _USUAL_NUM))
+UNAMBIGUOUS = _compiled(b"(?=%b%b)%b" % (_CLEAR, _NO_TAIL_AFTER, _LIKELY))
 SPLITTING = _compiled(_SPLITTING)
 ANCHOR = _compiled(b"(?:%b.{%d}|%b%b)" % (_STRICT, FRAME_LENGTH, _FRAMED, _FRAMED))
 
@@ -176,7 +201,6 @@ _TRUNCATION = truncation_scores(FRAME_LENGTH)
 _INSERTION = insertion_score(FRAME_LENGTH)
 _CHANGE = change_scores(FRAME_LENGTH)
 _SHARES = {kind.name: kind_share(FTE_FORMAT, kind) for kind in KINDS}
-_BYTE_SCORES = {kind.name: byte_scores(FTE_FORMAT, kind) for kind in KINDS}
 
 IS_HEADER = frozenset(HEADERS.values())
 
@@ -192,7 +216,7 @@ def sent(kind: FrameKind, data: Sequence[int], offsets: Sequence[int]) -> float:
     """The score of these bytes at those offsets of a frame of that kind."""
     score = _SHARES[kind.name]
     for byte, offset in zip(data, offsets, strict=True):
-        score *= _BYTE_SCORES[kind.name][offset][byte]
+        score *= _SCORES[kind.name][offset][byte]
     return score
 
 
@@ -235,7 +259,7 @@ def damaged(kind: FrameKind, own: bytes) -> float:
 
 
 def fits(kind: FrameKind, byte: int, offset: int) -> bool:
-    return _BYTE_SCORES[kind.name][offset][byte] > 0
+    return _SCORES[kind.name][offset][byte] > 0
 
 
 def broken(kind: FrameKind, own: bytes) -> float:

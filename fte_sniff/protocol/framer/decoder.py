@@ -34,6 +34,7 @@ from fte_sniff.protocol.framer.likelihood import (
 )
 from fte_sniff.protocol.framer.posterior import ForwardBackward, after_certain_frame
 from fte_sniff.protocol.framer.predicates import (
+    ends_like_its_kind,
     find_strict,
     framed_faults,
     is_plain,
@@ -488,9 +489,10 @@ def _faults_of_stub(tables: FrameTables, data: bytes, at: i64, stop: i64) -> i64
 def _faults_to_tail(tables: FrameTables, data: bytes, at: i64, stop: i64) -> i64:
     """The faults of the bytes from a header to a tail; 0 if unclear."""
     size = stop - at
-    if size == tables.length:
-        return framed_faults(tables, data, at)
     named = kind_at(tables, data, at)
+    if size == tables.length:
+        clear = named == NO_KIND or ends_like_its_kind(tables, data, stop, named)
+        return framed_faults(tables, data, at) if clear else i64(0)
     whole = min(size, tables.length)
     head: i64 = 1
     if named != NO_KIND:
@@ -499,6 +501,8 @@ def _faults_to_tail(tables: FrameTables, data: bytes, at: i64, stop: i64) -> i64
         if not _can_be(tables, data[at], named, kind):
             continue
         if head + suffix_fit(tables, data, at, stop, kind) >= whole:
+            if not ends_like_its_kind(tables, data, stop, kind):
+                return 0
             return TRUNCATED if size < tables.length else OVERLONG
     return 0
 

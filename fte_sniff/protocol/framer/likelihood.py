@@ -98,12 +98,15 @@ _USUAL_FLAGS: Final = 0.9
 """Share of flag bytes that have their default value."""
 
 
+def payload_scores(frame_format: FrameFormat) -> tuple[float, ...]:
+    """The score of each byte value in a payload where every byte is legal."""
+    common = dict.fromkeys((1, 2, 3, *frame_format.headers.values(), frame_format.tail), 0.03)
+    return _distribution({0x00: 0.25, 0xFF: 0.08, **common})
+
+
 def byte_scores(frame_format: FrameFormat, kind: FrameKind) -> list[tuple[float, ...]]:
     """For each offset in a frame of a kind the score of each byte value; 0 for illegal values."""
-    delimiters = dict.fromkeys([*frame_format.headers.values(), frame_format.tail], 0.03)
-    payload = _distribution(
-        {0x00: 0.25, 0xFF: 0.08, **dict.fromkeys((1, 2, 3), 0.03), **delimiters}
-    )
+    payload = payload_scores(frame_format)
     defaults = {field.start: field.default for field in kind.fields}
     scores: list[tuple[float, ...]] = []
     for offset, legal in enumerate(frame_format.legal_bytes(kind)):

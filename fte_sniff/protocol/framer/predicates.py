@@ -10,7 +10,7 @@ stricter:
     plain        unsplit, and does not end with the usual flags of another kind
     clear        framed, and no header or tail inside
     isolated     clear, and no tail after it that could make it the start of an overlong frame
-    unambiguous  strict and isolated, with the usual NUM, and does not end like another kind
+    unambiguous  strict and isolated, with the usual NUM, and ends like its own kind
 """
 
 from __future__ import annotations
@@ -20,7 +20,14 @@ from typing import Final
 from librt.strings import read_i64_le
 from mypy_extensions import i64
 
-from fte_sniff.protocol.framer.tables import EXTRA, HEADER, NO_KIND, TAIL, UNKNOWN_CMD, FrameTables
+from fte_sniff.protocol.framer.tables import (
+    EXTRA,
+    HEADER,
+    NO_KIND,
+    TAIL,
+    UNKNOWN_CMD,
+    FrameTables,
+)
 from fte_sniff.protocol.spec import NUM_OFFSET
 
 _NUM: Final[i64] = NUM_OFFSET
@@ -96,19 +103,39 @@ def _num_is_delimiter(tables: FrameTables, data: bytes, at: i64, kind: i64) -> b
 
 def is_plain(tables: FrameTables, data: bytes, at: i64) -> bool:
     """Whether the frame is unsplit and does not end with the usual flags of another kind."""
-    return is_unsplit(tables, data, at) and not _ends_like_another(tables, data, at)
-
-
-def _ends_like_another(tables: FrameTables, data: bytes, at: i64) -> bool:
-    """Whether a strict frame ends with another kind's flags, and no NUM of 00 contradicts."""
-    ending = tables.flag_ending[kind_at(tables, data, at)]
-    if ending == 0 or (ending == 2 and data[at + _NUM] == 0):
+    if not is_unsplit(tables, data, at):
         return False
-    stop = at + tables.length - 1
-    for flags in tables.usual_flags:
-        if data[stop - 1] == flags[len(flags) - 1] and data[stop - len(flags) : stop] == flags:
-            return True
-    return False
+    return not _ends_like_another(tables, data, at, kind_at(tables, data, at))
+
+
+def _ends_like_another(tables: FrameTables, data: bytes, at: i64, kind: i64) -> bool:
+    """Whether a strict frame ends with another kind's usual flags; no NUM of 00 contradicts."""
+    ending, stop = tables.flag_ending[kind], at + tables.length - 1
+    if ending == 0 or tables.ends_flags[data[stop - 1]] == 0:
+        return False
+    if ending == 2 and data[at + _NUM] == 0:
+        return False
+    return any(data[stop - len(flags) : stop] == flags for flags in tables.usual_flags)
+
+
+def ends_like_its_kind(tables: FrameTables, data: bytes, stop: i64, kind: i64) -> bool:
+    """Whether the bytes before the tail score no higher as the end of another kind.
+
+    Flags are compared with a payload where every byte is legal; flags with an illegal byte are not
+    compared.
+    """
+    scores, last, flagged = tables.byte_scores, (kind + 1) * tables.length - 1, tables.flagged
+    for rival in tables.rivals:
+        own, other, shift = 1.0, 1.0, (rival - kind) * tables.length * 256
+        as_payload = flagged[kind] == 1 and flagged[rival] == 1
+        for before in range(i64(1), tables.ending_lengths[rival] + 1):
+            byte = i64(data[stop - 1 - before])
+            entry = (last - before) * 256 + byte
+            own *= scores[entry]
+            other *= tables.payload[byte] if as_payload else scores[entry + shift]
+        if own < other and (own > 0.0 or flagged[kind] == 0):
+            return False
+    return True
 
 
 def end_of_run(tables: FrameTables, data: bytes, at: i64, end: i64, *, calm: bool) -> i64:
@@ -119,6 +146,7 @@ def end_of_run(tables: FrameTables, data: bytes, at: i64, end: i64, *, calm: boo
     """
     length, delimiters, kind_of = tables.length, tables.delimiters, tables.kind_of
     word_exact, base, forbidden = tables.word_exact, tables.word_base, tables.word_forbidden
+    unused_num, flag_ending = tables.unused_num, tables.flag_ending
     last, tail = end - length, length - 1
     while at <= last:
         kind = i64(kind_of[i64(data[at]) << 8 | i64(data[at + 1])])
@@ -129,10 +157,11 @@ def end_of_run(tables: FrameTables, data: bytes, at: i64, end: i64, *, calm: boo
             word = read_i64_le(data, at + _NUM)
             if (word - base[kind]) & forbidden[kind] != 0:
                 break
-            certain = not (_num_is_delimiter(tables, data, at, kind) or _holds_header(tables, word))
+            num_fits = unused_num[kind] == 0 or delimiters[data[at + _NUM]] == 0
+            certain = num_fits and not _holds_header(tables, word)
         if not (certain or is_unsplit(tables, data, at)):
             break
-        if not calm and tables.flag_ending[kind] != 0 and _ends_like_another(tables, data, at):
+        if not calm and flag_ending[kind] != 0 and _ends_like_another(tables, data, at, kind):
             break
         at += length
     return at
@@ -177,9 +206,12 @@ def is_unambiguous(tables: FrameTables, data: bytes, at: i64, end: i64) -> bool:
     """Whether the frame is unambiguous; False if the bytes that decide this reach beyond `end`."""
     if end - at < tables.longest or not is_strict(tables, data, at):
         return False
-    if tables.unused_num[kind_at(tables, data, at)] == 1 and data[at + _NUM] != 0:
+    kind = kind_at(tables, data, at)
+    if tables.unused_num[kind] == 1 and data[at + _NUM] != 0:
         return False
-    return is_isolated(tables, data, at, end) and not _ends_like_another(tables, data, at)
+    if not ends_like_its_kind(tables, data, at + tables.length, kind):
+        return False
+    return is_isolated(tables, data, at, end)
 
 
 # Searches: the offset of the first match that is complete before `end`, or -1
@@ -214,14 +246,14 @@ def find_strict(tables: FrameTables, data: bytes, start: i64, end: i64) -> i64:
 
 def find_anchor(tables: FrameTables, data: bytes, start: i64) -> i64:
     """The next offset where long noise can end: two framed segments or one strict frame."""
-    delimiters, length = tables.delimiters, tables.length
+    delimiters, length, last = tables.delimiters, tables.length, tables.length - 1
     at, end = start, i64(len(data)) - 2 * length + 1
     while True:
-        while at < end and delimiters[data[at]] != HEADER:
+        while at < end and delimiters[data[at + last]] != TAIL:
             at += 1
         if at >= end:
             return -1
-        if delimiters[data[at + length - 1]] == TAIL and (
+        if delimiters[data[at]] == HEADER and (
             is_framed(tables, data, at + length) or is_strict(tables, data, at)
         ):
             return at

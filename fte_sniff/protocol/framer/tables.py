@@ -128,6 +128,11 @@ def _usual_flags(kind: FrameKind) -> bytes:
     return bytes(field.default for field in kind.fields if field.default is not None)
 
 
+def _ending_length(kind: FrameKind, size: int) -> int:
+    """Bytes before the tail that can be mistaken for this kind's: its flags, or all reserve."""
+    return len(_usual_flags(kind)) if kind.fields else size - NUM_OFFSET - 1
+
+
 def _flag_ending(kind: FrameKind, legal: _LegalBytes) -> int:
     if legal[-2] is not None:
         return 0
@@ -199,6 +204,15 @@ class FrameTables:
         """By kind: the header."""
         self.usual_flags = tuple({flags: None for kind in kinds if (flags := _usual_flags(kind))})
         """The flags before the tail in nearly every frame that has flags."""
+        self.ends_flags = vec[u8](_set_of(flags[-1] for flags in self.usual_flags))
+        """By byte: 1 if it is the last of them."""
+        self.flagged = vec[u8](bytes(bool(_usual_flags(kind)) for kind in kinds))
+        """By kind: 1 if it has flags."""
+        endings = [_ending_length(kind, size) for kind in kinds]
+        self.ending_lengths = vec[i64](endings)
+        """By kind: the bytes before the tail that are typical of it; 0 if there are none."""
+        self.rivals = vec[i64]([code for code, length in enumerate(endings) if length])
+        """The kinds with such bytes."""
         self.flag_ending = vec[u8](bytes(_flag_ending(*one) for one in both))
         """By kind: whether the payload can end like the flags of another kind: 0 no, 1 yes, 2 yes,
         but a NUM of 00 is evidence for this kind."""
@@ -220,6 +234,8 @@ class FrameTables:
         """Each header, repeated at every offset from NUM to before the tail."""
 
         # Scores
+        self.payload = vec[float](likelihood.payload_scores(frame_format))
+        """By byte: its score in a payload where every byte is legal."""
         self.byte_scores = vec[float](
             [
                 score

@@ -472,7 +472,7 @@ def test_legal_frames_are_read_back(name: str, seed: int, count: int) -> None:
 
 
 def test_damage_of_another_format_is_named() -> None:
-    drive = bytes.fromhex("C3 11 02 00000155 00000007 7E")
+    drive = bytes.fromhex("C3 11 02 00000155 00000077 7E")
     damaged = {
         drive[:6]: Fault.TRUNCATED,
         drive[:4] + b"\x44" + drive[4:]: Fault.OVERLONG,
