@@ -381,7 +381,9 @@ class _Parser:
 
     def _in(self, left: Term) -> Term:
         if not self._at("("):
-            raise self._unexpected(TranslatableText("write it in brackets: IN (1, 2)"))
+            what = TranslatableText("IN needs a list")
+            fix = TranslatableText("write it in brackets: IN (1, 2)")
+            raise error_at(self._text, self._peek().start, what, fix)
         items = self._arguments()
         if not items:
             what = TranslatableText("the list after IN is empty")

@@ -43,7 +43,7 @@ MISTAKES: list[tuple[str, tuple[str, ...]]] = [
     ("direction = 'feedbak'", ("direction is never", "did you mean feedback?")),
     ("faults = 'noize'", ("faults is never 'noize'", "did you mean noise?")),
     ("faults IN ('noise', 'trunc')", ("faults is never 'trunc'", "did you mean truncated?")),
-    ("'noise' IN faults", ("'faults' is out of place", "in brackets")),
+    ("'noise' IN faults", ("IN needs a list", "in brackets")),
     ("'noise' = ANY(faults)", ("'ANY' is no function", "ask for one, as in faults = 'noise'")),
     ("starts_with(raw, 'AA')", ("no function of a filter", "there are abs, coalesce, lower")),
     ("faults = 'noise,truncated'", ("faults = 'noise' AND faults = 'truncated'",)),
