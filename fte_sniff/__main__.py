@@ -9,21 +9,42 @@ before this module for `python -m`.
 import _signal as signal  # type: ignore[import-not-found]
 import sys
 
+EXIT_TOO_MANY_FILES = 4
+"""The exit code if a file or module cannot be opened because too many files are open."""
+
 
 def main() -> None:
     """Load and run the command line."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from fte_sniff.cli import main as run
+    try:
+        from fte_sniff.cli import main as run
 
-    run()
+        run()
+    except (OSError, ImportError) as error:
+        if not _too_many_files(error):
+            raise
+        print("fte-sniff: too many open files; try `ulimit -n 4096`", file=sys.stderr)
+        sys.exit(EXIT_TOO_MANY_FILES)
 
 
 def worker() -> None:
     """Load and run a worker process, see `session.worker_process`."""
-    from fte_sniff.session.worker_process import run
+    try:
+        from fte_sniff.session.worker_process import run
 
-    run(int(sys.argv[1]))
+        run(int(sys.argv[1]))
+    except (OSError, ImportError) as error:
+        if not _too_many_files(error):
+            raise
+        sys.exit(EXIT_TOO_MANY_FILES)
+
+
+def _too_many_files(error: BaseException | None) -> bool:
+    # A library that cannot be loaded has no error number, only the text.
+    while error is not None and "Too many open files" not in str(error):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _leave_working_folder() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -91,6 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         abandon_stdout()
         sys.exit(0)
     except OSError as error:
+        if error.errno in (errno.EMFILE, errno.ENFILE):
+            raise
         known = error.filename is not None
         refused = unwritable(error.filename, error) if known else unwritable_stdout(error)
         _exit_with(str(refused), refused.exit_code)

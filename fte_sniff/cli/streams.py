@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import atexit
+import errno
 import io
 import os
+import resource
 import select
 import signal
 import sys
@@ -14,6 +16,8 @@ from contextlib import contextmanager, suppress
 import click
 
 from fte_sniff.errors import FileError, printable, reason_of
+
+_LEAST_FILES = 16
 
 
 class ClosedOutput(io.TextIOBase):
@@ -25,7 +29,12 @@ class ClosedOutput(io.TextIOBase):
 
 
 def prepare_streams() -> None:
-    """Make the standard streams usable even if some were closed at start."""
+    """Make the standard streams usable even if some were closed at start.
+
+    Raises OSError if so few files may be open that libraries would crash.
+    """
+    if resource.getrlimit(resource.RLIMIT_NOFILE)[0] < _LEAST_FILES:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
@@ -58,9 +67,10 @@ def abandon_stdout() -> None:
 
 def abandon(descriptor: int) -> None:
     """Redirect a descriptor to /dev/null; a write that blocks on it ends."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, descriptor)
-    os.close(nowhere)
+    with suppress(OSError):  # too many files are open
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, descriptor)
+        os.close(nowhere)
 
 
 def print_err(line: str) -> None:

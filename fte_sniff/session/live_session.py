@@ -39,6 +39,7 @@ _KILLED = TranslatableText(
     "what it had flushed to its recording until then is kept",
     seconds=END_WITHIN_S,
 )
+_TOO_MANY_FILES = TranslatableText("too many open files; try `ulimit -n 4096`")
 _UNEXPECTED = TranslatableText(
     "the capture process ended unexpectedly; what it had recorded is kept"
 )
@@ -180,14 +181,21 @@ class LiveSession:
     def _exit_without_result(self, reason: str) -> Ended:
         if self.stopping and not self.state.started:
             return Ended()
-        return Ended(reason, PortError(reason))
+        kind = FileError if reason is _TOO_MANY_FILES else PortError
+        return Ended(reason, kind(reason))
+
+    def _exit_reason(self) -> TranslatableText:
+        with suppress(TimeoutExpired):
+            if self._process.wait(END_WITHIN_S) == FileError.exit_code:
+                return _TOO_MANY_FILES
+        return _UNEXPECTED
 
     def _receive(self) -> Message:
         self._receiving_since_s = time.monotonic()
         try:
             message = self._capture.recv()
         except (EOFError, OSError):
-            return self._exit_without_result(_KILLED if self._killed else _UNEXPECTED)
+            return self._exit_without_result(_KILLED if self._killed else self._exit_reason())
         finally:
             self._receiving_since_s = None
         self._received_at_s = time.monotonic()

@@ -23,7 +23,10 @@ _START = """
 import sys
 # In front only for the package, so that it is this one; its folder may have other modules.
 sys.path.insert(0, sys.argv[2])
-import fte_sniff.__main__
+try:
+    import fte_sniff.__main__
+except OSError:
+    sys.exit(4)
 sys.path.append(sys.path.pop(0))
 fte_sniff.__main__.worker()
 """

@@ -280,6 +280,68 @@ def test_the_terminal_is_as_it_was(hooked: Hooked, tmp_path: Path, module: str, 
     assert b"KeyboardInterrupt" not in screen.drawn
 
 
+LIVE = ("live", "--plain", "--count", "3", "-o", "x.mcap", "--force")
+LIMITED = """
+import resource, sys
+
+left, counting = {opens}, False
+
+def count(event, arguments):
+    global left, counting
+    if event in ("open", "os.listdir", "os.scandir", "socket.__new__"):
+        left -= counting
+        counting = counting or "__main__" in str(arguments[0])
+        if left == 0:
+            most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+            resource.setrlimit(resource.RLIMIT_NOFILE, (3, most))
+
+if (sys.argv[0] == "-c") == {in_capture}:
+    sys.addaudithook(count)
+"""
+"""After so many more openings no process of the program can open anything."""
+
+
+@pytest.mark.parametrize(
+    ("in_capture", "most", "arguments"),
+    [
+        (False, 560, (*DECODE, "--filter", "motor = 1", "-o", "x.csv", "--force")),
+        (False, 400, ("stats", DECODE[1])),
+        (False, 350, (*LIVE, "sim://")),
+        (True, 360, (*LIVE, "sim://")),
+        (True, 360, ("bridge", "sim://?host=off", *LIVE[1:])),
+    ],
+)
+def test_too_many_open_files_are_one_line(
+    environment, tmp_path: Path, in_capture: bool, most: int, arguments: tuple[str, ...]
+) -> None:
+    hook = tmp_path / "hook"
+    hook.mkdir()
+    limited = environment | {"PYTHONPATH": f"{hook}{os.pathsep}{ROOT}"}
+    for opens in range(5, most, 71):
+        code = LIMITED.format(opens=opens, in_capture=in_capture)
+        (hook / "sitecustomize.py").write_text(code)
+        done = subprocess.run(
+            [*PROGRAM, *arguments],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            env=limited,
+            cwd=tmp_path,
+            timeout=BOUND_S,
+            check=False,
+        )
+        if done.returncode:
+            assert done.returncode in (3, 4), done.stderr
+            assert done.stderr.startswith("fte-sniff: ")
+            assert done.stderr.count("\n") == 1, done.stderr
+
+
+@pytest.mark.parametrize("limit", [6, 7, 8])
+def test_a_small_limit_of_open_files_is_one_line(bash, limit: int) -> None:
+    codes, _, errors = bash(f"(ulimit -n {limit}; F decode clean.mcap --limit 1)")
+    assert (codes, errors) == ("4", "fte-sniff: too many open files; try `ulimit -n 4096`\n")
+
+
 SLOW_EXIT = """
 import os, signal, sys, time
 from fte_sniff.cli import streams as signals
