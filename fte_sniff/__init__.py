@@ -25,6 +25,8 @@ labelled with its cause. A recording is a valid file at every moment. An error t
 is one line: what happened, where, and how to fix it.
 """
 
+__version__ = "0.1.0"
+
 # Imports are lazy, so that `__main__` sets the handling of Ctrl-C first.
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -1,5 +1,6 @@
 """What users rely on: the public names, and the pages of README and docs."""
 
+import re
 from importlib.metadata import version
 from pathlib import Path
 
@@ -47,7 +48,8 @@ def test_every_module_has_a_docstring() -> None:
 
 
 def test_version_is_that_of_the_package() -> None:
-    assert version("fte-sniff").count(".") == 2
+    assert version("fte-sniff") == fte_sniff.__version__
+    assert re.fullmatch(r"\d+\.\d+\.\d+", fte_sniff.__version__)
 
 
 READMES = ("README.md", "README.zh-CN.md")

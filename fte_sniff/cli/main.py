@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,6 +15,7 @@ from typing import NoReturn
 
 import click
 
+from fte_sniff import __version__
 from fte_sniff.cli.completion import VARIABLE
 from fte_sniff.cli.streams import (
     abandon,
@@ -66,8 +68,32 @@ class LazyGroup(click.Group):
         return command
 
 
+def _print_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if not wanted or context.resilient_parsing:
+        return
+    from importlib.metadata import requires, version
+    from platform import python_version
+
+    from fte_sniff.protocol.framer import COMPILED
+
+    needed = [need for need in requires(PROGRAM) or () if "extra ==" not in need]
+    names = sorted(re.split(r"[^\w-]", need)[0] for need in needed)
+    click.echo(
+        f"{PROGRAM}, version {__version__}, framer {'compiled' if COMPILED else 'interpreted'}"
+    )
+    click.echo(", ".join([f"Python {python_version()}", *(f"{n} {version(n)}" for n in names)]))
+    context.exit()
+
+
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="fte-sniff", prog_name=PROGRAM)
+@click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=_print_version,
+    help="Show the versions of the program and its libraries, and exit.",
+)
 def fte_sniff() -> None:
     """Watch, record and decode the serial protocol of the FTE four-motor controller."""
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from fte_sniff import __version__
 from fte_sniff.cli.main import COMMANDS
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM
@@ -76,7 +77,15 @@ def test_help_of_every_command(run) -> None:
         done = run(name, "--help")
         assert done.returncode == 0
         assert done.stdout.startswith(f"Usage: fte-sniff {name}")
-    assert run("--version").stdout.startswith("fte-sniff, version ")
+
+
+def test_version_names_the_framer_and_every_library(run) -> None:
+    lines = run("--version").stdout.splitlines()
+    assert re.fullmatch(
+        rf"fte-sniff, version {__version__}, framer (compiled|interpreted)", lines[0]
+    )
+    for name in ("Python", "click", "mcap", "polars", "pyserial", "textual"):
+        assert re.search(rf"\b{name} \d+\.", lines[1])
 
 
 CLEAN = str(SAMPLES / "clean.mcap")
