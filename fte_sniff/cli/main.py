@@ -15,7 +15,6 @@ from typing import NoReturn
 
 import click
 
-from fte_sniff import __version__
 from fte_sniff.cli.completion import VARIABLE
 from fte_sniff.cli.streams import (
     abandon,
@@ -79,7 +78,7 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
     needed = [need for need in requires(PROGRAM) or () if "extra ==" not in need]
     names = sorted(re.split(r"[^\w-]", need)[0] for need in needed)
     click.echo(
-        f"{PROGRAM}, version {__version__}, framer {'compiled' if COMPILED else 'interpreted'}"
+        f"{PROGRAM}, version {version(PROGRAM)}, framer {'compiled' if COMPILED else 'interpreted'}"
     )
     click.echo(", ".join([f"Python {python_version()}", *(f"{n} {version(n)}" for n in names)]))
     context.exit()

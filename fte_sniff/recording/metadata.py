@@ -8,9 +8,9 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from importlib.metadata import version
 from typing import Final
 
-from fte_sniff import __version__
 from fte_sniff.protocol import Gap, GapKind, iso_time
 
 PROGRAM = "fte-sniff"
@@ -36,7 +36,7 @@ class PortFacts:
 
 def library_name() -> str:
     """The library string of the header: `fte-sniff 1.2.3`."""
-    return f"{PROGRAM} {__version__}"
+    return f"{PROGRAM} {version(PROGRAM)}"
 
 
 def host_facts(start_ns: int) -> dict[str, str]:
