@@ -13,6 +13,7 @@ import argparse
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -109,7 +110,8 @@ def main() -> None:
         path = Path(name) / "x.mcap"
         start = time.monotonic()
         wiring = FlatOutWiring(rows, PortSettings(3_000_000))
-        with LiveSession(CapturePlan(wiring, path)) as session:
+        with closing(LiveSession(CapturePlan(wiring, path))) as session:
+            session.begin()
             shown, running = 1, True
             while running:
                 state = session.wait(0.1).state

@@ -156,11 +156,6 @@ class AnswerStats:
         """Commands that expect no feedback, or before a gap or the end of the rows."""
         return self.commands - self.answered - self.unanswered
 
-    @property
-    def waiting(self) -> bool:
-        """Whether the last command may still be answered."""
-        return self.pairing.waiting
-
 
 class Answers:
     """The commands and answers of all motors so far."""

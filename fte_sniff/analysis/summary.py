@@ -10,14 +10,11 @@ import numpy as np
 
 from fte_sniff.analysis.counters import extent
 from fte_sniff.analysis.feed import StreamChange
-from fte_sniff.analysis.motor_stats import Answers, AnswerStats, FlagCounts, FlagStats
+from fte_sniff.analysis.motor_stats import Answers, FlagCounts
 from fte_sniff.analysis.motors import motor_rows
 from fte_sniff.analysis.statistics import (
-    FaultCounts,
     LineSetup,
-    PortStats,
     Statistics,
-    StreamStats,
 )
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import Gap, PortEvent, Row
@@ -40,9 +37,12 @@ class StatisticsSummary:
         """`setup` has the baud of ports for which no input has one."""
         self.sources: list[RowSource] = []
         self._codebook = Codebook()
-        self._statistics = Statistics(setup)
-        self._answers = Answers()
-        self._flags = FlagCounts()
+        self.statistics = Statistics(setup)
+        """By port, kind, motor and fault."""
+        self.answers = Answers()
+        """By motor; meaningful only if `in_order`."""
+        self.flags = FlagCounts()
+        """By motor; `times_lost` is meaningful only if `in_order`."""
 
     def begin(self, name: str) -> None:
         """Start the next input."""
@@ -59,22 +59,22 @@ class StatisticsSummary:
         start = 0
         for change in changes:
             self._observe(batch[start : change.index])
-            self._statistics.observe_change(change.what)
+            self.statistics.observe_change(change.what)
             if isinstance(change.what, Gap):
-                self._answers.interrupt()
+                self.answers.interrupt()
             start = change.index
         self._observe(batch[start:])
-        self._statistics.observe_events(events)
+        self.statistics.observe_events(events)
 
     def _observe(self, rows: RowBatch) -> None:
         if not len(rows):
             return
         length = int(rows.length.sum(dtype=np.int64))
         self.sources[-1].count.count(len(rows), length, extent(rows.t_ns[rows.timed]))
-        self._statistics.observe(rows)
+        self.statistics.observe(rows)
         found = motor_rows(rows)
-        self._answers.observe(rows, found)
-        self._flags.observe(rows, found)
+        self.answers.observe(rows, found)
+        self.flags.observe(rows, found)
 
     @property
     def total(self) -> RowCount:
@@ -92,24 +92,3 @@ class StatisticsSummary:
             before is not None and after is not None and before[1] <= after[0]
             for before, after in pairwise(times)
         )
-
-    @property
-    def faults(self) -> FaultCounts:
-        """Counts by port, status and fault."""
-        return self._statistics.fault_counts
-
-    def ports(self) -> list[PortStats]:
-        """By port that an input names, or that has rows or events."""
-        return self._statistics.ports()
-
-    def streams(self) -> list[StreamStats]:
-        """By port, kind and motor."""
-        return self._statistics.streams(None)
-
-    def answers(self) -> list[AnswerStats]:
-        """By motor; meaningful only if `in_order`."""
-        return self._answers.stats()
-
-    def flags(self) -> list[FlagStats]:
-        """By motor; `times_lost` is meaningful only if `in_order`."""
-        return self._flags.stats()

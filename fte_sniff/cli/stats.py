@@ -11,7 +11,7 @@ import click
 from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
 from fte_sniff.cli.options import line_speed_option
 from fte_sniff.cli.output import explain_no_frames
-from fte_sniff.cli.stats_json import ReportOptions, statistics_json
+from fte_sniff.cli.stats_json import statistics_json
 from fte_sniff.cli.streams import print_err
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import DEFAULT_BAUD
@@ -47,14 +47,11 @@ def command(query: InputQuery, form: str, baud: int | None) -> None:
     check_inputs(query.files)
     reading = query.read(query.row_filter(), baud=baud)
     summary = _summarize(reading, baud)
-    options = ReportOptions(
-        query.filter_text, reading.tally.rows, reading.reported_gaps, reading.source.selections
-    )
     if form == "json":
-        numbers = statistics_json(summary, options)
+        numbers = statistics_json(summary, reading)
         click.echo(printable_json(json.dumps(numbers, ensure_ascii=False, indent=2)))
     else:
-        _show(summary, options)
+        _show(summary, reading)
     for note in reading.notes:
         print_err(f"fte-sniff: {note}")
     if reading.span is not None and not reading.tally.rows:
@@ -75,15 +72,15 @@ def _summarize(reading: InputReading, baud: int | None) -> StatisticsSummary:
     return summary
 
 
-def _show(summary: StatisticsSummary, options: ReportOptions) -> None:
+def _show(summary: StatisticsSummary, reading: InputReading) -> None:
     from fte_sniff.cli.stats_report import report_lines
 
     if not sys.stdout.isatty():
-        lines = report_lines(summary, options, None)
+        lines = report_lines(summary, reading, None)
         sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in lines)
         return
     from rich.console import Console
 
     console = Console(file=sys.stdout)
-    for line in report_lines(summary, options, console.width):
+    for line in report_lines(summary, reading, console.width):
         console.print(line, no_wrap=True, overflow="ellipsis", crop=True)

@@ -6,11 +6,10 @@ the meaning of a key never changes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from fte_sniff.protocol import Direction, Fault, Gap, PortEventKind, Status, iso_time, status_of
+from fte_sniff.protocol import Direction, Fault, PortEventKind, Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.counters import Durations
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
     from fte_sniff.analysis.summary import StatisticsSummary
     from fte_sniff.analysis.tally import RowCount
-    from fte_sniff.recording.metadata import Selection
+    from fte_sniff.session.inputs import InputReading
 
 
 VERSION = 1
@@ -30,27 +29,13 @@ COUNTED = (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.NOT_PA
 Json = dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class ReportOptions:
-    """What the statistics cover."""
-
-    filter_text: str | None
-    """The filter as the user wrote it; None without one."""
-    rows_read: int
-    """Rows before the filter."""
-    gaps: Sequence[Gap] = ()
-    """Gaps that the inputs report."""
-    selections: Sequence[Selection] = ()
-    """Filters that were applied when the inputs were made."""
-
-
-def statistics_json(summary: StatisticsSummary, options: ReportOptions) -> Json:
+def statistics_json(summary: StatisticsSummary, reading: InputReading) -> Json:
     """All statistics as one object."""
     total = summary.total
     return {
         "version": VERSION,
-        "filter": options.filter_text,
-        "rows_read": options.rows_read,
+        "filter": reading.row_filter and reading.row_filter.text,
+        "rows_read": reading.tally.rows,
         "left_out": [
             {
                 "rows": gap.rows,
@@ -58,19 +43,19 @@ def statistics_json(summary: StatisticsSummary, options: ReportOptions) -> Json:
                 "last_time": _time(gap.end_ns),
                 "reason": gap.reason,
             }
-            for gap in options.gaps
+            for gap in reading.reported_gaps
         ],
         "selections": [
-            {"filter": one.filter_text, "rows_read": one.rows} for one in options.selections
+            {"filter": one.filter_text, "rows_read": one.rows} for one in reading.source.selections
         ],
         **_extent(total),
         "duration_s": _seconds(total.duration_ns),
-        "status": _statuses(summary.faults.by_status()),
+        "status": _statuses(summary.statistics.fault_counts.by_status()),
         "files": [{"name": source.name, **_extent(source.count)} for source in summary.sources],
-        "ports": [_port(port, summary) for port in summary.ports()],
+        "ports": [_port(port, summary) for port in summary.statistics.ports()],
         "motors": [
             _motor(answers, flags, in_order=summary.in_order)
-            for answers, flags in zip(summary.answers(), summary.flags(), strict=True)
+            for answers, flags in zip(summary.answers.stats(), summary.flags.stats(), strict=True)
         ],
     }
 
@@ -90,7 +75,7 @@ def _statuses(counts: Mapping[Status, RowCount]) -> Json:
 
 
 def _port(port: PortStats, summary: StatisticsSummary) -> Json:
-    faults = summary.faults.by_fault(port.port)
+    faults = summary.statistics.fault_counts.by_fault(port.port)
     return {
         "port": port.port,
         "baud": port.baud,
@@ -99,12 +84,14 @@ def _port(port: PortStats, summary: StatisticsSummary) -> Json:
         **_times(port),
         "rows_per_s": port.per_s,
         "line_use": line_use(port),
-        "status": _statuses(summary.faults.by_status(port.port)),
+        "status": _statuses(summary.statistics.fault_counts.by_status(port.port)),
         "frames": {str(direction): port.frames[direction] for direction in Direction},
         "faults": [_fault(fault, count, port) for fault, count in faults.items()],
         "silences": {"count": port.silences.count, **_durations(port.silences)},
         "events": [_event(event) for event in port.events],
-        "streams": [_stream(one) for one in summary.streams() if one.port == port.port],
+        "streams": [
+            _stream(one) for one in summary.statistics.streams(None) if one.port == port.port
+        ],
     }
 
 

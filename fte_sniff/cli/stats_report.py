@@ -11,7 +11,7 @@ from rich.text import Text
 
 from fte_sniff.analysis.motor_stats import FLAGS_IN_ORDER, TimeText, flag_texts, from_to
 from fte_sniff.cli.output import gap_text
-from fte_sniff.cli.stats_json import COUNTED, ReportOptions, line_use
+from fte_sniff.cli.stats_json import COUNTED, line_use
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import (
     UNKNOWN,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import EventStats, PortStats, StreamStats
     from fte_sniff.analysis.summary import StatisticsSummary
     from fte_sniff.analysis.tally import RowCount
+    from fte_sniff.session.inputs import InputReading
 
 
 HEAD_STYLE = "dim"
@@ -87,27 +88,28 @@ _WORRY: Final = _STYLE[Status.MALFORMED]
 
 
 def report_lines(
-    summary: StatisticsSummary, options: ReportOptions, width: int | None
+    summary: StatisticsSummary, reading: InputReading, width: int | None
 ) -> Iterator[Text]:
     """The lines of the report; tables take at most `width` cells, None for no limit."""
     when = _clock(summary.total)
-    yield from _whole(summary, options)
+    yield from _whole(summary, reading)
     if len(summary.sources) > 1:
         yield Text()
         yield from _files(summary).lines(width)
-    streams, ports = summary.streams(), summary.ports()
+    streams, ports = summary.statistics.streams(None), summary.statistics.ports()
+    counts = summary.statistics.fault_counts
     for port in ports:
         yield Text()
         yield from _port(port, when)
         if len(ports) > 1:
-            yield _line("  status", _statuses(summary.faults.by_status(port.port), port.rows))
-        if faults := summary.faults.by_fault(port.port):
+            yield _line("  status", _statuses(counts.by_status(port.port), port.rows))
+        if faults := counts.by_fault(port.port):
             yield Text()
             yield from _faults(faults, port, when).lines(width)
         if own := [stream for stream in streams if stream.port == port.port]:
             yield Text()
             yield from _streams(own, port, when, width)
-    if any(one.commands or one.feedback for one in summary.answers()):
+    if any(one.commands or one.feedback for one in summary.answers.stats()):
         yield Text()
         yield from _motors(summary).lines(width)
         yield from _motor_notes(summary, when)
@@ -127,18 +129,18 @@ def _clock(total: RowCount) -> TimeText:
     return text
 
 
-def _whole(summary: StatisticsSummary, options: ReportOptions) -> Iterator[Text]:
+def _whole(summary: StatisticsSummary, reading: InputReading) -> Iterator[Text]:
     total, sources = summary.total, summary.sources
     yield _line("files", printable(sources[0].name) if len(sources) == 1 else f"{len(sources):,}")
-    if options.filter_text is not None:
-        of_them = f"holds for {total.rows:,} of {options.rows_read:,} rows"
-        yield _line("filter", f"{printable(options.filter_text)}  {of_them}")
+    if reading.row_filter is not None:
+        of_them = f"holds for {total.rows:,} of {reading.tally.rows:,} rows"
+        yield _line("filter", f"{printable(reading.row_filter.text)}  {of_them}")
     yield _line("rows", f"{total.rows:,}, {total.bytes:,} bytes")
-    for selection in options.selections:
+    for selection in reading.source.selections:
         chosen = f"only those of {selection.rows:,} rows for which this held: "
         yield _line("selection", f"{chosen}{printable(selection.filter_text)}")
-    for reason in dict.fromkeys(gap.reason for gap in options.gaps):
-        own = [gap for gap in options.gaps if gap.reason == reason]
+    for reason in dict.fromkeys(gap.reason for gap in reading.reported_gaps):
+        own = [gap for gap in reading.reported_gaps if gap.reason == reason]
         yield _line("left out", f"{gap_text(own)}: {printable(reason)}")
     if total.first_ns is not None and total.last_ns is not None:
         yield _line("first", iso_time(total.first_ns))
@@ -147,7 +149,7 @@ def _whole(summary: StatisticsSummary, options: ReportOptions) -> Iterator[Text]
     elif total.rows:
         yield _line("time", "these rows have no times: no rates, no silences")
     if total.rows:
-        yield _line("status", _statuses(summary.faults.by_status(), total.rows))
+        yield _line("status", _statuses(summary.statistics.fault_counts.by_status(), total.rows))
 
 
 def _files(summary: StatisticsSummary) -> TextTable:
@@ -274,7 +276,7 @@ def _motors(summary: StatisticsSummary) -> TextTable:
         "longest",
     ]
     table = TextTable(["motor", *heads])
-    for one in summary.answers():
+    for one in summary.answers.stats():
         table.append([str(one.motor), *_answers(one, summary)])
     return table
 
@@ -295,11 +297,11 @@ def _motor_notes(summary: StatisticsSummary, when: TimeText) -> Iterator[Text]:
     """Notes below the table of motors."""
     if not summary.in_order:
         yield Text("the inputs do not follow each other in time: what answered what is not known")
-    elif any(one.neither for one in summary.answers()):
+    elif any(one.neither for one in summary.answers.stats()):
         yield Text("neither: resets, which await no answer, and commands still open where rows end")
-    if not any(one.feedback for one in summary.answers()):
+    if not any(one.feedback for one in summary.answers.stats()):
         return
-    warnings = list(flag_texts(summary.flags(), when, in_order=summary.in_order))
+    warnings = list(flag_texts(summary.flags.stats(), when, in_order=summary.in_order))
     yield from (Text(f"! {words}", _WORRY) for words in warnings)
     if not warnings:
         yield Text(FLAGS_IN_ORDER)

@@ -6,8 +6,6 @@ import time
 from contextlib import suppress
 from pathlib import Path
 from subprocess import TimeoutExpired
-from types import TracebackType
-from typing import Self
 
 from fte_sniff.analysis.feed import FeedUpdate, GapDetector, StreamChange, shifted
 from fte_sniff.errors import FileError, PortError, TranslatableText
@@ -48,7 +46,7 @@ _UNEXPECTED = TranslatableText(
 class LiveSession:
     """A capture in another process, as a feed for one view.
 
-    `begin`, or entering the context, waits for the port. `stop` may be called before that, and from
+    `begin` waits for the port. `stop` may be called before that, and from
     signal handlers. A capture process that does not end when requested is killed.
     """
 
@@ -152,18 +150,6 @@ class LiveSession:
             self._process.kill()
             self._process.wait()
         self._capture.close()
-
-    def __enter__(self) -> Self:
-        self.begin()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
-        self.close()
 
     @property
     def _overdue(self) -> bool:

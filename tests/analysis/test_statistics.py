@@ -184,13 +184,13 @@ def test_totals_status_and_faults_equal_a_count_by_hand(one: list[Row], other: l
     total = summary.total
     assert total.rows == len(rows)
     assert (total.first_ns, total.last_ns) == (min(times, default=None), max(times, default=None))
-    for status, count in summary.faults.by_status().items():
+    for status, count in summary.statistics.fault_counts.by_status().items():
         having: list[Row] = [row for row in rows if row.status is status]
         assert (count.rows, count.bytes) == (len(having), sum(len(row.raw) for row in having))
     for port in {row.port for row in rows}:
         for fault in Fault:
             having = [row for row in rows if fault in row.faults and row.port == port]
-            found = summary.faults.by_fault(port).get(fault)
+            found = summary.statistics.fault_counts.by_fault(port).get(fault)
             assert (found.rows if found else 0) == len(having)
             assert (found.bytes if found else 0) == sum(len(row.raw) for row in having)
             times = [row.t_ns for row in having if row.t_ns is not None]
@@ -213,14 +213,14 @@ def test_gaps_leave_the_measurements_of_the_rows_between_them(sizes: list[int], 
     detector.begin({}, gaps)
     for part in (rows[:cut], rows[cut:]):
         summary.observe(part, changes=detector.changes(part))
-    (port,), (stream,) = summary.ports(), summary.streams()
+    (port,), (stream,) = summary.statistics.ports(), summary.statistics.streams(None)
     measured = len(rows) - len(pieces)
     assert (stream.periods.count, port.silences.count) == (measured, measured)
     for per_s in (stream.per_s, port.per_s):
         assert per_s == (pytest.approx(1000) if measured else None)
     taken = 10 * byte_time_ns(115_200)
     assert port.share == pytest.approx(len(rows) * taken / (measured * MS + len(pieces) * taken))
-    answers = summary.answers()[0]
+    answers = summary.answers.stats()[0]
     assert (answers.unanswered, answers.neither) == (measured, len(pieces))
 
 
@@ -228,11 +228,11 @@ def test_gaps_leave_the_measurements_of_the_rows_between_them(sizes: list[int], 
 def test_directions_and_ranges_equal_a_count_by_hand(rows: list[Row]) -> None:
     summary = summary_of(rows)
     frames = [row for row in rows if isinstance(row, Frame)]
-    for port in summary.ports():
+    for port in summary.statistics.ports():
         for direction in Direction:
             own = [f for f in frames if f.port == port.port and f.direction is direction]
             assert port.frames[direction] == len(own)
-    for stream in summary.streams():
+    for stream in summary.statistics.streams(None):
         values = [
             f.values
             for f in frames
@@ -251,7 +251,7 @@ def test_answers_equal_those_of_the_motor_states(rows: list[Row], cut: int) -> N
     summary = summary_of(rows[:cut], rows[cut:])
     motors = Motors()
     motors.observe(RowBatch.from_rows(rows))
-    for found, state in zip(summary.answers(), motors.states(None), strict=True):
+    for found, state in zip(summary.answers.stats(), motors.states(None), strict=True):
         assert (found.motor, found.commands, found.feedback, found.answered, found.unanswered) == (
             state.motor,
             state.commands,
@@ -260,7 +260,7 @@ def test_answers_equal_those_of_the_motor_states(rows: list[Row], cut: int) -> N
             state.unanswered,
         )
         judged = found.answered + found.unanswered + _resets(rows)
-        assert found.waiting == (judged < found.commands)
+        assert found.pairing.waiting == (judged < found.commands)
 
 
 def _resets(rows: list[Row]) -> int:
@@ -275,8 +275,8 @@ def test_delays_cover_all_answers_and_have_the_time_of_the_longest() -> None:
         late = 200 * MS if number == 7 else 5 * MS
         rows.append(frame("speed", asked, motor=2, rpm=5))
         rows.append(frame("speed_feedback", asked + late, motor=2, rpm=5))
-    found = summary_of(rows).answers()[1]
-    assert (found.answered, found.unanswered, found.waiting) == (1000, 0, False)
+    found = summary_of(rows).answers.stats()[1]
+    assert (found.answered, found.unanswered, found.pairing.waiting) == (1000, 0, False)
     assert found.delays.count == 1000
     assert found.delays.percentile_ns(50) == pytest.approx(5 * MS, rel=0.05)
     assert found.delays.longest_ns == 200 * MS
@@ -294,7 +294,7 @@ def test_flags_equal_a_count_by_hand(told: list[tuple[int, int, int]], cut: int)
         frame("speed_feedback", at * MS, motor=motor, rpm=0, error=error, online=online)
         for at, (motor, error, online) in enumerate(told)
     ]
-    for flags in summary_of(rows[:cut], rows[cut:]).flags():
+    for flags in summary_of(rows[:cut], rows[cut:]).flags.stats():
         own = [(at, error) for at, (motor, error, _) in enumerate(told) if motor == flags.motor]
         bits = {}
         for bit in range(8):
@@ -326,7 +326,7 @@ def test_utilization_follows_a_baud_change() -> None:
             # The second file of a capture names the baud of its beginning too.
             changes = detector.begin({"p": 115_200})
             summary.observe(part, events, changes + detector.changes(part, events))
-        (port,) = summary.ports()
+        (port,) = summary.statistics.ports()
         assert port.share == pytest.approx(expected), cut
         assert port.baud == 9600
         assert [event.kind for event in port.events] == [PortEventKind.BAUD_CHANGED]
@@ -338,7 +338,7 @@ def test_the_baud_of_the_user_has_priority() -> None:
     rows = [frame("reset", at * SECOND) for at in range(2)]
     events = [PortEvent(0, "p", PortEventKind.BAUD_CHANGED, "", 9600)]
     summary.observe(rows, events, GapDetector().changes(rows, events))
-    assert summary.ports()[0].baud == 1200
+    assert summary.statistics.ports()[0].baud == 1200
 
 
 TIMED = [frame("reset", at) for at in (10, 20, 30, 40)]
@@ -367,8 +367,7 @@ def test_a_summary_without_rows() -> None:
     summary = summary_of([])
     assert summary.total.rows == 0
     assert summary.total.duration_ns is None
-    assert summary.ports() == []
-    assert summary.streams() == []
-    assert {status: count.rows for status, count in summary.faults.by_status().items()} == (
-        dict.fromkeys(Status, 0)
-    )
+    assert summary.statistics.ports() == []
+    assert summary.statistics.streams(None) == []
+    counts = summary.statistics.fault_counts.by_status()
+    assert {status: count.rows for status, count in counts.items()} == dict.fromkeys(Status, 0)

@@ -10,7 +10,7 @@ import signal
 import socket
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -57,6 +57,13 @@ def alarms(do: Callable[[], None], every_s: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
+@contextmanager
+def running(wanted: CapturePlan) -> Iterator[LiveSession]:
+    with closing(LiveSession(wanted)) as session:
+        session.begin()
+        yield session
+
+
 def to_the_end(session: LiveSession) -> list[Row]:
     rows: list[Row] = []
     for update in updates(session):
@@ -82,7 +89,7 @@ def until(session: LiveSession, holds: Callable[[int], bool]) -> None:
 
 
 def test_what_has_come_can_be_waited_for() -> None:
-    with LiveSession(plan()) as session:
+    with running(plan()) as session:
         assert isinstance(session, LiveFeed)
         assert select.select([session.descriptor], [], [], BOUND_S)[0]
         update = session.poll()
@@ -90,7 +97,7 @@ def test_what_has_come_can_be_waited_for() -> None:
 
 
 def test_rows_seen_are_rows_recorded(tmp_path: Path) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap", count=200)) as session:
+    with running(plan(tmp_path / "x.mcap", count=200)) as session:
         rows = to_the_end(session)
     assert len(rows) == 200
     assert list(RecordingReader(tmp_path / "x.mcap")) == rows
@@ -99,7 +106,7 @@ def test_rows_seen_are_rows_recorded(tmp_path: Path) -> None:
 
 def test_events_are_seen_and_recorded(tmp_path: Path) -> None:
     events = []
-    with LiveSession(plan(tmp_path / "x.mcap", duration_s=0.2)) as session:
+    with running(plan(tmp_path / "x.mcap", duration_s=0.2)) as session:
         for update in updates(session):
             events += update.events
     assert [event.kind for event in events] == [PortEventKind.OPENED, PortEventKind.CLOSED]
@@ -107,7 +114,7 @@ def test_events_are_seen_and_recorded(tmp_path: Path) -> None:
 
 
 def test_a_view_that_does_not_look_costs_nothing(tmp_path: Path) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap", duration_s=1.0)) as session:
+    with running(plan(tmp_path / "x.mcap", duration_s=1.0)) as session:
         # Nothing is taken from the pipe until the file is closed.
         wait_until(lambda: not holding(tmp_path / "x.mcap"))
         rows = to_the_end(session)
@@ -117,7 +124,7 @@ def test_a_view_that_does_not_look_costs_nothing(tmp_path: Path) -> None:
 
 
 def test_stop_ends_it_and_asking_twice_is_asking_once(tmp_path: Path) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+    with running(plan(tmp_path / "x.mcap")) as session:
         until(session, lambda rows: rows > 20)
         assert not session.stopping
         session.stop()
@@ -131,7 +138,7 @@ def test_stop_ends_it_and_asking_twice_is_asking_once(tmp_path: Path) -> None:
 
 
 def test_leaving_the_session_closes_the_file(tmp_path: Path) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+    with running(plan(tmp_path / "x.mcap")) as session:
         until(session, lambda rows: rows > 20)
     reader = RecordingReader(tmp_path / "x.mcap")
     assert len(list(reader)) > 20
@@ -140,7 +147,7 @@ def test_leaving_the_session_closes_the_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_capture_process_ends_it_well(tmp_path: Path, number: int) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+    with running(plan(tmp_path / "x.mcap")) as session:
         until(session, lambda rows: rows > 20)
         os.kill(session.capture_pid, number)
         rows = to_the_end(session)
@@ -149,14 +156,14 @@ def test_a_signal_to_the_capture_process_ends_it_well(tmp_path: Path, number: in
 
 
 def test_ctrl_c_means_nothing_to_the_capture_process(tmp_path: Path) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+    with running(plan(tmp_path / "x.mcap")) as session:
         os.kill(session.capture_pid, signal.SIGINT)
         until(session, lambda rows: rows > 50)
         assert session.poll().state.running
 
 
 def test_a_killed_capture_is_told(tmp_path: Path) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+    with running(plan(tmp_path / "x.mcap")) as session:
         until(session, lambda rows: rows > 20)
         session._process.kill()
         to_the_end(session)
@@ -166,7 +173,7 @@ def test_a_killed_capture_is_told(tmp_path: Path) -> None:
 
 
 def test_a_port_that_is_lost_ends_it_and_says_so(tmp_path: Path) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap", port=f"{SIM}&frames=30")) as session:
+    with running(plan(tmp_path / "x.mcap", port=f"{SIM}&frames=30")) as session:
         rows = to_the_end(session)
         assert isinstance(session.state.error, PortError)
         assert "was lost" in (session.poll().state.ended or "")
@@ -205,7 +212,7 @@ def test_a_recording_that_fails_is_told_at_once_and_the_capture_goes_on(tmp_path
 def test_a_recording_that_is_deleted_is_told_at_once_and_the_capture_goes_on(
     tmp_path: Path,
 ) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+    with running(plan(tmp_path / "x.mcap")) as session:
         until(session, lambda rows: rows > 20)
         (tmp_path / "x.mcap").unlink()
         until(session, lambda _rows: session.state.error is not None)
@@ -223,7 +230,7 @@ def test_a_recording_that_is_deleted_is_told_at_once_and_the_capture_goes_on(
 def test_a_capture_that_is_stuck_is_killed_and_that_is_told(
     tmp_path: Path, quickly_overdue: float
 ) -> None:
-    with LiveSession(plan(tmp_path / "x.mcap")) as session:
+    with running(plan(tmp_path / "x.mcap")) as session:
         wait_until(lambda: bool(list(RecordingReader(tmp_path / "x.mcap"))))
         os.kill(session.capture_pid, signal.SIGSTOP)
         start = monotonic()
@@ -246,7 +253,7 @@ def test_a_capture_that_is_stuck_within_a_message_is_killed_by_asking_again(
     monkeypatch: pytest.MonkeyPatch, quickly_overdue: float
 ) -> None:
     monkeypatch.setattr(live, "capture", falls_silent)
-    with LiveSession(plan()) as session, alarms(session.stop, quickly_overdue):
+    with running(plan()) as session, alarms(session.stop, quickly_overdue):
         to_the_end(session)
         assert isinstance(session.state.error, PortError)
 
@@ -266,7 +273,7 @@ def test_a_capture_that_is_behind_may_take_its_time_to_end(
 ) -> None:
     monkeypatch.setattr(live, "capture", is_behind)
     monkeypatch.setattr(live, "END_WITHIN_S", 2.0)
-    with LiveSession(plan()) as session:
+    with running(plan()) as session:
         session.stop()
         while session.poll().state.running:
             pass
@@ -339,7 +346,7 @@ def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seconds", [1e308, math.inf])
 def test_a_duration_beyond_all_bounds_is_none(seconds: float) -> None:
-    with LiveSession(plan(duration_s=seconds, count=20)) as session:
+    with running(plan(duration_s=seconds, count=20)) as session:
         assert len(to_the_end(session)) == 20
 
 
