@@ -20,7 +20,7 @@ from pathlib import Path
 
 from benchmarks.live_program import LiveProgram, Taken, taken
 from benchmarks.paced_line import PacedLine
-from fte_sniff.protocol import FRAME_LENGTH, PortEvent
+from fte_sniff.protocol import FRAME_LENGTH
 from fte_sniff.recording.reader import RecordingReader
 
 BAUDS = (115_200, 921_600, 3_000_000)
@@ -115,11 +115,9 @@ def _watch(program: LiveProgram, seconds: float) -> tuple[float, float]:
 def _recorded(path: Path) -> tuple[int, Counter[str]]:
     """Number of bytes in the recording, and of events by kind."""
     count, events = 0, Counter[str]()
-    for entry in RecordingReader(path).entries():
-        if isinstance(entry, PortEvent):
-            events[entry.kind.value] += 1
-        else:
-            count += len(entry.raw)
+    for rows in RecordingReader(path).batches():
+        events.update(event.kind.value for event in rows.events)
+        count += int(rows.length.sum())
     return count, events
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.cli.settings import SavedSettings
-    from fte_sniff.recording.row_ranges import TimeRange
+    from fte_sniff.recording.batch_reader import TimeRange
 
 
 _HELP = (
@@ -73,7 +73,7 @@ def time_range(
     """
     if since is None and until is None:
         return None
-    from fte_sniff.recording.row_ranges import TimeRange
+    from fte_sniff.recording.batch_reader import TimeRange
 
     zone = zone or UTC
     bounds = cache(lambda: _bounds(times))

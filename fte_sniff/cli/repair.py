@@ -38,17 +38,19 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     fte-sniff repair cut.mcap -o repaired.mcap
     """
     from fte_sniff.recording.output_file import Existing
-    from fte_sniff.recording.repair import is_whole, repair
+    from fte_sniff.recording.repair import Repair
 
     if not file.name:
         raise FileError(f"{file} is a directory; name a recording in it")
     target = output or file.with_name(f"{file.stem}-repaired{file.suffix}")
     if target.exists() and file.exists() and target.samefile(file):
         raise UsageError(f"{target} is the damaged file itself; name another with -o")
-    if is_whole(file):
+    repair = Repair(file)
+    if repair.is_whole:
         print_err(f"{file} is whole; there is nothing to repair")
         return
-    damage = repair(file, target, Existing.REPLACE if force else Existing.REFUSE)
+    repair.write(target, Existing.REPLACE if force else Existing.REFUSE)
+    damage = repair.damage
     _report_damage(damage)
     kept = f"{damage.messages} rows and port events in {damage.chunks} chunks"
     print_err(f"kept all {kept}" if _nothing_lost(damage) else f"kept {kept}; {_missing(damage)}")
@@ -71,10 +73,8 @@ def _report_damage(damage: FileDamage) -> None:
     if len(damage.gaps) > _MOST_GAPS:
         more = f"{len(damage.gaps) - _MOST_GAPS} more places"
         print_err(f"damaged: {more}, which held no rows" if whole else f"lost: {more}")
-    if damage.undefined_messages:
-        print_err(
-            f"lost: {damage.undefined_messages} messages of ports that nothing describes any more"
-        )
+    if damage.unreadable_messages:
+        print_err(f"lost: {damage.unreadable_messages} messages that could not be read")
 
 
 def _missing(damage: FileDamage) -> str:

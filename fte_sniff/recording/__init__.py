@@ -2,19 +2,17 @@
 
 Modules:
 
+    batch_reader   Reading of batches by several threads; ranges of time and of rows.
     bulk_writer    Write a recording from batches; threads compress.
     foreign_topic  Serial bytes in topics of other tools.
     mcap           MCAP container I/O, including truncated and damaged files.
     messages       Rows as protobuf messages and back.
     metadata       Port facts, recorded gaps and selection as MCAP metadata.
     output_file    Path choice, existing files, pipes, refusals.
-    parallel       Reading of batches by several threads.
-    row_ranges     Time ranges, row ranges, and the scan of a file's records.
     reader         RecordingReader: read one recording.
     recorder       Recorder: rows in, files out, gaps on write errors, rotation.
     repair         Repair a damaged recording.
     retention      Rotation and size limits; which old files are deleted.
-    sequential     Reading of rows record by record.
     trigger        Keep rows only around rows that match.
     writer         RecordingWriter: rows to one file.
 """

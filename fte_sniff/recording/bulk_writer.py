@@ -93,12 +93,12 @@ class BulkWriter:
     """
 
     def __init__(
-        self, path: Path, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
+        self, path: Path | int, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
     ) -> None:
         """Create the file.
 
         Args:
-            path: the file.
+            path: the file, or the descriptor of an empty one, which is not closed.
             ports: the known ports; rows of other ports are accepted too.
             facts: further content of the file's first metadata record.
 
@@ -109,7 +109,10 @@ class BulkWriter:
         self._waiting: list[RowBatch] = []
         self._waiting_rows = 0
         known = {port.name: port for port in ports}
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+        if isinstance(path, int):
+            self._descriptor = os.dup(path)
+        else:
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
         try:
             self._file, self._packer = begin_recording(
                 Stream(self._descriptor), list(known.values()), facts or {}

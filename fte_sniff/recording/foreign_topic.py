@@ -76,8 +76,9 @@ class _Topic:
                 elif opcode == Opcode.CHANNEL:
                     channel = parse(Channel, body)
                     self._channels[channel.id] = channel
-        if records.ending:
-            raise FileError(f"{self._path}: {records.ending}")
+        for lost in (*records.losses, records.ending):
+            if lost is not None:
+                raise FileError(f"{self._path}: {lost.text}")
         if not any(channel.topic == self._topic for channel in self._channels.values()):
             names = sorted({channel.topic for channel in self._channels.values()})
             has = ", ".join(map(repr, names)) or "no topics at all"

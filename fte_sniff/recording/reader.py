@@ -1,7 +1,8 @@
 """RecordingReader: read one recording; and the recordings that paths name.
 
 A file may be truncated, damaged or written by another program. Everything readable is read;
-`ending` and `losses` report the rest. A chunk counts only if its checksum is right.
+`ending` and `losses` report the rest. A chunk counts only if its checksum is right, an index only
+where the chunk agrees with it.
 """
 
 from __future__ import annotations
@@ -17,35 +18,43 @@ from typing import IO, BinaryIO
 from weakref import finalize
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata
+from mcap.records import Channel, Header, Metadata, Statistics
 
 from fte_sniff.errors import FileError, TranslatableText, unreadable
-from fte_sniff.protocol import Gap, PortEvent, Row
-from fte_sniff.recording.mcap.reader import RawRecord, RecordStream, Summary, read_summary
-from fte_sniff.recording.mcap.records import MAGIC, RecordError, parse, records_in, unpack
-from fte_sniff.recording.mcap.salvage import next_chunk
+from fte_sniff.protocol import Gap, PortEvent, Row, iso_time
+from fte_sniff.recording.batch_reader import EVERYTHING, BatchReader, RowRange, TimeRange
+from fte_sniff.recording.mcap.reader import (
+    LostBytes,
+    RawRecord,
+    RecordStream,
+    Summary,
+    read_summary,
+)
+from fte_sniff.recording.mcap.records import HEAD, MAGIC, RecordError, parse, records_in, unpack
+from fte_sniff.recording.messages.codec import ChannelReaders
+from fte_sniff.recording.messages.columns import Losses
 from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import (
+    PROGRAM,
     PortFacts,
     Selection,
     gap_from_metadata,
     selection_from_metadata,
 )
-from fte_sniff.recording.parallel import ParallelReader
-from fte_sniff.recording.row_ranges import EVERYTHING, Definitions, RecordScan, RowRange, TimeRange
-from fte_sniff.recording.sequential import SequentialReader, without_our_topics
 from fte_sniff.row_batch import Codebook, RowBatch
 
 _MOST_BAUD_DIGITS = 9
 _BUFFER = 128 * 1024
 """Bytes read ahead: enough for the message indexes between two chunks."""
 _HEAD_ENDS = frozenset({Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.FOOTER})
+_MOST_TOPICS = 10
+_SEQUENCES = 2**32
 
 
 class RecordingReader:
     """Reader of one recording; each iteration reads the file anew.
 
-    `ending` and `losses` are those of the last finished iteration.
+    `ending` and `losses` are those of all iterations so far.
     """
 
     def __init__(self, path: Path) -> None:
@@ -58,11 +67,23 @@ class RecordingReader:
         self._channels: dict[int, Channel] = {}
         self._metadata: dict[str, dict[str, str]] = {}
         self._summary: Summary | None = None
+        self._is_ours = False
         self._all_metadata: list[Metadata] | None = None
-        self._ending = ""
-        self._losses: tuple[str, ...] = ()
+        self._found: dict[int, int] = {}
+        """Position and body length of chunks whose heads are damaged."""
         self._times: tuple[int, int] | None = None
-        self._scan = RecordScan()
+        self._damage: dict[LostBytes, None] = {}
+        self._ending: LostBytes | None = None
+        self._losses: tuple[str, ...] = ()
+        self._remark: TranslatableText | None = None
+        self.lost_messages: int | None = None
+        """Messages that the last pass did not read, by the file's statistics; None if unknown."""
+        self.least_lost_messages = 0
+        """The same by the gaps in the sequence numbers, if there is no trusted summary."""
+        self.unreadable = 0
+        """Messages that the last pass found and could not read."""
+        self.chunks = 0
+        """Chunks that the last pass read."""
         self._copy: IO[bytes] | None = None
         self._copy = self._copy_of_pipe()
         with self._open() as stream:
@@ -98,27 +119,42 @@ class RecordingReader:
     def count(self) -> int | None:
         """The number of messages in the summary; None without a trusted summary."""
         statistics = self._summary and self._summary.statistics
-        return statistics.message_count if statistics else None
+        return _count_in(statistics) if statistics else None
 
     @property
     def ending(self) -> str:
         """What is wrong with the end of the file; empty if nothing."""
-        return self._ending
+        return self._ending.text if self._ending else ""
 
     @property
     def losses(self) -> tuple[str, ...]:
         """What could not be read, one line each; empty if nothing."""
-        return self._losses
+        damage = Losses()
+        for lost in sorted(self._damage, key=lambda lost: lost.start):
+            damage.append(lost.text if lost.start or not lost.stop else self._start_lost(lost.stop))
+        remark = (self._remark,) if self._remark else ()
+        return (*damage.lines, *self._losses, *remark)
+
+    @property
+    def damage(self) -> list[LostBytes]:
+        """The bytes that could not be read, in file order."""
+        ending = [self._ending] if self._ending else []
+        return sorted([*self._damage, *ending], key=lambda lost: lost.start)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the passes so far found everything intact, and the file has a summary."""
+        summary = self._summary
+        return summary is not None and summary.guarded and not (self.damage or self.losses)
 
     def gaps(self) -> list[Gap]:
         """The gaps that the file's metadata reports; reads no chunk."""
-        found = [gap_from_metadata(one.name, one.metadata) for one in self._read_metadata()]
+        found = [gap_from_metadata(one.name, one.metadata) for one in self.all_metadata]
         return [gap for gap in found if gap is not None]
 
     def selections(self) -> list[Selection]:
         """The filters that selected the rows of the file, from its metadata; reads no chunk."""
-        metadata = self._read_metadata()
-        found = [selection_from_metadata(one.name, one.metadata) for one in metadata]
+        found = [selection_from_metadata(one.name, one.metadata) for one in self.all_metadata]
         return [selection for selection in found if selection is not None]
 
     def __iter__(self) -> Iterator[Row]:
@@ -126,31 +162,20 @@ class RecordingReader:
 
         Raises FileError if reading failed, or the file has none of fte-sniff's topics.
         """
-        return (entry for entry in self.entries() if not isinstance(entry, PortEvent))
+        return (row for rows in self.batches() for row in rows)
 
     def events(self) -> Iterator[PortEvent]:
         """The port events, in file order; raises as iteration over rows does."""
-        return (entry for entry in self.entries() if isinstance(entry, PortEvent))
-
-    def entries(self) -> Iterator[Row | PortEvent]:
-        """Rows and port events, in file order, one at a time; `batches` is much faster.
-
-        Raises FileError as iteration over rows.
-        """
-        reader = SequentialReader(self._path, self._port_of, self._known(EVERYTHING))
-        with self._open() as stream:
-            records = self._scan.records(stream, self._summary)
-            yield from reader.read(records)
-        self._finish(reader, records, whole=True)
+        return (event for rows in self.batches() for event in rows.events)
 
     def batches(
         self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
     ) -> Iterator[RowBatch]:
         """The same rows and events in batches, in file order, mostly of at least 64 thousand rows.
 
-        Chunks outside `span`, by their log times, are skipped; a row that came late is in the range
-        of its chunk. Damage in skipped chunks is not detected. Several readers can share a
-        codebook. Raises FileError as iteration over rows.
+        Chunks outside `span`, by their log times, are skipped where the index agrees with them; a
+        row that came late is in the range of its chunk. Damage in skipped chunks is not detected.
+        Several readers can share a codebook. Raises FileError as iteration over rows.
         """
         return (rows for _, rows in self.ranges(codebook, span))
 
@@ -158,26 +183,31 @@ class RecordingReader:
         self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
     ) -> Iterator[tuple[RowRange, RowBatch]]:
         """The same batches, each with the range with which `read` reads it again."""
-        known = self._known(span)
-        reader = SequentialReader(self._path, self._port_of, known)
+        channels = self._known_channels()
+        counted = self._summary is not None
+        reader = BatchReader(channels, codebook or Codebook(), span, count_sequences=not counted)
+        wanted = None if span.everything else span.overlaps
         with self._open() as stream:
-            skips = known is not None and not span.everything
-            wanted = span.overlaps if skips else None
-            records = self._scan.records(stream, self._summary, wanted)
-            yield from ParallelReader(reader, codebook or Codebook(), span).read(records)
+            records = RecordStream(stream, self._summary, wanted, self._found)
+            try:
+                yield from reader.read(records)
+            finally:
+                self._damage |= dict.fromkeys((*records.losses, *reader.lost))
         self._finish(reader, records, whole=span.everything)
+        self._check_topics(reader, channels, cut=bool(records.ending or records.losses))
 
     def read(self, rows: RowRange) -> RowBatch:
         """Read a range of rows again, with a codebook of its own.
 
         Raises FileError if the file cannot be read any more, or has changed.
         """
-        reader = SequentialReader(self._path, self._port_of, rows.definitions)
+        channels = ChannelReaders(self._port_name, rows.definitions)
+        reader = BatchReader(channels, Codebook(), rows.span)
         try:
             records = list(self._records_of(rows))
         except RecordError as error:
             raise self._changed() from error
-        batches = list(ParallelReader(reader, Codebook(), rows.span).read_again(records))
+        batches = list(reader.read_again(records))
         end = rows.skipped + rows.count
         if sum(map(len, batches)) < end:
             raise self._changed()
@@ -187,51 +217,102 @@ class RecordingReader:
         with self._open() as stream:
             if _identity(stream) != self._identity:
                 raise self._changed()
-            for records in rows.records:
-                yield from self._scan.read(stream, records)
+            for start, end in rows.records:
+                stream.seek(start)
+                data = bytearray(stream.read(end - start))
+                for position, length in self._found.items():
+                    if start <= position < end:
+                        HEAD.pack_into(data, position - start, Opcode.CHUNK, length)
+                for opcode, body in records_in(bytes(data)):
+                    yield RawRecord(start, opcode, body)
+                    start += HEAD.size + len(body)
+
+    def count_times_from(self, first_ns: int, latest_ns: int) -> None:
+        """Report, for a damaged file, the times from which relative times count."""
+        self._remark = TranslatableText(
+            "relative times count from {first} and {last}, the first and the last row that could"
+            " be read",
+            first=iso_time(first_ns),
+            last=iso_time(latest_ns),
+        )
 
     def _changed(self) -> FileError:
         return FileError("{path}: has changed since it was read; open it again", path=self._path)
 
-    def _read_metadata(self) -> list[Metadata]:
+    @property
+    def all_metadata(self) -> list[Metadata]:
+        """Every metadata record of the file; reads no chunk."""
         if self._all_metadata is None:
             self._all_metadata = []
             with self._open() as stream:
-                for record in self._scan.records(stream, self._summary, _no_chunk):
+                for record in RecordStream(stream, self._summary, chunks=False):
                     if record.opcode == Opcode.METADATA:
                         with suppress(RecordError):
                             self._all_metadata.append(parse(Metadata, record.body))
         return self._all_metadata
 
-    def _known(self, span: TimeRange) -> Definitions | None:
-        """The definitions in the summary, if a pass may begin with them.
+    def _known_channels(self) -> ChannelReaders:
+        """The definitions in the summary, if a checksum protects it."""
+        channels = ChannelReaders(self._port_name)
+        if self._summary is not None and self._summary.guarded:
+            for schema in self._summary.schemas:
+                channels.define(schema, trusted=True)
+            for channel in self._summary.channels:
+                channels.define(channel, trusted=True)
+        return channels
 
-        Without them no chunk can be skipped, because it may hold a definition.
-        """
-        summary = self._summary
-        if summary is None or not summary.channels:
-            return None
-        if span.everything and not (self._scan.begin or summary.guarded):
-            return None
-        return Definitions(
-            {schema.id: schema for schema in summary.schemas},
-            {channel.id: channel for channel in summary.channels},
-        )
-
-    def _finish(self, reader: SequentialReader, records: RecordStream, *, whole: bool) -> None:
-        self._ending = records.ending
-        start = [self._start_lost(self._scan.begin[0])] if self._scan.begin else []
-        self._losses = (*start, *records.losses, *reader.losses)
-        if whole:
-            self._times = reader.times or self._times
+    def _finish(self, reader: BatchReader, records: RecordStream, *, whole: bool) -> None:
+        self._ending = records.ending or (None if whole else self._ending)
+        self._losses = reader.losses.lines
+        if not whole:
+            return
+        self._times = reader.times or self._times
         count = self.count
-        if whole and count is not None and count > reader.messages:
-            missing = TranslatableText(
-                "{missing} of {count} messages are missing",
-                missing=count - reader.messages,
-                count=count,
+        if count is None and reader.statistics is not None:
+            count = _count_in(reader.statistics)
+        sequences = [(end, n) for end, n in reader.sequences.values() if end < _SEQUENCES]
+        skipped = sum(max(0, end - n) for end, n in sequences)
+        self.least_lost_messages = skipped + reader.unreadable
+        self.unreadable, self.chunks = reader.unreadable, reader.chunks
+        if count is None:
+            return
+        missing = count - reader.messages
+        self.lost_messages = self.least_lost_messages = max(0, missing + reader.unreadable)
+        if missing > 0:
+            text = TranslatableText(
+                "{missing} of {count} messages are missing", missing=missing, count=count
             )
-            self._losses += (missing,)
+            self._losses += (text,)
+
+    def _check_topics(self, reader: BatchReader, channels: ChannelReaders, *, cut: bool) -> None:
+        """Refuse a file of which nothing could be read, at the end of a pass."""
+        if reader.times is not None:
+            return
+        for channel in channels.channels:
+            why = channels.get(channel.id)
+            if isinstance(why, str) and why in reader.losses:
+                raise FileError("{path}: {why}", path=self._path, why=why)
+        topics = [channel.topic for channel in channels.channels]
+        ours = self._is_ours or any(topic in TOPIC_BY_NAME for topic in topics)
+        if not ours and (topics or not cut):
+            raise self._without_our_topics(topics)
+
+    def _without_our_topics(self, topics: Iterable[str]) -> FileError:
+        """The error for an MCAP file without fte-sniff's topics; it lists the file's topics."""
+        names = sorted(set(topics))
+        has = TranslatableText("no topics at all")
+        if names:
+            has = TranslatableText("{listed}", listed=", ".join(map(repr, names[:_MOST_TOPICS])))
+        if len(names) > _MOST_TOPICS:
+            has = TranslatableText(
+                "{listed} and {count} more", listed=has, count=len(names) - _MOST_TOPICS
+            )
+        return FileError(
+            "{path} is an MCAP, but holds nothing of fte-sniff's (topics /fte/...): "
+            "it has {topics}; if one of them holds serial bytes, name it with --topic",
+            path=self._path,
+            topics=has,
+        )
 
     def _start_lost(self, count: int) -> TranslatableText:
         return TranslatableText(
@@ -262,17 +343,26 @@ class RecordingReader:
             return copy
 
     def _read_start(self, stream: BinaryIO) -> None:
-        self._check_magic(stream)
-        summary = read_summary(stream)
-        if summary is not None and (summary.guarded or not self._scan.begin):
-            self._summary = summary
-        stream.seek(0)
-        for record in () if self._scan.begin else RecordStream(stream):
-            if record.opcode == Opcode.CHUNK and self._summary is None:
-                self._read_definitions(record.body)
+        magic = stream.read(len(MAGIC))
+        if not magic:
+            raise FileError(f"{self._path} is empty: nothing was recorded into it")
+        if magic != MAGIC and MAGIC.startswith(magic):
+            raise FileError(f"{self._path} is cut after {len(magic)} bytes: nothing is left in it")
+        self._summary = read_summary(stream)
+        records = RecordStream(stream, self._summary)
+        for record in records:
+            if record.opcode == Opcode.CHUNK:
+                with suppress(RecordError):
+                    for opcode, body in records_in(unpack(record.body)):
+                        self._read_definition(opcode, body)
             if record.opcode in _HEAD_ENDS:
                 break
             self._read_definition(record.opcode, record.body)
+        if magic != MAGIC and not any(lost.stop for lost in records.losses):
+            raise FileError(
+                f"{self._path} is not an MCAP recording; "
+                "if it holds raw bytes or hex text, say --input raw or --input hex"
+            )
         if self._summary is not None:
             self._use_summary(self._summary)
 
@@ -283,31 +373,7 @@ class RecordingReader:
             self._times = (statistics.message_start_time, statistics.message_end_time)
         topics = [channel.topic for channel in summary.channels]
         if topics and not any(topic in TOPIC_BY_NAME for topic in topics):
-            raise without_our_topics(self._path, topics)
-
-    def _check_magic(self, stream: BinaryIO) -> None:
-        """Check how the file begins; if it is damaged there, begin with the first whole chunk."""
-        magic = stream.read(len(MAGIC))
-        if not magic:
-            raise FileError(f"{self._path} is empty: nothing was recorded into it")
-        if magic == MAGIC:
-            return
-        if MAGIC.startswith(magic):
-            raise FileError(f"{self._path} is cut after {len(magic)} bytes: nothing is left in it")
-        first = next_chunk(stream)
-        if first is None:
-            raise FileError(
-                f"{self._path} is not an MCAP recording; "
-                "if it holds raw bytes or hex text, say --input raw or --input hex"
-            )
-        self._scan.begin_with(first)
-        for opcode, body in records_in(first.records):
-            self._read_definition(opcode, body)
-
-    def _read_definitions(self, chunk: bytes) -> None:
-        with suppress(RecordError):
-            for opcode, body in records_in(unpack(chunk)):
-                self._read_definition(opcode, body)
+            raise self._without_our_topics(topics)
 
     def _read_definition(self, opcode: int, body: bytes) -> None:
         with suppress(RecordError):
@@ -317,17 +383,23 @@ class RecordingReader:
             elif opcode == Opcode.METADATA:
                 metadata = parse(Metadata, body)
                 self._metadata[metadata.name] = metadata.metadata
+            elif opcode == Opcode.HEADER:
+                self._is_ours = parse(Header, body).library.startswith(PROGRAM)
+
+    def _port_name(self, channel: Channel) -> str:
+        """The port of a channel; the name of the file if the channel names none."""
+        return channel.metadata.get("port", self._path.name)
 
     def _port_of(self, channel: Channel) -> PortFacts:
-        """The port of a channel; the name of the file if the channel names none."""
-        name = channel.metadata.get("port", self._path.name)
         baud = channel.metadata.get("baud", "")
         legible = baud.isascii() and baud.isdecimal() and len(baud) <= _MOST_BAUD_DIGITS
-        return PortFacts(name, int(baud) if legible else None)
+        return PortFacts(self._port_name(channel), int(baud) if legible else None)
 
 
-def _no_chunk(_first_ns: int, _last_ns: int) -> bool:
-    return False
+def _count_in(statistics: Statistics) -> int | None:
+    """The number of messages; None if the statistics contradict themselves."""
+    total = sum(statistics.channel_message_counts.values())
+    return total if total == statistics.message_count else None
 
 
 def _identity(stream: BinaryIO) -> tuple[int, int]:
@@ -384,7 +456,12 @@ def row_times(reader: RecordingReader) -> tuple[int, int] | None:
     Raises FileError if the file cannot be read.
     """
     first_ns = next((int(rows.t_ns[0]) for rows in reader.batches() if len(rows)), None)
-    return None if first_ns is None else (first_ns, _latest_ns(reader, first_ns))
+    if first_ns is None:
+        return None
+    latest_ns = _latest_ns(reader, first_ns)
+    if reader.damage:
+        reader.count_times_from(first_ns, latest_ns)
+    return first_ns, latest_ns
 
 
 def _latest_ns(reader: RecordingReader, first_ns: int) -> int:

@@ -1,114 +1,26 @@
-"""Repair a damaged recording."""
+"""Repair a damaged recording: read what can be read, and write it to a new file."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
-
-import numpy as np
-from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Metadata, Schema, Statistics
-from numpy.typing import NDArray
 
 from fte_sniff.errors import FileError, unreadable, unwritable
 from fte_sniff.protocol import Gap, GapKind, iso_time
-from fte_sniff.recording.mcap.append_file import Stream
-from fte_sniff.recording.mcap.reader import RecordStream
-from fte_sniff.recording.mcap.records import HEAD, RecordError, parse, records_in, unpack
-from fte_sniff.recording.mcap.salvage import Descriptions, FoundChunk, Salvage
-from fte_sniff.recording.mcap.writer import McapBatch, McapFile
-from fte_sniff.recording.messages.codec import MessageReader
-from fte_sniff.recording.messages.packer import MESSAGE, MESSAGE_HEAD
-from fte_sniff.recording.messages.schema import TOPIC_BY_NAME, schema_name
-from fte_sniff.recording.metadata import library_name
+from fte_sniff.recording.batch_reader import RowRange
+from fte_sniff.recording.bulk_writer import BulkWriter
+from fte_sniff.recording.mcap.records import MAGIC
+from fte_sniff.recording.metadata import PROGRAM, library_name
 from fte_sniff.recording.output_file import Existing, OutputPath
-
-_Definition = TypeVar("_Definition", Schema, Channel)
-
-
-def trusted_definitions(
-    inside: Descriptions, outside: Descriptions
-) -> tuple[dict[int, Channel], dict[int, Schema]]:
-    """The usable channel and schema of each id.
-
-    Definitions `inside` intact chunks, which a checksum protects, win; then the most frequent ones.
-    """
-    channels: dict[int, Channel] = {}
-    schemas: dict[int, Schema] = {}
-    candidates = _by_trust(inside.schemas, outside.schemas)
-    for channel in _by_trust(inside.channels, outside.channels):
-        if channel.id in channels:
-            continue
-        for schema in candidates:
-            chosen = schemas.get(schema.id, schema)
-            if schema.id == channel.schema_id and chosen == schema and _usable(channel, schema):
-                channels[channel.id] = channel
-                schemas[schema.id] = schema
-                break
-    return channels, schemas
-
-
-def _by_trust(inside: Sequence[_Definition], outside: Sequence[_Definition]) -> list[_Definition]:
-    ids = {one.id for one in inside}
-    others: list[_Definition] = [one for one in outside if one.id not in ids]
-    others.sort(key=list(others).count, reverse=True)
-    return list(inside) + others
-
-
-def _usable(channel: Channel, schema: Schema) -> bool:
-    if channel.topic not in TOPIC_BY_NAME:
-        return False
-    try:
-        MessageReader(channel.topic, "", schema.name, schema.data)
-    except FileError:
-        return False
-    return schema.name == schema_name(TOPIC_BY_NAME[channel.topic])
-
-
-@dataclass(frozen=True, slots=True)
-class UnpackedMessages:
-    """The messages of an unpacked chunk."""
-
-    batch: McapBatch
-    """Its data is the whole chunk."""
-    sequences: NDArray[np.int64]
-    stops: NDArray[np.int64]
-    """The end of each message record."""
-
-    @property
-    def span(self) -> tuple[int, int]:
-        """First and last time, nanoseconds since 1970 UTC; needs a message."""
-        return int(self.batch.times.min()), int(self.batch.times.max())
-
-    def select(self, kept: NDArray[np.bool_]) -> McapBatch:
-        """A copy with only the messages for which `kept` is true."""
-        starts, stops = self.batch.starts[kept], self.stops[kept]
-        data = [self.batch.data[a:b] for a, b in zip(starts, stops, strict=True)]
-        starts = np.cumsum(stops - starts) - (stops - starts)
-        return McapBatch(b"".join(data), self.batch.channels[kept], self.batch.times[kept], starts)
-
-
-def messages_of(records: bytes) -> UnpackedMessages:
-    """The messages of an unpacked chunk, without records that are too short to be one."""
-    found = []
-    start = 0
-    for opcode, body in records_in(records):
-        stop = start + HEAD.size + len(body)
-        if opcode == Opcode.MESSAGE and len(body) >= MESSAGE_HEAD:
-            _, _, channel, sequence, time, _ = MESSAGE.unpack_from(records, start)
-            found.append((channel, time, start, sequence, stop))
-        start = stop
-    columns = np.array(found, np.uint64).reshape(-1, 5).astype(np.int64).T
-    channels, times, starts, sequences, stops = columns
-    return UnpackedMessages(McapBatch(records, channels, times, starts), sequences, stops)
-
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.row_batch import RowBatch
 
 REPAIR_NAME = "fte-sniff.repair"
 """The metadata record of a repaired file: what was lost."""
 
-_SEQUENCES = 2**32
+_MOST_LISTED = 100
 
 
 @dataclass(slots=True)
@@ -122,19 +34,13 @@ class FileDamage:
     chunks: int = 0
     """Intact chunks."""
     messages: int = 0
-    """Messages (rows and port events) in them whose channel is defined."""
-    undefined_messages: int = 0
-    """Messages in them whose channel has no definition left; they are lost too."""
+    """Rows and port events that could be read."""
+    unreadable_messages: int = 0
+    """Messages in intact chunks that could not be read; they are lost too."""
     lost_messages: int | None = None
     """By the file's statistics; None if unknown."""
     least_lost_messages: int = 0
     """At least, by the gaps in the sequence numbers."""
-
-    def lose(self, start: int, stop: int, start_ns: int | None, end_ns: int | None) -> None:
-        """Note bytes that could not be read, between the times of two messages."""
-        where = f"bytes {start} to {stop} ({stop - start} bytes)"
-        self.gaps.append(Gap(GapKind.DAMAGE, None, start_ns, end_ns, where))
-        self.lost_bytes += stop - start
 
 
 def lost_text(gap: Gap) -> str:
@@ -146,82 +52,35 @@ def lost_text(gap: Gap) -> str:
     return f"{gap.reason}, between {first} and {last}"
 
 
-def is_whole(path: Path) -> bool:
-    """Whether a recording is intact: its records, checksums, summary and end.
+class Repair:
+    """The repair of one file, which is never changed."""
 
-    A file without summary is valid MCAP but not every tool opens it, so it is not intact.
+    def __init__(self, path: Path) -> None:
+        """Read the file and find its damage.
 
-    Raises FileError if the file cannot be read.
-    """
-    try:
-        with path.open("rb") as stream:
-            records, is_indexed = RecordStream(stream), False
-            for record in records:
-                if record.opcode == Opcode.CHUNK:
-                    for _ in records_in(unpack(record.body)):
-                        pass
-                elif record.opcode == Opcode.FOOTER:
-                    is_indexed = parse(Footer, record.body).summary_start > 0
-    except RecordError:
-        return False
-    except OSError as error:
-        raise unreadable(path, error) from error
-    return is_indexed and not records.ending and not records.losses
-
-
-def repair(path: Path, output: Path, existing: Existing) -> FileDamage:
-    """Write everything intact in `path` to `output`.
-
-    Raises:
-        FileError: the file cannot be read, nothing in it is intact, or `output` cannot be written.
-    """
-    try:
-        with path.open("rb") as stream:
-            job = _RepairJob(path, Salvage(stream))
-            job.scan()
-            job.write(output, existing)
-            return job.damage
-    except OSError as error:
-        raise unreadable(path, error) from error
-
-
-class _RepairJob:
-    def __init__(self, path: Path, salvage: Salvage) -> None:
-        self.damage = FileDamage()
+        Raises FileError if the file cannot be read, or nothing in it is intact.
+        """
         self._path = path
-        self._salvage = salvage
-        self._outside, self._inside = Descriptions(), Descriptions()
-        self._channels: dict[int, Channel] = {}
-        self._schemas: dict[int, Schema] = {}
-        self._counts: dict[int, tuple[int, int]] = {}
-        """By channel id: the sequence number after the last message, and the messages found."""
+        try:
+            self._reader = RecordingReader(path)
+        except FileError as error:
+            raise _nothing_left(path) or error from error
+        self.damage = FileDamage()
+        self._examine()
 
-    def scan(self) -> None:
-        position = 0
-        before_ns: int | None = None
-        for found in self._salvage.chunks():
-            for opcode, body in records_in(found.records):
-                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._inside.update(opcode, body)
-            messages = messages_of(found.records)
-            first_ns, last_ns = messages.span if len(messages.sequences) else (before_ns, before_ns)
-            self._lose(position, found.position, before_ns, first_ns)
-            self._count(messages)
-            position, before_ns = found.stop, last_ns
-            self.damage.chunks += 1
-        self._lose(position, self._salvage.size, before_ns, None)
-        if not self.damage.chunks:
-            raise FileError(f"{self._path}: {self._salvage.why_empty()}")
-        self._channels, self._schemas = trusted_definitions(self._inside, self._outside)
-        self._sum_up()
+    @property
+    def is_whole(self) -> bool:
+        """Whether the file is intact: its records, checksums, summary and end.
+
+        A file without summary is valid MCAP but not every tool opens it, so it is not intact.
+        """
+        return self._reader.is_whole
 
     def write(self, output: Path, existing: Existing) -> None:
+        """Write what can be read to a new file; raises FileError if that fails."""
         target = OutputPath(output, existing)
         try:
-            file = self._begin(target)
-            for found in self._salvage.chunks():
-                self._copy(found, file)
-            file.close()
+            self._copy(target.descriptor)
             target.commit()
         except BaseException as error:
             target.discard()
@@ -230,63 +89,86 @@ class _RepairJob:
             raise
         target.close()
 
-    def _begin(self, target: OutputPath) -> McapFile:
+    def _examine(self) -> None:
+        reader, damage = self._reader, self.damage
+        starts: list[int] = []
+        times: list[tuple[int, int]] = []
+        for found, rows in self._ranges():
+            damage.messages += len(rows) + len(rows.events)
+            if len(rows) or rows.events:
+                starts.append(found.records[0][0])
+                times.append(_times(rows))
+        for lost in reader.damage:
+            if lost.start < lost.stop:
+                after = bisect_left(starts, lost.start)
+                before_ns = times[after - 1][1] if after else None
+                after_ns = times[after][0] if after < len(times) else None
+                where = f"bytes {lost.start} to {lost.stop} ({lost.stop - lost.start} bytes)"
+                damage.gaps.append(Gap(GapKind.DAMAGE, None, before_ns, after_ns, where))
+                damage.lost_bytes += lost.stop - lost.start
+        if not damage.messages and not reader.metadata and not reader.ports:
+            raise FileError(f"{self._path}: {_NO_CHUNK}")
+        damage.chunks = reader.chunks
+        damage.unreadable_messages = reader.unreadable
+        damage.lost_messages = reader.lost_messages
+        damage.least_lost_messages = reader.least_lost_messages
+
+    def _ranges(self) -> Iterator[tuple[RowRange, RowBatch]]:
+        try:
+            yield from self._reader.ranges()
+        except FileError as error:
+            raise FileError(f"{error}; there is nothing to repair") from error
+
+    def _copy(self, descriptor: int) -> None:
+        reader = self._reader
+        own = reader.metadata.get(PROGRAM, {})
+        facts = {name: fact for name, fact in own.items() if not name.startswith("port.")}
+        writer = BulkWriter(descriptor, reader.ports, facts)
+        try:
+            for rows in reader.batches():
+                writer.write(rows)
+            kept = [(one.name, one.metadata) for one in reader.all_metadata]
+            others = [(name, items) for name, items in kept if (name, items) != (PROGRAM, own)]
+            unique = [one for at, one in enumerate(others) if one not in others[:at]]
+            writer.close([(REPAIR_NAME, self._facts()), *unique])
+        finally:
+            writer.abandon()
+
+    def _facts(self) -> dict[str, str]:
         damage = self.damage
-        items = {
+        listed = enumerate(damage.gaps[:_MOST_LISTED], 1)
+        return {
             "file": self._path.name,
             "library": library_name(),
             "lost.bytes": str(damage.lost_bytes),
             "lost.messages": "" if damage.lost_messages is None else str(damage.lost_messages),
+            **{f"lost.{number}": lost_text(gap) for number, gap in listed},
         }
-        items |= {f"lost.{n}": lost_text(gap) for n, gap in enumerate(damage.gaps[:100], 1)}
-        header = self._outside.header
-        file = McapFile(
-            Stream(target.descriptor),
-            header.library if header else library_name(),
-            Metadata(REPAIR_NAME, items),
-            self._schemas.values(),
-            self._channels.values(),
-        )
-        file.write_metadata(_without_duplicates(self._outside.metadata))
-        return file
-
-    def _lose(self, start: int, stop: int, before: int | None, after: int | None) -> None:
-        for first, end in self._salvage.between(start, stop, self._outside):
-            self.damage.lose(first, end, before, after)
-
-    def _count(self, messages: UnpackedMessages) -> None:
-        for channel in np.unique(messages.batch.channels).tolist():
-            own = messages.batch.channels == channel
-            last = int(messages.sequences[own].max())
-            end, count = self._counts.get(channel, (0, 0))
-            self._counts[channel] = (max(end, last + 1), count + int(own.sum()))
-
-    def _sum_up(self) -> None:
-        damage, counts = self.damage, self._counts
-        total = sum(count for _, count in counts.values())
-        damage.messages = sum(count for id_, (_, count) in counts.items() if id_ in self._channels)
-        damage.undefined_messages = total - damage.messages
-        skipped = sum(max(0, end - count) for end, count in counts.values() if end < _SEQUENCES)
-        damage.least_lost_messages = skipped + damage.undefined_messages
-        expected = _message_count(self._outside.statistics)
-        if expected is not None and expected >= damage.messages:
-            damage.lost_messages = expected - damage.messages
-
-    def _copy(self, found: FoundChunk, file: McapFile) -> None:
-        """Write a chunk again, without the messages whose channel is not defined."""
-        messages = messages_of(found.records)
-        known = np.isin(messages.batch.channels, list(self._channels))
-        if known.any():
-            file.write_batch(messages.select(known))
 
 
-def _message_count(statistics: Statistics | None) -> int | None:
-    """How many messages the file had; None if the statistics are missing or inconsistent."""
-    if statistics is None:
+def _times(rows: RowBatch) -> tuple[int, int]:
+    """First and last time of rows and events."""
+    times = [event.t_ns for event in rows.events]
+    if len(rows):
+        times += [int(rows.t_ns.min()), int(rows.t_ns.max())]
+    return min(times), max(times)
+
+
+_NO_CHUNK = "no whole chunk is left in it, so there is nothing to repair"
+
+
+def _nothing_left(path: Path) -> FileError | None:
+    """Why nothing can be repaired; None if the file begins as an MCAP, or cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(len(MAGIC))
+    except OSError as error:
+        return unreadable(path, error)
+    if start == MAGIC:
         return None
-    total = sum(statistics.channel_message_counts.values())
-    return total if total == statistics.message_count else None
-
-
-def _without_duplicates(metadata: list[Metadata]) -> list[Metadata]:
-    return [one for at, one in enumerate(metadata) if one not in metadata[:at]]
+    why = "this is no MCAP recording, so there is nothing to repair"
+    if not start:
+        why = "it is empty: nothing was recorded into it, and there is nothing to repair"
+    elif MAGIC.startswith(start):
+        why = _NO_CHUNK
+    return FileError(f"{path}: {why}")

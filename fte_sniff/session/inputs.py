@@ -28,9 +28,9 @@ from fte_sniff.session.save import ExportSource
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.recording.batch_reader import TimeRange
     from fte_sniff.recording.metadata import PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
-    from fte_sniff.recording.row_ranges import TimeRange
     from fte_sniff.row_batch import RowBatch, Rows
 
 SPAN_BYTES: Final = 1 << 19
@@ -283,7 +283,7 @@ class RecordingInput(Input):
 
     def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
         """Read its rows; see `Input`."""
-        from fte_sniff.recording.row_ranges import EVERYTHING
+        from fte_sniff.recording.batch_reader import EVERYTHING
 
         troubles: Counter[PortEventKind] = Counter()
         some = False

@@ -14,8 +14,8 @@ from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import RecordingWarning, printable
+from fte_sniff.recording.batch_reader import TimeRange
 from fte_sniff.recording.reader import RecordingReader, recordings_in, start_of
-from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.row_batch import Codebook, RowBatch
 
 _TIME = "time"

@@ -17,7 +17,7 @@ def test_a_whole_file_is_left_alone(run, tmp_path: Path, samples: Path) -> None:
 def test_a_cut_file_is_mended_beside_it(run, tmp_path: Path, samples: Path) -> None:
     rows = list(RecordingReader(samples / "damaged.mcap"))
     cut = tmp_path / "cut.mcap"
-    content = (samples / "damaged.mcap").read_bytes()[:30_000]
+    content = (samples / "damaged.mcap").read_bytes()[:20_000]
     cut.write_bytes(content)
     done = run("repair", "cut.mcap")
     assert done.returncode == 0
@@ -53,7 +53,7 @@ def test_where_only_the_index_is_damaged_nothing_is_called_lost(
 
 def test_where_rows_are_lost_their_number_is_told(run, tmp_path: Path, samples: Path) -> None:
     whole = bytearray((samples / "damaged.mcap").read_bytes())
-    whole[20_000] ^= 0xFF
+    whole[20_500] ^= 0xFF
     (tmp_path / "x.mcap").write_bytes(whole)
     done = run("repair", "x.mcap")
     lost, kept, _ = done.stderr.splitlines()

@@ -10,7 +10,7 @@ from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Recorder
-from fte_sniff.recording.repair import repair
+from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.retention import RecordingOptions
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.row_batch import RowBatch
@@ -76,7 +76,9 @@ def _repair(folder: Path, *, chunk: int) -> None:
     marks = [at for at in range(len(content)) if content.startswith(b"\x04\0\0\0zstd", at)]
     content[marks[chunk] + 100] ^= 1
     damaged.write_bytes(content)
-    found = repair(damaged, folder / "repaired.mcap", Existing.REFUSE)
+    repair = Repair(damaged)
+    repair.write(folder / "repaired.mcap", Existing.REFUSE)
+    found = repair.damage
     assert (found.chunks, found.lost_messages) == (3, 50)
 
 

@@ -3,13 +3,18 @@
 import os
 import resource
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
+from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.recording.messages.codec import MessageReader
+from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter
 
 START = 1_770_000_000_000_000_000
@@ -63,6 +68,28 @@ def recorded(tmp_path: Path) -> tuple[Path, list[Row], list[PortEvent]]:
             writer.flush()
         writer.write_event(events[1])
     return path, rows, events
+
+
+def entries_in(path: Path) -> list[Row | PortEvent]:
+    """The rows and events, message by message, as the mcap package finds them in the file."""
+    found: list[Row | PortEvent] = []
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if channel.topic not in TOPIC_BY_NAME:
+                continue
+            assert schema is not None
+            port = channel.metadata.get("port", path.name)
+            reader = MessageReader(channel.topic, port, schema.name, schema.data)
+            with suppress(ValueError):
+                found.append(reader.entry(message.data, message.log_time))
+    return found
+
+
+def is_whole(path: Path) -> bool:
+    try:
+        return Repair(path).is_whole
+    except FileError:
+        return False
 
 
 def _with_delays(rows: list[Row]) -> list[tuple[Row, int | None]]:

@@ -19,6 +19,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.row_batch import Codebook, RowBatch
+from tests.recording.conftest import entries_in
 
 MakeRows = Callable[..., list[Row]]
 
@@ -189,7 +190,7 @@ def test_events_are_in_order_of_time(tmp_path: Path, make_rows: MakeRows) -> Non
         PortEvent(times[-1] + 1, "p", PortEventKind.CLOSED, ""),
     ]
     write_recording(path, [PortFacts("p")], [RowBatch.from_rows(rows, events=events)])
-    entries = list(RecordingReader(path).entries())
+    entries = entries_in(path)
     assert entries == [events[0], *rows[:21], events[1], *rows[21:], events[2]]
 
 

@@ -26,16 +26,16 @@ from fte_sniff.protocol import (
     Row,
     encode,
 )
+from fte_sniff.recording.batch_reader import JOB, TimeRange
 from fte_sniff.recording.messages.codec import encode_row
 from fte_sniff.recording.messages.schema import schema_data, schema_name, topic_of
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.parallel import JOB
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.row_batch import NO_TIME, RowBatch
 from tests.examples import examples
+from tests.recording.conftest import entries_in
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
 MakeRows = Callable[..., list[Row]]
@@ -112,13 +112,19 @@ def test_rows_and_events_are_read_back_as_written(
         path = Path(folder) / "x.mcap"
         _record(path, batches, ports)
         reader = RecordingReader(path)
-        found = list(reader.entries())
+        found = entries_in(path)
+        read = list(reader)
+        read_events = list(reader.events())
         assert (reader.ending, reader.losses) == ("", ())
         with path.open("rb") as file:
             log_times = [
                 message.log_time
                 for _, _, message in make_reader(file, validate_crcs=True).iter_messages()
             ]
+    assert [_with_delay(row) for row in read] == [
+        _with_delay(entry) for entry in found if not isinstance(entry, PortEvent)
+    ]
+    assert read_events == [entry for entry in found if isinstance(entry, PortEvent)]
     given_entries = [entry for batch in batches for entry in batch]
     for port in PORTS:
         assert [_with_delay(entry) for entry in found if entry.port == port] == [

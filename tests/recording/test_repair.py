@@ -22,15 +22,21 @@ from fte_sniff.recording.mcap.append_file import bytes_of
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.repair import FileDamage, is_whole, repair
+from fte_sniff.recording.repair import FileDamage, Repair
 from fte_sniff.recording.writer import RecordingWriter
-from tests.recording.conftest import some_rows
+from tests.recording.conftest import is_whole, some_rows
 
 Spans = list[tuple[int, int, list[Row]]]
 """Start and stop of each chunk's record in a file, and its rows."""
 CHUNK_ROWS = 15
 HEAD = 9 + 8 + 8
 """Bytes of a chunk's record that nothing guards, and that repair does without."""
+
+
+def repair(path: Path, output: Path, existing: Existing) -> FileDamage:
+    job = Repair(path)
+    job.write(output, existing)
+    return job.damage
 
 
 @pytest.fixture(scope="module")
@@ -245,12 +251,12 @@ BOUNDED = """
 import resource, sys
 from pathlib import Path
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.repair import is_whole, repair
+from fte_sniff.recording.repair import Repair
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 path = Path(sys.argv[1])
-whole = is_whole(path)
-repair(path, path.with_name("repaired.mcap"), Existing.REFUSE)
-print(whole, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+job = Repair(path)
+job.write(path.with_name("repaired.mcap"), Existing.REFUSE)
+print(job.is_whole, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
 
 

@@ -17,10 +17,10 @@ from fte_sniff.capture.source import Item, SourceEnd
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import Chunk, Fault, Frame, PortEvent, PortEventKind, Row
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Change, Recorder
 from fte_sniff.session.capture_process import MOST_WAITING, CaptureLoop, Outbox
 from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage
+from tests.recording.conftest import entries_in
 
 MS = 1_000_000
 START_NS = 10**18
@@ -168,7 +168,7 @@ def test_errors_are_in_the_rows_and_beside_them_in_the_recording_and_the_view(
     recorder = Recorder(path, (PortFacts("tap", 115_200),))
     outbox.close(CaptureLoop(plan, clock, source, recorder, outbox).run())
 
-    recorded = list(RecordingReader(path).entries())
+    recorded = entries_in(path)
     events = [entry for entry in recorded if isinstance(entry, PortEvent)]
     assert [(e.kind, e.detail, e.count) for e in events if e.kind is event.kind] == [
         (PortEventKind.LINE_ERROR, "1 framing", 1)

@@ -19,8 +19,8 @@ from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Chunk, Damage, Fault, Frame, Framer, Row, encode
+from fte_sniff.recording.batch_reader import TimeRange
 from fte_sniff.recording.bulk_writer import write_recording
-from fte_sniff.recording.row_ranges import TimeRange
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.inputs import (
     FEW,

@@ -20,10 +20,10 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import find_fault
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
+from fte_sniff.recording.batch_reader import EVERYTHING, TimeRange
 from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.row_ranges import EVERYTHING, TimeRange
 from fte_sniff.row_batch import Codebook, RowBatch
 from fte_sniff.session.inputs import InputBatch
 from fte_sniff.session.replay import MAX_READ_AHEAD, RecordingPages, ReplaySession

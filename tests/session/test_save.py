@@ -35,6 +35,7 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session import save as parquet_sink
 from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget
+from tests.recording.conftest import entries_in
 
 NOON_NS = 1_769_860_800_000_000_000
 PORTS = ("/dev/ttyUSB0", "b")
@@ -76,7 +77,7 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             assert pl.read_parquet(path).equals(table_frame(taken))
             assert pl.read_parquet_schema(path) == TABLE_SCHEMA
         case ".mcap":
-            assert list(RecordingReader(path).entries()) == taken
+            assert entries_in(path) == taken
         case ".txt":
             text = path.read_text("utf-8")
             assert all(spaced_hex(row.raw) in text for row in taken)

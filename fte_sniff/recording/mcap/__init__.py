@@ -3,8 +3,7 @@
 Modules:
 
     append_file  A file that is valid MCAP after every flush.
-    reader       Reader of a file's records and of its summary.
+    reader       Reader of a file's records, whole or damaged, and of its summary.
     records      MCAP records: parse, decompress, CRC, end of file.
-    salvage      Search for intact chunks in a damaged file.
     writer       Writer of chunks, indexes, summary.
 """

@@ -1,11 +1,27 @@
-"""Reader of an MCAP file's records and of its summary."""
+"""Reader of an MCAP file's records, whole or damaged, and of its summary.
+
+Every command reads a file through `RecordStream`, so all of them trust the same records:
+
+- A record is trusted if it does not reach over the start of a chunk. Starts come from the summary,
+  where the head of the chunk agrees with it, or from intact chunks that are found by their bytes.
+- A chunk is intact if it unpacks with the right checksum. It is found by the name of its
+  compression; the head of its record is not needed:
+
+    06 length | start  end  size crc  04 00 00 00 z s t d  length | records ...
+              |  8      8    8    4        the mark           8
+
+- After a damaged record, reading resumes at the next such start.
+- A chunk is skipped only if the summary has a checksum and the chunk's head agrees with it.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import struct
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import BinaryIO, NamedTuple
 
@@ -15,24 +31,39 @@ from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.recording.mcap.records import (
+    CHUNK_HEAD,
     DATA_END_LENGTH,
     END_LENGTH,
     HEAD,
     LARGEST,
+    LENGTH,
     MAGIC,
     RecordError,
     RunningChecksum,
+    claimed,
     compressed_records,
+    no_record,
     parse,
     records_in,
+    unpack,
 )
 
 _SKIPPED = 0
 """Pseudo opcode of a record that was not read; no record of a file has it."""
 _WITH_CHECKSUM = frozenset({int(Opcode.DATA_END), int(Opcode.FOOTER)})
-_CHUNK_TIMES = struct.Struct("<QQ")
+_CHUNK_CLAIMS = struct.Struct("<QQQ")
+"""First and last time and unpacked size, at the start of a chunk's body."""
 _CRC_LENGTH = 4
 _BLOCK = 1024 * 1024
+_MARKS = re.compile(rb"[\x03\x04]\0\0\0(?:lz4|zstd)")
+_NAMES = b"\0\0\0zstd", b"\0\0\0lz4"
+_MARK_OFFSET = CHUNK_HEAD.size - 4
+"""Offset of the mark in a chunk's body."""
+_LONGEST_MARK = 8
+_FIRST_PACKED = HEAD.size + _MARK_OFFSET + _LONGEST_MARK
+"""Offset of the first byte after the mark in a chunk's record."""
+_SEARCH_FACTOR = 512
+"""Bytes that the search may unpack, as a multiple of the file's size."""
 
 _WRONG_DATA = TranslatableText("the checksum over the data outside the chunks does not match")
 _WRONG_SUMMARY = TranslatableText("the checksum over the summary outside the chunks does not match")
@@ -46,77 +77,153 @@ class RawRecord(NamedTuple):
     opcode: int
     body: bytes
 
+    @property
+    def stop(self) -> int:
+        """The end of the record in the file."""
+        return self.position + HEAD.size + len(self.body)
 
-Location = tuple[int, int]
-"""Offset of a record in a file, and its length including the head."""
+
+@dataclass(frozen=True, slots=True)
+class LostBytes:
+    """Bytes of a file that could not be read; none if only the head of a chunk is damaged."""
+
+    start: int
+    stop: int
+    text: TranslatableText
+    """What was found there."""
+
+
+@dataclass(slots=True)
+class Summary:
+    """The records of a summary that the reader uses."""
+
+    schemas: list[Schema] = field(default_factory=list)
+    channels: list[Channel] = field(default_factory=list)
+    statistics: Statistics | None = None
+    heads: dict[int, bytes] = field(default_factory=dict)
+    """By offset in the file, the first bytes of each chunk and of the data end."""
+    guarded: bool = False
+    """Whether the summary has a checksum."""
+
+    def update(self, opcode: int, body: bytes) -> None:
+        """Apply a record; raises RecordError if it is damaged."""
+        if opcode == Opcode.SCHEMA:
+            self.schemas.append(parse(Schema, body))
+        elif opcode == Opcode.CHANNEL:
+            self.channels.append(parse(Channel, body))
+        elif opcode == Opcode.STATISTICS:
+            self.statistics = parse(Statistics, body)
+        elif opcode == Opcode.CHUNK_INDEX:
+            index = parse(ChunkIndex, body)
+            times = index.message_start_time, index.message_end_time
+            self.heads[index.chunk_start_offset] = HEAD.pack(
+                Opcode.CHUNK, max(0, index.chunk_length - HEAD.size)
+            ) + _CHUNK_CLAIMS.pack(*times, index.uncompressed_size)
+
+
+def read_summary(stream: BinaryIO) -> Summary | None:
+    """The summary of a seekable file; None if there is none, or if it is damaged.
+
+    During a write, the last footer may point at the previous summary, which has its own footer.
+    """
+    size = stream.seek(0, os.SEEK_END)
+    if size < len(MAGIC) + END_LENGTH:
+        return None
+    stream.seek(size - END_LENGTH)
+    end = stream.read(END_LENGTH)
+    body = end[HEAD.size : -len(MAGIC)]
+    if not end.endswith(MAGIC) or HEAD.unpack_from(end) != (Opcode.FOOTER, len(body)):
+        return None
+    start = parse(Footer, body).summary_start
+    if not start or not 0 < size - END_LENGTH - start <= LARGEST:
+        return None
+    stream.seek(start)
+    try:
+        return _summary_of(stream.read(size - len(MAGIC) - start), start)
+    except RecordError:
+        return None
+
+
+def _summary_of(records: bytes, start: int) -> Summary | None:
+    summary = Summary()
+    summary.heads[start - DATA_END_LENGTH] = HEAD.pack(Opcode.DATA_END, _CRC_LENGTH)
+    stop = 0
+    for opcode, body in records_in(records):
+        stop += HEAD.size + len(body)
+        if opcode == Opcode.FOOTER:
+            crc = parse(Footer, body).summary_crc
+            if crc not in (0, crc32(records[: stop - _CRC_LENGTH])):
+                return None
+            summary.guarded = bool(crc)
+            return summary
+        summary.update(opcode, body)
+    return None
 
 
 class RecordStream:
-    """The records of a file, one by one, as far as it can be read."""
+    """The trusted records of a file, one by one."""
 
     def __init__(
         self,
         stream: BinaryIO,
-        starts: Sequence[int] = (),
+        summary: Summary | None = None,
         wanted: Callable[[int, int], bool] | None = None,
-        search: Callable[[int], Location | None] | None = None,
-        begin: Location | None = None,
+        found: dict[int, int] | None = None,
+        *,
+        chunks: bool = True,
     ) -> None:
-        """Take the file.
+        """Take the file, at its start; only a seekable one is read further after damage.
 
         Args:
-            stream: the file, at its start; seekable if `starts` or `wanted` are given.
-            starts: known offsets of records, rising, where reading can resume after a damaged
-                record.
+            stream: the file.
+            summary: its summary; ignored without checksum.
             wanted: whether to read a chunk with this first and last log time; by default all.
-            search: finds the next whole chunk from an offset on, for files without known starts.
-            begin: the chunk to begin with, if nothing before it can be read.
+            found: receives position and body length of chunks whose head is damaged.
+            chunks: whether to read chunks at all.
         """
         self._stream = stream
-        self._starts = starts
-        self._wanted = wanted
-        self._search = search
-        self._begin = self._found = begin
+        self._size = stream.seek(0, os.SEEK_END) if stream.seekable() else None
+        self._summary = summary if summary is not None and summary.guarded else None
+        self._starts = sorted(self._summary.heads) if self._summary else []
+        self._wanted, self._chunks = wanted, chunks
+        self._found = {} if found is None else found
+        self._budget = _SEARCH_FACTOR * (self._size or 0)
+        self._agreed: set[int] = set()
         self._position = 0
+        self._last = -1
+        """Offset of the last record."""
+        self._in_data = True
+        self._inner: int | None = None
+        """The chunk over which the last record reached."""
         self._checksum: RunningChecksum | None = RunningChecksum()
         self._before: int | None = None
         """The checksum before the last record with a checksum; None if something was skipped."""
-        self.ending: str = ""
+        self.ending: LostBytes | None = None
         """What is wrong with the end of the file; valid after the last record."""
-        self.losses: list[str] = []
-
-    @property
-    def cut(self) -> bool:
-        """Whether something may be missing at its start or end."""
-        return bool(self.ending or self._begin)
+        self.losses: list[LostBytes] = []
 
     def __iter__(self) -> Iterator[RawRecord]:
-        if self._begin:
-            self._go_to(self._begin[0])
-        else:
-            self._read(len(MAGIC))
-        while True:
+        if self._size is not None:
+            self._stream.seek(0)
+        readable = self._read(len(MAGIC)) == MAGIC or self._resume(0, no_record())
+        while readable:
             position = self._position
             try:
                 record = self._record()
             except RecordError as error:
-                if self._skip_to_next_start(position, error.message):
-                    continue
-                self.ending = TranslatableText(
-                    "{error} at byte {position}; it ends at byte {end}",
-                    error=error.message,
-                    position=position,
-                    end=self._position,
-                )
-                return
+                readable = self._resume(position, error)
+                continue
             if record is None:
-                self.ending = TranslatableText(
+                text = TranslatableText(
                     "it was never closed, its last byte is {position}", position=position
                 )
+                self._end(position, text)
                 return
+            self._last = position
             if record.opcode == _SKIPPED:
                 continue
             if record.opcode == Opcode.DATA_END:
+                self._in_data = False
                 self._check_crc(record.body, self._before, _WRONG_DATA)
                 self._checksum = RunningChecksum()
             yield record
@@ -135,30 +242,39 @@ class RecordStream:
         if len(head) < HEAD.size:
             raise RecordError(TranslatableText("it is cut in the record"))
         opcode, length = HEAD.unpack(head)
-        if self._found is not None and self._found[0] == position:
-            # The search does not need an intact head.
-            opcode, length = int(Opcode.CHUNK), self._found[1] - HEAD.size
+        if position in self._found:
+            opcode, length = int(Opcode.CHUNK), self._found[position]
+        elif self._summary and self._summary.heads.get(position, head)[0] != opcode:
+            raise RecordError(TranslatableText("the head of a record is damaged"))
         if opcode == 0:
-            raise RecordError(TranslatableText("there is no MCAP record"))
+            raise no_record()
         if length > LARGEST:
             raise RecordError(
                 TranslatableText("there is a record that claims {length} bytes", length=length)
             )
-        start = self._next_start(position) if self._starts else None
+        start = self._next_start(position)
         if start is not None and start < self._position + length:
-            raise RecordError(TranslatableText("there is a record that reaches into the next"))
-        times = b""
-        if self._wanted is not None and opcode == Opcode.CHUNK and length >= _CHUNK_TIMES.size:
-            times = self._read(_CHUNK_TIMES.size)
-            if len(times) == _CHUNK_TIMES.size and not self._wanted(*_CHUNK_TIMES.unpack(times)):
-                return self._skip(position, length - len(times))
-        body = times + self._read(length - len(times))
+            raise _reaching()
+        if opcode == Opcode.CHUNK and self._is_unwanted(position, length):
+            return self._skip(position, length)
+        body = self._read(length)
         if len(body) < length:
             raise RecordError(TranslatableText("it is cut in the record"))
-        if opcode == Opcode.CHUNK and self._search is not None:
+        if opcode == Opcode.CHUNK:
             # A chunk with a wrong length would hide the next ones.
             compressed_records(body)
-        return RawRecord(position, opcode, body)
+        record = RawRecord(position, opcode, body)
+        if start is None and self._in_data and self._reaches_over_chunk(record):
+            raise _reaching()
+        return record
+
+    def _is_unwanted(self, position: int, length: int) -> bool:
+        if not self._chunks:
+            return self._size is not None and position + HEAD.size + length <= self._size
+        if self._wanted is None or self._summary is None or not self._agrees(position):
+            return False
+        first_ns, last_ns, _ = _CHUNK_CLAIMS.unpack_from(self._summary.heads[position], HEAD.size)
+        return not self._wanted(first_ns, last_ns)
 
     def _skip(self, position: int, length: int) -> RawRecord:
         """Go to the end of a record; its checksum is then unknown."""
@@ -190,38 +306,115 @@ class RecordStream:
             self._checksum.update(block)
 
     def _next_start(self, position: int) -> int | None:
+        """The next start in the summary after `position` with which the file agrees."""
         after = bisect_right(self._starts, position)
+        while after < len(self._starts) and not self._agrees(self._starts[after]):
+            del self._starts[after]
         return self._starts[after] if after < len(self._starts) else None
 
-    def _skip_to_next_start(self, position: int, reason: TranslatableText) -> bool:
-        start = self._next_start(position)
-        if start is None and self._search is not None:
-            self._found = self._search(position)
-            start = None if self._found is None else self._found[0]
-        if start is None:
+    def _agrees(self, start: int) -> bool:
+        """Whether the record at `start` has the head that the summary names."""
+        head = self._summary.heads.get(start) if self._summary else None
+        if head is None:
             return False
-        self._go_to(start)
-        loss = TranslatableText(
-            "the head of the chunk at byte {position} is damaged", position=position
-        )
+        if start not in self._agreed and self._bytes_at(start, len(head)) == head:
+            self._agreed.add(start)
+        return start in self._agreed
+
+    def _bytes_at(self, position: int, length: int) -> bytes:
+        return os.pread(self._stream.fileno(), length, position)
+
+    def _reaches_over_chunk(self, record: RawRecord) -> bool:
+        """Whether an intact chunk is within a record, so that its length is wrong."""
+        position, opcode, body = record
+        first = _MARK_OFFSET + _LONGEST_MARK if opcode == Opcode.CHUNK else 0
+        if position in self._found or all(body.find(name, first) < 0 for name in _NAMES):
+            return False
+        if opcode == Opcode.CHUNK and self._intact_length(position, record.stop) == len(body):
+            return False
+        if opcode == Opcode.ATTACHMENT and crc32(body[:-_CRC_LENGTH]) == _crc_in(body):
+            return False
+        self._inner = self._search(position + 1, record.stop, self._size or 0)
+        return self._inner is not None
+
+    def _resume(self, position: int, error: RecordError) -> bool:
+        """Go to the next start after a damaged record; False if there is none."""
+        start = self._next_start(position)
+        found, self._inner = self._inner, None
+        if found is None:
+            stop = self._size or 0 if start is None else start
+            # The length of a chunk that was searched for may be too large.
+            first = self._last + _FIRST_PACKED if self._last in self._found else position
+            found = self._search(first, stop, stop)
+        start = start if found is None else found
+        if start is None:
+            text = TranslatableText(
+                "{error} at byte {position}; it ends at byte {end}",
+                error=error.message,
+                position=position,
+                end=self._size or self._position,
+            )
+            self._end(position, text)
+            return False
+        self._stream.seek(start)
+        self._position, self._checksum = start, None
         if start > position:
-            loss = TranslatableText(
+            text = TranslatableText(
                 "bytes {position} to {start} were skipped: {reason}",
                 position=position,
                 start=start,
-                reason=reason,
+                reason=error.message,
             )
-        self.losses.append(loss)
+        else:
+            text = TranslatableText(
+                "the head of the chunk at byte {position} is damaged", position=start
+            )
+        self.losses.append(LostBytes(min(position, start), start, text))
         return True
 
-    def _go_to(self, start: int) -> None:
-        self._stream.seek(start)
-        self._position, self._checksum = start, None
+    def _search(self, start: int, stop: int, limit: int) -> int | None:
+        """The first intact chunk whose mark is from `start` to `stop`, and that ends by `limit`."""
+        for mark in self._marks(start, stop):
+            position = mark - _MARK_OFFSET - HEAD.size
+            length = self._intact_length(position, limit)
+            if length is not None:
+                self._found[position] = length
+                return position
+        return None
+
+    def _marks(self, start: int, stop: int) -> Iterator[int]:
+        while start < stop:
+            block = self._bytes_at(start, min(_BLOCK, stop - start + _LONGEST_MARK))
+            yield from (start + mark.start() for mark in _MARKS.finditer(block))
+            if len(block) <= _LONGEST_MARK:
+                return
+            start += len(block) - _LONGEST_MARK + 1
+
+    def _intact_length(self, position: int, limit: int) -> int | None:
+        """Bytes of the body of the chunk at `position` if it is intact; needs no record head."""
+        if position <= self._last:
+            return None
+        start = position + HEAD.size
+        head = self._bytes_at(start, _MARK_OFFSET + _LONGEST_MARK + LENGTH.size)
+        try:
+            name_length = CHUNK_HEAD.unpack_from(head)[-1]
+            (packed,) = LENGTH.unpack_from(head, CHUNK_HEAD.size + name_length)
+        except struct.error:
+            return None
+        size, crc = claimed(head)
+        length = CHUNK_HEAD.size + name_length + LENGTH.size + packed
+        if not crc or length > LARGEST or start + length > limit or length + size > self._budget:
+            return None
+        self._budget -= length + size
+        with suppress(RecordError):
+            unpack(self._bytes_at(start, length))
+            return int(length)
+        return None
 
     def _check_crc(self, body: bytes, found: int | None, what: TranslatableText) -> None:
-        expected = int.from_bytes(body[-_CRC_LENGTH:], "little")
+        expected = _crc_in(body)
         if expected and found is not None and expected != found:
-            self.ending = what
+            self.ending = LostBytes(self._position, self._position, what)
 
     def _check_end(self, footer: bytes) -> None:
         if self._before is not None:
@@ -229,90 +422,37 @@ class RecordStream:
             guarded = HEAD.pack(Opcode.FOOTER, length) + footer[:-_CRC_LENGTH]
             self._check_crc(footer, crc32(guarded, self._before), _WRONG_SUMMARY)
         self._checksum = None
+        position = self._position
         if self._read(len(MAGIC)) != MAGIC:
-            self.ending = TranslatableText(
+            text = TranslatableText(
                 "its last {count} bytes are damaged or missing", count=len(MAGIC)
             )
-        elif self._stream.read(1) and not _is_interrupted(self._stream, footer, self._position):
-            self.ending = TranslatableText(
+            self._end(position, text)
+        elif self._stream.read(1) and not self._is_interrupted(footer):
+            text = TranslatableText(
                 "bytes that do not belong to it follow its end at byte {position}",
                 position=self._position,
             )
+            self._end(self._position, text)
+
+    def _is_interrupted(self, footer: bytes) -> bool:
+        """Whether the bytes after the end are those that `AppendFile` leaves if it is killed.
+
+        Then the last footer has a summary with a checksum, or is a copy of the one without summary.
+        """
+        if self._summary is not None or self._size is None:
+            return self._summary is not None
+        end = HEAD.pack(Opcode.FOOTER, len(footer)) + footer + MAGIC
+        return self._bytes_at(self._size - len(end), len(end)) == end
+
+    def _end(self, position: int, text: TranslatableText) -> None:
+        self.ending = LostBytes(position, max(position, self._size or 0), text)
 
 
-_NO_CHECKSUM = HEAD.pack(Opcode.DATA_END, _CRC_LENGTH) + bytes(_CRC_LENGTH)
+def _crc_in(body: bytes) -> int:
+    """The checksum at the end of a record's body."""
+    return int.from_bytes(body[-_CRC_LENGTH:], "little")
 
 
-def _is_interrupted(stream: BinaryIO, footer: bytes, stop: int) -> bool:
-    """Whether the bytes after the end are those that `AppendFile` leaves if it is killed.
-
-    `footer` is the body of the footer that ends the file at `stop`. The last footer of the file
-    points to the same summary, or to a copy of one after a data end without checksum.
-    """
-    if not stream.seekable():
-        return False
-    stream.seek(-END_LENGTH, os.SEEK_END)
-    last = stream.read(END_LENGTH)
-    body = last[HEAD.size : -len(MAGIC)]
-    if not last.endswith(MAGIC) or HEAD.unpack_from(last) != (Opcode.FOOTER, len(body)):
-        return False
-    start = parse(Footer, body).summary_start
-    if start <= stop:
-        return body in (footer, footer[:8] + bytes(len(footer) - 8))
-    stream.seek(start - DATA_END_LENGTH)
-    return stream.read(DATA_END_LENGTH) == _NO_CHECKSUM and read_summary(stream) is not None
-
-
-@dataclass(slots=True)
-class Summary:
-    """The records of a summary that the reader uses."""
-
-    schemas: list[Schema] = field(default_factory=list)
-    channels: list[Channel] = field(default_factory=list)
-    statistics: Statistics | None = None
-    starts: list[int] = field(default_factory=list)
-    """Offsets of the chunks and of the data end, rising."""
-    guarded: bool = False
-    """Whether the summary has a checksum."""
-
-
-def read_summary(stream: BinaryIO) -> Summary | None:
-    """The summary of a seekable file; None if there is none, or if it is damaged."""
-    size = stream.seek(0, os.SEEK_END)
-    if size < len(MAGIC) + END_LENGTH:
-        return None
-    stream.seek(size - END_LENGTH)
-    end = stream.read(END_LENGTH)
-    body = end[HEAD.size : -len(MAGIC)]
-    if not end.endswith(MAGIC) or HEAD.unpack_from(end) != (Opcode.FOOTER, len(body)):
-        return None
-    footer = parse(Footer, body)
-    length = size - END_LENGTH - footer.summary_start
-    if not footer.summary_start or not 0 < length <= LARGEST:
-        return None
-    stream.seek(footer.summary_start)
-    records = stream.read(length)
-    if footer.summary_crc not in (0, crc32(end[: HEAD.size + 16], crc32(records))):
-        return None
-    try:
-        summary = _summary_of(records, footer.summary_start)
-    except RecordError:
-        return None
-    summary.guarded = bool(footer.summary_crc)
-    return summary
-
-
-def _summary_of(records: bytes, start: int) -> Summary:
-    summary = Summary()
-    for opcode, body in records_in(records):
-        if opcode == Opcode.SCHEMA:
-            summary.schemas.append(parse(Schema, body))
-        elif opcode == Opcode.CHANNEL:
-            summary.channels.append(parse(Channel, body))
-        elif opcode == Opcode.STATISTICS:
-            summary.statistics = parse(Statistics, body)
-        elif opcode == Opcode.CHUNK_INDEX:
-            summary.starts.append(parse(ChunkIndex, body).chunk_start_offset)
-    summary.starts.append(start - DATA_END_LENGTH)
-    summary.starts.sort()
-    return summary
+def _reaching() -> RecordError:
+    return RecordError(TranslatableText("there is a record that reaches into the next"))

@@ -31,6 +31,11 @@ MAGIC = MCAP0_MAGIC
 LARGEST = 256 * 1024 * 1024
 """Bytes of the largest record that is read, and of the largest unpacked chunk."""
 
+_ALWAYS_UNPACKED = 40 * 1024 * 1024
+"""Bytes to which every chunk may unpack: 32 thousand rows of 1024 bytes of noise."""
+_MOST_RATIO = 16
+"""A chunk that unpacks to more may have this compression ratio; rows have about 10."""
+
 HEAD = struct.Struct("<BQ")
 """Head of each record: opcode and length."""
 
@@ -66,13 +71,23 @@ def records_in(records: bytes) -> Iterator[tuple[int, bytes]]:
     at, end = 0, len(records)
     while at < end:
         if end - at < HEAD.size:
-            raise RecordError(TranslatableText("records that go beyond their chunk"))
+            raise beyond_chunk()
         opcode, length = HEAD.unpack_from(records, at)
         at += HEAD.size
         if length > end - at:
-            raise RecordError(TranslatableText("records that go beyond their chunk"))
+            raise beyond_chunk()
         yield opcode, records[at : at + length]
         at += length
+
+
+def beyond_chunk() -> RecordError:
+    """The error for a record that exceeds its chunk."""
+    return RecordError(TranslatableText("records that go beyond their chunk"))
+
+
+def no_record() -> RecordError:
+    """The error for bytes that are no record."""
+    return RecordError(TranslatableText("there is no MCAP record"))
 
 
 _LARGE = 64 * 1024
@@ -120,12 +135,10 @@ LENGTH = struct.Struct("<Q")
 _UNKNOWN_SIZE = 2**64 - 1
 
 
-def unpacked_size(body: bytes) -> int:
-    """Unpacked bytes of a chunk according to its head, at most `LARGEST`."""
-    if len(body) < CHUNK_HEAD.size:
-        return 0
-    _, _, size, _, _ = CHUNK_HEAD.unpack_from(body)
-    return min(int(size), LARGEST)
+def claimed(body: bytes) -> tuple[int, int]:
+    """Unpacked bytes and CRC of a chunk according to its head."""
+    _, _, size, crc, _ = CHUNK_HEAD.unpack_from(body)
+    return size, crc
 
 
 def unpack(body: bytes) -> bytes:
@@ -134,8 +147,8 @@ def unpack(body: bytes) -> bytes:
     Raises RecordError if the chunk is damaged, or its compression is unknown.
     """
     packed, compression = compressed_records(body)
-    _, _, size, crc, _ = CHUNK_HEAD.unpack_from(body)
-    if size > LARGEST:
+    size, crc = claimed(body)
+    if size > min(LARGEST, max(_ALWAYS_UNPACKED, _MOST_RATIO * len(body))):
         raise RecordError(
             TranslatableText("a chunk that claims to unpack to {size} bytes", size=size)
         )

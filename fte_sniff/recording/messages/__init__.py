@@ -2,9 +2,8 @@
 
 Modules:
 
-    codec        One row to one message by protobuf, and back.
-    columns      Decoder of many messages at once.
-    index        Message starts in an unpacked chunk.
+    codec        One row to one message by protobuf, and back; the channels' readers.
+    columns      Decoder of chunks, many messages at once.
     packer       Encoder of rows and port events.
     schema       Topics and protobuf schemas.
     wire_layout  Fixed layouts in the protobuf wire format.

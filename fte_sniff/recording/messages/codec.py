@@ -1,4 +1,4 @@
-"""One row to one message by protobuf, and back.
+"""One row to one message by protobuf, and back; the readers of a recording's channels.
 
 Reads the messages of any schema with the fields of a row; writes the rows and events that have no
 fixed layout.
@@ -13,6 +13,9 @@ from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+from mcap.well_known import MessageEncoding
 
 from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol import (
@@ -28,6 +31,7 @@ from fte_sniff.protocol import (
     Row,
     Status,
 )
+from fte_sniff.recording.mcap.records import RecordError, parse
 from fte_sniff.recording.messages.schema import (
     EVENTS,
     MALFORMED,
@@ -46,6 +50,10 @@ from fte_sniff.recording.messages.wire_layout import WireLayouts
 _GREATEST = 2**63 - 1
 """The largest offset and time: 64-bit columns hold no larger one."""
 
+_LARGEST_MESSAGE = 64 * 1024
+_MOST_DEFINITIONS = 4096
+"""Changes of the definitions in one file."""
+
 _INTEGERS = (
     FieldDescriptor.CPPTYPE_UINT64,
     FieldDescriptor.CPPTYPE_INT64,
@@ -58,6 +66,12 @@ _ENUM = (FieldDescriptor.CPPTYPE_ENUM,)
 _ROW_NEEDS = {"offset": _INTEGERS, "read_delay_ns": _INTEGERS, "raw": _TEXT, "faults": _ENUM}
 _EVENT_NEEDS = {"kind": _ENUM, "detail": _TEXT}
 """The fields that a message must have, and their types."""
+
+
+Definitions = Mapping[tuple[type[Schema | Channel], int], tuple[Schema | Channel, bool]]
+"""Definitions by class and id, each with whether a checksum protects it."""
+
+NOTHING: Definitions = {}
 
 
 class MessageReader:
@@ -146,6 +160,10 @@ class MessageReader:
         return PortEvent(self._time(message, log_time), self.port, kind, message.detail, count)
 
     def _parse(self, data: bytes) -> Any:
+        if len(data) > _LARGEST_MESSAGE:
+            raise ValueError(
+                TranslatableText("{size} bytes, more than any row has", size=len(data))
+            )
         try:
             return self._message.FromString(data)
         except DecodeError as error:
@@ -169,7 +187,86 @@ class MessageReader:
         return name
 
 
-def reason_in(error: ValueError) -> str:
+ChannelReader = MessageReader | str | None
+"""The reader of a channel, or why its messages cannot be read; None for other topics."""
+
+
+class ChannelReaders:
+    """The definitions of a recording, and the reader of each channel.
+
+    A definition that a checksum protects takes precedence over one of the same id without. Threads
+    may read while one thread defines; what they read is then of no single version.
+    """
+
+    def __init__(self, port_of: Callable[[Channel], str], known: Definitions = NOTHING) -> None:
+        """Take the port's name for a channel, and the definitions so far."""
+        self._port_of = port_of
+        self._known = dict(known)
+        self._readers: dict[int, ChannelReader] = {}
+        self.version = 0
+        """Rises with every change of the definitions."""
+
+    def update(self, opcode: int, body: bytes, *, trusted: bool) -> None:
+        """Apply a schema or channel record.
+
+        Raises RecordError if it is damaged, or there are too many.
+        """
+        if self.version >= _MOST_DEFINITIONS:
+            raise RecordError(TranslatableText("more definitions than a recording has"))
+        kind: type[Schema | Channel] = Schema if opcode == Opcode.SCHEMA else Channel
+        self.define(parse(kind, body), trusted=trusted)
+
+    def define(self, definition: Schema | Channel, *, trusted: bool) -> None:
+        """Apply a definition; `trusted` if a checksum protects it."""
+        key = type(definition), definition.id
+        known, was_trusted = self._known.get(key, (None, False))
+        if known == definition:
+            self._known[key] = definition, trusted or was_trusted
+        elif trusted or not was_trusted:
+            self._known[key] = definition, trusted
+            self._readers = {}
+            self.version += 1
+
+    @property
+    def definitions(self) -> Definitions:
+        """A copy of the definitions so far."""
+        return dict(self._known)
+
+    @property
+    def channels(self) -> list[Channel]:
+        """The channels that are defined so far."""
+        return [one for one, _ in self._known.values() if isinstance(one, Channel)]
+
+    def get(self, channel_id: int) -> ChannelReader:
+        """The reader of a channel."""
+        readers = self._readers
+        if channel_id not in readers:
+            readers[channel_id] = self._reader_of(channel_id)
+        return readers[channel_id]
+
+    def _reader_of(self, channel_id: int) -> ChannelReader:
+        channel, _ = self._known.get((Channel, channel_id), (None, False))
+        if not isinstance(channel, Channel):
+            return TranslatableText(
+                "messages of channel {channel}, which nothing describes", channel=channel_id
+            )
+        if channel.topic not in TOPIC_BY_NAME:
+            return None
+        schema, _ = self._known.get((Schema, channel.schema_id), (None, False))
+        if channel.message_encoding != MessageEncoding.Protobuf or not isinstance(schema, Schema):
+            encoding = channel.message_encoding if schema else "without schema"
+            return TranslatableText(
+                "{topic} is {encoding}; fte-sniff reads protobuf with schema",
+                topic=channel.topic,
+                encoding=repr(encoding),
+            )
+        try:
+            return MessageReader(channel.topic, self._port_of(channel), schema.name, schema.data)
+        except FileError as error:
+            return error.message
+
+
+def reason_in(error: Exception) -> str:
     """Why a message or a schema cannot be read, translatable if possible."""
     text = error.args[0] if error.args else ""
     return text if isinstance(text, TranslatableText) else str(error)

@@ -1,4 +1,8 @@
-"""Decoder of many messages at once into row columns.
+"""Decoder of chunks into row columns, many messages at once.
+
+First the message records are found:
+
+    opcode u8 | length u64 | channel u16 | sequence u32 | log time u64 | publish time u64 | message
 
 Messages of one schema and one length are compared with the fixed layouts of that schema: one OR and
 one AND reduction over all messages show whether they agree with a layout in every guarded bit. The
@@ -8,36 +12,253 @@ messages need the comparison only. Messages that fit no layout go through the pr
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from mcap.opcode import Opcode
 
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import FRAME_LENGTH, PortEvent
-from fte_sniff.recording.messages.codec import MessageReader
-from fte_sniff.recording.messages.index import (
-    CHANNEL_OFFSET,
-    LOG_TIME_OFFSET,
-    MESSAGE_HEAD,
-    MessageIndex,
-    at_every_byte,
-    field_view,
-)
+from fte_sniff.recording.mcap.records import HEAD, RecordError, beyond_chunk, no_record
+from fte_sniff.recording.messages.codec import ChannelReaders, MessageReader, reason_in
 from fte_sniff.recording.messages.wire_layout import COMMON, WireLayout
 from fte_sniff.row_batch import NO_TIME, Array, RowBatch
+
+MESSAGE_HEAD = HEAD.size + 2 + 4 + 8 + 8
+"""Bytes of a message record before the message."""
+
+PREFIX = 64
+"""Bytes copied of each message record: the head, and every field of the common layout. Numpy copies
+64 bytes hardly slower than one number."""
+
+LENGTH_OFFSET, CHANNEL_OFFSET, SEQUENCE_OFFSET, LOG_TIME_OFFSET = 1, 9, 11, 15
+"""Offsets in a message record."""
+
+_ENTRY = np.dtype("<u8")
+_INDEX_HEAD = 2 + 4
+
+Definition = tuple[int, bytes]
+"""Opcode and body of a schema or channel record."""
+
+_DEFINITIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
+
+
+@dataclass(frozen=True, slots=True)
+class MessageIndex:
+    """The messages of an unpacked chunk, or of several concatenated ones."""
+
+    records: bytes
+    """The unpacked chunks."""
+    starts: Array
+    """Where each message record begins, rising."""
+    lengths: Array
+    """Of the messages, without their heads."""
+    prefixes: Array
+    """The first bytes of each record as opaque values; those of a short record run into the next.
+    """
+    definitions: list[Definition] = field(default_factory=list)
+    without_head: int = 0
+    """Number of messages that are too short to be one; they are not in the index."""
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def slices(self, size: int) -> Iterator[MessageIndex]:
+        """The messages in slices of about `size` bytes, at most twice as many."""
+        cuts = [0, len(self)]
+        if len(self.records) > 2 * size:
+            bounds = np.arange(size, len(self.records), size)
+            cuts[1:1] = np.searchsorted(self.starts, bounds).tolist()
+        for first, end in pairwise(cuts):
+            lengths, prefixes = self.lengths[first:end], self.prefixes[first:end]
+            if first < end:
+                yield MessageIndex(self.records, self.starts[first:end], lengths, prefixes)
+
+    def field(self, offset: int, kind: str | np.dtype[Any]) -> Array:
+        """The numbers at an offset of the records."""
+        return field_view(self.prefixes, offset, kind)
+
+
+def at_every_byte(records: bytes, size: int, first: int = 0) -> Array:
+    """Overlapping opaque values of `size` bytes, one for every byte from `first` on."""
+    count = max(0, len(records) - first - size + 1)
+    found: Array = np.ndarray((count,), f"V{size}", records, first, (1,))
+    return found
+
+
+def field_view(packed: Array, offset: int, kind: str | np.dtype[Any]) -> Array:
+    """A view of the numbers at an offset of opaque values."""
+    if not len(packed):
+        return np.empty(0, kind)
+    found: Array = np.ndarray((len(packed),), kind, packed, offset, (packed.dtype.itemsize,))
+    return found
+
+
+def message_count(indexes: Sequence[bytes]) -> int:
+    """The number of messages in the message index records of a chunk."""
+    return sum(len(body) for body in indexes) // (2 * _ENTRY.itemsize)
+
+
+def indexed_starts(indexes: Sequence[bytes], size: int) -> Array | None:
+    """The starts in the message index records of a chunk, rising; None if they are impossible.
+
+    index record:  channel u16 | bytes u32 | (log time u64, start u64) for each message
+
+    Args:
+        indexes: the bodies of the records.
+        size: bytes of the unpacked chunk.
+    """
+    entry = 2 * _ENTRY.itemsize
+    if any(len(body) < _INDEX_HEAD or (len(body) - _INDEX_HEAD) % entry for body in indexes):
+        return None
+    named = [np.frombuffer(body, _ENTRY, offset=_INDEX_HEAD)[1::2] for body in indexes]
+    # Chunks are smaller than 4 GiB, and numpy sorts short numbers much faster.
+    starts = np.concatenate(named, dtype=np.uint32, casting="unsafe") if named else np.empty(0)
+    if not len(starts) or starts.max() >= size:
+        return None
+    starts.sort()
+    return starts.astype(np.int64)
+
+
+def index_messages(records: bytes, starts: Array | None, most: int) -> MessageIndex:
+    """The messages of an unpacked chunk, or of several concatenated ones.
+
+    Args:
+        records: the chunks.
+        starts: where a message index says that messages begin, rising; ignored if that is wrong.
+        most: the largest number of records.
+
+    Raises RecordError if the records exceed the chunk, are none, or are too many.
+    """
+    found = None if starts is None else _confirmed(records, starts, most)
+    if found is None:
+        walked, definitions, _ = _walked(records, 0, len(records), most)
+        found = replace(_messages(records, np.array(walked, np.int64)), definitions=definitions)
+    if len(found) and found.lengths.min() < 0:
+        whole = found.lengths >= 0
+        starts = found.starts[whole]
+        short = len(found) - len(starts)
+        found = replace(
+            _messages(records, starts), definitions=found.definitions, without_head=short
+        )
+    return found
+
+
+def _messages(records: bytes, starts: Array) -> MessageIndex:
+    prefixes = _prefixes(records, starts)
+    lengths = field_view(prefixes, LENGTH_OFFSET, "<i8") - (MESSAGE_HEAD - HEAD.size)
+    return MessageIndex(records, starts, lengths, prefixes)
+
+
+def _prefixes(records: bytes, starts: Array) -> Array:
+    """The bytes from each start on, padded with zeros at the end of the records."""
+    last = len(records) - PREFIX
+    if last < 0:
+        return _prefixes(records.ljust(PREFIX, b"\0"), starts)
+    whole = int(np.searchsorted(starts, last, "right"))
+    if whole == len(starts):
+        return at_every_byte(records, PREFIX)[starts]
+    found = at_every_byte(records, PREFIX)[np.minimum(starts, last)]
+    for row in range(whole, len(starts)):
+        found[row] = np.void(records[int(starts[row]) :].ljust(PREFIX, b"\0"))
+    return found
+
+
+def _confirmed(records: bytes, starts: Array, most: int) -> MessageIndex | None:
+    """The index if the records are contiguous and messages begin at these starts only."""
+    if not len(starts) or starts[0] < 0 or starts[-1] > len(records) - MESSAGE_HEAD:
+        return None
+    found = _messages(records, starts)
+    if (found.field(0, "u1") != Opcode.MESSAGE).any():
+        return None
+    ends = starts + found.lengths
+    ends += MESSAGE_HEAD
+    gaps = [(0, int(starts[0])), (int(ends[-1]), len(records))]
+    between = np.flatnonzero(ends[:-1] != starts[1:])
+    gaps[1:1] = zip(ends[between].tolist(), starts[between + 1].tolist(), strict=True)
+    for start, end in gaps:
+        try:
+            messages, definitions, count = _walked(records, start, end, most)
+        except RecordError:
+            return None
+        if messages:
+            return None
+        most -= count
+        found.definitions.extend(definitions)
+    return found
+
+
+def _walked(
+    records: bytes, start: int, end: int, most: int
+) -> tuple[list[int], list[Definition], int]:
+    """Message starts, definitions and the number of all records from `start` to `end`."""
+    starts: list[int] = []
+    definitions: list[Definition] = []
+    at, count, message = start, 0, int(Opcode.MESSAGE)
+    unpack = HEAD.unpack_from
+    for _ in range(most + 1):
+        if not 0 <= at <= end - HEAD.size:
+            break
+        opcode, length = unpack(records, at)
+        after = at + HEAD.size + length
+        if opcode == 0:
+            raise no_record()
+        if after > end:
+            break
+        if opcode == message:
+            starts.append(at)
+        elif opcode in _DEFINITIONS:
+            definitions.append((opcode, records[at + HEAD.size : after]))
+        at, count = after, count + 1
+    else:
+        raise RecordError(TranslatableText("a chunk of more records than its size can hold"))
+    if at != end:
+        raise beyond_chunk()
+    return starts, definitions, count
+
+
+_MOST_LOSSES = 20
+_OTHER_LOSSES = TranslatableText("more could not be read")
+
+
+class Losses(Counter[str]):
+    """How often what could not be read; beyond 20 different texts, the others together."""
+
+    def append(self, text: str, count: int = 1) -> None:
+        """Count a loss."""
+        listed = text in self or len(self) < _MOST_LOSSES
+        self[text if listed else _OTHER_LOSSES] += count
+
+    def merge(self, other: Losses) -> None:
+        """Count the losses of another counter."""
+        for text, count in other.items():
+            self.append(text, count)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """One line for each text."""
+        return tuple(
+            text
+            if count == 1
+            else TranslatableText("{loss} ({count} times)", loss=text, count=count)
+            for text, count in self.items()
+        )
+
 
 _RAW = np.dtype(f"V{FRAME_LENGTH}")
 """A frame as one opaque value, which numpy copies at once."""
 
 _WORD = 8
 _STRIPE = 64
-_FEW = 4
+_FEW = 16
 """Up to this many messages of one length are decoded one by one."""
 _MOST_LENGTHS = 512
-
-Readers = Mapping[int, MessageReader | None]
+_MOST_CODES = 2**16 - 1
 
 _Guard = tuple[Array, Array]
 """The mask of the guarded bits and their expected values, as 64-bit numbers."""
@@ -134,22 +355,27 @@ class DecodedColumns:
     """First and last log time of fte-sniff's messages."""
     in_place: bool
     """Whether the columns are those given to `decode_columns`, without long rows and events."""
+    losses: Losses
+    """What could not be read."""
 
 
-def decode_columns(messages: MessageIndex, readers: Readers, columns: RowBatch) -> DecodedColumns:
+def decode_columns(
+    messages: MessageIndex, readers: ChannelReaders, columns: RowBatch
+) -> DecodedColumns:
     """Decode the messages of one or more unpacked chunks, in their order.
 
-    `readers` are by channel id, None for channels of other topics; `columns` are blank, with a row
-    for each message. Raises KeyError if `readers` lacks a channel, ValueError for a bad message.
+    `columns` are blank, with a row for each message.
     """
     return _Decoder(messages, readers, columns).decode()
 
 
 class _Decoder:
-    def __init__(self, messages: MessageIndex, readers: Readers, columns: RowBatch) -> None:
+    def __init__(self, messages: MessageIndex, readers: ChannelReaders, columns: RowBatch) -> None:
         self._messages, self._readers, self._columns = messages, readers, columns
         self._kept = np.ones(len(messages), np.bool_)
         self._events: list[tuple[int, PortEvent]] = []
+        self._by_channel: dict[int, MessageReader] = {}
+        self._losses = Losses()
         self._channels = messages.field(CHANNEL_OFFSET, "<u2").astype(np.intp)
         self._log_times = messages.field(LOG_TIME_OFFSET, "<i8").copy()
         self._late = bool(self._log_times.min(initial=0) < 0)
@@ -168,7 +394,7 @@ class _Decoder:
         whole = bool(self._kept.all())
         columns = self._columns.select(slice(None) if whole else self._kept, events)
         in_place = whole and not columns.long
-        return DecodedColumns(columns, len(self._messages), times, in_place)
+        return DecodedColumns(columns, len(self._messages), times, in_place, self._losses)
 
     def _fill(self) -> None:
         """Fill the columns as if every message had the common layout."""
@@ -182,27 +408,28 @@ class _Decoder:
         """A reader of each schema, and the rows of all its channels; sets the ports."""
         counts = np.bincount(self._channels, minlength=1)
         present = np.flatnonzero(counts).tolist()
-        readers = {channel: self._readers[channel] for channel in present}
         groups: dict[int, list[int]] = {}
         ports = np.zeros(len(counts), np.uint16)
-        for channel, reader in readers.items():
-            if reader is not None:
+        for channel in present:
+            reader = self._readers.get(channel)
+            if isinstance(reader, MessageReader):
+                self._by_channel[channel] = reader
                 groups.setdefault(id(reader.layouts or reader), []).append(channel)
                 ports[channel] = self._columns.codebook.port_code(reader.port)
+            elif reader is not None:
+                self._losses.append(reader, int(counts[channel]))
         self._columns.port[:] = ports.take(self._channels)
         codes = np.full(len(counts), len(groups), _code_type(len(groups)))
         for code, channels in enumerate(groups.values()):
             codes[channels] = code
-        if len(groups) == 1 and all(readers.values()):
+        if len(groups) == 1 and len(self._by_channel) == len(present):
             by_code = np.arange(len(self._messages))
         else:
             by_code = np.argsort(codes.take(self._channels), kind="stable")
         first = 0
         for channels in groups.values():
             end = first + int(counts[channels].sum())
-            reader = readers[channels[0]]
-            assert reader is not None
-            yield reader, by_code[first:end]
+            yield self._by_channel[channels[0]], by_code[first:end]
             first = end
         self._kept[by_code[first:]] = False
 
@@ -224,7 +451,11 @@ class _Decoder:
                 yield same
 
     def _decode_uniform(self, reader: MessageReader, rows: Array) -> None:
-        if reader.layouts is not None:
+        if self._late:
+            late = self._log_times[rows] < 0
+            self._decode_each(rows[late])
+            rows = rows[~late]
+        if reader.layouts is not None and len(rows):
             batch = UniformBatch.of(self._messages, rows)
             for layout in reader.layouts.like(batch.first()):
                 fits = batch.which_fit(layout)
@@ -239,11 +470,15 @@ class _Decoder:
     def _store(
         self, reader: MessageReader, rows: Array, batch: UniformBatch, layout: WireLayout
     ) -> None:
-        if self._late and layout.time is None and (self._log_times[rows] < 0).any():
-            raise ValueError("a time past the year 2262")
         if layout.is_common:
             return
         columns = self._columns
+        if layout.fault_count:
+            codes = self._fault_codes(reader, batch, layout)
+            if codes is None:
+                self._decode_each(rows)
+                return
+            columns.faults[rows] = codes
         if layout.time is not None:
             columns.t_ns[rows] = batch.field(layout.time, "<i8")
         columns.offset[rows] = batch.field(layout.offset, "<i8")
@@ -253,32 +488,41 @@ class _Decoder:
         columns.framed[rows] = layout.framed
         if layout.unordered is not None:
             columns.unordered[rows] = batch.field(layout.unordered, "u1")
-        if layout.fault_count:
-            columns.faults[rows] = self._fault_codes(reader, batch, layout)
         columns.raw.view(_RAW).reshape(-1)[rows] = batch.raw(layout)
         columns.length[rows] = layout.raw_length
         if layout.raw_length > FRAME_LENGTH:
             columns.long.update(zip(rows.tolist(), batch.long_rows(layout), strict=True))
 
-    def _fault_codes(self, reader: MessageReader, batch: UniformBatch, layout: WireLayout) -> Array:
+    def _fault_codes(
+        self, reader: MessageReader, batch: UniformBatch, layout: WireLayout
+    ) -> Array | None:
+        """The codes of the fault sets; None if there is an unknown fault."""
         packed = batch.field(layout.faults, f"V{layout.fault_count}")
         found, inverse = np.unique(packed, return_inverse=True)
-        codebook = self._columns.codebook
-        codes = [codebook.fault_code(tuple(map(reader.fault, one.tobytes()))) for one in found]
-        return np.array(codes)[inverse]
+        try:
+            sets = [tuple(map(reader.fault, one.tobytes())) for one in found]
+        except ValueError:
+            return None
+        codes = np.array([self._columns.codebook.fault_code(one) for one in sets])
+        return codes[inverse] if codes.max() <= _MOST_CODES else None
 
     def _decode_each(self, rows: Array) -> None:
         records = self._messages.records
         for row in rows.tolist():
-            reader = self._readers[int(self._channels[row])]
-            assert reader is not None
+            reader = self._by_channel[int(self._channels[row])]
             start = int(self._messages.starts[row]) + MESSAGE_HEAD
             message = records[start : start + int(self._messages.lengths[row])]
-            entry = reader.entry(message, int(self._log_times[row].view(np.uint64)))
-            if isinstance(entry, PortEvent):
-                self._events.append((row, entry))
-            else:
-                self._columns.put(row, entry)
+            try:
+                entry = reader.entry(message, int(self._log_times[row].view(np.uint64)))
+                if isinstance(entry, PortEvent):
+                    self._events.append((row, entry))
+                else:
+                    self._columns.put(row, entry)
+            except (ValueError, OverflowError) as error:
+                self._kept[row] = False
+                why = reason_in(error)
+                text = TranslatableText("{topic}: {why}", topic=reader.topic, why=why)
+                self._losses.append(text)
 
 
 def _code_type(codes: int) -> type[np.unsignedinteger[Any]]:

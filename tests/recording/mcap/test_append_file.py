@@ -20,8 +20,8 @@ from fte_sniff.protocol import Row
 from fte_sniff.recording.mcap import writer as mcap_file
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
-from fte_sniff.recording.repair import is_whole
 from fte_sniff.recording.writer import RecordingWriter
+from tests.recording.conftest import is_whole
 
 Rows = Callable[..., list[Row]]
 PORT = PortFacts("/dev/ttyUSB0", 115_200)

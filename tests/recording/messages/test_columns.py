@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
 from fte_sniff.recording.mcap.records import HEAD, RecordError
-from fte_sniff.recording.messages.index import (
+from fte_sniff.recording.messages.columns import (
     CHANNEL_OFFSET,
     MESSAGE_HEAD,
     PREFIX,
@@ -17,6 +17,8 @@ from fte_sniff.recording.messages.index import (
     indexed_starts,
 )
 
+MOST = 1000
+"""Records of a chunk, at most."""
 _LENGTHS = st.sampled_from([0, 1, 32, PREFIX - MESSAGE_HEAD - 1, PREFIX - MESSAGE_HEAD, 200])
 _RECORDS = st.lists(st.one_of(_LENGTHS, st.just(None)), min_size=1, max_size=30)
 
@@ -26,7 +28,7 @@ def _chunk(lengths: list[int | None]) -> tuple[bytes, list[int]]:
     data, starts = b"", []
     for number, length in enumerate(lengths):
         if length is None:
-            data += HEAD.pack(Opcode.METADATA, 3) + b"abc"
+            data += HEAD.pack(Opcode.SCHEMA, 3) + b"abc"
             continue
         starts.append(len(data))
         data += HEAD.pack(Opcode.MESSAGE, MESSAGE_HEAD - HEAD.size + length)
@@ -48,10 +50,10 @@ def test_an_index_changes_nothing_but_the_speed(
     half = len(starts) // 2
     indexes = [_index(shuffled[:half]), _index(shuffled[half:])]
     for named in (indexed_starts(indexes, len(data)), None):
-        found = index_messages(data, named)
+        found = index_messages(data, named, MOST)
         assert found.starts.tolist() == starts
         assert found.lengths.tolist() == [length for length in lengths if length is not None]
-        assert found.others == [(Opcode.METADATA, b"abc")] * lengths.count(None)
+        assert found.definitions == [(Opcode.SCHEMA, b"abc")] * lengths.count(None)
         for start, prefix in zip(starts, found.prefixes, strict=True):
             assert prefix.tobytes() == data[start : start + PREFIX].ljust(PREFIX, b"\0")
         numbers = [number for number, length in enumerate(lengths) if length is not None]
@@ -66,7 +68,7 @@ def test_a_wrong_index_is_ignored(
     near = data.draw(st.lists(st.integers(0, len(chunk)), max_size=5))
     kept = data.draw(st.lists(st.sampled_from(starts), max_size=30)) if starts else []
     false = [*kept, *near, *far]
-    found = index_messages(chunk, indexed_starts([_index(false)], len(chunk)))
+    found = index_messages(chunk, indexed_starts([_index(false)], len(chunk)), MOST)
     assert found.starts.tolist() == starts
 
 
@@ -80,10 +82,24 @@ def test_records_beyond_the_end_are_an_error(cut: int) -> None:
     data, starts = _chunk([10, 10, 10])
     named = indexed_starts([_index(starts)], len(data) - cut)
     with pytest.raises(RecordError, match="beyond"):
-        index_messages(data[:-cut], named)
+        index_messages(data[:-cut], named, MOST)
 
 
-def test_a_message_too_short_for_its_head_is_an_error() -> None:
-    data = HEAD.pack(Opcode.MESSAGE, 5) + b"abcde"
-    with pytest.raises(RecordError, match="without its head"):
-        index_messages(data, None)
+def test_a_message_too_short_for_its_head_costs_only_itself() -> None:
+    data, starts = _chunk([10, 10])
+    short = HEAD.pack(Opcode.MESSAGE, 5) + b"abcde"
+    found = index_messages(data + short, None, MOST)
+    assert (found.starts.tolist(), found.without_head) == (starts, 1)
+
+
+@pytest.mark.parametrize("opcode", [Opcode.MESSAGE, Opcode.METADATA, 0x80])
+def test_more_records_than_allowed_are_an_error(opcode: int) -> None:
+    data = HEAD.pack(opcode, 0) * 10
+    assert len(index_messages(data, None, 10)) == 0
+    with pytest.raises(RecordError, match="more records"):
+        index_messages(data, None, 9)
+
+
+def test_bytes_of_opcode_zero_are_no_record() -> None:
+    with pytest.raises(RecordError, match="no MCAP record"):
+        index_messages(bytes(9), None, MOST)
