@@ -58,8 +58,9 @@ def alarms(do: Callable[[], None], every_s: float) -> Iterator[None]:
 
 
 @contextmanager
-def running(wanted: CapturePlan) -> Iterator[LiveSession]:
-    with closing(LiveSession(wanted)) as session:
+def running(wanted: CapturePlan | LiveSession) -> Iterator[LiveSession]:
+    session = LiveSession(wanted) if isinstance(wanted, CapturePlan) else wanted
+    with closing(session):
         session.begin()
         yield session
 
@@ -196,7 +197,7 @@ def test_what_cannot_start_raises_and_leaves_no_process(tmp_path: Path) -> None:
 def test_a_recording_that_fails_is_told_at_once_and_the_capture_goes_on(tmp_path: Path) -> None:
     with files_bounded(20_000):
         session = LiveSession(plan(tmp_path / "x.mcap", duration_s=2.0))
-    with session:
+    with running(session):
         rows_when_told = None
         for update in updates(session):
             if update.state.recording is None and rows_when_told is None:
@@ -289,7 +290,7 @@ def test_a_capture_that_is_stuck_before_it_begins_just_ends(
     os.kill(pid, signal.SIGSTOP)
     os.waitid(os.P_PID, pid, os.WSTOPPED)
     session.stop()
-    with session:
+    with running(session):
         assert not session.poll().state.running
     assert session.state.error is None
     assert session._process.poll() is not None
@@ -335,7 +336,7 @@ def test_captures_that_begin_together_take_a_name_each(tmp_path: Path) -> None:
     wanted = replace(plan(tmp_path / "x.mcap", count=30), existing=Existing.NUMBER)
     sessions = [LiveSession(wanted) for _ in range(3)]
     for session in sessions:
-        with session:
+        with running(session):
             assert session.state.recording is not None
             rows = to_the_end(session)
             assert session.poll().state.recording == str(session.state.recording)
