@@ -190,8 +190,7 @@ def commands() -> str:
             for sub in command.list_commands(context):
                 found = command.get_command(context, sub)
                 assert found is not None
-                shown = sub.replace("_", "-")
-                parts.append(_command(found, click.Context(found, context, shown), "###"))
+                parts.append(_command(found, click.Context(found, context, sub), "###"))
     return "\n".join(parts)
 
 

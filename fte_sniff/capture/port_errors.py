@@ -142,10 +142,11 @@ def _device_problem(device: str, number: int | None) -> str | None:
             " is busy: {holders}; close that first", holders=holders_text(holders_of(device))
         )
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
+        there = _existing_ports(device)
+        if Path(device).is_file():
+            there = TranslatableText("`fte-sniff view {file}` shows a recording", file=device)
         return TranslatableText(
-            " is no serial port but {what}; {there}",
-            what=_file_type(device),
-            there=_existing_ports(device),
+            " is no serial port but {what}; {there}", what=_file_type(device), there=there
         )
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
         return TranslatableText(

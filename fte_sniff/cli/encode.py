@@ -27,10 +27,10 @@ class _Integer(click.ParamType[int]):
 
 
 class _KindGroup(click.Group):
-    """One subcommand per frame kind; accepts `speed-feedback` and `speed_feedback`."""
+    """One subcommand per frame kind; accepts `speed_feedback` for `speed-feedback` too."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return super().get_command(ctx, cmd_name.replace("-", "_"))
+        return super().get_command(ctx, cmd_name.replace("_", "-"))
 
 
 @click.group(name="encode", cls=_KindGroup, short_help="The bytes of a frame from its values.")
@@ -73,7 +73,7 @@ def _command_of(kind: FrameKind) -> click.Command:
     if len(kind.cmds) > 1:
         options.append(_cmd_option(kind))
     return click.Command(
-        kind.name,
+        kind.name.replace("_", "-"),
         callback=_printer(kind),
         params=list(options),
         help=f"{kind.meaning[0].upper()}{kind.meaning[1:]} ({kind.direction} frame).",

@@ -53,7 +53,9 @@ class LazyGroup(click.Group):
         """Find the command, or fail with the closest name."""
         name = args[0]
         if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
-            near = get_close_matches(name, COMMANDS, 1)
+            letters = sorted(name)
+            swapped = [known for known in COMMANDS if sorted(known) == letters]
+            near = swapped or get_close_matches(name, COMMANDS, 1)
             hint = f" Did you mean {near[0]}?" if near else ""
             ctx.fail(f"No such command '{name}'.{hint}")
         return super().resolve_command(ctx, args)
@@ -153,6 +155,12 @@ def _exit_with(message: str, code: int) -> NoReturn:
 
 
 def _one_line(error: click.ClickException) -> str:
+    if isinstance(error, click.NoSuchOption):
+        # click compares the hyphens too, which all options have.
+        given = [error.option_name.lstrip("-")]
+        known = error.possibilities or ()
+        near = [option for option in known if get_close_matches(option.lstrip("-"), given)]
+        error = click.NoSuchOption(error.option_name, possibilities=near, ctx=error.ctx)
     message = " ".join(error.format_message().split())
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else PROGRAM

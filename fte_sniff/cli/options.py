@@ -233,9 +233,11 @@ class FileName(click.Path):
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path; fails for an empty name."""
+        """The path; fails for an empty name and a URL."""
         if not str(value):
             self.fail("the name is empty.", param, ctx)
+        if "://" in str(value):
+            self.fail(f"{value} is a port, not a file; `fte-sniff live` captures it.", param, ctx)
         return super().convert(value, param, ctx)
 
 
@@ -257,7 +259,11 @@ class Seconds(click.FloatRange):
     ) -> float:
         """The seconds; fails for other texts and out of range."""
         parsed = parse_seconds(value) if isinstance(value, str) else None
-        seconds = float(super().convert(value if parsed is None else parsed, param, ctx))
+        try:
+            seconds = float(value if parsed is None else parsed)
+        except ValueError:
+            self.fail(f"{value!r} is not a time; use for example 10s, 5min or 1h.", param, ctx)
+        seconds = float(super().convert(seconds, param, ctx))
         if isnan(seconds):
             self.fail(f"{value!r} is not a number of seconds.", param, ctx)
         return seconds

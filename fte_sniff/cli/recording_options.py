@@ -257,12 +257,12 @@ def capture_plan(
     """
     from fte_sniff.session.capture_state import CapturePlan
 
-    if no_record and output is not None:
-        raise UsageError("-o and --no-record contradict each other; leave one of them out")
-    if no_record and keep_recording:
-        raise UsageError(
-            "--keep-recording and --no-record contradict each other; leave one of them out"
-        )
+    needs_file = {"-o": output, "--keep-recording": keep_recording or None, "--trigger": trigger}
+    for option, value in needs_file.items():
+        if no_record and value is not None:
+            raise UsageError(
+                f"{option} and --no-record contradict each other; leave one of them out"
+            )
     if output is not None and not is_stream(output):
         _check_suffix(output)
     row_filter(trigger)

@@ -166,6 +166,16 @@ def test_frames_on_the_command_line(run, arguments: str, frame: str) -> None:
     assert done.stderr == ""
 
 
+def test_kinds_have_a_hyphen_in_help_and_may_be_written_with_an_underscore(run) -> None:
+    listed = run("encode", "--help").stdout
+    for kind in KINDS:
+        assert f"  {kind.name.replace('_', '-')} " in listed
+    values = ("--motor", "1", "--pulses", "5")
+    printed = run("encode", "position-feedback", *values).stdout
+    assert printed
+    assert printed == run("encode", "position_feedback", *values).stdout
+
+
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_hex_takes_back_what_encode_prints(run, kind: FrameKind) -> None:
     values = {field.name: field.high // 3 + 1 for field in kind.fields}

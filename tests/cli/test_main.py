@@ -119,7 +119,21 @@ def test_what_was_written_when_ctrl_c_came_stays_and_is_told(environment, tmp_pa
 
 def test_a_command_that_is_nearly_right(run) -> None:
     refused(run("livee", "sim://"), 2, "No such command 'livee'", "Did you mean live?")
+    refused(run("lvie", "sim://"), 2, "No such command 'lvie'", "Did you mean live?")
+    refused(run("live", "--filtre", "sim://"), 2, "Did you mean '--filter'?")
     assert "mean" not in run("quux").stderr
+    assert "mean" not in run("live", "--theme", "sim://").stderr
+
+
+@pytest.mark.parametrize("option", ["--duration", "--flush-every"])
+def test_a_time_that_is_none_says_how_to_write_one(run, option: str) -> None:
+    refused(run("live", "sim://", option, "1x"), 2, "'1x' is not a time; use for example 10s")
+
+
+@pytest.mark.parametrize("command", ["decode", "stats", "view", "repair"])
+def test_a_port_where_a_file_is_read_leads_to_live(run, command: str) -> None:
+    words = "sim://?seed=1 is a port, not a file; `fte-sniff live` captures it"
+    refused(run(command, "sim://?seed=1"), 2, words)
 
 
 def test_view_says_that_it_reads_no_standard_input(run, samples: Path) -> None:
@@ -144,8 +158,9 @@ def test_two_wires_in_one_raw_file_are_told(run, samples: Path) -> None:
     assert "in one stream" not in alone.stderr
 
 
-def test_o_and_no_record_contradict_each_other(run) -> None:
-    refused(run("live", "sim://", "-o", "x.mcap", "--no-record"), 2, "-o", "--no-record")
+@pytest.mark.parametrize("option", ["-o", "--trigger"])
+def test_what_a_recording_needs_and_no_record_contradict_each_other(run, option: str) -> None:
+    refused(run("live", "sim://", option, "error", "--no-record"), 2, option, "--no-record")
 
 
 @pytest.mark.parametrize("command", ["decode", "view", "stats"])
