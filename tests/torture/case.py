@@ -1,0 +1,225 @@
+"""One case of an attack: its random numbers, its folder, the program's runs, and their promises.
+
+Every run of the program must end within a minute with an exit code of the contract, without a
+traceback, and with a line that names the problem if the code is not 0. What it starts ends with it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from time import monotonic, sleep
+
+ROOT = Path(__file__).parents[2]
+EXIT_CODES = frozenset({0, 2, 3, 4, 130})
+"""Done, wrong usage, port, file, interrupted."""
+
+MOST_RSS_MB = 300
+MOST_CPU_S = 5.0
+"""Limits of a run on a file below 1 MB."""
+
+BOUND_S = 120.0
+"""How long a run may take at most; the machine may be busy."""
+
+_SUBREAPER = 36
+_TRACEBACK = re.compile(r"Traceback \(most recent call last\)|^\w*(Error|Exception): ", re.M)
+_UNSAFE = re.compile(r"[^\n\x20-\U0010ffff]|[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+
+
+class PromiseError(Exception):
+    """A promise that was not kept."""
+
+
+class SkippedError(Exception):
+    """An attack that this machine cannot make."""
+
+
+def promise(kept: object, text: str) -> None:
+    """Raise PromiseError with the text if a promise is not kept."""
+    if not kept:
+        raise PromiseError(text)
+
+
+def adopt_orphans() -> None:
+    """Become the parent of processes whose own parent is killed, so that they can be awaited."""
+    ctypes.CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of the program that has ended."""
+
+    code: int
+    """Exit code; a negative signal number where it was killed."""
+    output: bytes
+    errors: str
+    rss_mb: float
+    """Largest resident set of the run and the processes that it started."""
+    cpu_s: float
+
+
+class Started:
+    """A running program: the leader of its own session, with its output in files."""
+
+    def __init__(
+        self,
+        arguments: tuple[str, ...],
+        folder: Path,
+        streams: Path,
+        environment: Mapping[str, str],
+    ) -> None:
+        self._command = " ".join(arguments)
+        self._streams = [streams.with_suffix(suffix) for suffix in (".stdout", ".stderr")]
+        stdout, stderr = (path.open("wb") for path in self._streams)
+        with stdout, stderr:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=stdout,
+                stderr=stderr,
+                cwd=folder,
+                env=environment,
+                start_new_session=True,
+            )
+
+    @property
+    def output(self) -> bytes:
+        """What it has written to stdout so far."""
+        return self._streams[0].read_bytes()
+
+    @property
+    def errors(self) -> str:
+        """What it has written to stderr so far."""
+        return self._streams[1].read_text("utf-8", "replace")
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has ended; `wait` has its exit code."""
+        state = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        return state[0] == "Z"
+
+    def interrupt(self) -> None:
+        """Press Ctrl-C."""
+        os.killpg(self._process.pid, signal.SIGINT)
+
+    def kill(self) -> None:
+        """Kill it with all processes of its group, and wait until all are gone."""
+        self._kill_group()
+        self._end(monotonic() + BOUND_S)
+
+    def wait(self) -> Run:
+        """Wait for its end, and check what holds for every run."""
+        run = self._end(monotonic() + BOUND_S)
+        about = f"`{self._command}` (exit code {run.code})"
+        promise(run.code in EXIT_CODES, f"{about}: no exit code of the contract\n{run.errors}")
+        promise(not _TRACEBACK.search(run.errors), f"{about}: a traceback\n{run.errors}")
+        promise(not _UNSAFE.search(run.errors), f"{about}: control characters\n{run.errors!r}")
+        named = run.code in (0, 130) or "fte-sniff: " in run.errors
+        promise(named, f"{about}: no line that names the problem\n{run.errors}")
+        return run
+
+    def _end(self, until: float) -> Run:
+        pid, status, usage = self._reap(until)
+        self._process.returncode = os.waitstatus_to_exitcode(status)
+        self._await_group(until, pid)
+        cpu_s = usage.ru_utime + usage.ru_stime
+        errors = self.errors
+        return Run(self._process.returncode, self.output, errors, usage.ru_maxrss / 1024, cpu_s)
+
+    def _reap(self, until: float) -> tuple[int, int, resource.struct_rusage]:
+        while True:
+            found = os.wait4(self._process.pid, os.WNOHANG)
+            if found[0]:
+                return found
+            if monotonic() > until:
+                self._kill_group()
+                os.waitpid(self._process.pid, 0)
+                raise PromiseError(
+                    f"`{self._command}` did not end within {BOUND_S:.0f} s\n{self.errors}"
+                )
+            sleep(0.005)
+
+    def _await_group(self, until: float, group: int) -> None:
+        """Wait for the processes that it started; they may end a little later."""
+        while True:
+            try:
+                if not os.waitpid(-group, os.WNOHANG)[0]:
+                    sleep(0.005)
+            except ChildProcessError:
+                return
+            if monotonic() > until:
+                self._kill_group()
+                raise PromiseError(f"`{self._command}` left a process behind")
+
+    def _kill_group(self) -> None:
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+
+class Case:
+    """A case of an attack; the same seed makes the same choices."""
+
+    def __init__(self, attack: str, seed: int, folder: Path) -> None:
+        self.folder = folder / "files"
+        """Where the program runs, with the files of the case."""
+        self.streams = folder / "runs"
+        """What the program wrote to stdout and stderr."""
+        self.random = Random(f"{attack}:{seed}")
+        self._runs = 0
+        self._started: list[Started] = []
+        settings = folder / "settings"
+        for each in (self.folder, self.streams, settings):
+            each.mkdir(parents=True)
+        kept = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
+        self.environment = kept | {
+            "PYTHONPATH": str(ROOT),
+            "LANG": "C.UTF-8",
+            "FTE_SNIFF_CONFIG": str(settings / "config.toml"),
+            "XDG_CACHE_HOME": str(settings),
+        }
+
+    def path(self, name: str) -> Path:
+        """A file of the case."""
+        return self.folder / name
+
+    def start(self, *arguments: str | Path, **environment: str) -> Started:
+        """Start the program with these arguments."""
+        return self.start_python("-m", "fte_sniff", *arguments, **environment)
+
+    def start_python(self, *arguments: str | Path, **environment: str) -> Started:
+        """Start Python; `environment` is in addition to the case's own."""
+        self._runs += 1
+        words = tuple(map(str, arguments))
+        streams = self.streams / str(self._runs)
+        started = Started(words, self.folder, streams, self.environment | environment)
+        self._started.append(started)
+        return started
+
+    def run(self, *arguments: str | Path, **environment: str) -> Run:
+        """Run the program to its end."""
+        return self.start(*arguments, **environment).wait()
+
+    def run_limited(self, *arguments: str | Path) -> Run:
+        """Run the program on a file below 1 MB, within the limits for memory and time."""
+        return self.check_limits(self.run(*arguments), " ".join(map(str, arguments)))
+
+    def check_limits(self, run: Run, about: str) -> Run:
+        """Check the limits of a run on a file below 1 MB."""
+        promise(run.rss_mb <= MOST_RSS_MB, f"`{about}` used {run.rss_mb:.0f} MB of memory")
+        promise(run.cpu_s <= MOST_CPU_S, f"`{about}` used {run.cpu_s:.1f} s of processor time")
+        return run
+
+    def close(self) -> None:
+        """Kill what still runs."""
+        for started in self._started:
+            started._kill_group()

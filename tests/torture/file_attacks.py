@@ -1,0 +1,209 @@
+"""Attacks by files: damaged, cut, hostile and fuzzed recordings, logs, raw bytes and settings."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections import Counter
+from pathlib import Path
+from typing import TypeAlias
+
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from tests.torture.case import ROOT, Case, PromiseError, Run, promise
+from tests.torture.damage import (
+    BOMBS,
+    VARIANTS,
+    damaged,
+    hostile_settings,
+    recording,
+    repeated_index,
+    with_bomb,
+)
+
+ReadRow: TypeAlias = tuple[str, int, str]
+"""Port, offset and raw bytes (hex) of a row."""
+
+SCAN = """
+import sys, warnings, fte_sniff
+warnings.simplefilter("ignore")
+try:
+    print(fte_sniff.scan(sys.argv[1]).collect().height)
+except fte_sniff.FteSniffError as error:
+    sys.exit(f"fte-sniff: {error}")
+"""
+
+
+def csv_rows(path: Path) -> list[ReadRow]:
+    """The rows of a CSV file that the program wrote."""
+    with path.open(newline="") as stream:
+        return [(row["port"], int(row["offset"]), row["raw"]) for row in csv.DictReader(stream)]
+
+
+def decoded(case: Case, *paths: Path, limited: bool = True) -> tuple[Run, list[ReadRow]]:
+    """The rows that `decode` reads."""
+    table = case.path(f"{paths[0].name}.csv")
+    run = case.run("decode", *paths, "--format", "csv", "-o", table, "--force")
+    if limited:
+        case.check_limits(run, f"decode {paths[0].name}")
+    return run, csv_rows(table) if run.code == 0 else []
+
+
+def official_rows(path: Path) -> list[ReadRow]:
+    """The rows that the `mcap` package reads, with all checksums checked."""
+    rows = []
+    try:
+        with path.open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            for _schema, channel, _message, row in reader.iter_decoded_messages():
+                if channel.topic != "/fte/port":
+                    raw = row.raw.hex().upper()
+                    rows.append((channel.metadata["port"], row.offset, raw))
+    except Exception as error:
+        raise PromiseError(f"the mcap package refuses {path.name}: {error!r}") from error
+    return rows
+
+
+def check_read_by_both(case: Case, path: Path) -> list[ReadRow]:
+    """Check that `decode` and the `mcap` package read the same rows, and return them."""
+    run, rows = decoded(case, path)
+    promise(run.code == 0, f"decode refuses {path.name}\n{run.errors}")
+    promise(Counter(official_rows(path)) == Counter(rows), f"{path.name}: other rows in mcap")
+    return rows
+
+
+def _original(case: Case) -> bytes:
+    return recording(case.random.randrange(VARIANTS))
+
+
+def _true_rows(case: Case, data: bytes) -> list[ReadRow]:
+    path = case.path("whole.mcap")
+    path.write_bytes(data)
+    return official_rows(path)
+
+
+def check_damaged(case: Case, data: bytes, true_rows: list[ReadRow]) -> list[ReadRow]:
+    """Check what every command does with a damaged recording; the rows that `decode` reads.
+
+    No row is invented, `repair` keeps each row that `decode` reads, and the repaired file opens in
+    the `mcap` package.
+    """
+    path, repaired = case.path("damaged.mcap"), case.path("repaired.mcap")
+    path.write_bytes(data)
+    _, rows = decoded(case, path)
+    invented = Counter(rows).keys() - Counter(true_rows).keys()
+    promise(not invented, f"decode reads rows that were never recorded: {sorted(invented)[:3]}")
+    mended = case.run_limited("repair", path, "-o", repaired)
+    if rows:
+        promise(mended.code == 0, f"repair refuses what decode reads\n{mended.errors}")
+    kept = check_read_by_both(case, repaired) if repaired.exists() else rows
+    lost = Counter(rows) - Counter(kept)
+    promise(not lost, f"repair keeps {len(kept)} rows, decode reads {len(rows)}")
+    if case.random.random() < 0.3:
+        case.run_limited("stats", path)
+        case.check_limits(case.start_python("-c", SCAN, path).wait(), f"scan {path.name}")
+    return rows
+
+
+def mutate(case: Case) -> None:
+    """Flip, overwrite, remove and repeat bytes of a recording."""
+    data = _original(case)
+    check_damaged(case, damaged(case.random, data), _true_rows(case, data))
+
+
+def truncate(case: Case) -> None:
+    """Cut a recording at any byte."""
+    data = _original(case)
+    check_damaged(case, data[: case.random.randrange(len(data))], _true_rows(case, data))
+
+
+def time_window(case: Case) -> None:
+    """Decode a time span of a damaged recording: a missing row is reported."""
+    path, table = case.path("damaged.mcap"), case.path("span.csv")
+    path.write_bytes(damaged(case.random, _original(case)))
+    run, rows = decoded(case, path)
+    if run.code or not rows:
+        return
+    start, end = sorted(case.random.sample(range(10), 2))
+    first, after = f"2026-01-31T12:00:0{start}Z", f"2026-01-31T12:00:0{end}Z"
+    span = case.run_limited("decode", path, "--from", first, "--to", after, "-o", table)
+    with case.path("damaged.mcap.csv").open(newline="") as stream:
+        times = [row["time"] for row in csv.DictReader(stream)]
+    wanted = [row for row, time in zip(rows, times, strict=True) if first[:-1] <= time < after[:-1]]
+    found = csv_rows(table)
+    is_reported = "fte-sniff: " in span.errors
+    text = f"{first} to {after}: {len(found)} rows instead of {len(wanted)}, and no message"
+    promise(found == wanted or is_reported, text)
+
+
+def bomb(case: Case) -> None:
+    """A small recording that claims or unpacks to a lot; its intact rows are still read."""
+    data = recording(case.random.randrange(VARIANTS))
+    true_rows = _true_rows(case, data)
+    name = case.random.choice((*BOMBS, "repeated index"))
+    if name == "repeated index":
+        hostile = repeated_index(case.random, data)
+    else:
+        hostile = with_bomb(case.random, data, BOMBS[name](case.random))
+    if len(hostile) >= 1_000_000:
+        return
+    rows = check_damaged(case, hostile, true_rows)
+    lost = Counter(true_rows) - Counter(rows)
+    promise(not lost, f"bomb of {name}: {len(rows)} of {len(true_rows)} intact rows are read")
+
+
+def fuzz_logs(case: Case) -> None:
+    """Decode damaged hex logs and pasted text."""
+    random = case.random
+    sample = random.choice(sorted(ROOT.glob("samples/*.hex")))
+    text = damaged(random, sample.read_bytes())
+    path = case.path(f"log.{random.choice(('hex', 'txt', 'log'))}")
+    path.write_bytes(text[: random.randrange(1, 40_000)])
+    case.run_limited("decode", path, "--format", "csv", "-o", case.path("log.csv"))
+
+
+def fuzz_bytes(case: Case) -> None:
+    """Decode raw bytes: the rows are the bytes, each once and in order."""
+    random = case.random
+    sample = random.choice(sorted(ROOT.glob("samples/*.raw")))
+    data = damaged(random, sample.read_bytes() + random.randbytes(random.randrange(400)))
+    path = case.path("bytes.raw")
+    path.write_bytes(data)
+    run, rows = decoded(case, path)
+    promise(run.code == 0, f"raw bytes are refused\n{run.errors}")
+    promise(b"".join(bytes.fromhex(raw) for _, _, raw in rows) == data, "the rows are other bytes")
+    ends = [offset + len(raw) // 2 for _, offset, raw in rows]
+    promise([0, *ends[:-1]] == [offset for _, offset, _ in rows] or not rows, "offsets have gaps")
+
+
+def settings(case: Case) -> None:
+    """Start with a settings file that is damaged, hostile or no regular file."""
+    path = case.path("hostile.toml")
+    special = case.random.choice((None, None, None, None, "/dev/zero", "fifo", "folder", "large"))
+    if special == "fifo":
+        os.mkfifo(path)
+    elif special == "folder":
+        path.mkdir()
+    elif special == "large":
+        path.write_bytes(b"# \n" * case.random.randrange(1 << 20))
+    elif special:
+        path = Path(special)
+    else:
+        path.write_bytes(hostile_settings(case.random))
+    arguments = ("live", "loop://", "--no-record", "--plain", "--duration", "0.1")
+    case.check_limits(case.start(*arguments, FTE_SNIFF_CONFIG=str(path)).wait(), "live")
+
+
+OPTIONS = ("rotate", "max-size", "min-free", "flush-every", "duration", "count", "baud", "filter")
+MORE_OPTIONS = ("trigger", "before", "keep-rows", "resolution", "gear-ratio", "config", "lang")
+
+
+def options(case: Case) -> None:
+    """Start with hostile values of options."""
+    random = case.random
+    digits = str(random.randrange(10)) * random.choice((1, 20, 400, 5_000))
+    form = random.choice(("{}", "{}GB", "-{}", "0.{}", "{}h", "{}e{}", "\u202e{}\x9b", "rpm > {}"))
+    option = f"--{random.choice((*OPTIONS, *MORE_OPTIONS))}={form.replace('{}', digits)}"
+    port = ("sim://?frames=20", "--no-reconnect", "--plain", "-o", case.path("x.mcap"))
+    case.check_limits(case.run("live", *port, option), f"live {option[:60]}")

@@ -1,0 +1,388 @@
+"""Attacks on running programs: kills, faults of the disk, files taken away, fuzzed lines.
+
+The bytes of the line are known, so what a recording must hold is known too: rows that join to
+what was sent, from the first row to at least the bytes whose recording is promised.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import termios
+import tty
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+from time import monotonic, sleep
+
+from benchmarks.recording_kill import kill_one
+from tests.torture.case import BOUND_S, Case, PromiseError, Run, SkippedError, Started, promise
+from tests.torture.damage import VARIANTS, noisy_frame, numbered_frame, recording
+from tests.torture.file_attacks import ReadRow, check_read_by_both, decoded, official_rows
+
+FLUSH_S = 0.1
+SLACK_S = 2.5
+"""How much later than `FLUSH_S` rows may reach the disk on a busy machine, seconds."""
+
+_STOPPED = re.compile(r"is complete up to there \(([\d,]+) rows\)")
+_NOT_RECORDED = re.compile(r"([\d,]+) rows and port events .*were not recorded")
+_ROWS = re.compile(r"^([\d,]+) rows", re.M)
+
+
+class Line:
+    """A pseudo-terminal with a sender at the far end, and what was sent so far."""
+
+    def __init__(self, random: Random, noisy: bool = False) -> None:
+        self._random, self._noisy = random, noisy
+        self.far, self.near = os.openpty()
+        tty.setraw(self.near)
+        os.set_blocking(self.far, False)
+        self.device = os.ttyname(self.near)
+        self.sent = bytearray()
+        self._sent_at: list[tuple[float, int]] = []
+        self._number = 0
+
+    def send(self, seconds: float = 0.0, until: Callable[[], bool] = lambda: False) -> None:
+        """Send frames for some time, or until something holds."""
+        end = monotonic() + seconds
+        while monotonic() < end and not until():
+            frames = b""
+            for _ in range(self._random.randrange(1, 12)):
+                self._number += 1
+                noisy = self._noisy
+                frames += noisy_frame(self._random, self._number) if noisy else b""
+                frames += numbered_frame(self._number)
+            with suppress(BlockingIOError):
+                self.sent += frames[: os.write(self.far, frames)]
+                self._sent_at.append((monotonic(), len(self.sent)))
+            sleep(self._random.choice((0.002, 0.01, 0.03)))
+
+    def send_until_shown(self, program: Started, noisy: bool = False) -> None:
+        """Send whole frames until the program prints the first row."""
+        self.send(BOUND_S, lambda: bool(program.output) or program.has_ended)
+        self._noisy = noisy
+        promise(program.output, f"nothing is shown\n{program.errors}")
+
+    def drain(self) -> None:
+        """Wait until the program has read everything."""
+        until = monotonic() + BOUND_S
+        while self._unread and monotonic() < until:
+            sleep(0.01)
+        promise(not self._unread, "the program does not read the line")
+        sleep(0.2)
+
+    @property
+    def _unread(self) -> int:
+        waiting = fcntl.ioctl(self.near, termios.FIONREAD, bytes(4))
+        return int(struct.unpack("i", waiting)[0])
+
+    def sent_before(self, moment: float) -> int:
+        """Number of bytes that were sent before a moment."""
+        return max((length for at, length in self._sent_at if at < moment), default=0)
+
+    def close(self) -> None:
+        """Unplug the line."""
+        os.close(self.far)
+        os.close(self.near)
+
+
+def check_stream(rows: list[ReadRow], sent: bytes, at_least: int) -> None:
+    """Check that rows join to a span of what was sent, without a gap, up to `at_least` bytes."""
+    joined = b"".join(bytes.fromhex(raw) for _, _, raw in rows)
+    ends = [0]
+    for _, offset, raw in rows:
+        promise(offset == ends[-1], f"a gap or an overlap at offset {offset:,}")
+        ends.append(offset + len(raw) // 2)
+    start = sent.find(joined)
+    promise(start >= 0, "the rows are other bytes than were sent")
+    end = start + len(joined)
+    promise(end >= at_least, f"{at_least - end:,} bytes are missing at the end")
+
+
+def _number(text: str) -> int:
+    return int(text.replace(",", ""))
+
+
+def _files(case: Case) -> list[Path]:
+    return sorted(case.folder.glob("x*.mcap"))
+
+
+def _live(case: Case, line: Line, *options: str, **environment: str) -> Started:
+    output = ("-o", "x.mcap", "--flush-every", str(FLUSH_S))
+    return case.start("live", line.device, "--plain", *output, *options, **environment)
+
+
+def _rows_of_all(case: Case) -> list[ReadRow]:
+    return [row for path in _files(case) for row in check_read_by_both(case, path)]
+
+
+def kill_live(case: Case) -> None:
+    """Kill a capture at any moment: the recording is whole up to the last flush."""
+    line = Line(case.random)
+    rotate = case.random.choice(((), (), ("--rotate", "100kB")))
+    program = _live(case, line, *rotate)
+    line.send_until_shown(program)
+    shown = len(line.sent)
+    line.send(case.random.uniform(0, 6))
+    killed = monotonic()
+    program.kill()
+    promised = line.sent_before(killed - FLUSH_S - SLACK_S)
+    check_stream(_rows_of_all(case), bytes(line.sent), promised if promised > shown else 0)
+    line.close()
+
+
+def kill_recorder(case: Case) -> None:
+    """Kill a writer at full speed: each row whose flush it reported is in its files."""
+    random = case.random
+    every_s = random.choice((0.0, 0.0, 0.05, 0.3))
+    path, rotate = case.path("x.mcap"), random.random() < 0.5
+    left = kill_one(path, every_s, random.uniform(0, 3), rotate=rotate)
+    promise(not left.problem, left.problem)
+    promise(not left.missing, f"{left.missing} of {left.flushed} flushed rows are missing")
+
+
+def kill_bridge(case: Case) -> None:
+    """Kill a bridge at any moment: the recording is whole, and each wire has its bytes."""
+    line = Line(case.random)
+    output = ("--plain", "-o", "x.mcap", "--flush-every", str(FLUSH_S), "--link", "host")
+    program = case.start("bridge", line.device, *output)
+    line.send_until_shown(program)
+    host = os.open(case.path("host"), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    written, end = bytearray(), monotonic() + case.random.uniform(0, 4)
+    while monotonic() < end:
+        frame = numbered_frame(1_000_000 + len(written))
+        with suppress(BlockingIOError):
+            written += frame[: os.write(host, frame)]
+        with suppress(BlockingIOError):
+            os.read(host, 1 << 16)
+            os.read(line.far, 1 << 16)
+        line.send(0.02)
+    program.kill()
+    os.close(host)
+    rows = _rows_of_all(case)
+    check_stream([row for row in rows if row[0] == line.device], bytes(line.sent), 0)
+    check_stream([row for row in rows if row[0] != line.device], bytes(written), 0)
+    line.close()
+
+
+def kill_conversion(case: Case) -> None:
+    """Kill `decode -o` or `repair`: the input is as before, and the next run gives everything."""
+    random = case.random
+    source = case.path("source.mcap")
+    data = recording(random.randrange(VARIANTS))
+    source.write_bytes(data if random.random() < 0.5 else data[: len(data) * 2 // 3])
+    before = source.read_bytes()
+    command = random.choice(("decode", "decode", "repair"))
+    outputs = ("x.mcap", "x.csv", "x.parquet", "x.jsonl") if command == "decode" else ("x.mcap",)
+    words = (command, source, "-o", random.choice(outputs))
+    program = case.start(*words)
+    sleep(random.uniform(0, 1.2))
+    program.kill()
+    promise(source.read_bytes() == before, f"{words[0]} changed its input")
+    for path in _files(case):
+        official_rows(path)
+    again = case.run(*words, "--force")
+    promise(again.code == 0, f"{words[0]} --force after a kill\n{again.errors}")
+    _, rows = decoded(case, source)
+    if words[-1] == "x.mcap" and case.path("x.mcap").exists():
+        kept = check_read_by_both(case, case.path("x.mcap"))
+        promise(Counter(kept) == Counter(rows), f"{len(kept)} of {len(rows)} rows after a kill")
+
+
+FAULTS = (
+    *((call, effect) for call in ("write", "sync", "truncate") for effect in ("ENOSPC", "EIO")),
+    ("write", "short"),
+    ("sync", "delay"),
+)
+"""Calls that fail, and how; see faults.c."""
+
+
+def _faults(case: Case, most_first: int) -> dict[str, str]:
+    """The environment of a program whose writes, syncs or truncations fail from some call on."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        raise SkippedError("gcc is missing, which compiles the library that makes writes fail")
+    library = case.path("faults.so")
+    source = Path(__file__).with_name("faults.c")
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", library, source], check=True)
+    call, effect = case.random.choice(FAULTS)
+    first = case.random.choice((0, 1, 2, case.random.randrange(most_first)))
+    return {
+        "LD_PRELOAD": str(library),
+        "FAULT_FOLDER": str(case.folder),
+        "FAULT_CALL": call,
+        "FAULT_EFFECT": effect,
+        "FAULT_FIRST": str(first),
+        "FAULT_COUNT": str(case.random.choice((1, 3, 1_000_000))),
+        "FAULT_DELAY_MS": str(case.random.choice((50, 400, 1500))),
+    }
+
+
+def faults_of_live(case: Case) -> None:
+    """Let writes, syncs and truncations of a capture fail: rows are recorded or reported."""
+    line = Line(case.random, noisy=False)
+    faults = _faults(case, 80)
+    program = _live(case, line, **faults)
+    with suppress(PromiseError):
+        line.send_until_shown(program)
+    if program.has_ended:
+        run = program.wait()
+        promise(run.code == 4, f"exit code {run.code}\n{run.errors}")
+        return
+    line.send(case.random.uniform(0.5, 5))
+    line.drain()
+    program.interrupt()
+    _check_accounted(case, program.wait(), bytes(line.sent))
+    line.close()
+
+
+def _check_accounted(case: Case, run: Run, sent: bytes) -> None:
+    """Check that each row is in a file or in the number of rows that were not recorded."""
+    total = max(map(_number, _ROWS.findall(run.errors)), default=0)
+    rows = _rows_of_all(case)
+    lost = sum(map(_number, _NOT_RECORDED.findall(run.errors)))
+    stated = sum(map(_number, _STOPPED.findall(run.errors.split("fte-sniff: ")[0])))
+    promise(len(rows) >= stated, f"{len(rows)} rows are read, {stated} are reported\n{run.errors}")
+    promise((run.code == 0) == (lost == 0), f"exit code {run.code}, {lost} rows not recorded")
+    events = 4
+    accounted = total <= len(rows) + lost <= total + events
+    promise(accounted, f"{total} rows: {len(rows)} are read, {lost} are reported\n{run.errors}")
+    if not lost:
+        check_stream(rows, sent, len(sent))
+
+
+def faults_of_conversion(case: Case) -> None:
+    """Let writes of `decode -o` and `repair` fail: exit code 4 and a valid file or none."""
+    random = case.random
+    data = recording(random.randrange(VARIANTS))
+    source = case.path("source.mcap")
+    command = random.choice(("decode", "repair"))
+    source.write_bytes(data if command == "decode" else data[: len(data) * 2 // 3])
+    output = case.path(
+        random.choice(("x.mcap", "x.csv", "x.jsonl")) if command == "decode" else "x.mcap"
+    )
+    faults = _faults(case, 40)
+    run = case.run(command, source, "-o", output, **faults)
+    promise(run.code in (0, 4), f"exit code {run.code}\n{run.errors}")
+    _, rows = decoded(case, source)
+    if output.suffix == ".mcap" and output.exists():
+        found = check_read_by_both(case, output)
+        whole = run.code == 4 or Counter(found) == Counter(rows)
+        promise(whole, f"exit code 0, but {len(found)} of {len(rows)} rows")
+
+
+def taken_away(case: Case) -> None:
+    """Truncate, delete or move the file of a capture: it is reported, and the capture goes on."""
+    line = Line(case.random)
+    program = _live(case, line)
+    line.send_until_shown(program)
+    line.send(case.random.uniform(0.3, 2))
+    path = case.path("x.mcap")
+    match case.random.choice(("truncate", "truncate", "empty", "delete", "move")):
+        case "truncate":
+            os.truncate(path, case.random.randrange(path.stat().st_size))
+        case "empty":
+            os.truncate(path, 0)
+        case "delete":
+            path.unlink()
+        case "move":
+            path.rename(case.path("moved.mcap"))
+    began = monotonic()
+    line.send(case.random.uniform(2, 5))
+    line.drain()
+    program.interrupt()
+    run = program.wait()
+    promise(run.code == 4, f"exit code {run.code}: the loss is not reported\n{run.errors}")
+    others = [other for other in _files(case) if other != path]
+    rows = [row for other in others for row in check_read_by_both(case, other)]
+    promise(rows, f"the capture did not go on in another file\n{run.errors}")
+    joined = b"".join(bytes.fromhex(raw) for _, _, raw in rows)
+    promise(bytes(line.sent).endswith(joined), "the last rows are missing")
+    since = len(line.sent) - len(joined)
+    promise(since <= line.sent_before(began + SLACK_S), "rows since then are missing")
+    line.close()
+
+
+def noisy_line(case: Case) -> None:
+    """Send noise, cut and altered frames: each byte is in one row, in order, also on the disk."""
+    line = Line(case.random)
+    program = _live(case, line)
+    line.send_until_shown(program, noisy=True)
+    line.send(case.random.uniform(0.2, 2))
+    line.drain()
+    program.interrupt()
+    run = program.wait()
+    promise(run.code == 0, f"exit code {run.code}\n{run.errors}")
+    rows = _rows_of_all(case)
+    check_stream(rows, bytes(line.sent), len(line.sent))
+    shown = max(map(_number, _ROWS.findall(run.errors)), default=0)
+    promise(shown == len(rows), f"{shown} rows are reported, {len(rows)} are in the file")
+    line.close()
+
+
+MARKER = "from pathlib import Path\nPath('foreign-code-ran').touch()\n"
+LIMITED = """
+import resource, runpy, sys
+resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[1]),) * 2)
+del sys.argv[1]
+runpy.run_module("fte_sniff", run_name="__main__", alter_sys=True)
+"""
+
+
+def foreign_code(case: Case) -> None:
+    """Put modules with the names of Python's own into the working folder: none of them runs."""
+    for name in case.random.sample(sorted(sys.stdlib_module_names), 100):
+        case.path(f"{name.strip('_')}.py").write_text(MARKER)
+    port = case.random.choice(("sim://?frames=20", "loop://"))
+    command = case.random.choice(("live", "live", "bridge"))
+    case.run(command, port, "--plain", "--no-reconnect", "--duration", "0.5", "-o", "x.mcap")
+    promise(not case.path("foreign-code-ran").exists(), f"{command} runs code of its folder")
+
+
+def in_use(case: Case) -> None:
+    """Write to the file of a running capture: it is refused, and the recording stays whole."""
+    line = Line(case.random)
+    source = case.path("source.mcap")
+    source.write_bytes(recording(case.random.randrange(VARIANTS))[:-200])
+    program = _live(case, line)
+    line.send_until_shown(program)
+    start = len(line.sent)
+    command = case.random.choice(("decode", "repair", "live"))
+    words = ("sim://?frames=20", "--plain", "--no-reconnect") if command == "live" else (source,)
+    run = case.run(command, *words, "-o", case.path("x.mcap"), "--force")
+    promise(run.code == 4, f"{command} --force: exit code {run.code}\n{run.errors}")
+    line.send(0.5)
+    line.drain()
+    program.interrupt()
+    run = program.wait()
+    promise(run.code == 0, f"the capture: exit code {run.code}\n{run.errors}")
+    check_stream(_rows_of_all(case), bytes(line.sent), max(start, len(line.sent)))
+    line.close()
+
+
+def few_files(case: Case) -> None:
+    """Allow only a few open files: the program works, or says so in a line."""
+    random = case.random
+    data = recording(random.randrange(VARIANTS))
+    for number in range(random.choice((1, 5, 40))):
+        case.path(f"source{number:02}.mcap").write_bytes(data)
+    words: tuple[str | Path, ...] = random.choice(
+        (
+            ("decode", "source*.mcap", "--format", "csv", "-o", "x.csv"),
+            ("decode", "source*.mcap", "-o", "x.mcap"),
+            ("stats", "source*.mcap"),
+            ("repair", "source00.mcap", "-o", "x.mcap"),
+            ("live", "sim://?frames=50", "--no-reconnect", "--plain", "-o", "x.mcap"),
+        )
+    )
+    run = case.start_python("-c", LIMITED, str(random.randrange(5, 60)), *words).wait()
+    promise(run.code in (0, 2, 3, 4), f"exit code {run.code}\n{run.errors}")
+    for path in _files(case):
+        check_read_by_both(case, path)
