@@ -9,8 +9,11 @@ from dataclasses import dataclass
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
+from zlib import crc32
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -18,6 +21,7 @@ from mcap.stream_reader import StreamReader
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
 from fte_sniff.recording.mcap import writer as mcap_file
+from fte_sniff.recording.mcap.records import RunningChecksum
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.writer import RecordingWriter
@@ -252,3 +256,15 @@ def test_a_file_that_is_cut_off_before_any_call_is_reported(
     assert "another program cut off" in str(writer.failure)
     assert writer.is_gone
     writer.close()
+
+
+@given(st.lists(st.sampled_from([0, 1, 9, 60_000, 64 * 1024, 70_000]), max_size=30), st.data())
+def test_the_running_checksum_is_that_of_all_pieces(sizes: list[int], data: st.DataObject) -> None:
+    running, whole = RunningChecksum(), b""
+    for number, size in enumerate(sizes):
+        piece = bytes([number]) * size
+        running.update(piece)
+        whole += piece
+        if data.draw(st.booleans()):
+            assert running.value() == crc32(whole)
+    assert running.value() == crc32(whole)
