@@ -9,7 +9,7 @@ import click
 
 from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
 from fte_sniff.cli.options import FileName
-from fte_sniff.cli.output import format_option, summary
+from fte_sniff.cli.output import exit_if_unreadable, format_option, print_notes, summary
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
@@ -50,9 +50,9 @@ def command(
     form = form or _format_for(output)
     reading = query.read(query.row_filter(), limit)
     _write(form, output, reading, force=force)
-    for note in reading.notes:
-        print_err(f"fte-sniff: {note}")
+    print_notes(reading)
     print_err(summary(reading.tally, reading))
+    exit_if_unreadable(reading)
 
 
 def _format_for(output: Path | None) -> OutputFormat:

@@ -146,13 +146,21 @@ class InputQuery:
         If all inputs are recordings, they are sorted by their first times.
 
         Raises:
-            FileError: a file cannot be read, is not what it should be, or does not exist.
+            FileError: no file can be read; one of several is reported, and the others are read.
             UsageError: the content of a file is unknown, or does not fit the options.
             InputTextError: a time, date or zone is invalid.
         """
         if self.day is not None or self.zone is not None:
             self.clock()  # an invalid date or zone is an error even if no log is read
-        inputs = [_opened(path, self) for path in self.paths()]
+        inputs: list[Input] = []
+        unreadable: list[FileError] = []
+        for path in self.paths():
+            try:
+                inputs.append(_opened(path, self))
+            except FileError as error:
+                unreadable.append(error)
+        if not inputs:
+            raise unreadable[0]
         recordings = [one for one in inputs if isinstance(one, RecordingInput)]
         if len(recordings) == len(inputs):
             from fte_sniff.recording.reader import start_of
@@ -161,7 +169,7 @@ class InputQuery:
             inputs = [*recordings]
         times = (one.times for one in inputs)
         span = time_range(self.since, self.until, times, self.zone_given())
-        return InputReading(inputs, span, row_filter, limit, baud)
+        return InputReading(inputs, span, row_filter, limit, baud, unreadable)
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:

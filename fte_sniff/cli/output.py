@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.errors import printable
+from fte_sniff.cli.streams import print_err
+from fte_sniff.errors import FileError, printable
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol import Gap, Status, iso_time, status_of
 
@@ -54,10 +56,8 @@ def summary(tally: Tally, reading: InputReading | None = None) -> str:
     ]
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
-    advice = explain_no_frames(tally)
-    gaps: Sequence[Gap] = ()
-    if reading is not None:
-        advice, gaps = _missed(tally, reading) or advice, reading.reported_gaps
+    gaps = reading.reported_gaps if reading is not None else []
+    advice = explain_no_frames(tally, reading)
     lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
     return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
 
@@ -71,22 +71,32 @@ def gap_text(gaps: Sequence[Gap]) -> str:
     return f"{text} in {places:,} place{'s' * (places != 1)}"
 
 
-def _missed(tally: Tally, reading: InputReading) -> str:
-    """Why no row was written although rows may have been read; empty otherwise."""
-    if not tally.rows and reading.span is not None:
-        return "none is between --from and --to"
-    if tally.rows and not reading.written and reading.row_filter is not None:
-        return f"none of them matches the filter: {printable(reading.row_filter.text)}"
-    return ""
-
-
-def explain_no_frames(tally: Tally) -> str:
-    """What to check if there are no rows or no frames; empty otherwise."""
+def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
+    """Why there are no rows or no frames, or what to check; empty otherwise."""
+    if reading is not None:
+        if not tally.rows and reading.span is not None:
+            return "none is between --from and --to"
+        if not tally.rows and reading.notes:
+            return ""  # the notes name the reason
+        if tally.rows and not reading.written and reading.row_filter is not None:
+            return f"none of them matches the filter: {printable(reading.row_filter.text)}"
     if not tally.rows:
         return "nothing came: check the wire, the ground and the baud rate"
     if tally.rows >= ENOUGH_ROWS and not tally.frames:
         return "no frame in it: is it this controller, this baud rate, this polarity?"
     return ""
+
+
+def print_notes(reading: InputReading) -> None:
+    """Print what is wrong with the inputs, one line each, on standard error."""
+    for note in reading.notes:
+        print_err(f"fte-sniff: {note}")
+
+
+def exit_if_unreadable(reading: InputReading) -> None:
+    """Exit with the code of a file error if one of several inputs could not be read."""
+    if reading.unreadable:
+        sys.exit(FileError.exit_code)
 
 
 def _share(tally: Tally, status: Status) -> str:

@@ -10,7 +10,7 @@ import click
 
 from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
 from fte_sniff.cli.options import line_speed_option
-from fte_sniff.cli.output import explain_no_frames
+from fte_sniff.cli.output import exit_if_unreadable, explain_no_frames, print_notes
 from fte_sniff.cli.stats_json import statistics_json
 from fte_sniff.cli.streams import print_err
 from fte_sniff.formats.writers import printable_json
@@ -52,12 +52,12 @@ def command(query: InputQuery, form: str, baud: int | None) -> None:
         click.echo(printable_json(json.dumps(numbers, ensure_ascii=False, indent=2)))
     else:
         _show(summary, reading)
-    for note in reading.notes:
-        print_err(f"fte-sniff: {note}")
+    print_notes(reading)
     if reading.span is not None and not reading.tally.rows:
         print_err("fte-sniff: no row is between --from and --to")
-    elif advice := explain_no_frames(reading.tally):
+    elif advice := explain_no_frames(reading.tally, reading):
         print_err(f"fte-sniff: {advice}")
+    exit_if_unreadable(reading)
 
 
 def _summarize(reading: InputReading, baud: int | None) -> StatisticsSummary:

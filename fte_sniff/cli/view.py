@@ -17,8 +17,9 @@ from fte_sniff.cli.options import (
     line_speed_option,
     units_options,
 )
+from fte_sniff.cli.output import exit_if_unreadable, print_notes
 from fte_sniff.cli.settings import config_option, lang_option, load_settings
-from fte_sniff.cli.streams import ending_signals, print_err
+from fte_sniff.cli.streams import ending_signals
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.inputs import Input, InputBatch, RecordingInput
@@ -87,10 +88,10 @@ def command(
     with ending_signals(session.stop) as request_end:
         # A stopped terminal may not block the exit.
         request_end()
-        for note in reading.notes:
-            print_err(f"fte-sniff: {note}")
+        print_notes(reading)
     if session.error is not None:
         raise session.error
+    exit_if_unreadable(reading)
     sys.exit(code)
 
 

@@ -376,6 +376,7 @@ class InputReading:
         row_filter: RowFilter | None = None,
         limit: int | None = None,
         baud: int | None = None,
+        unreadable: Sequence[FileError] = (),
     ) -> None:
         """Read nothing yet.
 
@@ -385,12 +386,13 @@ class InputReading:
             row_filter: only rows that it matches; None for all.
             limit: largest number of those rows; None for all.
             baud: the baud of every port; None for that of the inputs.
+            unreadable: errors of inputs that could not be opened.
         """
-        self.inputs = inputs
+        self.inputs, self.unreadable = inputs, unreadable
         self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
         self.tally = Tally()
         """Counts of all rows that were read."""
-        self.notes: list[str] = []
+        self.notes = [str(error) for error in unreadable]
         """What is wrong with the inputs, one line each."""
         self.written = 0
         """Rows that match, up to the limit."""

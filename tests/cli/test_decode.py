@@ -176,6 +176,16 @@ def test_output_to_a_file(run, tmp_path: Path, samples: Path) -> None:
     assert (tmp_path / "rows.csv").read_text().count("\n") == 13
 
 
+def test_a_recording_that_is_cut_before_its_rows_gets_no_advice_about_wires(
+    run, tmp_path: Path, samples: Path
+) -> None:
+    (tmp_path / "cut.mcap").write_bytes((samples / "clean.mcap").read_bytes()[:400])
+    for command in ("decode", "stats"):
+        errors = run(command, "cut.mcap").stderr
+        assert "it is cut" in errors
+        assert "wire" not in errors
+
+
 def test_a_file_cut_anywhere_is_decoded_to_its_end(run, tmp_path: Path, samples: Path) -> None:
     (tmp_path / "cut.raw").write_bytes((samples / "clean.raw").read_bytes()[:96])
     done = run("decode", "cut.raw", "--format", "jsonl")

@@ -253,6 +253,24 @@ def test_a_folder_and_a_pattern_stand_for_their_recordings(run, samples: Path) -
     assert len(set(texts)) == 1
 
 
+@pytest.mark.parametrize("command", ["decode", "stats"])
+@pytest.mark.parametrize("bad", [b"", b"no recording", bytes(range(256)) * 20])
+def test_an_unreadable_recording_of_a_folder_hides_no_other(
+    run, samples: Path, tmp_path: Path, command: str, bad: bytes
+) -> None:
+    """It is reported, the others are read, and the exit code is that of a file error."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    (folder / "clean.mcap").write_bytes((samples / "clean.mcap").read_bytes())
+    (folder / "bad.mcap").write_bytes(bad)
+    whole = run(command, folder / "clean.mcap")
+    both = run(command, folder)
+    assert both.stdout == whole.stdout
+    assert both.returncode == 4
+    (line,) = (line for line in both.stderr.splitlines() if line not in whole.stderr.splitlines())
+    assert line.startswith(f"fte-sniff: {folder / 'bad.mcap'} is ")
+
+
 def test_an_empty_folder_is_told(run, tmp_path: Path) -> None:
     done = run("decode", tmp_path)
     assert done.returncode == 4
