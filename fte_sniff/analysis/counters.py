@@ -223,7 +223,7 @@ class Rate:
         """`window_ns` is more than 0."""
         self._window_ns = window_ns
         self._counts: deque[tuple[int, int]] = deque()
-        self._total = 0
+        self._sum = 0
         self._since_ns: int | None = None
 
     def update(self, count: int, t_ns: int) -> None:
@@ -231,7 +231,7 @@ class Rate:
         if self._since_ns is None:
             self._since_ns = t_ns
         self._counts.append((t_ns, count))
-        self._total += count
+        self._sum += count
         self._expire(t_ns)
 
     def per_second(self, now_ns: int) -> float:
@@ -240,8 +240,8 @@ class Rate:
         if self._since_ns is None:
             return 0.0
         span_ns = min(self._window_ns, now_ns - self._since_ns)
-        return self._total * 1e9 / span_ns if span_ns > 0 else 0.0
+        return self._sum * 1e9 / span_ns if span_ns > 0 else 0.0
 
     def _expire(self, now_ns: int) -> None:
         while self._counts and self._counts[0][0] <= now_ns - self._window_ns:
-            self._total -= self._counts.popleft()[1]
+            self._sum -= self._counts.popleft()[1]

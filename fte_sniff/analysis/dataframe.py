@@ -99,12 +99,12 @@ _HEX_PAIRS: Final = np.frombuffer(
 def _series(rows: RowBatch, name: str) -> pl.Series:
     """One column of the row contract."""
     if name in _FIELD_NAMES:
-        return _known(name, *rows.field(name))
+        return _with_nulls(name, *rows.field(name))
     return _MAKERS[name](rows).rename(name)
 
 
 def _time(rows: RowBatch) -> pl.Series:
-    return _known("time", rows.t_ns, rows.timed).cast(TABLE_SCHEMA["time"])
+    return _with_nulls("time", rows.t_ns, rows.timed).cast(TABLE_SCHEMA["time"])
 
 
 def _port(rows: RowBatch) -> pl.Series:
@@ -161,14 +161,14 @@ _MAKERS: Final[Mapping[str, Callable[[RowBatch], pl.Series]]] = {
     "length": lambda rows: pl.Series(rows.length),
     "direction": _direction,
     "kind": _kind,
-    "cmd": lambda rows: _known("cmd", rows.cmds.copy(), rows.framed),
+    "cmd": lambda rows: _with_nulls("cmd", rows.cmds.copy(), rows.framed),
     "status": _status,
     "faults": _faults,
     "raw": _raw,
 }
 
 
-def _known(name: str, numbers: Array, known: Bools) -> pl.Series:
+def _with_nulls(name: str, numbers: Array, known: Bools) -> pl.Series:
     """The numbers as a series, null where they are not known."""
     values = pl.Series(name, numbers)
     if known.all():

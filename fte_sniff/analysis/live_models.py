@@ -35,7 +35,8 @@ class LiveModels:
     ) -> None:
         self._store = store
         self._checkpoint_rows = checkpoint_rows
-        self._next = 0
+        self._observed = 0
+        """Index after the last observed row."""
         self._checkpoints: deque[tuple[int, Motors]] = deque([(0, Motors())])
         self._changes: list[StreamChange] = []
         self._applied = 0
@@ -49,24 +50,24 @@ class LiveModels:
     @property
     def pending(self) -> int:
         """Rows in the store that were not observed yet."""
-        return self._store.next - max(self._next, self._store.first)
+        return self._store.next - max(self._observed, self._store.first)
 
     def step(self, budget_rows: int) -> bool:
         """Observe the next rows, at most `budget_rows`; True if none is left."""
         self._skip_missed()
-        end = min(self._next + budget_rows, self._store.next)
-        while self._next < end:
+        end = min(self._observed + budget_rows, self._store.next)
+        while self._observed < end:
             self._apply_changes()
-            stop = min(end, (self._next // self._checkpoint_rows + 1) * self._checkpoint_rows)
+            stop = min(end, (self._observed // self._checkpoint_rows + 1) * self._checkpoint_rows)
             if self._applied < len(self._changes):
                 stop = min(stop, self._changes[self._applied].index)
-            for rows in self._store.batches(self._next, stop):
+            for rows in self._store.batches(self._observed, stop):
                 found = motor_rows(rows)
                 self.motors.observe(rows, found)
                 self.flags.observe(rows, found)
                 self.traces.observe(rows)
                 self.statistics.observe(rows)
-            self._next = stop
+            self._observed = stop
             if stop % self._checkpoint_rows == 0:
                 self._checkpoints.append((stop, self.motors.copy()))
         self._drop_old()
@@ -79,7 +80,7 @@ class LiveModels:
     def _apply_changes(self) -> None:
         while self._applied < len(self._changes):
             change = self._changes[self._applied]
-            if change.index > self._next:
+            if change.index > self._observed:
                 break
             self.statistics.observe_change(change.what)
             if isinstance(change.what, Gap):
@@ -87,11 +88,11 @@ class LiveModels:
             self._applied += 1
 
     def _skip_missed(self) -> None:
-        missed = self._store.first - self._next
+        missed = self._store.first - self._observed
         if missed > 0:
             self.missed += missed
-            self._next += missed
-            gap = StreamChange(self._next, Gap(GapKind.NOT_SHOWN, missed))
+            self._observed += missed
+            gap = StreamChange(self._observed, Gap(GapKind.NOT_SHOWN, missed))
             insort(self._changes, gap, key=_index)
 
     def _drop_old(self) -> None:
@@ -106,9 +107,9 @@ class LiveModels:
     def motors_at(self, index: int) -> Motors | None:
         """The motors right after the row with that index; None if it was not observed yet."""
         end = index + 1
-        if end > self._next:
+        if end > self._observed:
             return None
-        if end == self._next:
+        if end == self._observed:
             return self.motors
         start, state = next(one for one in reversed(self._checkpoints) if one[0] <= end)
         motors = state.copy()

@@ -281,8 +281,8 @@ class _Motor:
         self.pairing.update(MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback))
         self.commands += len(commands)
         self.feedback += len(feedback)
-        self._command_times.update(_known(rows.t_ns[commands]))
-        self._feedback_times.update(_known(rows.t_ns[feedback]))
+        self._command_times.update(_known_times(rows.t_ns[commands]))
+        self._feedback_times.update(_known_times(rows.t_ns[feedback]))
         if len(commands):
             self._set_target(rows, commands)
         if not len(feedback):
@@ -382,6 +382,6 @@ def _time(t_ns: int) -> int | None:
     return None if t_ns == NO_TIME else int(t_ns)
 
 
-def _known(t_ns: Ints) -> Ints:
+def _known_times(t_ns: Ints) -> Ints:
     known: Ints = t_ns[t_ns != NO_TIME]
     return known

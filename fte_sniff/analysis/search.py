@@ -9,12 +9,12 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from fte_sniff.analysis.row_store import Block, Offsets, RowStore
 from fte_sniff.errors import InputTextError, printable
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, Row
-from fte_sniff.row_batch import Bools, RowBatch
+from fte_sniff.row_batch import Bools, Codes, RowBatch
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -183,30 +183,27 @@ class Search:
 
     def _has_bytes(self, rows: RowBatch) -> Bools:
         pattern, mask = _byte_pattern(self.nibbles)
-        raw, found = rows.raw, np.zeros(len(rows), np.bool_)
-        size = len(pattern)
-        for start in range(FRAME_LENGTH - size + 1):
-            same = ((raw[:, start : start + size] ^ pattern) & mask == 0).all(axis=1)
-            found |= same & (rows.length >= start + size)
-        expression = re.compile(_bytes_expression(self.nibbles), re.DOTALL)
+        ends = np.arange(len(pattern), FRAME_LENGTH + 1)
+        inside = ends <= rows.length[:, None]
+        found = np.asarray((_matches(rows.raw, pattern, mask) & inside).any(axis=1))
         for at, data in rows.long.items():
-            found[at] = expression.search(data) is not None
+            found[at] = _matches(np.frombuffer(data, np.uint8), pattern, mask).any()
         return found
 
 
-def _byte_pattern(nibbles: str) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+def _byte_pattern(nibbles: str) -> tuple[Codes, Codes]:
     """The bytes, and a mask of the bits that are compared."""
     pattern = bytes.fromhex(nibbles.replace("?", "0"))
     mask = bytes.fromhex("".join("0" if digit == "?" else "f" for digit in nibbles))
     return np.frombuffer(pattern, np.uint8), np.frombuffer(mask, np.uint8)
 
 
-def _bytes_expression(nibbles: str) -> bytes:
-    pattern, mask = _byte_pattern(nibbles)
-    return b"".join(
-        b"[" + b"".join(re.escape(bytes((b,))) for b in range(256) if (b ^ p) & m == 0) + b"]"
-        for p, m in zip(pattern.tolist(), mask.tolist(), strict=True)
-    )
+def _matches(raw: Codes, pattern: Codes, mask: Codes) -> Bools:
+    """Whether the bytes match at each offset; `raw` is one row, or several of equal length."""
+    if raw.shape[-1] < len(pattern):
+        return np.zeros((*raw.shape[:-1], 0), np.bool_)
+    windows = sliding_window_view(raw, len(pattern), axis=-1)
+    return np.asarray(((windows ^ pattern) & mask == 0).all(axis=-1))
 
 
 STEP_ROWS: Final = 4096

@@ -41,6 +41,7 @@ from fte_sniff.session.inputs import (
     LogInput,
     RecordingInput,
 )
+from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -180,15 +181,8 @@ def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
     if files.count(STDIN) > 1:
         raise UsageError("'-' is standard input, which can be read once; name it once")
     for path in files:
-        if output is not None and _same(path, output):
+        if output is not None and is_same_file(path, output):
             raise UsageError(f"{output} is an input, and would be lost; name another file with -o")
-
-
-def _same(one: Path, other: Path) -> bool:
-    try:
-        return one.samefile(other)
-    except OSError:
-        return False
 
 
 def _expanded(named: Path) -> list[Path]:

@@ -53,7 +53,7 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     damage = repair.damage
     _report_damage(damage)
     kept = f"{damage.messages} rows and port events in {damage.chunks} chunks"
-    print_err(f"kept all {kept}" if _nothing_lost(damage) else f"kept {kept}; {_missing(damage)}")
+    print_err(f"kept all {kept}" if _nothing_lost(damage) else f"kept {kept}; {_loss_text(damage)}")
     print_err(f"repaired into {target}")
 
 
@@ -77,7 +77,7 @@ def _report_damage(damage: FileDamage) -> None:
         print_err(f"lost: {damage.unreadable_messages} messages that could not be read")
 
 
-def _missing(damage: FileDamage) -> str:
+def _loss_text(damage: FileDamage) -> str:
     if damage.lost_messages is not None:
         return f"{damage.lost_messages} are lost"
     if damage.least_lost_messages:

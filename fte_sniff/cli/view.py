@@ -69,7 +69,7 @@ def command(
     session = ReplaySession(
         _begun(iter(reading)),
         " ".join(map(str, query.files)),
-        None if reading.span else _total(reading.inputs),
+        None if reading.span else _row_count(reading.inputs),
         list(map(str, query.paths())),
         pages,
     )
@@ -104,6 +104,6 @@ def _recordings_only(inputs: Sequence[Input]) -> bool:
     return all(isinstance(one, RecordingInput) for one in inputs)
 
 
-def _total(inputs: Sequence[Input]) -> int | None:
+def _row_count(inputs: Sequence[Input]) -> int | None:
     counts = [one.count for one in inputs if one.count is not None]
     return sum(counts) if len(counts) == len(inputs) else None

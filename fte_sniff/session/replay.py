@@ -6,6 +6,7 @@ import queue
 import threading
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
 from typing import Final
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate, StreamChange, shifted
@@ -49,7 +50,7 @@ class ReplaySession:
             files: paths of the files.
             pages: gets the batches, which all can be read again.
         """
-        self._total, self._files, self._pages = total, files, pages
+        self._expected_rows, self._files, self._pages = total, files, pages
         self._source = batches
         self._title = title
         self._rows = 0
@@ -105,8 +106,8 @@ class ReplaySession:
         if not self._running:
             ended = self.error.message if self.error else None
         progress = None
-        if self._running and self._total:
-            progress = min(1.0, self._rows / self._total)
+        if self._running and self._expected_rows:
+            progress = min(1.0, self._rows / self._expected_rows)
         return FeedState(
             title=self._title,
             running=self._running,
@@ -178,8 +179,7 @@ class RecordingPages:
         self._reloads: list[Callable[[], RowBatch]] = []
         self._starts: list[int] = []
         self._rows = 0
-        self._cache: dict[int, RowBatch] = {}
-        self._codebook: Codebook | None = None
+        self._batch = lru_cache(MAX_CACHED)(self._reload)
 
     def append(self, reload: Callable[[], RowBatch], rows: int) -> None:
         """Append the next batch of `rows` rows, which `reload` reads again."""
@@ -205,13 +205,5 @@ class RecordingPages:
             done += len(part)
         return rows
 
-    def _batch(self, number: int, codebook: Codebook) -> RowBatch:
-        if codebook is not self._codebook:
-            self._codebook, self._cache = codebook, {}
-        batch = self._cache.pop(number, None)
-        if batch is None:
-            batch = self._reloads[number]().recoded(codebook)
-        self._cache[number] = batch
-        while len(self._cache) > MAX_CACHED:
-            self._cache.pop(next(iter(self._cache)))
-        return batch
+    def _reload(self, number: int, codebook: Codebook) -> RowBatch:
+        return self._reloads[number]().recoded(codebook)

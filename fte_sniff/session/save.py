@@ -219,7 +219,7 @@ class SaveTarget:
             raise FileError(
                 "{folder} does not exist; name a folder that does", folder=self.path.parent
             )
-        if any(_same(self.path, one) for one in self.in_use):
+        if any(is_same_file(self.path, one) for one in self.in_use):
             raise FileError(
                 "{path} holds what is shown, and would be lost; name another", path=self.path
             )
@@ -234,7 +234,8 @@ class SaveTarget:
             raise FileError("{path} is no regular file; name another", path=self.path)
 
 
-def _same(path: Path, other: str) -> bool:
+def is_same_file(path: Path, other: Path | str) -> bool:
+    """Whether both paths lead to one existing file."""
     try:
         return path.samefile(other)
     except OSError:

@@ -54,7 +54,9 @@ def completions(text: str, cursor: int | None = None, t_ns: int | None = None) -
         return Completions(cursor, ())
     word = match["word"].lower()
     choices = (
-        _quoted_values(_compared_column(before), t_ns) if match["quote"] else _next(before, t_ns)
+        _quoted_values(_compared_column(before), t_ns)
+        if match["quote"]
+        else _choices_after(before, t_ns)
     )
     return Completions(
         match.start(),
@@ -71,7 +73,7 @@ def _is_known(token: Token) -> bool:
     return not is_name or token.word in _KEYWORDS or token.text.lower() in _KNOWN
 
 
-def _next(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
+def _choices_after(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
     compared = _compared_column(before)
     if compared is not None:
         same_type = [

@@ -237,7 +237,7 @@ class _Parser:
     def __init__(self, text: str) -> None:
         self._text = text
         self._tokens = tokens(text)
-        self._next = 0
+        self._index = 0
         self._nesting = 0
         self._compiler = Compiler(text)
 
@@ -252,11 +252,11 @@ class _Parser:
     # Tokens
 
     def _peek(self) -> Token:
-        return self._tokens[self._next]
+        return self._tokens[self._index]
 
     def _advance(self) -> Token:
-        self._next += 1
-        return self._tokens[self._next - 1]
+        self._index += 1
+        return self._tokens[self._index - 1]
 
     def _at(self, *choices: str) -> str | None:
         found = self._peek().operator
@@ -264,7 +264,7 @@ class _Parser:
 
     def _accept(self, *choices: str) -> str | None:
         found = self._at(*choices)
-        self._next += found is not None
+        self._index += found is not None
         return found
 
     def _expect(self, choice: str, fix: str) -> None:
@@ -319,13 +319,13 @@ class _Parser:
             return self._comparison(left, sign, token)
         if self._accept("IS"):
             return self._is(left)
-        start = self._next
+        start = self._index
         negated = self._accept("NOT", "!~")
         if negated == "!~":
             return self._compiler.negate(self._compiler.regexp(left, self._value()))
         found = self._word_operator(left)
         if found is None:
-            self._next = start
+            self._index = start
             return left
         return self._compiler.negate(found) if negated else found
 
@@ -449,7 +449,7 @@ class _Parser:
         if word == "NULL":
             return Term(TermType.NULL, word, token.start, word)
         if word in _UNSUPPORTED or word in OPERATOR_WORDS:
-            self._next -= 1
+            self._index -= 1
             raise self._unexpected(_NO_VALUE)
         return Term(TermType.NAME, "", token.start, token.text)
 
