@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection
 from glob import escape
 from pathlib import Path
@@ -48,12 +47,11 @@ def complete_port(_context: click.Context, _port: click.Parameter, start: str) -
 
 
 def complete_filter(_context: click.Context, _filter: click.Parameter, start: str) -> list[str]:
-    """The fields and words that complete the last word of a filter."""
-    from fte_sniff.protocol import COLUMNS
+    """Filters whose last word is complete."""
+    from fte_sniff.analysis.filter.completion import completions
 
-    written = re.sub(r"\w*$", "", start)
-    words = [word for column in COLUMNS for word in (column.name, *column.words)]
-    return [written + word for word in words if (written + word).startswith(start)]
+    found = completions(start)
+    return [start[: found.start] + choice for choice in found.choices]
 
 
 def files_with(

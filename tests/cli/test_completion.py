@@ -81,7 +81,9 @@ def test_files_are_offered_by_extension_and_folders(offered, tmp_path: Path) -> 
 def test_words_of_a_filter_are_offered(offered) -> None:
     assert offered("live", "--filter", "mot") == ["plain,motor"]
     assert offered("live", "--trigger", "'motor = 1 AND rp") == ["plain,motor = 1 AND rpm"]
-    assert len(offered("decode", "--filter", "")) == sum(1 + len(each.words) for each in COLUMNS)
+    assert offered("stats", "--filter", "\"kind = 'me") == ["plain,kind = 'mecanum'"]
+    fields = offered("decode", "--filter", "")
+    assert [f"plain,{column.name}" for column in COLUMNS] == fields[: len(COLUMNS)]
     assert offered("decode", "--filter", "help", "--lim") == ["plain,--limit"]
 
 
