@@ -35,6 +35,7 @@ Outcome: TypeAlias = tuple[str, int, str, str]
 
 ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "mutate": (file_attacks.mutate, 4),
+    "mutate-many": (file_attacks.mutate_many, 2),
     "truncate": (file_attacks.truncate, 2),
     "time-window": (file_attacks.time_window, 2),
     "bomb": (file_attacks.bomb, 3),

@@ -5,12 +5,17 @@ from __future__ import annotations
 import csv
 import os
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeAlias
 
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from fte_sniff.errors import FileError
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.repair import Repair
 from tests.torture.case import ROOT, Case, PromiseError, Run, promise
 from tests.torture.damage import (
     BOMBS,
@@ -110,6 +115,31 @@ def mutate(case: Case) -> None:
     """Flip, overwrite, remove and repeat bytes of a recording."""
     data = _original(case)
     check_damaged(case, damaged(case.random, data), _true_rows(case, data))
+
+
+def mutate_many(case: Case) -> None:
+    """The same for many files by the package's functions, in one process and without limits."""
+    data = _original(case)
+    true_rows = set(_true_rows(case, data))
+    path, repaired = case.path("damaged.mcap"), case.path("repaired.mcap")
+    for _ in range(40):
+        path.write_bytes(damaged(case.random, data))
+        rows: list[ReadRow] = []
+        with suppress(FileError):
+            reader = RecordingReader(path)
+            rows += [(row.port, row.offset, row.raw.hex().upper()) for row in reader]
+            promise(reader.losses or reader.ending or len(rows) == len(true_rows), "a silent loss")
+        invented = set(rows) - true_rows
+        promise(not invented, f"rows that were never recorded: {sorted(invented)[:3]}")
+        try:
+            repair = Repair(path)
+            if not repair.is_whole:
+                repair.write(repaired, Existing.REPLACE)
+        except FileError as error:
+            promise(not rows, f"repair refuses what is read: {error}")
+            continue
+        lost = Counter() if repair.is_whole else Counter(rows) - Counter(official_rows(repaired))
+        promise(not lost, f"repair loses {lost.total()} of {len(rows)} rows")
 
 
 def truncate(case: Case) -> None:
