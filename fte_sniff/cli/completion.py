@@ -68,7 +68,7 @@ def files_with(
         folder = start.removesuffix(name)
         try:
             found = sorted(Path(folder or ".").expanduser().glob(f"{escape(name)}*"))
-        except OSError:
+        except (OSError, RuntimeError):  # a folder that may not be read, or of no known user
             return []
         files = [path.name for path in found if path.suffix.lower() in suffixes and path.is_file()]
         if not files:

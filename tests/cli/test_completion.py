@@ -74,6 +74,7 @@ def test_files_are_offered_by_extension_and_folders(offered, tmp_path: Path) -> 
     assert offered("view", "e/") == ["plain,e/f.txt"]
     assert offered("stats", "e") == ["dir,e"]
     assert offered("stats", "none/x") == ["dir,none/x"]
+    assert offered("view", "~no-such-user/") == [""]
     assert offered("decode", "'b ") == ["file,b "]
     assert offered("decode", "d[") == ["file,d["]
 
