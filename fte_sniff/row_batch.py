@@ -9,7 +9,7 @@ longer to load than the rows to write. A batch is a `Sequence[Row]`, so most cod
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from threading import Lock
 from typing import Any, Final, Self, TypeAlias, TypeVar, overload
@@ -211,8 +211,8 @@ class RowBatch(Sequence[Row]):
     def _rows(self, start: int, end: int) -> Iterator[Row]:
         ports, faults = self.codebook.ports, self.codebook.faults
         raws = self.raw[start:end].tobytes()
-        scalars = zip(*(getattr(self, name)[start:end].tolist() for name in _SCALARS), strict=True)
-        for at, scalar in enumerate(scalars):
+        scalars = [getattr(self, name)[start:end].tolist() for name in COLUMNS[:-1]]
+        for at, scalar in enumerate(zip(*scalars, strict=True)):
             t_ns, offset, delay, length, port, fault, framed, unordered = scalar
             first = at * FRAME_LENGTH
             yield (Frame if framed else Damage)(
@@ -325,17 +325,8 @@ class RowBatch(Sequence[Row]):
 Rows: TypeAlias = list[Row] | RowBatch
 """A list where rows are few, so that numpy need not be loaded for them."""
 
-_SCALARS: Final = (
-    "t_ns",
-    "offset",
-    "delay_ns",
-    "length",
-    "port",
-    "faults",
-    "framed",
-    "unordered",
-)
-COLUMNS: Final = (*_SCALARS, "raw")
+COLUMNS: Final = tuple(one.name for one in fields(RowBatch) if one.type == "Array")
+"""The names of the columns, in their order; `raw` is the last."""
 
 FieldLayout: TypeAlias = tuple[int, int, bool]
 """Start and size of a field, and whether it is signed."""

@@ -34,20 +34,10 @@ from fte_sniff.row_batch import Array, Bools, Codes, RowBatch
 _NO_DIRECTION: Final = len(Direction)
 
 
-_INT_TYPES: Final[Mapping[tuple[bool, int], pl.DataType]] = {
-    (False, 1): pl.UInt8(),
-    (False, 2): pl.UInt16(),
-    (False, 4): pl.UInt32(),
-    (True, 1): pl.Int8(),
-    (True, 2): pl.Int16(),
-    (True, 4): pl.Int32(),
-}
-"""By sign and size of a field."""
-
-
 def value_type(field: Field) -> pl.DataType:
-    """The polars type of a field's values."""
-    return _INT_TYPES[field.signed, field.size]
+    """The polars type of a field's values, such as Int16."""
+    found: pl.DataType = getattr(pl, f"{'' if field.signed else 'U'}Int{8 * field.size}")()
+    return found
 
 
 def _words_type(words: Sequence[str]) -> pl.Enum:

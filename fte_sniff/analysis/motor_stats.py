@@ -142,19 +142,9 @@ class AnswerStats:
     """From each command to its answer; its ends are the times of the answers."""
 
     @property
-    def answered(self) -> int:
-        """Commands with feedback before the next command."""
-        return self.pairing.answered
-
-    @property
-    def unanswered(self) -> int:
-        """Commands without, of those that expect feedback."""
-        return self.pairing.unanswered
-
-    @property
     def neither(self) -> int:
         """Commands that expect no feedback, or before a gap or the end of the rows."""
-        return self.commands - self.answered - self.unanswered
+        return self.commands - self.pairing.answered - self.pairing.unanswered
 
 
 class Answers:

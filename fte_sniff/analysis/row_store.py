@@ -181,13 +181,16 @@ class RowStore:
         self.codebook = Codebook()
         self._block_rows = block_rows
         self._cache = BlockCache(source, most_blocks, self.codebook)
-        self._blocks: deque[Block] = deque()
-        self._first = 0
-        self._next = 0
+        self.blocks: deque[Block] = deque()
+        """The oldest first."""
+        self.first = 0
+        """Index of the oldest row."""
+        self.next = 0
+        """Index of the next row: the number of all rows so far."""
         self.view = FilteredView(self)
 
     def __len__(self) -> int:
-        return self._next - self._first
+        return self.next - self.first
 
     @property
     def most_in_memory(self) -> int:
@@ -195,30 +198,15 @@ class RowStore:
         most = self._cache.most_blocks
         return self.bound if most is None else most * self._block_rows
 
-    @property
-    def first(self) -> int:
-        """Index of the oldest row."""
-        return self._first
-
-    @property
-    def next(self) -> int:
-        """Index of the next row: the number of all rows so far."""
-        return self._next
-
     # Blocks
-
-    @property
-    def blocks(self) -> Sequence[Block]:
-        """The blocks, the oldest first."""
-        return self._blocks
 
     def block_at(self, index: int) -> Block:
         """The block of the row with that index, which is in the store."""
-        return self._blocks[self.block_number(index)]
+        return self.blocks[self.block_number(index)]
 
     def block_number(self, index: int) -> int:
         """Position of that block in `blocks`."""
-        return (index - self._blocks[0].start) // self._blocks[0].capacity
+        return (index - self.blocks[0].start) // self.blocks[0].capacity
 
     def in_memory(self, block: Block) -> Block:
         """The same block with its rows in memory; FileError if they can no longer be read."""
@@ -231,27 +219,27 @@ class RowStore:
         batch, done = RowBatch.from_rows(rows, self.codebook), 0
         changed = []
         while done < len(batch):
-            if not self._blocks or not self._blocks[-1].free:
+            if not self.blocks or not self.blocks[-1].free:
                 capacity = min(self._block_rows, self.bound)
-                self._blocks.append(Block(self._next, capacity, self.codebook))
-            block = self._blocks[-1]
+                self.blocks.append(Block(self.next, capacity, self.codebook))
+            block = self.blocks[-1]
             piece = batch[done : done + block.free]
             block.append(piece)
             changed.append(self._cache.load(block))
             done += len(piece)
-            self._next += len(piece)
+            self.next += len(piece)
             self._drop_oldest()
         self.view.update(changed)
 
     def _drop_oldest(self) -> None:
-        self._first = max(self._first, self._next - self.bound)
-        while self._blocks and self._blocks[0].end <= self._first:
-            self._cache.remove(self._blocks.popleft())
+        self.first = max(self.first, self.next - self.bound)
+        while self.blocks and self.blocks[0].end <= self.first:
+            self._cache.remove(self.blocks.popleft())
 
     def row(self, index: int) -> Row:
         """The row with that index; IndexError if it is not in the store."""
-        if not self._first <= index < self._next:
-            raise IndexError(f"row {index} is not in {self._first}..{self._next - 1}")
+        if not self.first <= index < self.next:
+            raise IndexError(f"row {index} is not in {self.first}..{self.next - 1}")
         return self.rows(index, index + 1)[0]
 
     def rows(self, start: int, end: int) -> list[Row]:
@@ -260,7 +248,7 @@ class RowStore:
 
     def batches(self, start: int, end: int) -> Iterator[RowBatch]:
         """The same rows as batches: views of the store, to be read at once and never changed."""
-        start, end = max(start, self._first), min(end, self._next)
+        start, end = max(start, self.first), min(end, self.next)
         while start < end:
             block = self._cache.load(self.block_at(start))
             stop = min(end, block.end)
@@ -273,16 +261,12 @@ class FilteredView:
 
     def __init__(self, store: RowStore) -> None:
         self._store = store
-        self._filter: RowFilter | None = None
+        self.filter: RowFilter | None = None
+        """The current filter; see `set_filter`."""
         self._pending: list[Block] = []
         self._sums: list[int] | None = None
 
     # The filter
-
-    @property
-    def filter(self) -> RowFilter | None:
-        """The current filter."""
-        return self._filter
 
     @property
     def pending(self) -> int:
@@ -294,7 +278,7 @@ class FilteredView:
 
         It starts at the row with index `near`, by default at the newest.
         """
-        self._filter = row_filter
+        self.filter = row_filter
         self._sums = None
         self._pending = []
         for block in self._store.blocks:
@@ -305,9 +289,9 @@ class FilteredView:
 
     def filter_step(self, budget_rows: int = 4 * BLOCK_ROWS) -> bool:
         """Apply the filter to about `budget_rows` pending rows; True if none is left."""
-        while self._filter and self._pending and budget_rows > 0:
+        while self.filter and self._pending and budget_rows > 0:
             block = self._store.in_memory(self._pending.pop())
-            budget_rows -= block.apply_filter(self._filter)
+            budget_rows -= block.apply_filter(self.filter)
             self._sums = None
         return not self._pending
 
@@ -316,18 +300,18 @@ class FilteredView:
         self._sums = None
         first = self._store.first
         self._pending = [block for block in self._pending if block.end > first]
-        if self._filter is None:
+        if self.filter is None:
             return
         for block in changed:
             if block.end > first and block not in self._pending:
-                self._store.in_memory(block).apply_filter(self._filter)
+                self._store.in_memory(block).apply_filter(self.filter)
 
     # The rows
 
     @property
     def count(self) -> int:
         """Number of rows that are known to pass."""
-        if self._filter is None:
+        if self.filter is None:
             return len(self._store)
         return self._matching_sums()[-1] - self._dropped()
 
@@ -347,7 +331,7 @@ class FilteredView:
         """The index of the row at a position; IndexError if there is none."""
         if not 0 <= position < self.count:
             raise IndexError(f"position {position} is not in 0..{self.count - 1}")
-        if self._filter is None:
+        if self.filter is None:
             return self._store.first + position
         rank = position + self._dropped()
         sums = self._matching_sums()
@@ -359,7 +343,7 @@ class FilteredView:
         """Number of shown rows before an index: the position of a shown row."""
         store = self._store
         index = min(max(index, store.first), store.next)
-        if self._filter is None or not store.blocks:
+        if self.filter is None or not store.blocks:
             return index - store.first
         at = min(store.block_number(index), len(store.blocks) - 1)
         block = store.blocks[at]
@@ -382,7 +366,7 @@ class FilteredView:
         start, end = max(start, 0), min(end, self.count)
         if start >= end:
             return []
-        if self._filter is None:
+        if self.filter is None:
             first = self._store.first + start
             return list(enumerate(self._store.rows(first, self._store.first + end), first))
         indices = [self.index(position) for position in range(start, end)]
@@ -391,7 +375,7 @@ class FilteredView:
     def offsets(self, block: Block) -> Offsets:
         """Offsets of the block's shown rows, rising."""
         first = max(0, self._store.first - block.start)
-        if self._filter is None:
+        if self.filter is None:
             return np.arange(first, block.count)
         matches = block.matches.astype(np.int64)
         return matches[matches >= first]

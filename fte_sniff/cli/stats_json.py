@@ -140,8 +140,8 @@ def _motor(answers: AnswerStats, flags: FlagStats, *, in_order: bool) -> Json:
         "motor": answers.motor,
         "commands": answers.commands,
         "feedback": answers.feedback,
-        "answered": known(answers.answered),
-        "unanswered": known(answers.unanswered),
+        "answered": known(answers.pairing.answered),
+        "unanswered": known(answers.pairing.unanswered),
         "neither": known(answers.neither),
         "delay": _durations(answers.delays if in_order else _no_durations()),
         "error_bits": [

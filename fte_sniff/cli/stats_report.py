@@ -265,17 +265,8 @@ def _stream_name(stream: StreamStats) -> str:
 
 
 def _motors(summary: StatisticsSummary) -> TextTable:
-    heads = [
-        "commands",
-        "feedback",
-        "answered",
-        "unanswered",
-        "neither",
-        "delay",
-        "99 %",
-        "longest",
-    ]
-    table = TextTable(["motor", *heads])
+    heads = ["commands", "feedback", "answered", "unanswered", "neither"]
+    table = TextTable(["motor", *heads, "delay", "99 %", "longest"])
     for one in summary.answers.stats():
         table.append([str(one.motor), *_answers(one, summary)])
     return table
@@ -287,7 +278,7 @@ def _answers(one: AnswerStats, summary: StatisticsSummary) -> list[str]:
         return [*counts, *[UNKNOWN] * 6]
     delays = one.delays
     return [
-        *(*counts, f"{one.answered:,}", f"{one.unanswered:,}", f"{one.neither:,}"),
+        *(*counts, f"{one.pairing.answered:,}", f"{one.pairing.unanswered:,}", f"{one.neither:,}"),
         *(span_text(delays.percentile_ns(50)), span_text(delays.percentile_ns(99))),
         span_text(delays.longest_ns),
     ]

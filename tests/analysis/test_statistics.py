@@ -221,7 +221,7 @@ def test_gaps_leave_the_measurements_of_the_rows_between_them(sizes: list[int], 
     taken = 10 * byte_time_ns(115_200)
     assert port.share == pytest.approx(len(rows) * taken / (measured * MS + len(pieces) * taken))
     answers = summary.answers.stats()[0]
-    assert (answers.unanswered, answers.neither) == (measured, len(pieces))
+    assert (answers.pairing.unanswered, answers.neither) == (measured, len(pieces))
 
 
 @given(ROWS)
@@ -252,14 +252,20 @@ def test_answers_equal_those_of_the_motor_states(rows: list[Row], cut: int) -> N
     motors = Motors()
     motors.observe(RowBatch.from_rows(rows))
     for found, state in zip(summary.answers.stats(), motors.states(None), strict=True):
-        assert (found.motor, found.commands, found.feedback, found.answered, found.unanswered) == (
+        assert (
+            found.motor,
+            found.commands,
+            found.feedback,
+            found.pairing.answered,
+            found.pairing.unanswered,
+        ) == (
             state.motor,
             state.commands,
             state.feedback,
             state.answered,
             state.unanswered,
         )
-        judged = found.answered + found.unanswered + _resets(rows)
+        judged = found.pairing.answered + found.pairing.unanswered + _resets(rows)
         assert found.pairing.waiting == (judged < found.commands)
 
 
@@ -276,7 +282,11 @@ def test_delays_cover_all_answers_and_have_the_time_of_the_longest() -> None:
         rows.append(frame("speed", asked, motor=2, rpm=5))
         rows.append(frame("speed_feedback", asked + late, motor=2, rpm=5))
     found = summary_of(rows).answers.stats()[1]
-    assert (found.answered, found.unanswered, found.pairing.waiting) == (1000, 0, False)
+    assert (found.pairing.answered, found.pairing.unanswered, found.pairing.waiting) == (
+        1000,
+        0,
+        False,
+    )
     assert found.delays.count == 1000
     assert found.delays.percentile_ns(50) == pytest.approx(5 * MS, rel=0.05)
     assert found.delays.longest_ns == 200 * MS
