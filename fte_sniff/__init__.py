@@ -17,7 +17,7 @@ below it; capture, recording, formats and analysis do not import each other:
     formats    logs of other tools in; tables and exports out
     analysis   filter, statistics, models, row store
     row_batch  many rows as numpy columns
-    protocol   what the bytes mean: frame definitions, codec, framer (compiled); no I/O
+    protocol   what the bytes mean: frame definitions, framer (compiled); no I/O
     errors     the exceptions and their exit codes; messages that can be translated
 
 Three rules hold everywhere. Every received byte is in exactly one row, in order, and damage is

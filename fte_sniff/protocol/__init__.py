@@ -1,16 +1,14 @@
-"""The protocol: frame table, codec, framer, explanations. No I/O and no clock.
+"""The protocol: frame table, framer, explanations. No I/O and no clock.
 
 Modules:
 
-    codec       Encode one frame; find the faults of one.
     dissect     Explain the bytes of a row field by field.
     framer      The framer: chunks in, rows out.
     row_schema  Names, types and order of a row's columns; time formats.
     rows        Chunks, rows, port events, gaps.
-    spec        The frame table: kinds, fields, faults, constants.
+    spec        The frame table: kinds, fields, faults, constants; encodes a frame.
 """
 
-from fte_sniff.protocol.codec import encode, frame_faults
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.row_schema import (
     COLUMN_BY_NAME,
@@ -43,7 +41,6 @@ from fte_sniff.protocol.spec import (
     KIND_BY_NAME,
     KINDS,
     MOTORS,
-    SUSPECT_FAULTS,
     TAIL,
     VALUE_FIELDS,
     Direction,
@@ -52,6 +49,7 @@ from fte_sniff.protocol.spec import (
     FrameKind,
     Status,
     byte_time_ns,
+    encode,
     status_of,
 )
 
@@ -65,7 +63,6 @@ __all__ = [
     "KINDS",
     "KIND_BY_NAME",
     "MOTORS",
-    "SUSPECT_FAULTS",
     "TAIL",
     "VALUE_FIELDS",
     "Chunk",
@@ -90,7 +87,6 @@ __all__ = [
     "byte_time_ns",
     "encode",
     "faults_text",
-    "frame_faults",
     "iso_time",
     "record",
     "spaced_hex",

@@ -14,7 +14,6 @@ from itertools import takewhile
 from typing import NamedTuple
 
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol.codec import HEADER_BYTES, legal_bytes
 from fte_sniff.protocol.framer.predicates import can_split
 from fte_sniff.protocol.framer.tables import FTE_TABLES
 from fte_sniff.protocol.row_schema import spaced_hex
@@ -24,6 +23,8 @@ from fte_sniff.protocol.spec import (
     DIRECTION_OF_HEADER,
     FAULT_MEANINGS,
     FRAME_LENGTH,
+    FTE_FORMAT,
+    HEADER_BYTES,
     KIND_BY_HEADER_AND_CMD,
     KINDS,
     NUM_OFFSET,
@@ -42,6 +43,7 @@ _HEADER_MEANINGS = {
 }
 _HEADERS_TEXT = " or ".join(f"{header:02X}" for header in HEADER_BYTES)
 _TAIL_TEXT = f"{TAIL:02X}"
+_LEGAL_BYTES = [(kind, FTE_FORMAT.legal_bytes(kind)) for kind in KINDS]
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,8 +343,7 @@ def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:
     whole = min(len(raw), FRAME_LENGTH)
     longest = whole if len(raw) < FRAME_LENGTH else whole - 1
     best: tuple[FrameKind | None, int, int] | None = None
-    for kind in KINDS:
-        legal = legal_bytes(kind)
+    for kind, legal in _LEGAL_BYTES:
         head = min(_fitting(raw, legal), longest)
         longer = head > (best[1] if best else 0)
         if longer and head + _fitting(raw[::-1], legal[::-1]) >= whole:

@@ -1,4 +1,4 @@
-"""The frame table: kinds, fields, faults, constants.
+"""The frame table: kinds, fields, faults, constants; how a frame is encoded.
 
 A frame (PROTOCOL.md, "Framing"), ten bytes, big-endian two's complement, no checksum:
 
@@ -106,6 +106,9 @@ class Direction(StrEnum):
 HEADERS: Mapping[Direction, int] = MappingProxyType(
     {Direction.CONTROL: 0xAA, Direction.FEEDBACK: 0x55}
 )
+
+HEADER_BYTES = bytes(HEADERS.values())
+"""Every byte that can begin a frame."""
 
 DIRECTION_OF_HEADER: Mapping[int, Direction] = MappingProxyType(
     {header: direction for direction, header in HEADERS.items()}
@@ -304,6 +307,30 @@ KIND_BY_NAME: Mapping[str, FrameKind] = MappingProxyType({kind.name: kind for ki
 KIND_BY_HEADER_AND_CMD: Mapping[tuple[int, int], FrameKind] = MappingProxyType(
     {(kind.header, cmd): kind for kind in KINDS for cmd in kind.cmds}
 )
+
+
+def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -> bytes:
+    """Encode a frame of `kind` (PROTOCOL.md, "Control frames", "Feedback frames").
+
+    `values` are by row name; fields with a default are optional. `cmd` is by default the first of
+    the kind's CMDs. Raises ValueRangeError if a value is missing, illegal, or not of this kind.
+    """
+    if cmd is None:
+        cmd = kind.cmds[0]
+    elif cmd not in kind.cmds:
+        legal = " or ".join(map(str, kind.cmds))
+        raise ValueRangeError(f"cmd {cmd} is out of range: {kind.name} has cmd {legal}")
+    unknown = set(values) - {field.name for field in kind.fields}
+    if unknown:
+        raise ValueRangeError(f"{kind.name} has no {', '.join(sorted(unknown))}")
+    raw = bytearray(FRAME_LENGTH)
+    raw[0], raw[CMD_OFFSET], raw[-1] = kind.header, cmd, TAIL
+    for field in kind.fields:
+        value = values.get(field.name, field.default)
+        if value is None:
+            raise ValueRangeError(f"{kind.name} needs {field.name} ({field.range_text})")
+        raw[field.start : field.start + field.size] = field.to_bytes(value)
+    return bytes(raw)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,8 @@ from fte_sniff.capture.sim_model import (
     Motor,
     wheel_speeds,
 )
-from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Frame, encode, frame_faults
+from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Frame, encode
+from tests.protocol.oracle import frame_faults
 
 STEP_S = 0.002
 SPEED = st.integers(-3000, 3000)

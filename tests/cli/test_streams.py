@@ -245,7 +245,7 @@ DECODE = ("decode", str(SAMPLES / "damaged.mcap"))
     [
         ("fte_sniff.cli", ("encode", "reset")),
         ("click", ("live", "sim://")),
-        ("fte_sniff.protocol.codec", ("encode", "reset")),
+        ("fte_sniff.protocol.spec", ("encode", "reset")),
         ("fte_sniff.cli.capture_command", ("live", "sim://")),
         ("fte_sniff.session.live_session", ("live", "sim://")),
         ("multiprocessing", ("live", "sim://")),

@@ -30,8 +30,7 @@ from dataclasses import dataclass
 from itertools import product
 from math import exp, inf, log, prod
 
-from fte_sniff.protocol import FRAME_LENGTH, HEADERS, KINDS, TAIL, FrameKind
-from fte_sniff.protocol.codec import HEADER_BYTES, legal_bytes
+from fte_sniff.protocol import FRAME_LENGTH, HEADERS, KINDS, TAIL, Fault, FrameKind
 from fte_sniff.protocol.framer.likelihood import (
     BROKEN,
     FOREIGN,
@@ -49,7 +48,16 @@ from fte_sniff.protocol.framer.likelihood import (
     kind_share,
     truncation_scores,
 )
-from fte_sniff.protocol.spec import FTE_FORMAT, MOTORS, NUM_OFFSET
+from fte_sniff.protocol.spec import (
+    CMD_OFFSET,
+    FTE_FORMAT,
+    HEADER_BYTES,
+    KIND_BY_HEADER_AND_CMD,
+    MOTORS,
+    NUM_OFFSET,
+)
+
+legal_bytes = FTE_FORMAT.legal_bytes
 
 _INSIDE = FRAME_LENGTH - 2
 """Bytes between the header and the tail."""
@@ -167,6 +175,24 @@ ISOLATED = _compiled(_CLEAR + _NO_TAIL_AFTER)
 UNAMBIGUOUS = _compiled(b"(?=%b%b)%b" % (_CLEAR, _NO_TAIL_AFTER, _LIKELY))
 SPLITTING = _compiled(_SPLITTING)
 ANCHOR = _compiled(b"(?:%b.{%d}|%b%b)" % (_STRICT, FRAME_LENGTH, _FRAMED, _FRAMED))
+
+
+# Faults, field by field
+
+
+def frame_faults(raw: bytes) -> tuple[Fault, ...]:
+    """The faults visible in ten framed bytes (PROTOCOL.md, "What is left open")."""
+    kind = KIND_BY_HEADER_AND_CMD.get((raw[0], raw[CMD_OFFSET]))
+    return (Fault.UNKNOWN_CMD,) if kind is None else kind_faults(raw, kind)
+
+
+def kind_faults(raw: bytes, kind: FrameKind) -> tuple[Fault, ...]:
+    """The faults visible in the bytes of a frame of `kind`."""
+    fields = (field for field in kind.fields if not field.is_legal(field.read(raw)))
+    faults = [field.fault for field in fields if field.fault]
+    if any(raw[offset] for offset in kind.reserved):
+        faults.append(Fault.RESERVED_NONZERO)
+    return tuple(dict.fromkeys(faults))
 
 
 def _legal_prefix(offsets: Iterable[bytes | None]) -> re.Pattern[bytes]:

@@ -8,10 +8,9 @@ from hypothesis import strategies as st
 
 from benchmarks.faults import PAYLOADS, damaged_stream, draw_frame
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, Direction, Fault, Field, FrameKind
-from fte_sniff.protocol.codec import legal_bytes
 from fte_sniff.protocol.framer import FTE_TABLES, FrameTables
 from fte_sniff.protocol.spec import FTE_FORMAT, NUM_OFFSET, FrameFormat
-from tests.protocol.oracle import UNAMBIGUOUS
+from tests.protocol.oracle import UNAMBIGUOUS, legal_bytes
 
 _CALM_LINE = tuple(
     map(

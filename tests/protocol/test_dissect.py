@@ -17,9 +17,9 @@ from fte_sniff.protocol import (
     Framer,
     LineErrorMarker,
     Row,
-    frame_faults,
 )
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
+from tests.protocol.oracle import frame_faults
 
 BESIDE_THE_BYTES = {Fault.AMBIGUOUS, Fault.LINE_ERROR}
 """Faults that no byte of the row shows."""

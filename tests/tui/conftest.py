@@ -24,11 +24,11 @@ from fte_sniff.protocol import (
     PortEvent,
     Row,
     encode,
-    frame_faults,
 )
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import AtEnd, StartOptions
 from fte_sniff.tui.table.widget import RowTable
+from tests.protocol.oracle import frame_faults
 
 NOON_NS = 1_769_860_800_000_000_000
 """2026-01-31T12:00:00Z."""

@@ -296,15 +296,8 @@ class CandidateSet:
             return score
         return score * self._pause_score(prefix.start, prefix.start + length)
 
-    def whole(self, prefix: PrefixScore) -> float:
-        """The score of a whole frame; 0 if there is none."""
-        return self._full_length(prefix, prefix.whole)
-
-    def bad_tail(self, prefix: PrefixScore) -> float:
-        """The score of a frame whose last bytes were changed; 0 if there is none."""
-        return self._full_length(prefix, prefix.bad_tail)
-
-    def _full_length(self, prefix: PrefixScore, score: float) -> float:
+    def full_length(self, prefix: PrefixScore, score: float) -> float:
+        """The score of a frame's length from that header: `prefix.whole` or `prefix.bad_tail`."""
         if self.paused and score > 0.0:
             return score * self._pause_score(prefix.start, prefix.start + self.tables.length)
         return score

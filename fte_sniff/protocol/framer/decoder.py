@@ -60,7 +60,7 @@ from fte_sniff.protocol.framer.tables import (
     FrameTables,
 )
 
-_NOISE: Final = -1.0
+_NOISE_SCORE: Final = -1.0
 """In place of a candidate's score: the segment is noise."""
 
 
@@ -80,7 +80,7 @@ class DamagedSpan:
         self._begins = vec[i64]([i64(0)] * size)
         """The start of the last segment of that path."""
         self._scores = vec[float]([0.0] * size)
-        """The score of that segment, or `_NOISE`."""
+        """The score of that segment, or `_NOISE_SCORE`."""
         self._best[0] = 1.0
         self._begins[0] = start
         self._extend_all()
@@ -98,7 +98,7 @@ class DamagedSpan:
         """Extend the best path to `at` by every segment that can start there, or at `header`."""
         own = at - self._start
         score, candidates = self._best[own], self._candidates
-        after_noise = self._scores[own] == _NOISE
+        after_noise = self._scores[own] == _NOISE_SCORE
         contact = score if after_noise else score * candidates.contact_score(at)
         if candidates.tables.delimiters[candidates.data[at]] == HEADER:
             self._extend_from_header(candidates.prefixes[header], contact)
@@ -108,16 +108,16 @@ class DamagedSpan:
             return
         while header < len(candidates.prefixes) and candidates.prefixes[header].start < self._stop:
             stop = candidates.prefixes[header].start
-            self._reach(stop, at, score * NOISE_RUN[stop - at], _NOISE)
+            self._reach(stop, at, score * NOISE_RUN[stop - at], _NOISE_SCORE)
             header += 1
-        self._reach(self._stop, at, score * NOISE_RUN[self._stop - at], _NOISE)
+        self._reach(self._stop, at, score * NOISE_RUN[self._stop - at], _NOISE_SCORE)
 
     def _extend_from_header(self, prefix: PrefixScore, score: float) -> None:
         candidates, at = self._candidates, prefix.start
         for length in range(i64(1), prefix.longest_truncated + 1):
             own = candidates.truncated(prefix, length)
             self._reach(at + length, at, score * own, own)
-        own = candidates.bad_tail(prefix)
+        own = candidates.full_length(prefix, prefix.bad_tail)
         if own > 0.0:
             self._reach(at + candidates.tables.length, at, score * own, own)
 
@@ -155,7 +155,7 @@ class DamagedSpan:
 
 
 def _segment(candidates: CandidateSet, start: i64, stop: i64, score: float) -> Segment:
-    if score == _NOISE:
+    if score == _NOISE_SCORE:
         return Segment(start, stop, False, NOISE, 0.0)
     tables, data = candidates.tables, candidates.data
     fault = _damage_fault(tables, data, start, stop)

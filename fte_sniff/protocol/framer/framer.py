@@ -53,7 +53,7 @@ from fte_sniff.protocol.rows import Chunk, Row
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 
 _ENOUGH: Final[i64] = 3
-"""Strict frames, in step or not, that are worth decoding."""
+"""Strict frames, or framed segments in step, that are worth decoding."""
 
 _NEVER: Final[i64] = -1
 
@@ -99,12 +99,12 @@ def _end_of_pair(tables: FrameTables, data: bytes, start: i64, known: i64) -> i6
 
 
 def _end_of_framed_run(tables: FrameTables, data: bytes, start: i64, known: i64) -> i64:
-    length = tables.length
-    end = start + 3 * length
-    if end > known or not is_framed(tables, data, start):
-        return _NEVER
-    second = is_framed(tables, data, start + length)
-    return end if second and is_framed(tables, data, start + 2 * length) else _NEVER
+    end = start
+    for _ in range(_ENOUGH):
+        if end + tables.length > known or not is_framed(tables, data, end):
+            return _NEVER
+        end += tables.length
+    return end
 
 
 def _end_of_third(tables: FrameTables, data: bytes, start: i64, known: i64) -> i64:

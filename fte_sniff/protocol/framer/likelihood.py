@@ -136,11 +136,6 @@ def kind_share(frame_format: FrameFormat, kind: FrameKind) -> float:
     return len(kind.cmds) / cmds / len(frame_format.headers)
 
 
-def header_score(frame_format: FrameFormat) -> float:
-    """The score of a header byte at the start of a frame."""
-    return 256 / len(frame_format.headers)
-
-
 def truncation_scores(length: int) -> tuple[float, ...]:
     """By number of bytes left: the score of one given run of bytes lost from `length` bytes."""
     return (0.0, *(_EACH_DAMAGE / (length - 1) / (left + 1) for left in range(1, length)))

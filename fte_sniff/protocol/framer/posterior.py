@@ -33,7 +33,7 @@ from fte_sniff.protocol.framer.tables import HEADER
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
 class BoundaryState:
-    """Forward probabilities at the boundary between decided and pending bytes."""
+    """Forward scores of a span, or probabilities at the boundary before its first byte."""
 
     def __init__(
         self,
@@ -44,11 +44,12 @@ class BoundaryState:
         within_frame: float = 0.0,
     ) -> None:
         self.after_frame = after_frame
-        """By offset: the score of all paths that end there with a frame, whole or damaged."""
+        """By offset: the sum over all paths from the left that end there with a frame, whole or
+        damaged."""
         self.after_noise = after_noise
         """By offset: the same for paths that end there with noise."""
         self.in_noise = in_noise
-        """The score of paths in long noise at the first offset."""
+        """The score of paths in long noise at the boundary."""
         self.ends_frame = ends_frame
         """Whether the last decided row is a frame, or another segment of known length."""
         self.within_frame = within_frame
@@ -58,9 +59,7 @@ class BoundaryState:
         """The same for a span that may start with the rest of a frame."""
         longest = candidates.tables.length - 1
         suffixes = candidates.first_suffixes(longest)
-        scores = vec[float]([0.0] * (max(len(suffixes), len(self.after_frame))))
-        for at in range(i64(len(self.after_frame))):
-            scores[at] = self.after_frame[at]
+        scores = _resized(self.after_frame, max(i64(len(suffixes)), i64(len(self.after_frame))))
         for at in range(i64(1), i64(len(suffixes))):
             scores[at] += self.within_frame / float(longest) * suffixes[at]
         return BoundaryState(
@@ -94,20 +93,6 @@ _CERTAIN: Final = after_certain_frame()
 
 @final
 @mypyc_attr(acyclic=True, free_list_len=1)
-class ForwardPass:
-    """Forward scores: for every offset, the sum over all paths from the left that end there."""
-
-    def __init__(self, size: i64) -> None:
-        self.after_frame = vec[float]([0.0] * (size + 1))
-        """By offset: paths whose last segment is a frame or a damaged one."""
-        self.after_noise = vec[float]([0.0] * (size + 1))
-        """By offset: paths whose last segment is noise."""
-        self.in_noise = 0.0
-        """Paths that are in long noise at the end."""
-
-
-@final
-@mypyc_attr(acyclic=True, free_list_len=1)
 class ForwardBackward:
     """Forward and backward scores of a span; offsets count from its first byte."""
 
@@ -127,12 +112,14 @@ class ForwardBackward:
 
     # The two passes
 
-    def _forward_pass(self, state: BoundaryState, end: i64) -> ForwardPass:
+    def _forward_pass(self, state: BoundaryState, end: i64) -> BoundaryState:
         """The forward scores of the segments that start before `end`."""
-        forward, candidates = ForwardPass(self.size), self.candidates
-        after_frame, after_noise = forward.after_frame, forward.after_noise
-        _copy(state.after_frame, after_frame)
-        _copy(state.after_noise, after_noise)
+        candidates, size = self.candidates, self.size + 1
+        after_frame, after_noise = (
+            _resized(state.after_frame, size),
+            _resized(state.after_noise, size),
+        )
+        forward = BoundaryState(after_frame, after_noise, 0.0)
         noise, noise_to = state.in_noise, i64(0)
         for delimiter in candidates.delimiters:
             if delimiter & AT_TAIL:
@@ -151,7 +138,7 @@ class ForwardBackward:
         forward.in_noise = _long_noise(noise, after_frame, noise_to, end)
         return forward
 
-    def _reach_tail(self, candidate_end: CandidateEnd, forward: ForwardPass, end: i64) -> None:
+    def _reach_tail(self, candidate_end: CandidateEnd, forward: BoundaryState, end: i64) -> None:
         """Forward step: add the paths through all candidates that end with a tail."""
         after_frame, after_noise = forward.after_frame, forward.after_noise
         scores, first, paused = candidate_end.scores, candidate_end.first, self.candidates.paused
@@ -169,7 +156,7 @@ class ForwardBackward:
         candidates, at = self.candidates, prefix.start
         for length in range(i64(1), prefix.longest_truncated + 1):
             after_frame[at + length] += before * candidates.truncated(prefix, length)
-        full = candidates.whole(prefix) + candidates.bad_tail(prefix)
+        full = candidates.full_length(prefix, prefix.whole + prefix.bad_tail)
         if full > 0.0:
             after_frame[at + candidates.tables.length] += before * full
 
@@ -215,7 +202,7 @@ class ForwardBackward:
         backward, at, score, candidates = self.backward, prefix.start, 0.0, self.candidates
         for length in range(i64(1), prefix.longest_truncated + 1):
             score += candidates.truncated(prefix, length) * backward[at + length]
-        full = candidates.whole(prefix) + candidates.bad_tail(prefix)
+        full = candidates.full_length(prefix, prefix.whole + prefix.bad_tail)
         if full > 0.0:
             score += full * backward[at + candidates.tables.length]
         return score + self.cut_off_score(prefix)
@@ -246,7 +233,7 @@ class ForwardBackward:
         """The probability (0-1) of a candidate with that score from `start` to `stop`."""
         return self._sum_before(self.forward, start) * score * self.backward[stop] / self.total
 
-    def _sum_before(self, forward: ForwardPass, at: i64) -> float:
+    def _sum_before(self, forward: BoundaryState, at: i64) -> float:
         """The sum over all paths before an offset where a frame starts."""
         contact = self.candidates.contact_score(at)
         return forward.after_frame[at] * contact + forward.after_noise[at]
@@ -270,12 +257,14 @@ class ForwardBackward:
         forward = self._forward_pass(_CERTAIN, self.size)
         return self._frame_probabilities(forward, self._sum_of_paths(_CERTAIN))
 
-    def _frame_probabilities(self, forward: ForwardPass, total: float) -> vec[float]:
+    def _frame_probabilities(self, forward: BoundaryState, total: float) -> vec[float]:
         candidates = self.candidates
         probabilities = vec[float]([0.0] * len(candidates.prefixes))
         for number, prefix in enumerate(candidates.prefixes):
             if prefix.whole > 0.0:
-                score = self._sum_before(forward, prefix.start) * candidates.whole(prefix)
+                score = self._sum_before(forward, prefix.start) * candidates.full_length(
+                    prefix, prefix.whole
+                )
                 after = self.backward[prefix.start + candidates.tables.length]
                 probabilities[number] = score * after / total
         return probabilities
@@ -294,9 +283,12 @@ class ForwardBackward:
         )
 
 
-def _copy(source: vec[float], target: vec[float]) -> None:
-    for at in range(min(i64(len(source)), i64(len(target)))):
-        target[at] = source[at]
+def _resized(scores: vec[float], size: i64) -> vec[float]:
+    """A copy of that size, cut off or filled up with 0."""
+    copy = vec[float]([0.0] * size)
+    for at in range(min(i64(len(scores)), size)):
+        copy[at] = scores[at]
+    return copy
 
 
 def _long_noise(noise: float, after_frame: vec[float], start: i64, end: i64) -> float:

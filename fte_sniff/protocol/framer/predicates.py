@@ -47,26 +47,8 @@ def is_framed(tables: FrameTables, data: bytes, at: i64) -> bool:
 
 def is_strict(tables: FrameTables, data: bytes, at: i64) -> bool:
     """Whether the frame is legal at every byte."""
-    return _strict_kind(tables, data, at) != NO_KIND
-
-
-def _strict_kind(tables: FrameTables, data: bytes, at: i64) -> i64:
-    last = i64(data[at + tables.length - 1])
-    if tables.delimiters[last] != TAIL:
-        return NO_KIND
-    kind = kind_at(tables, data, at)
-    if kind == NO_KIND:
-        return NO_KIND
-    row = kind * tables.length
-    number = row
-    while True:
-        offset = i64(tables.checked[number])
-        if offset == 0:
-            return kind
-        entry = (row + offset) * 256 + i64(data[at + offset])
-        if tables.legal[entry] == 0:
-            return NO_KIND
-        number += 1
+    last = data[at + tables.length - 1]
+    return tables.delimiters[last] == TAIL and framed_faults(tables, data, at) == 0
 
 
 def can_split(tables: FrameTables, data: bytes, at: i64) -> bool:
@@ -84,8 +66,10 @@ def can_split(tables: FrameTables, data: bytes, at: i64) -> bool:
 
 def is_unsplit(tables: FrameTables, data: bytes, at: i64) -> bool:
     """Whether the frame is strict, and hardly two truncated ones."""
-    kind = _strict_kind(tables, data, at)
-    if kind == NO_KIND or _num_is_delimiter(tables, data, at, kind):
+    if not is_strict(tables, data, at):
+        return False
+    kind = kind_at(tables, data, at)
+    if tables.unused_num[kind] == 1 and tables.delimiters[data[at + _NUM]] != 0:
         return False
     number = kind * tables.length
     while True:
@@ -95,10 +79,6 @@ def is_unsplit(tables: FrameTables, data: bytes, at: i64) -> bool:
         if tables.delimiters[data[at + offset]] != 0 and can_split(tables, data, at + offset):
             return False
         number += 1
-
-
-def _num_is_delimiter(tables: FrameTables, data: bytes, at: i64, kind: i64) -> bool:
-    return tables.unused_num[kind] == 1 and tables.delimiters[data[at + _NUM]] != 0
 
 
 def is_plain(tables: FrameTables, data: bytes, at: i64) -> bool:
@@ -286,7 +266,7 @@ def suffix_fit(tables: FrameTables, data: bytes, at: i64, end: i64, kind: i64) -
 
 
 def framed_faults(tables: FrameTables, data: bytes, at: i64) -> i64:
-    """The fault set that framed bytes show by themselves, as `codec.frame_faults` names them."""
+    """The fault set that framed bytes show by themselves, in the order of a row."""
     kind = kind_at(tables, data, at)
     if kind == NO_KIND:
         return UNKNOWN_CMD

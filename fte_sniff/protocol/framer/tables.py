@@ -88,15 +88,9 @@ def _unused_num(kind: FrameKind, legal: _LegalBytes) -> bool:
     return legal[NUM_OFFSET] is None and not kind.names_motor
 
 
-def _checked(kind: FrameKind, legal: _LegalBytes) -> list[int]:
-    """The offsets between CMD and tail where not every byte is legal."""
-    return [offset for offset in range(NUM_OFFSET, len(legal) - 1) if legal[offset]]
-
-
-def _free(kind: FrameKind, legal: _LegalBytes) -> list[int]:
-    """The offsets of the payload where every byte is legal."""
-    start = NUM_OFFSET + _unused_num(kind, legal)
-    return [offset for offset in range(start, len(legal) - 1) if legal[offset] is None]
+def _by_kind(offsets: Iterable[list[int]], size: int) -> vec[u8]:
+    """Offsets of each kind, padded with 0 to `size`."""
+    return vec[u8](b"".join(bytes(own).ljust(size, b"\0") for own in offsets))
 
 
 def _word_test(legal: _LegalBytes) -> tuple[int, int, bool]:
@@ -194,9 +188,12 @@ class FrameTables:
             b"".join(_set_of(every if one is None else one) for own in legal for one in own)
         )
         """By (kind * length + offset) * 256 + byte: 1 if the byte is legal."""
-        self.checked = vec[u8](b"".join(bytes(_checked(*one)).ljust(size, b"\0") for one in both))
+        inside = range(NUM_OFFSET, size - 1)
+        self.checked = _by_kind(([at for at in inside if own[at]] for own in legal), size)
         """By kind, padded with 0 to `length`: the payload offsets where some bytes are illegal."""
-        self.free = vec[u8](b"".join(bytes(_free(*one)).ljust(size, b"\0") for one in both))
+        self.free = _by_kind(
+            ([at for at in inside[_unused_num(*one) :] if one[1][at] is None] for one in both), size
+        )
         """By kind, padded with 0 to `length`: the payload offsets where every byte is legal."""
         self.unused_num = vec[u8](bytes(_unused_num(*one) for one in both))
         """By kind: 1 if NUM has no meaning."""
@@ -247,7 +244,8 @@ class FrameTables:
         """By (kind * length + offset) * 256 + byte: the score of the byte in that kind."""
         self.kind_shares = vec[float]([likelihood.kind_share(frame_format, kind) for kind in kinds])
         """By kind: the share among all frames."""
-        self.header_score = likelihood.header_score(frame_format)
+        self.header_score = 256 / len(frame_format.headers)
+        """The score of a header byte at the start of a frame."""
         self.foreign_score = likelihood.FOREIGN * self.header_score * 256
         """The score of a header, any bytes, and a tail at the right distance."""
         lost = likelihood.truncation_scores(size)

@@ -20,8 +20,8 @@ from fte_sniff.protocol import (
     Row,
     Status,
     encode,
-    frame_faults,
 )
+from tests.protocol.oracle import frame_faults
 
 CLOCK, TIME = "'12:00:00.250'", "'2026-01-31T12:00:00.250000007Z'"
 

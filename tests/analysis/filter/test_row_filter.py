@@ -24,10 +24,10 @@ from fte_sniff.protocol import (
     Row,
     Value,
     encode,
-    frame_faults,
     record,
 )
 from fte_sniff.row_batch import RowBatch
+from tests.protocol.oracle import frame_faults
 
 NOON = 1_767_268_800_000_000_000
 """2026-01-01T12:00:00Z."""

@@ -99,7 +99,7 @@ def candidate_scores(tables: FrameTables, data: bytes) -> dict[tuple[int, int], 
     for prefix in candidates.prefixes:
         for cut in range(1, prefix.longest_truncated + 1):
             count(prefix.start, prefix.start + cut, candidates.truncated(prefix, cut))
-        full = candidates.whole(prefix) or candidates.bad_tail(prefix)
+        full = candidates.full_length(prefix, prefix.whole or prefix.bad_tail)
         count(prefix.start, prefix.start + length, full)
     for end in candidates.ends:
         for start in range(end.first, end.stop):

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, TAIL, Fault, frame_faults
-from fte_sniff.protocol.codec import HEADER_BYTES, legal_bytes
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, TAIL, Fault
 from fte_sniff.protocol.framer import FTE_TABLES, FrameTables, predicates, tables
 from fte_sniff.protocol.framer.tables import FAULT_SETS, fault_set
-from fte_sniff.protocol.spec import CMD_OFFSET, KIND_BY_HEADER_AND_CMD, NUM_OFFSET
+from fte_sniff.protocol.spec import CMD_OFFSET, HEADER_BYTES, KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 from tests.examples import examples
 from tests.protocol import oracle
+from tests.protocol.oracle import frame_faults, legal_bytes
 from tests.protocol.streams import near_frames, near_frames_of
 
 LONGEST = FRAME_LENGTH + tables.EXTRA

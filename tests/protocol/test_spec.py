@@ -18,9 +18,8 @@ from fte_sniff.protocol import (
     FrameKind,
     Framer,
     encode,
-    frame_faults,
 )
-from fte_sniff.protocol.codec import kind_faults, legal_bytes
+from tests.protocol.oracle import frame_faults, kind_faults, legal_bytes
 
 GOLDEN = [
     ("AA 00 00 00 00 00 00 00 00 EE", "reset", {}),
