@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.framer_form import PACKAGE, SETUP, form_error, interpret
+from tests.framer_form import PACKAGE, form_error, interpret
 
-ROOT = SETUP.parent
+ROOT = Path(__file__).parents[3]
 BOUND_S = 300
 
 SHARES = {"ordinary": 0.2, "hostile": 0.5}
