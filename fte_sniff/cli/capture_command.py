@@ -47,7 +47,8 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
-    from fte_sniff.session.capture_state import CapturePlan, CaptureState
+    from fte_sniff.recording.recorder import Outcome
+    from fte_sniff.session.capture_state import CapturePlan
     from fte_sniff.session.live_session import LiveSession
     from fte_sniff.tui.options import StartOptions
 
@@ -172,7 +173,7 @@ def _ending_signals(plan: CapturePlan) -> tuple[signal.Signals, ...]:
 def _ended_by_signals(
     session: LiveSession, plan: CapturePlan
 ) -> AbstractContextManager[Callable[[], None]]:
-    return ending_signals(session.stop, _ending_signals(plan), session.drop_leftover)
+    return ending_signals(session.stop, _ending_signals(plan), session.hurry)
 
 
 def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
@@ -262,29 +263,27 @@ def _report_survivor(plan: CapturePlan, session: LiveSession) -> None:
 def _report_recording(session: LiveSession) -> None:
     """Print the path of the recording; raise the error of the capture, if any."""
     state = session.state
-    if state.recording is not None:
-        _print_recording(state, state.recording)
+    if state.recording is not None and state.outcome is not None:
+        _print_recording(state.recordings, state.recording, state.outcome)
     if state.error is not None:
         raise state.error
 
 
-def _print_recording(state: CaptureState, last: Path) -> None:
-    outcome = state.outcome
-    first = outcome.first if outcome else state.recordings[0]
-    several = f"{first} to " if first != last else ""
+def _print_recording(recordings: Sequence[Path], last: Path, outcome: Outcome) -> None:
+    several = f"{outcome.first} to " if outcome.first != last else ""
     gone = part = ""
-    if outcome and outcome.deleted_files:
+    if outcome.deleted_files:
         count = outcome.deleted_files
         files = "1 older file" if count == 1 else f"{count:,} older files"
         gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--on-full rotate-oldest)"
-    if outcome and outcome.triggered:
+    if outcome.triggered:
         kept, rows, fired = outcome.triggered
         events = f"{fired:,} event{'s' * (fired != 1)}" if fired else "--trigger never fired"
         part = f"{kept:,} of {rows:,} rows ({events}) "
     print_err(f"recorded {part}to {several}{last}{gone}")
-    there = sum(path.exists() for path in state.recordings)
+    there = sum(path.exists() for path in recordings)
     if there > 1:
-        print_err(f"{there} files; all of them: fte-sniff decode {_pattern(state.recordings[0])}")
+        print_err(f"{there} files; all of them: fte-sniff decode {_pattern(recordings[0])}")
 
 
 def _pattern(first: Path) -> str:
@@ -368,14 +367,15 @@ def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
 
 
 def _updates(session: LiveSession) -> Iterator[FeedUpdate]:
-    """The updates until the end; reports once that many bytes are still to be written."""
+    """The updates until the end; reports what the end waits for."""
     from fte_sniff.session.live_session import WAIT_S
 
-    running, reported = True, False
+    running = True
+    reported: set[str] = set()
     while running:
         update = session.wait(WAIT_S)
-        running, count = update.state.running, update.state.leftover
-        if running and count and not reported:
-            reported = True
-            print_err(f"writing what has arrived: {count:,} bytes wait; Ctrl-C drops them")
+        running, backlog = update.state.running, session.state.backlog
+        if running and backlog is not None and backlog not in reported:
+            reported.add(backlog)
+            print_err(f"{backlog}; Ctrl-C drops them")
         yield update

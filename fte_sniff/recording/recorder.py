@@ -156,6 +156,12 @@ class Recorder:
         return sum(gap.rows or 0 for gap in self._gaps)
 
     @property
+    def unflushed_rows(self) -> int:
+        """Rows that wait for the next flush."""
+        writer = self._writer
+        return 0 if writer is None else writer.rows - writer.flushed_rows
+
+    @property
     def outcome(self) -> Outcome:
         """The files so far."""
         files, trigger = self._files, self._trigger

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -27,6 +28,7 @@ from fte_sniff.session.capture_state import (
     Message,
     RowsMessage,
     Started,
+    WriteProgress,
 )
 from fte_sniff.session.port_merge import Entry, PortMerge, WiringWatch
 
@@ -35,6 +37,9 @@ MOST_WAITING = 65_536
 
 MOST_EVENTS = 1024
 """Most port events that wait for the view."""
+
+SLOW_S = 1.0
+"""Seconds after which a write of the recording is reported as slow."""
 
 BATCH_EVERY_S = 0.05
 """Seconds between two batches: imperceptible, but many rows."""
@@ -53,6 +58,8 @@ class Outbox:
         self._recording: list[Change] = []
         self._total = self._dropped = self._leftover = 0
         self._end: Ended | None = None
+        self.progress: Callable[[], WriteProgress] = WriteProgress
+        """How far the recording is on the disk; called from the sending thread."""
         self._hurry = threading.Event()
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
         self._thread.start()
@@ -103,21 +110,31 @@ class Outbox:
 
     def _next_messages(self) -> list[Message]:
         with self._changed:
-            while not (self._rows or self._events or self._end or self._recording):
-                self._changed.wait()
             found: list[Message] = []
+            while not (self._rows or self._events or self._end or self._recording):
+                if not self._changed.wait(SLOW_S) and self.progress().is_slow:
+                    # The view gives up a capture that sends nothing.
+                    found.append(self._batch())
+                    return found
             if self._rows or self._events or self._recording:
-                rows, events = list(self._rows), list(self._events)
-                changes = tuple(self._recording)
-                found.append(
-                    RowsMessage(rows, events, self._total, self._dropped, changes, self._leftover)
-                )
+                found.append(self._batch())
                 self._rows.clear()
                 self._events.clear()
                 self._recording.clear()
             if self._end:
                 found.append(self._end)
             return found
+
+    def _batch(self) -> RowsMessage:
+        return RowsMessage(
+            list(self._rows),
+            list(self._events),
+            self._total,
+            self._dropped,
+            tuple(self._recording),
+            self._leftover,
+            self.progress(),
+        )
 
 
 _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
@@ -154,6 +171,9 @@ class CaptureLoop:
         self._flush_every_ns = round(plan.recording_options.flush_every_s * 1e9)
         self._flush_ns = 0
         self._lost: PortEvent | None = None
+        self._writing_since_s: float | None = None
+        self._is_ending = False
+        outbox.progress = self._progress
 
     def run(self) -> Ended:
         """Process the source to its end, close the recording, and return how it ended."""
@@ -165,6 +185,7 @@ class CaptureLoop:
             self._emit(self._order.ready())
             if self._remaining == 0:
                 break
+        self._is_ending = True
         for port, framer in self._framers.items():
             self._put_rows(port, framer.flush())
         self._emit(self._order.drain())
@@ -254,9 +275,21 @@ class CaptureLoop:
     def _record(self, do: Callable[[Recorder], None]) -> None:
         if self._recorder is None:
             return
-        do(self._recorder)
+        self._writing_since_s = time.monotonic()
+        try:
+            do(self._recorder)
+        finally:
+            self._writing_since_s = None
         if changes := self._recorder.changes():
             self._outbox.put_recording(changes)
+
+    def _progress(self) -> WriteProgress:
+        since_s = self._writing_since_s
+        return WriteProgress(
+            self._recorder.unflushed_rows if self._recorder is not None else 0,
+            since_s is not None and time.monotonic() - since_s >= SLOW_S,
+            self._is_ending or self._source.end is not None,
+        )
 
 
 def _step_words(step_ns: int) -> TranslatableText:

@@ -33,6 +33,18 @@ class Started:
 
 
 @dataclass(frozen=True, slots=True)
+class WriteProgress:
+    """How far the recording is on the disk."""
+
+    unrecorded: int = 0
+    """Rows that are not in the file yet."""
+    is_slow: bool = False
+    """Whether a write takes long."""
+    is_end: bool = False
+    """Whether reading has ended."""
+
+
+@dataclass(frozen=True, slots=True)
 class RowsMessage:
     """Rows and events since the previous batch."""
 
@@ -46,6 +58,7 @@ class RowsMessage:
     """Changes of the recording since the previous batch."""
     leftover: int = 0
     """Bytes still to be written when reading ended, if many; else 0."""
+    progress: WriteProgress = WriteProgress()
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +98,7 @@ class CaptureState:
     """Rows recorded but not sent, because the view was too slow."""
     leftover: int = 0
     """Bytes still to be written when reading ended, if many; else 0."""
+    progress: WriteProgress = WriteProgress()
     lost: frozenset[str] = frozenset()
     """Ports that are currently lost and waited for."""
 
@@ -113,6 +127,7 @@ class CaptureState:
             total_rows=batch.total_rows,
             not_shown=batch.not_shown,
             leftover=batch.leftover,
+            progress=batch.progress,
             lost=reduce(_lost_ports, batch.events, self.lost),
         )
 
@@ -148,13 +163,27 @@ class CaptureState:
             return f"{self.names[0]} + {self.device}"
         return " + ".join(self.names)
 
-    def _trouble(self) -> str | None:
-        if self.error is None:
-            if not self.leftover:
-                return None
+    @property
+    def is_disk_slow(self) -> bool:
+        """Whether the end waits for the disk."""
+        return self.progress.is_slow and self.progress.is_end
+
+    @property
+    def backlog(self) -> str | None:
+        """What the end waits for; None if nothing."""
+        if self.is_disk_slow:
+            return TranslatableText(
+                "the disk is slow: {rows:,} rows are not written yet", rows=self.progress.unrecorded
+            )
+        if self.leftover:
             return TranslatableText(
                 "writing what has arrived: {bytes:,} bytes wait", bytes=self.leftover
             )
+        return None
+
+    def _trouble(self) -> str | None:
+        if self.error is None:
+            return self.backlog
         trouble = self.error.message
         if not self.recording:
             return trouble

@@ -38,6 +38,7 @@ _KILLED = TranslatableText(
     seconds=END_WITHIN_S,
 )
 _TOO_MANY_FILES = TranslatableText("too many open files; try `ulimit -n 4096`")
+_ENDED_EARLY = TranslatableText("the capture was ended while the disk was still writing")
 _UNEXPECTED = TranslatableText(
     "the capture process ended unexpectedly; what it had recorded is kept"
 )
@@ -60,7 +61,8 @@ class LiveSession:
         self._received_at_s = 0.0
         self._receiving_since_s: float | None = None
         """When receiving of the current, possibly incomplete, message started."""
-        self._killed = False
+        self._killed: str | None = None
+        """Why the capture process was killed; None if it was not."""
         self._process, self._capture = start_worker(capture, plan)
 
     def begin(self) -> None:
@@ -122,7 +124,7 @@ class LiveSession:
             since = self._receiving_since_s
             if since is not None and time.monotonic() > since + END_WITHIN_S:
                 # The capture hangs within a message, and so does the reader of the rest.
-                self._killed = True
+                self._killed = _KILLED
                 self._process.kill()
             return
         self._stopped_at_s = time.monotonic()
@@ -133,9 +135,15 @@ class LiveSession:
         with suppress(OSError):
             self._capture.send(STOP)
 
-    def drop_leftover(self) -> None:
-        """Count bytes still to be written as an overrun, without writing them; returns at once."""
-        if self.state.leftover:
+    def hurry(self) -> None:
+        """Do not wait for what `CaptureState.backlog` reports; returns at once.
+
+        Waiting bytes are counted as an overrun; a capture that waits for the disk is killed.
+        """
+        if self.state.is_disk_slow:
+            self._killed = _ENDED_EARLY
+            self._process.kill()
+        elif self.state.leftover:
             with suppress(OSError):
                 self._capture.send(DROP)
 
@@ -167,8 +175,16 @@ class LiveSession:
     def _exit_without_result(self, reason: str) -> Ended:
         if self.stopping and not self.state.started:
             return Ended()
-        kind = FileError if reason is _TOO_MANY_FILES else PortError
-        return Ended(reason, kind(reason))
+        error = FileError if reason in (_TOO_MANY_FILES, _ENDED_EARLY) else PortError
+        if self.state.recording is None:
+            return Ended(reason, error(reason))
+        whole = TranslatableText(
+            "{reason}; up to {rows:,} rows are not in {path}",
+            reason=reason,
+            rows=self.state.progress.unrecorded,
+            path=self.state.recording,
+        )
+        return Ended(reason, error(whole))
 
     def _exit_reason(self) -> TranslatableText:
         with suppress(TimeoutExpired):
@@ -181,7 +197,7 @@ class LiveSession:
         try:
             message = self._capture.recv()
         except (EOFError, OSError):
-            return self._exit_without_result(_KILLED if self._killed else self._exit_reason())
+            return self._exit_without_result(self._killed or self._exit_reason())
         finally:
             self._receiving_since_s = None
         self._received_at_s = time.monotonic()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import resource
 import select
 import shutil
@@ -26,6 +27,7 @@ from fte_sniff.errors import FileError
 from fte_sniff.protocol import Frame, PortEvent, PortEventKind
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.capture_process import MOST_WAITING
+from fte_sniff.session.live_session import END_WITHIN_S
 from tests.cli.processes import (
     BOUND_S,
     PROGRAM,
@@ -214,6 +216,72 @@ def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(
     assert "recorded to" not in errors
     assert "x.mcap is complete up to there" in errors.splitlines()[-1]
     assert run("decode", "x.mcap").returncode == 0
+
+
+SLOW_SYNC = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <unistd.h>
+int fdatasync(int descriptor) {
+    const char *slow = getenv("SLOW_WHILE");
+    while (slow && access(slow, F_OK) == 0) usleep(20000);
+    return ((int (*)(int))dlsym(RTLD_NEXT, "fdatasync"))(descriptor);
+}
+"""
+
+
+@contextmanager
+def recording_on_a_slow_disk(environment, folder: Path) -> Iterator[tuple[Process, Path]]:
+    """A program that records, whose syncs last as long as the second value exists."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("gcc is needed to make the disk slow")
+    library, slow = folder / "slow.so", folder / "slow"
+    subprocess.run(
+        [compiler, "-shared", "-fPIC", "-o", library, "-x", "c", "-", "-ldl"],
+        input=SLOW_SYNC.encode(),
+        check=True,
+    )
+    preloaded = environment | {"LD_PRELOAD": str(library), "SLOW_WHILE": str(slow)}
+    with started(preloaded, folder, "live", SIM, "-o", "x.mcap") as process:
+        until(process, b"speed_feedback")
+        slow.touch()
+        yield process, slow
+
+
+def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
+    with recording_on_a_slow_disk(environment, tmp_path) as (process, slow):
+        process.send_signal(signal.SIGINT)
+        until_told(process, b"rows are not written yet; Ctrl-C drops them")
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(END_WITHIN_S + 1)
+        slow.unlink()
+        code, _, errors = ended(process)
+    assert code == 0, errors
+    assert errors.endswith("recorded to x.mcap\n")
+    assert f"{len(list(RecordingReader(tmp_path / 'x.mcap'))):,} rows, " in errors
+
+
+def test_a_second_ctrl_c_does_not_wait_for_a_slow_disk(environment, tmp_path: Path) -> None:
+    with recording_on_a_slow_disk(environment, tmp_path) as (process, _):
+        process.send_signal(signal.SIGINT)
+        until_told(process, b"rows are not written yet; Ctrl-C drops them")
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 4
+    assert "recorded to" not in errors
+    *_, summary, last = errors.splitlines()
+    found = re.fullmatch(
+        "fte-sniff: the capture was ended while the disk was still writing; "
+        r"up to ([\d,]+) rows are not in x\.mcap",
+        last,
+    )
+    assert found is not None, last
+    shown, unrecorded = (int(text.replace(",", "")) for text in (summary.split()[0], found[1]))
+    in_file = len(list(RecordingReader(tmp_path / "x.mcap")))
+    assert unrecorded > 0
+    assert shown - unrecorded <= in_file < shown
 
 
 def test_no_command_replaces_a_file_that_is_being_recorded(
