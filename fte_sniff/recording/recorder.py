@@ -268,8 +268,10 @@ class Recorder:
         """Begin the gap after a file that failed."""
         self._failure = failure
         gap = Gap(GapKind.WRITE_ERROR, 0, reason=str(failure))
-        if writer.is_gone and writer.span_ns is not None and writer.flushed_rows:
+        if writer.is_gone and writer.flushed_rows + writer.flushed_events:
+            assert writer.span_ns is not None
             gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
+            self._missed_events += writer.flushed_events
         self._gaps.append(gap)
         self._changes.append(Change(None, failure))
 

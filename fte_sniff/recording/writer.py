@@ -92,8 +92,8 @@ class RecordingWriter:
         self._pending: list[tuple[int, Row | PortEvent]] = []
         self.rows = 0
         """Rows written so far, flushed or not."""
-        self.flushed_rows = 0
-        """Rows in the file."""
+        self.flushed_rows = self.flushed_events = 0
+        """Rows and port events in the file."""
         self.span_ns: tuple[int, int] | None = None
         """First and last time of the entries, nanoseconds since 1970 UTC; None without any."""
         self.failure: FileError | None = None
@@ -170,8 +170,9 @@ class RecordingWriter:
                 self._file.write_batch(self._batch(self._pending), self._metadata)
             else:
                 self._file.write_metadata(self._metadata)
-            self._pending, self._metadata = [], []
+            self.flushed_events += len(self._pending) - (self.rows - self.flushed_rows)
             self.flushed_rows = self.rows
+            self._pending, self._metadata = [], []
             is_gone, is_deleted = self._output.is_gone, self._output.is_deleted
         except OSError as error:
             raise self._stop(error) from error

@@ -208,6 +208,15 @@ def test_a_file_that_another_program_cuts_off_leaves_a_gap(tmp_path: Path, left:
     assert "another program cut off" in str(recorder.failure)
 
 
+def test_a_port_event_in_a_file_that_is_cut_off_is_reported(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "x.mcap", [PORT], options=ALL)
+    recorder.write_event(PortEvent(START, PORT.name, PortEventKind.OPENED, ""))
+    recorder.flush()
+    os.truncate(tmp_path / "x.mcap", 0)
+    recorder.close()
+    assert "1 rows and port events from 2026-02-02" in str(recorder.failure)
+
+
 @contextmanager
 def _small_disk(folder: Path, size: str) -> Iterator[Path]:
     """A file system of its own, of a few hundred kB."""
