@@ -156,7 +156,32 @@ class RowBatch(Sequence[Row]):
     @classmethod
     def from_span(cls, span: DecidedSpan) -> RowBatch:
         """The rows that the framer decided."""
-        return _batch_of_span(span)
+        codebook, rows = Codebook(), len(span)
+        length, framed, faults = _segment_columns(span, rows, codebook)
+        start = int(span.segments.starts[0]) if rows else span.start
+        if (length == FRAME_LENGTH).all():
+            offset = np.arange(start, start + rows * FRAME_LENGTH, FRAME_LENGTH)
+            data = np.frombuffer(span.data, np.uint8, rows * FRAME_LENGTH, start - span.start)
+            raw, long = data.reshape(-1, FRAME_LENGTH), dict[int, bytes]()
+        else:
+            ends = np.cumsum(length, dtype=np.int64)
+            offset = start + ends - length
+            raw = _first_bytes(span.data, offset - span.start, length)
+            long = _long_rows(span, offset, length)
+        t_ns, delay_ns = _times(span.times, offset)
+        return cls(
+            codebook,
+            t_ns=t_ns,
+            offset=offset,
+            delay_ns=delay_ns,
+            length=length,
+            port=_constant(codebook.port_code(span.port), rows, np.uint16),
+            faults=faults,
+            framed=framed,
+            unordered=_constant(False, rows, np.bool_),
+            raw=raw,
+            long=long,
+        )
 
     @classmethod
     def concat(cls, batches: Sequence[RowBatch]) -> RowBatch:
@@ -403,35 +428,6 @@ _SOUND_FRAME: Final = 1
 
 _OWN_BITS: Final = np.tri(FRAME_LENGTH, k=-1, dtype=np.uint8) * np.uint8(0xFF)
 """By length of a short row, the mask of its own bytes among ten."""
-
-
-def _batch_of_span(span: DecidedSpan) -> RowBatch:
-    codebook, rows = Codebook(), len(span)
-    length, framed, faults = _segment_columns(span, rows, codebook)
-    start = int(span.segments.starts[0]) if rows else span.start
-    if (length == FRAME_LENGTH).all():
-        offset = np.arange(start, start + rows * FRAME_LENGTH, FRAME_LENGTH)
-        data = np.frombuffer(span.data, np.uint8, rows * FRAME_LENGTH, start - span.start)
-        raw, long = data.reshape(-1, FRAME_LENGTH), dict[int, bytes]()
-    else:
-        ends = np.cumsum(length, dtype=np.int64)
-        offset = start + ends - length
-        raw = _first_bytes(span.data, offset - span.start, length)
-        long = _long_rows(span, offset, length)
-    t_ns, delay_ns = _times(span.times, offset)
-    return RowBatch(
-        codebook,
-        t_ns=t_ns,
-        offset=offset,
-        delay_ns=delay_ns,
-        length=length,
-        port=_constant(codebook.port_code(span.port), rows, np.uint16),
-        faults=faults,
-        framed=framed,
-        unordered=_constant(False, rows, np.bool_),
-        raw=raw,
-        long=long,
-    )
 
 
 def _constant(value: int, rows: int, dtype: npt.DTypeLike) -> Array:

@@ -65,9 +65,8 @@ def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Itera
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.session.doctor import check_all_ports, check_machine, check_port
 
-    if port is None:
-        return chain(check_machine(), check_all_ports())
-    own = check_port(port, PortSettings(baud), seconds, probe=probe)
+    settings = PortSettings(baud)
+    own = check_all_ports() if port is None else check_port(port, settings, seconds, probe=probe)
     return chain(check_machine(), own)
 
 

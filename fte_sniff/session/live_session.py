@@ -159,16 +159,12 @@ class LiveSession:
             self._process.wait()
         self._capture.close()
 
-    @property
-    def _overdue(self) -> bool:
-        requested = self._stopped_at_s
-        if requested is None:
-            return False
-        # A capture that still has much to record keeps sending messages.
-        return time.monotonic() > max(requested, self._received_at_s) + END_WITHIN_S
-
     def _give_up_when_overdue(self) -> None:
-        if self._overdue:
+        if self._stopped_at_s is None:
+            return
+        # A capture that still has much to record keeps sending messages.
+        last_s = max(self._stopped_at_s, self._received_at_s)
+        if time.monotonic() > last_s + END_WITHIN_S:
             self._process.kill()
             self.state = self.state.after(self._exit_without_result(_KILLED))
 

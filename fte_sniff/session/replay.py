@@ -102,16 +102,13 @@ class ReplaySession:
         self._resumed.set()
 
     def _state(self) -> FeedState:
-        ended = None
-        if not self._running:
-            ended = self.error.message if self.error else None
         progress = None
         if self._running and self._expected_rows:
             progress = min(1.0, self._rows / self._expected_rows)
         return FeedState(
             title=self._title,
             running=self._running,
-            ended=ended,
+            ended=self.error.message if self.error and not self._running else None,
             trouble=_damaged(self._losses),
             live=False,
             rows=self._rows,

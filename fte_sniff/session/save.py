@@ -306,7 +306,7 @@ class SaveJob:
             FileError: it cannot be created.
         """
         target.check()
-        self._target = target
+        self._target, self.path = target, target.path
         self.rows = 0
         """Rows written so far."""
         temporary = temporary_path(target.path)
@@ -316,11 +316,6 @@ class SaveJob:
             self._export = FileExport(target.path, target.form, source)
         except OSError as error:
             raise self._unwritable(error) from error
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return self._target.path
 
     def write(self, rows: Rows) -> None:
         """Write the next rows.

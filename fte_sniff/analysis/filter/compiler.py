@@ -140,7 +140,9 @@ class Compiler:
         """A call of one of `FUNCTIONS`."""
         function = FUNCTIONS[name]
         if len(arguments) != len(function.takes):
-            raise self._wrong_count(name, len(arguments), start)
+            what = TranslatableText("{name} takes another number of values", name=name)
+            fix = TranslatableText("write {example}", example=function.example)
+            raise error_at(self._text, start, what, fix)
         sqls = [
             self._argument(name, wanted, term)
             for wanted, term in zip(function.takes, arguments, strict=True)
@@ -155,20 +157,6 @@ class Compiler:
         why = TranslatableText("{name} needs {type}", name=name, type=type_name)
         self._expect(term, wanted, why)
         return term.sql
-
-    def _wrong_count(self, name: str, found: int, start: int) -> FilterError:
-        function = FUNCTIONS[name]
-        count = len(function.takes)
-        what = TranslatableText("{name} takes 1 value, here are {found}", name=name, found=found)
-        if count > 1:
-            what = TranslatableText(
-                "{name} takes {count} values, here are {found}",
-                name=name,
-                count=count,
-                found=found,
-            )
-        fix = TranslatableText("write {example}", example=function.example)
-        return error_at(self._text, start, what, fix)
 
     def _expect(self, term: Term, wanted: TermType, why: str) -> None:
         if term.type is TermType.NAME:

@@ -96,7 +96,7 @@ MISTAKES: list[tuple[str, tuple[str, ...]]] = [
     ("EXISTS (SELECT 1)", ("one row at a time",)),
     ("row_number() OVER () > 1", ("one row at a time",)),
     ("read_csv('/etc/passwd') = 1", ("no function of a filter", "there are abs, coalesce")),
-    ("abs(rpm, 1) > 5", ("abs takes 1 value, here are 2", "abs(rpm) > 500")),
+    ("abs(rpm, 1) > 5", ("abs takes another number of values", "abs(rpm) > 500")),
     ("motor (1)", ("a sign is missing",)),
     # writing
     ("", ("it is empty", "motor = 1 AND rpm > 500")),
