@@ -29,6 +29,13 @@ def opened():
         port.close()
 
 
+def test_a_simulation_that_falls_behind_its_line_can_be_read_and_so_be_stopped(opened):
+    port = opened("rate=1000")
+    port._started_ns -= 60 * 10**9
+    assert 10_000 < port.in_waiting < 100_000
+    assert len(port.read(10_000)) == 10_000
+
+
 def test_importing_the_capture_room_is_all_it_takes():
     code = (
         "import serial, fte_sniff.capture\n"

@@ -33,6 +33,9 @@ _SCHEME = "sim"
 _SILENCE_NS = 100_000_000
 """How long after a write silence is fed to the framer, so that it holds back no command."""
 
+_MOST_ARRIVED = 65_536
+"""Bytes that wait at most: a simulation slower than its line falls behind, and stays readable."""
+
 _NEVER_NS = 2**62
 _NOTHING = TimedBytes(_NEVER_NS, _NEVER_NS, b"", b"")
 """The next item of a line that is silent for ever: the port is not unplugged."""
@@ -184,7 +187,11 @@ class SimSerial(SerialBase):
 
     def _advance(self) -> None:
         elapsed_ns = self._elapsed_ns()
-        while self._coming is not None and self._coming.t_ns <= elapsed_ns:
+        while (
+            self._coming is not None
+            and self._coming.t_ns <= elapsed_ns
+            and len(self._arrived) < _MOST_ARRIVED
+        ):
             self._arrived += self._coming.data
             self._coming = next(self._simulation, None) if self._simulation else None
         if elapsed_ns < self._silence_until_ns:
