@@ -93,7 +93,7 @@ def test_what_is_wanted_comes_before_the_locale(
 
 
 def test_a_language_that_is_not_spoken_is_one_line() -> None:
-    with pytest.raises(UsageError, match="does not set_language 'tlh'; it speaks en, zh"):
+    with pytest.raises(UsageError, match="does not speak 'tlh'; it speaks en, zh"):
         language_of("tlh", {})
 
 
