@@ -9,9 +9,6 @@ before this module for `python -m`.
 import _signal as signal  # type: ignore[import-not-found]
 import sys
 
-EXIT_TOO_MANY_FILES = 4
-"""The exit code if a file or module cannot be opened because too many files are open."""
-
 
 def main() -> None:
     """Load and run the command line."""
@@ -22,10 +19,8 @@ def main() -> None:
 
         run()
     except (OSError, ImportError) as error:
-        if not _too_many_files(error):
-            raise
-        print("fte-sniff: too many open files; try `ulimit -n 4096`", file=sys.stderr)
-        sys.exit(EXIT_TOO_MANY_FILES)
+        _exit_if_too_many_files(error, "fte-sniff: too many open files; try `ulimit -n 4096`\n")
+        raise
 
 
 def worker() -> None:
@@ -35,16 +30,17 @@ def worker() -> None:
 
         run(int(sys.argv[1]))
     except (OSError, ImportError) as error:
-        if not _too_many_files(error):
-            raise
-        sys.exit(EXIT_TOO_MANY_FILES)
+        _exit_if_too_many_files(error)  # the starting process reports it
+        raise
 
 
-def _too_many_files(error: BaseException | None) -> bool:
-    # A library that cannot be loaded has no error number, only the text.
-    while error is not None and "Too many open files" not in str(error):
+def _exit_if_too_many_files(error: BaseException | None, message: str = "") -> None:
+    while error is not None:
+        # A library that cannot be loaded has no error number, only the text.
+        if "Too many open files" in str(error):
+            sys.stderr.write(message)
+            sys.exit(4)
         error = error.__cause__ or error.__context__
-    return error is not None
 
 
 def _leave_working_folder() -> None:

@@ -13,10 +13,9 @@ import fcntl
 import heapq
 import termios
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
 from typing import Self
 
@@ -133,7 +132,7 @@ class BridgeSource(ThreadedSource):
         self._low_latency = request_low_latency(port)
         self._latency_ns = max_latency_ns(port)
         _set_exclusive(port, termios.TIOCEXCL)
-        self._forwarder = Forwarder(port, host, wires)
+        self._forwarder = Forwarder(port, host, wires, self._end_due)
         self._detail = detail
         self._started = False
 
@@ -159,22 +158,10 @@ class BridgeSource(ThreadedSource):
         """
         return {self.name: str(self._low_latency), HOST: "a pseudo-terminal"}
 
-    def stop(self) -> None:
-        """Request the end, as `Source.stop`; bytes that have arrived are still forwarded."""
-        super().stop()
-        self._forwarder.stop()
-
-    def stop_at(self, t_ns: float) -> None:
-        """Request the end at a time of the clock; returns at once."""
-        self._wires.stop_at_ns = t_ns
-
     def _read_until_lost(self) -> OSError | None:
         error = self._forwarder.run()
         self._host.close()
         return error
-
-    def _end_due(self) -> bool:
-        return self._stopping or self._wires.stop_due
 
     def _resume(self, opened: OpenedPort, away_s: float) -> None:
         self._port = opened.port
@@ -183,9 +170,7 @@ class BridgeSource(ThreadedSource):
         self._host = self._host.reopen(self._port.baudrate)
         self._put_found_again(opened, away_s)
         self._wires.port_reopened(self._port.baudrate)
-        self._forwarder = Forwarder(self._port, self._host, self._wires)
-        if self._stopping:
-            self._forwarder.stop()
+        self._forwarder = Forwarder(self._port, self._host, self._wires, self._end_due)
 
     def _put_event(self, kind: PortEventKind, detail: str) -> None:
         self._wires.put_event(self.name, kind, detail)
@@ -236,18 +221,12 @@ class WireEvents:
     def __init__(self, port: str, baud: int, clock: Clock, capacity: int = CAPACITY) -> None:
         self.port = port
         self.clock = clock
-        self.stop_at_ns = inf
         self._baud = baud
         self._times = WireTimes(baud)
         self._queues = {wire: ChunkQueue(wire, capacity) for wire in (port, HOST)}
 
     def __iter__(self) -> Iterator[Item]:
         return heapq.merge(*self._queues.values(), key=lambda item: item.t_ns or 0)
-
-    @property
-    def stop_due(self) -> bool:
-        """True once the time to end has come."""
-        return self.clock.now_ns() >= self.stop_at_ns
 
     @property
     def waiting(self) -> int:
@@ -305,7 +284,14 @@ class WireEvents:
 class Forwarder:
     """Forwards bytes both ways, from an open port to its loss or to the end."""
 
-    def __init__(self, port: serial.Serial, host: HostEnd, wires: WireEvents) -> None:
+    def __init__(
+        self,
+        port: serial.Serial,
+        host: HostEnd,
+        wires: WireEvents,
+        end_due: Callable[[], bool],
+    ) -> None:
+        """Take over the ends; once `end_due`, `run` forwards what has arrived and returns."""
         self._port = port
         self._host = host
         self._wires = wires
@@ -313,14 +299,11 @@ class Forwarder:
         self._write = writer_of(port)
         self._baud = port.baudrate
         self._modem_lines = port.dtr, port.rts
+        self._end_due = end_due
         self._stopping = False
         self._lost: OSError | None = None
         self._not_delivered = 0
         self._not_written = 0
-
-    def stop(self) -> None:
-        """Make `run` return after forwarding what has arrived; safe from any thread."""
-        self._stopping = True
 
     def run(self) -> OSError | None:
         """Forward in two threads until the end is due (None) or the port is lost (the error)."""
@@ -349,7 +332,7 @@ class Forwarder:
     def _carry_feedback(self) -> None:
         while True:
             # Checked before the read, so that bytes that arrived before the end are still read.
-            last = self._stopping or self._wires.stop_due
+            last = self._stopping or self._end_due()
             data = self._read()
             t_ns = self._wires.clock.now_ns()
             dropped = self._host.write(data)

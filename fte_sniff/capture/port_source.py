@@ -11,7 +11,6 @@ from collections import ChainMap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from math import inf
 
 import serial
 
@@ -135,7 +134,6 @@ class PortSource(ThreadedSource):
         self._read = reader_of(port)
         self._uncertainty_ns = uncertainty_ns
         self._bytes_at_loss = -1
-        self._stop_at_ns = inf
         self._start(f"reads {name}", detail)
 
     @property
@@ -147,13 +145,6 @@ class PortSource(ThreadedSource):
     def capabilities(self) -> Mapping[str, str]:
         """What the port's driver supports, as text for users."""
         return {self.name: str(self._capabilities)}
-
-    def stop_at(self, t_ns: float) -> None:
-        """Request the end at a time of the clock; returns at once."""
-        self._stop_at_ns = t_ns
-
-    def _end_due(self) -> bool:
-        return self._stopping or self._clock.now_ns() >= self._stop_at_ns
 
     def _read_until_lost(self) -> OSError | None:
         error = self._read_chunks()

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from enum import StrEnum
+from math import inf
 from typing import Protocol, Self, TypeAlias
 
 import serial
@@ -149,6 +150,7 @@ class ThreadedSource(ABC):
         self._clock = clock
         self._reopen = reopen
         self._stopping = False
+        self._stop_at_ns = inf
 
     def __iter__(self) -> Iterator[Item]:
         try:
@@ -165,6 +167,14 @@ class ThreadedSource(ABC):
     def stop(self) -> None:
         """Request the end, as `Source.stop`."""
         self._stopping = True
+
+    def stop_at(self, t_ns: float) -> None:
+        """Request the end at a time of the clock; returns at once."""
+        self._stop_at_ns = t_ns
+
+    def _end_due(self) -> bool:
+        """True once `stop` was called or the time of `stop_at` has come."""
+        return self._stopping or self._clock.now_ns() >= self._stop_at_ns
 
     @property
     def waiting(self) -> int:
@@ -252,10 +262,6 @@ class ThreadedSource(ABC):
     @abstractmethod
     def _read_until_lost(self) -> OSError | None:
         """Read until the end is due (returns None) or the port is lost (returns the error)."""
-
-    @abstractmethod
-    def _end_due(self) -> bool:
-        """True once `stop` was called or the time of `stop_at` has come."""
 
     @abstractmethod
     def _resume(self, opened: OpenedPort, away_s: float) -> None:

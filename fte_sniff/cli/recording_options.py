@@ -60,21 +60,20 @@ def _size(text: str) -> int | None:
     if text.lower() == "none":
         return None
     found = _SIZE.fullmatch(text)
-    if found is None:
-        raise click.BadParameter(f"{text!r} is not a size; use for example 512MB, 2GB or none")
-    size = float(found[1]) * _BYTES[found[2].lower()]
-    if size > _MOST_BYTES:
-        raise click.BadParameter(f"{quoted(text)} is too large; use for example 512MB, 2GB or none")
-    return round(size)
+    size = float(found[1]) * _BYTES[found[2].lower()] if found else None
+    return round(_bounded(size, _MOST_BYTES, text, "a size; use for example 512MB, 2GB or none"))
 
 
 def _seconds(text: str) -> float:
-    seconds = parse_seconds(text)
-    if seconds is None:
-        raise click.BadParameter(f"{text!r} is not a time; use for example 10s, 5min or 1h")
-    if seconds > _MOST_SECONDS:
-        raise click.BadParameter(f"{quoted(text)} is too long; use for example 10s, 5min or 1h")
-    return seconds
+    example = "a time; use for example 10s, 5min or 1h"
+    return _bounded(parse_seconds(text), _MOST_SECONDS, text, example)
+
+
+def _bounded(value: float | None, most: int, text: str, example: str) -> float:
+    if value is None or value > most:
+        fault = "not" if value is None else "too large for"
+        raise click.BadParameter(f"{quoted(text)} is {fault} {example}")
+    return value
 
 
 def _rotate(text: str) -> _Value:

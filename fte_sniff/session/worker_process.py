@@ -9,8 +9,8 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 
@@ -45,21 +45,19 @@ def start_worker(
     flags = subprocess._args_from_interpreter_flags()  # type: ignore[attr-defined]
     folder = str(Path(__file__).parents[2])
     program = [sys.executable, *flags, "-P", "-c", _START, str(theirs.fileno()), folder]
-    with theirs, _signals_blocked():
-        process = subprocess.Popen(program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
-    with suppress(OSError):  # it has ended already; the caller notices at its first `recv`
-        ours.send([path for path in sys.path if path not in ("", str(Path.cwd()))])
-        ours.send((function, arguments))
-    return process, ours
-
-
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
+    path = [folder for folder in sys.path if folder not in ("", str(Path.cwd()))]
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING_SIGNALS)
     try:
-        yield
+        with theirs:
+            process = subprocess.Popen(
+                program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
+            )
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with suppress(OSError):  # it has ended already; the caller notices at its first `recv`
+        ours.send(path)
+        ours.send((function, arguments))
+    return process, ours
 
 
 def run(descriptor: int) -> None:
