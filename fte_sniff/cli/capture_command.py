@@ -187,6 +187,7 @@ def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
         _report_device(session)
         if session.state.recording is not None:
             print_err(f"recording to {session.state.recording}")
+        _report_pipe(session)
         _report_survivor(plan, session)
         try:
             for update in _updates(session):
@@ -235,6 +236,7 @@ def _show_screen(plan: CapturePlan, options: StartOptions) -> None:
         from fte_sniff.tui.app import run_screen
 
         session.begin()
+        _report_pipe(session)
         _report_survivor(plan, session)
     try:
         if not session.stopping:
@@ -252,6 +254,11 @@ def _show_screen(plan: CapturePlan, options: StartOptions) -> None:
 def _report_device(session: LiveSession) -> None:
     if session.state.device is not None:
         print_err(f"a host program can open {printable(session.state.device)}")
+
+
+def _report_pipe(session: LiveSession) -> None:
+    if session.state.waits_for_reader:
+        print_err(f"waiting for a reader of {session.state.recording}")
 
 
 def _report_survivor(plan: CapturePlan, session: LiveSession) -> None:

@@ -22,6 +22,8 @@ from fte_sniff.recording.mcap.append_file import (
     AppendFile,
     AppendTarget,
     CutOffError,
+    NamedPipe,
+    NoReaderError,
     NotRestoredError,
     Stream,
 )
@@ -34,6 +36,13 @@ def stopped_by_error(path: object, error: OSError, rows: int) -> FileError:
         return FileError(
             "{where}: its reader is gone; the recording ended after {rows:,} rows",
             where=where,
+            rows=rows,
+        )
+    if isinstance(error, NoReaderError):
+        return FileError(
+            "no program has opened {path} for reading, so its {rows} rows are lost; "
+            "start the reader, or record to a file",
+            path=path,
             rows=rows,
         )
     if isinstance(error, CutOffError):
@@ -104,6 +113,8 @@ class Existing(Enum):
 class OutputPath:
     """The file of one recording."""
 
+    waits_for_reader = False
+    """Unused: only a pipe does."""
     path: Path
     """The file's name once `commit` was called."""
     descriptor: int
@@ -272,29 +283,40 @@ class StreamOutput:
     """Unused: writing to a stream without a reader fails."""
 
     def __init__(self, path: Path) -> None:
-        """Open it; a named pipe waits for its reader.
-
-        Raises FileError if it cannot be opened, or is a terminal.
-        """
+        """Open it; raises FileError if it cannot be opened, or is a terminal."""
         self.path = path
+        self._pipe = NamedPipe(path) if path != STDOUT and path.is_fifo() else None
+        self._descriptor = -1
+        if self._pipe is not None:
+            self.target: Stream = self._pipe
+            return
         try:
             is_stdout = path == STDOUT
-            self.descriptor = os.dup(1) if is_stdout else os.open(path, os.O_WRONLY | os.O_NOCTTY)
+            self._descriptor = os.dup(1) if is_stdout else os.open(path, os.O_WRONLY | os.O_NOCTTY)
         except OSError as error:
             raise unwritable(path, error) from error
-        if os.isatty(self.descriptor):
-            os.close(self.descriptor)
+        if os.isatty(self._descriptor):
+            os.close(self._descriptor)
             raise FileError(
                 f"{path} is a terminal, which cannot show a recording; name a file with -o, or "
                 "redirect standard output to a program or a file"
             )
+        self.target = Stream(self._descriptor)
+
+    @property
+    def waits_for_reader(self) -> bool:
+        """Whether it is a named pipe that nobody has opened for reading."""
+        return self._pipe is not None and not self._pipe.is_open
 
     def commit(self) -> None:
         """Do nothing."""
 
     def close(self) -> None:
         """Close it."""
-        os.close(self.descriptor)
+        if self._pipe is not None:
+            self._pipe.release()
+        else:
+            os.close(self._descriptor)
 
     discard = close
 
@@ -317,6 +339,6 @@ def open_output(path: Path, existing: Existing) -> tuple[OutputPath | StreamOutp
     """
     if is_stream(path):
         stream = StreamOutput(path)
-        return stream, Stream(stream.descriptor)
+        return stream, stream.target
     output = OutputPath(path, existing)
     return output, AppendFile(output.descriptor)

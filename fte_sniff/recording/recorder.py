@@ -137,6 +137,8 @@ class Recorder:
         self._writer: RecordingWriter | None = writer
         self.path = writer.path
         """The current file, or the last one."""
+        self.waits_for_reader = writer.waits_for_reader
+        """Whether the recording begins while its named pipe has no reader."""
 
     @property
     def failure(self) -> FileError | None:

@@ -18,7 +18,7 @@ from mcap.records import Metadata
 
 from fte_sniff.errors import FileError, unwritable
 from fte_sniff.protocol import PortEvent, Row
-from fte_sniff.recording.mcap.append_file import AppendTarget, CutOffError
+from fte_sniff.recording.mcap.append_file import AppendTarget, LostDataError
 from fte_sniff.recording.mcap.writer import McapBatch, McapFile
 from fte_sniff.recording.messages.codec import encodable, encodable_items
 from fte_sniff.recording.messages.packer import Channels, ColumnPacker
@@ -81,7 +81,7 @@ class RecordingWriter:
 
         Args:
             path: the file; only a regular file is replaced, once the new one has its head. `-`, a
-                pipe or a device is written in sequence.
+                pipe or a device is written in sequence; a named pipe once it has a reader.
             ports: the ports whose rows will come; rows of others are accepted too.
             facts: further items for the file's metadata, e.g. `host_facts(now)`.
             existing: what to do if the file exists.
@@ -99,7 +99,7 @@ class RecordingWriter:
         self.failure: FileError | None = None
         """Why the recording stopped; None while it goes on."""
         self.is_gone = False
-        """Whether the file was deleted, moved, replaced or cut off."""
+        """Whether the file was deleted, moved, replaced or cut off, or a pipe never read."""
         self._last_of_port: dict[str, int] = {}
         self._last_time = 0
         self._metadata: list[Metadata] = []
@@ -116,6 +116,11 @@ class RecordingWriter:
     def path(self) -> Path:
         """The file's name."""
         return self._output.path
+
+    @property
+    def waits_for_reader(self) -> bool:
+        """Whether the file is a named pipe that nobody has opened for reading."""
+        return self._output.waits_for_reader
 
     @property
     def size(self) -> int:
@@ -223,7 +228,7 @@ class RecordingWriter:
             raise ValueError(f"{self.path} is closed already")
 
     def _stop(self, error: OSError) -> FileError:
-        self.is_gone = isinstance(error, CutOffError)
+        self.is_gone = isinstance(error, LostDataError)
         self.failure = stopped_by_error(self.path, error, self.flushed_rows)
         return self.failure
 

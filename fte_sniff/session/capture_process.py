@@ -343,7 +343,8 @@ def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connect
     # From here on the result is a recording, possibly empty: the port was open, no byte arrived.
     recorder = _recorder(plan, _facts(plan, clock, source))
     device = source.device if isinstance(source, BridgeSource) else None
-    _send(view, Started(recorder.path if recorder else None, device))
+    path, waits = (recorder.path, recorder.waits_for_reader) if recorder else (None, False)
+    _send(view, Started(path, device, waits))
     when_gone = _ignore_missing_view if plan.outlives_view else source.stop
     threading.Thread(target=_obey, args=(view, source, when_gone), daemon=True).start()
     outbox = Outbox(view, when_gone)

@@ -30,6 +30,8 @@ class Started:
     """Path of the recording; may differ from the plan's if that name was taken."""
     device: str | None = None
     """The device that host programs open, for a bridge."""
+    waits_for_reader: bool = False
+    """Whether the recording is a named pipe without a reader."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +94,8 @@ class CaptureState:
     """Why the recording last stopped; at the end `error` says what was lost."""
     device: str | None = None
     """The device that host programs open, for a bridge."""
+    waits_for_reader: bool = False
+    """Whether the recording began as a named pipe without a reader."""
     total_rows: int = 0
     """All rows captured so far."""
     not_shown: int = 0
@@ -118,6 +122,7 @@ class CaptureState:
                 recording=message.recording,
                 recordings=() if message.recording is None else (message.recording,),
                 device=message.device,
+                waits_for_reader=message.waits_for_reader,
             )
         return reduce(CaptureState._after_change, message.recording, self._after_batch(message))
 

@@ -218,6 +218,38 @@ def test_a_recording_that_stops_is_told_at_once_and_the_rows_go_on(
     assert run("decode", "x.mcap").returncode == 0
 
 
+@pytest.mark.parametrize("way", ["--duration", "Ctrl-C"])
+def test_a_pipe_without_reader_blocks_nothing(environment, tmp_path: Path, way: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    bound = ("--duration", "1") if way == "--duration" else ()
+    with started(environment, tmp_path, "live", SIM, "-o", "pipe", *bound) as process:
+        said = until_told(process, b"waiting for a reader of pipe")
+        assert said.decode().splitlines()[0] == "recording to pipe"
+        if not bound:
+            until(process, b"speed_feedback")
+            process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+    assert code == 4
+    assert "recorded to" not in errors
+    *_, summary, last = errors.splitlines()
+    assert int(summary.split()[0].replace(",", "")) > 0
+    assert re.match(r"fte-sniff: \d+ rows and port events from .* were not recorded: ", last)
+    assert "no program has opened pipe for reading" in last
+
+
+def test_a_pipe_whose_reader_comes_late_gets_everything(run, environment, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with started(environment, tmp_path, "live", SIM, "-o", "pipe", "--count", "900") as process:
+        until(process, b"speed_feedback")
+        with (tmp_path / "copy.mcap").open("wb") as copy:
+            subprocess.run(["cat", "pipe"], stdout=copy, cwd=tmp_path, timeout=BOUND_S, check=True)
+        code, output, errors = ended(process)
+    assert code == 0, errors
+    decoded = run("decode", "copy.mcap")
+    assert decoded.returncode == 0
+    assert decoded.stdout.endswith(output.splitlines()[-1] + "\n")
+
+
 SLOW_SYNC = """
 #define _GNU_SOURCE
 #include <dlfcn.h>

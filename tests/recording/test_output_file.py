@@ -5,7 +5,6 @@ import socket
 import stat
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -15,9 +14,11 @@ from mcap.reader import make_reader
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Row
+from fte_sniff.recording.mcap import append_file
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import file_size_limit
 
@@ -167,14 +168,23 @@ def _record(path: Path, rows: list[Row]) -> None:
             writer.flush()
 
 
-def test_a_named_pipe_brings_a_whole_recording(tmp_path: Path, make_rows: Rows) -> None:
+@pytest.mark.parametrize("reader_is_late", [False, True])
+def test_a_named_pipe_brings_a_whole_recording(
+    tmp_path: Path, make_rows: Rows, reader_is_late: bool
+) -> None:
     rows = make_rows(60)
     pipe, copy = tmp_path / "pipe", tmp_path / "copy.mcap"
     os.mkfifo(pipe)
-    writing = threading.Thread(target=_record, args=(pipe, rows))
-    writing.start()
-    content = pipe.read_bytes()
-    writing.join()
+    late = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK) if not reader_is_late else None
+    with RecordingWriter(pipe, [PortFacts(rows[0].port)]) as writer:
+        assert writer.waits_for_reader == reader_is_late
+        for start in range(0, 60, 20):
+            writer.write(rows[start : start + 20])
+            writer.flush()
+        # All of it fits into a pipe.
+        late = late or os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    with os.fdopen(late, "rb") as stream:
+        content = stream.read()
     copy.write_bytes(content)
     reader = RecordingReader(copy)
     assert list(reader) == rows
@@ -218,6 +228,24 @@ def test_a_pipe_without_reader_ends_in_one_line(tmp_path: Path, make_rows: Rows)
     assert "\n" not in str(caught.value)
     writer.close()
     assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize("is_long", [False, True])
+def test_a_pipe_that_nobody_opens_is_reported(
+    tmp_path: Path, make_rows: Rows, monkeypatch: pytest.MonkeyPatch, is_long: bool
+) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    recorder = Recorder(pipe, [PortFacts("p")])
+    if is_long:
+        monkeypatch.setattr(append_file, "MAX_UNREAD", 1000)
+    recorder.write(make_rows(5))
+    recorder.flush()
+    assert (recorder.failure is not None) == is_long
+    recorder.write(make_rows(5))
+    recorder.close()
+    assert "10 rows and port events from" in str(recorder.failure)
+    assert f"no program has opened {pipe} for reading" in str(recorder.failure)
 
 
 def test_a_terminal_is_refused() -> None:

@@ -21,10 +21,12 @@ bytes, a length is one number. A barrier (fdatasync) separates steps that a powe
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Protocol
 
 from mcap.data_stream import RecordBuilder
@@ -129,8 +131,16 @@ class AppendTarget(Protocol):
         ...
 
 
-class CutOffError(OSError):
+class LostDataError(OSError):
+    """What was appended earlier is lost."""
+
+
+class CutOffError(LostDataError):
     """Another program has cut off the file: what was after the cut is lost."""
+
+
+class NoReaderError(LostDataError):
+    """No program has opened the pipe for reading."""
 
 
 class NotRestoredError(OSError):
@@ -260,6 +270,57 @@ class Stream:
             written = os.write(self._descriptor, view)
             self._size += written
             view = view[written:]
+
+
+MAX_UNREAD = 64 * 1024 * 1024
+"""Bytes that wait for the reader of a named pipe, at most: hours of a fully used wire."""
+
+
+class NamedPipe(Stream):
+    """A named pipe; what is appended waits in memory until a program opens it for reading."""
+
+    def __init__(self, path: Path) -> None:
+        """Take an existing named pipe."""
+        super().__init__(-1)
+        self._path = path
+        self._unread = bytearray()
+
+    @property
+    def size(self) -> int:
+        """Bytes appended so far."""
+        return self._size + len(self._unread)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it has had a reader; if not, this looks for one."""
+        if self._descriptor < 0:
+            try:
+                self._descriptor = os.open(self._path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            except OSError as error:
+                if error.errno != errno.ENXIO:
+                    raise
+                return False
+            os.set_blocking(self._descriptor, True)
+        return True
+
+    def close(self, tail: Tail) -> None:
+        """Write the tail; raises NoReaderError if nobody has opened the pipe."""
+        self._write(tail.at(self.size))
+        if self._unread:
+            raise NoReaderError
+
+    def release(self) -> None:
+        """Close the pipe."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+
+    def _write(self, data: bytes) -> None:
+        self._unread += data
+        if self.is_open:
+            unread, self._unread = bytes(self._unread), bytearray()
+            super()._write(unread)
+        elif len(self._unread) > MAX_UNREAD:
+            raise NoReaderError
 
 
 def _room_for_footer(stop: int) -> int:
