@@ -216,8 +216,11 @@ class CaptureLoop:
         self._report_leftover()
         if now_ns >= self._flush_ns:
             self._watch_clock(chunk.port, now_ns)
+            began_ns = time.monotonic_ns()
             self._record(Recorder.flush)
-            self._flush_ns = now_ns + self._flush_every_ns
+            # On a slow disk, the next flush writes all that came during this one.
+            took_ns = time.monotonic_ns() - began_ns
+            self._flush_ns = now_ns + max(self._flush_every_ns, took_ns)
 
     def _watch_clock(self, port: str, now_ns: int) -> None:
         step_ns = self._clock_watch.step(self._clock.system_ahead_ns())

@@ -256,30 +256,46 @@ SLOW_SYNC = """
 #include <stdlib.h>
 #include <unistd.h>
 int fdatasync(int descriptor) {
-    const char *slow = getenv("SLOW_WHILE");
+    const char *slow = getenv("SLOW_WHILE"), *delay = getenv("DELAY_MS");
+    if (delay) usleep(1000 * atoi(delay));
     while (slow && access(slow, F_OK) == 0) usleep(20000);
     return ((int (*)(int))dlsym(RTLD_NEXT, "fdatasync"))(descriptor);
 }
 """
 
 
-@contextmanager
-def recording_on_a_slow_disk(environment, folder: Path) -> Iterator[tuple[Process, Path]]:
-    """A program that records, whose syncs last as long as the second value exists."""
+def slow_syncs(folder: Path, **settings: str) -> dict[str, str]:
+    """The environment of a program whose syncs are slow."""
     compiler = shutil.which("gcc")
     if compiler is None:
         pytest.skip("gcc is needed to make the disk slow")
-    library, slow = folder / "slow.so", folder / "slow"
+    library = folder / "slow.so"
     subprocess.run(
         [compiler, "-shared", "-fPIC", "-o", library, "-x", "c", "-", "-ldl"],
         input=SLOW_SYNC.encode(),
         check=True,
     )
-    preloaded = environment | {"LD_PRELOAD": str(library), "SLOW_WHILE": str(slow)}
+    return {"LD_PRELOAD": str(library), **settings}
+
+
+@contextmanager
+def recording_on_a_slow_disk(environment, folder: Path) -> Iterator[tuple[Process, Path]]:
+    """A program that records, whose syncs last as long as the second value exists."""
+    slow = folder / "slow"
+    preloaded = environment | slow_syncs(folder, SLOW_WHILE=str(slow))
     with started(preloaded, folder, "live", SIM, "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
         slow.touch()
         yield process, slow
+
+
+def test_what_came_during_a_slow_flush_is_flushed_together(environment, tmp_path: Path) -> None:
+    preloaded = environment | slow_syncs(tmp_path, DELAY_MS="400")
+    options = ("--flush-every", "0.05", "--duration", "2", "-o", "x.mcap")
+    with started(preloaded, tmp_path, "live", SIM, *options) as process:
+        code, _, errors = ended(process)  # a flush for each 0.05 s would take a minute
+    assert code == 0, errors
+    assert f"{len(list(RecordingReader(tmp_path / 'x.mcap'))):,} rows, " in errors
 
 
 def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
