@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
@@ -197,24 +196,15 @@ def _name_of(pid: int) -> str:
 
 _USB_DEVICES = Path("/sys/bus/usb/devices")
 
-DRIVER_OF_CHIP: Mapping[tuple[str, str], str] = MappingProxyType(
-    {
-        ("0403", "6001"): "ftdi_sio",
-        ("0403", "6010"): "ftdi_sio",
-        ("0403", "6011"): "ftdi_sio",
-        ("0403", "6014"): "ftdi_sio",
-        ("0403", "6015"): "ftdi_sio",
-        ("067b", "2303"): "pl2303",
-        ("10c4", "ea60"): "cp210x",
-        ("10c4", "ea70"): "cp210x",
-        ("1a86", "5523"): "ch341",
-        ("1a86", "7522"): "ch341",
-        ("1a86", "7523"): "ch341",
-        ("1a86", "55d3"): "cdc_acm",
-        ("1a86", "55d4"): "cdc_acm",
-    }
-)
-"""The kernel's driver of the common adapter chips, by USB vendor and product id."""
+_CHIPS = {
+    "ftdi_sio": ("0403:6001", "0403:6010", "0403:6011", "0403:6014", "0403:6015"),
+    "pl2303": ("067b:2303",),
+    "cp210x": ("10c4:ea60", "10c4:ea70"),
+    "ch341": ("1a86:5523", "1a86:7522", "1a86:7523"),
+    "cdc_acm": ("1a86:55d3", "1a86:55d4"),
+}
+"""The common adapter chips of each driver of the kernel."""
+_DRIVER_OF_CHIP = {usb_ids: driver for driver, chips in _CHIPS.items() for usb_ids in chips}
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,8 +230,8 @@ def stray_adapters(devices: Path = _USB_DEVICES) -> list[StrayAdapter]:
 
 
 def _stray(device: Path) -> StrayAdapter | None:
-    vid, pid = _text(device / "idVendor"), _text(device / "idProduct")
-    wanted = DRIVER_OF_CHIP.get((vid, pid))
+    usb_ids = f"{_text(device / 'idVendor')}:{_text(device / 'idProduct')}"
+    wanted = _DRIVER_OF_CHIP.get(usb_ids)
     if wanted is None:
         return None
     # The folder of an interface is named after its device: 1-2 has 1-2:1.0.
@@ -250,7 +240,7 @@ def _stray(device: Path) -> StrayAdapter | None:
         return None
     drivers = [i / "driver" for i in interfaces if (i / "driver").exists()]
     driver = drivers[0].resolve().name if drivers else None
-    return StrayAdapter(f"{vid}:{pid}", printable(_text(device / "product")), wanted, driver)
+    return StrayAdapter(usb_ids, printable(_text(device / "product")), wanted, driver)
 
 
 def _text(file: Path) -> str:

@@ -348,7 +348,7 @@ def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connect
     device = source.device if isinstance(source, BridgeSource) else None
     path, waits = (recorder.path, recorder.waits_for_reader) if recorder else (None, False)
     _send(view, Started(path, device, waits))
-    when_gone = _ignore_missing_view if plan.outlives_view else source.stop
+    when_gone = (lambda: None) if plan.outlives_view else source.stop
     threading.Thread(target=_obey, args=(view, source, when_gone), daemon=True).start()
     outbox = Outbox(view, when_gone)
     ended = CaptureLoop(plan, clock, source, recorder, outbox).run()
@@ -400,7 +400,3 @@ def _obey(view: Connection, source: Source, when_gone: Callable[[], None]) -> No
             obeyed[view.recv()]()
     except (EOFError, OSError):
         when_gone()
-
-
-def _ignore_missing_view() -> None:
-    """Do nothing: the capture outlives its view."""
