@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from functools import reduce
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +21,7 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.cli.options import (
     FileName,
     Seconds,
+    all_of,
     filter_option,
     keep_rows_option,
     line_setup,
@@ -59,7 +59,7 @@ _LINE_WORDS = click.Choice(["on", "off", "leave"])
 
 _DURATION = Seconds(min=0, min_open=True)
 
-_OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
+capture_options = all_of(
     click.option("--baud", type=click.INT, help=f"Bits/s.  [default: {DEFAULT_BAUD}]"),
     click.option("--dtr", type=_LINE_WORDS, default="off", show_default=True, help="Set DTR."),
     click.option("--rts", type=_LINE_WORDS, default="off", show_default=True, help="Set RTS."),
@@ -84,15 +84,11 @@ _OPTIONS: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
     ),
     click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows."),
 )
+"""The options of a command that captures.
 
-
-def capture_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a command that captures.
-
-    The command passes `config` to `load_settings`, `no_reconnect` to its wiring, and all others to
-    `run_capture`.
-    """
-    return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
+The command passes `config` to `load_settings`, `no_reconnect` to its wiring, and all others to
+`run_capture`.
+"""
 
 
 def run_capture(

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from datetime import tzinfo
-from functools import reduce, wraps
+from functools import wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -18,6 +18,7 @@ import click
 from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import (
     FileName,
+    all_of,
     filter_option,
     row_filter,
     span_options,
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 STDIN = Path("-")
 
 
-_OPTIONS = (
+_OPTIONS = all_of(
     click.argument(
         "files",
         nargs=-1,
@@ -96,7 +97,7 @@ def input_options(command: Callable[..., Any]) -> Callable[..., Any]:
         query = InputQuery(**{one.name: options.pop(one.name) for one in fields(InputQuery)})
         return command(query=query, **options)
 
-    return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), with_query)
+    return _OPTIONS(with_query)
 
 
 @dataclass(frozen=True, slots=True)

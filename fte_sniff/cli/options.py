@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, time, tzinfo
-from functools import cache
+from functools import cache, reduce
 from math import isfinite, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -41,18 +41,26 @@ _HELP = (
 Times = tuple[int, int] | None
 
 
-def span_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options `--from` and `--to`."""
-    first = click.option(
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def all_of(*options: Decorator) -> Decorator:
+    """A decorator that gives a command these options, in this order."""
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
+
+
+span_options = all_of(
+    click.option(
         "--from", "since", metavar="TIME", help=f"Only rows from this time on: {_HELP}. See --zone."
-    )
-    end = click.option(
+    ),
+    click.option(
         "--to",
         "until",
         metavar="TIME",
         help="Only rows before this time; as --from. A time of day is the first one after --from.",
-    )
-    return first(end(command))
+    ),
+)
+"""The options `--from` and `--to`."""
 
 
 def time_range(
@@ -201,9 +209,7 @@ REREAD_ROWS = (
 )
 
 
-def keep_rows_option(
-    default: int, meaning: str = DROPPED_ROWS
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def keep_rows_option(default: int, meaning: str = DROPPED_ROWS) -> Decorator:
     """The `--keep-rows` option; a row takes about 60 bytes of memory."""
     return click.option(
         "--keep-rows",
@@ -286,30 +292,28 @@ class _Positive(click.FloatRange):
         return number
 
 
-def units_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add `--resolution` and `--gear-ratio`, which show positions in turns too."""
-    resolution = click.option(
+units_options = all_of(
+    click.option(
         "--resolution",
         type=_Positive(),
         metavar="N",
         help="Pulses in one turn of a motor: shows positions in turns too.",
-    )
-    gear_ratio = click.option(
+    ),
+    click.option(
         "--gear-ratio",
         type=_Positive(),
         metavar="N",
         help="Turns of a motor in one turn of its output; 1 by default.",
-    )
-    return resolution(gear_ratio(command))
+    ),
+)
+"""The options `--resolution` and `--gear-ratio`, which show positions in turns too."""
 
-
-def line_speed_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add `--baud` for commands that read files; it overrides the baud of a recording."""
-    return click.option(
-        "--baud",
-        type=click.IntRange(min=1),
-        help=f"Bits/s of every line; overrides the recording's.  [default: {DEFAULT_BAUD}]",
-    )(command)
+line_speed_option = click.option(
+    "--baud",
+    type=click.IntRange(min=1),
+    help=f"Bits/s of every line; overrides the recording's.  [default: {DEFAULT_BAUD}]",
+)
+"""The `--baud` option of commands that read files; it overrides the baud of a recording."""
 
 
 def line_setup(

@@ -6,14 +6,13 @@ import re
 from collections.abc import Callable
 from datetime import UTC, datetime
 from enum import Enum
-from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from fte_sniff.cli.completion import complete_filter
-from fte_sniff.cli.options import Seconds, parse_seconds, row_filter
+from fte_sniff.cli.options import Decorator, Seconds, all_of, parse_seconds, row_filter
 from fte_sniff.errors import UsageError, quoted
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
 from fte_sniff.recording.output_file import Existing, is_stream
@@ -100,11 +99,9 @@ def _compact(size: int | None) -> str:
 _WINDOW = TriggerWindow()
 
 
-def options_with(
-    defaults: RecordingOptions,
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def options_with(defaults: RecordingOptions) -> Decorator:
     """A decorator that gives a command the options of a recording, with these defaults."""
-    options = (
+    return all_of(
         click.option(
             "--flush-every",
             type=Seconds(min=0.05, max=60),
@@ -164,7 +161,6 @@ def options_with(
             help=f"Keep this much after each trigger.  [default: {_WINDOW.after_s:g}s]",
         ),
     )
-    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
 recording_options = options_with(RecordingOptions())
@@ -266,9 +262,10 @@ def capture_plan(
         _check_suffix(output)
     row_filter(trigger)
     existing = Existing.REPLACE if force else Existing.REFUSE
+    default = Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
     return CapturePlan(
         wiring=wiring,
-        recording=None if no_record else output or _default_path(),
+        recording=None if no_record else output or default,
         existing=existing if output else Existing.NUMBER,
         recording_options=options_from(output, trigger=trigger, **recording),
         trigger=trigger,
@@ -276,7 +273,3 @@ def capture_plan(
         duration_s=duration,
         count=count,
     )
-
-
-def _default_path() -> Path:
-    return Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")

@@ -18,7 +18,6 @@ ports = ["/dev/ttyUSB0"]        # what `fte-sniff live` opens without a PORT
 from __future__ import annotations
 
 import os
-import tempfile
 import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
@@ -262,6 +261,8 @@ def save_screen(path: Path, settings: ScreenSettings) -> None:
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
 
+    from fte_sniff.session.save import replace_text
+
     try:
         document = tomlkit.parse(path.read_text("utf-8")) if path.exists() else tomlkit.document()
         screen = document.setdefault("screen", tomlkit.table())
@@ -271,7 +272,7 @@ def save_screen(path: Path, settings: ScreenSettings) -> None:
                 screen[name] = _toml(value)
             elif name in screen:
                 del screen[name]
-        _replace(path, tomlkit.dumps(document))
+        replace_text(path, tomlkit.dumps(document))
     except (TOMLKitError, UnicodeDecodeError, TypeError) as error:
         raise FileError(f"{path} is not TOML: {error}; {_FIX}") from error
     except OSError as error:
@@ -288,42 +289,24 @@ def _toml(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _replace(path: Path, text: str) -> None:
-    # Replace the target of a symbolic link, not the link.
-    path = path.resolve()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
-    ) as new:
-        new.write(text)
-    try:
-        Path(new.name).replace(path)
-    except OSError:
-        Path(new.name).unlink(missing_ok=True)
-        raise
-
-
 OPTION_OF = {"baud": "--baud", "resolution": "--resolution", "gear_ratio": "--gear-ratio"}
 """The option that overrides a field of `PortDefaults`."""
 
 
-def config_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the `--config` option; its value goes to `load_settings`."""
-    return click.option(
-        "--config",
-        type=click.Path(path_type=Path),
-        metavar="FILE",
-        help="Settings file; by default config.toml in your settings folder.",
-    )(command)
+config_option = click.option(
+    "--config",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Settings file; by default config.toml in your settings folder.",
+)
+"""The `--config` option; its value goes to `load_settings`."""
 
-
-def lang_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The `--lang` option; its value goes to `Remembered.language`."""
-    return click.option(
-        "--lang",
-        type=click.Choice([*LANGUAGES, AUTO]),
-        help="Language of the screen; by default that of the settings or the locale.",
-    )(command)
+lang_option = click.option(
+    "--lang",
+    type=click.Choice([*LANGUAGES, AUTO]),
+    help="Language of the screen; by default that of the settings or the locale.",
+)
+"""The `--lang` option; its value goes to `SavedSettings.language`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import chain, islice
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from fte_sniff.cli.settings import config_option, lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
-from fte_sniff.session.inputs import Input, InputBatch, RecordingInput
+from fte_sniff.session.inputs import Input, RecordingInput
 
 
 @click.command(name="view", short_help="Show files on the screen of live.")
@@ -65,9 +65,12 @@ def command(
     reading = query.read(None, baud=baud)
     ports = reading.source.ports
     setup = line_setup(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
-    pages = RecordingPages() if _recordings_only(reading.inputs) else None
+    only_recordings = all(isinstance(one, RecordingInput) for one in reading.inputs)
+    pages = RecordingPages() if only_recordings else None
+    batches = iter(reading)
     session = ReplaySession(
-        _begun(iter(reading)),
+        # The first batch is read now, so that its error comes before the screen.
+        chain([*islice(batches, 1)], batches),
         " ".join(map(str, query.files)),
         None if reading.span else _row_count(reading.inputs),
         list(map(str, query.paths())),
@@ -93,15 +96,6 @@ def command(
         raise session.error
     exit_if_unreadable(reading)
     sys.exit(code)
-
-
-def _begun(batches: Iterator[InputBatch]) -> Iterator[InputBatch]:
-    """The same batches; the first is read at once, so that its error comes before the screen."""
-    return chain([*islice(batches, 1)], batches)
-
-
-def _recordings_only(inputs: Sequence[Input]) -> bool:
-    return all(isinstance(one, RecordingInput) for one in inputs)
 
 
 def _row_count(inputs: Sequence[Input]) -> int | None:

@@ -176,7 +176,9 @@ class RecordingPages:
         self._reloads: list[Callable[[], RowBatch]] = []
         self._starts: list[int] = []
         self._rows = 0
-        self._batch = lru_cache(MAX_CACHED)(self._reload)
+        self._batch = lru_cache(MAX_CACHED)(
+            lambda number, codebook: self._reloads[number]().recoded(codebook)
+        )
 
     def append(self, reload: Callable[[], RowBatch], rows: int) -> None:
         """Append the next batch of `rows` rows, which `reload` reads again."""
@@ -201,6 +203,3 @@ class RecordingPages:
             rows.assign(done, part)
             done += len(part)
         return rows
-
-    def _reload(self, number: int, codebook: Codebook) -> RowBatch:
-        return self._reloads[number]().recoded(codebook)

@@ -296,6 +296,23 @@ def temporary_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.part")
 
 
+def replace_text(path: Path, text: str) -> None:
+    """Replace a small file atomically; only the user may read it.
+
+    Replaces the target of a symbolic link, not the link. Raises OSError.
+    """
+    path = path.resolve()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+    try:
+        with os.fdopen(os.open(temporary, flags, 0o600), "w", encoding="utf-8") as file:
+            file.write(text)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
 class SaveJob:
     """One file that is being saved; an error leaves no file."""
 

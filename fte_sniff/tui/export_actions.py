@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import re
 from contextlib import suppress
 from dataclasses import replace
@@ -20,7 +19,7 @@ from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
-from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget
+from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget, replace_text
 from fte_sniff.tui.actions import ScreenActions
 from fte_sniff.tui.i18n import _, error_text
 
@@ -43,16 +42,9 @@ _GAPS = re.compile(" {2,}")
 def write_copy(text: str) -> Path | None:
     """Write the text to `COPY_NAME`, readable by the user only; None where that fails."""
     path = user_cache_path("fte-sniff", appauthor=False) / COPY_NAME
-    temporary = path.with_name(f"{COPY_NAME}.{os.getpid()}")
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with os.fdopen(os.open(temporary, flags, 0o600), "w") as file:
-            file.write(text)
-        temporary.replace(path)
-    except (OSError, UnicodeError):
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        replace_text(path, text)
+    except OSError:
         return None
     return path
 

@@ -54,14 +54,10 @@ def _of_cell(name: str, value: Value) -> Iterator[CellFilter]:
     elif name == "time" and isinstance(value, int):
         time = iso_time(value)
         yield CellFilter(name, f"{name} >= '{time}'", f"{name} < '{time}'")
-    elif _can_be_written(value):
+    elif isinstance(value, int) or value.isprintable():
+        # A device's name may have undecodable bytes, which no filter can contain.
         literal = f"{value}" if isinstance(value, int) else _quoted(value)
         yield CellFilter(name, f"{name} = {literal}", f"{name} IS DISTINCT FROM {literal}")
-
-
-def _can_be_written(value: int | str) -> bool:
-    """Whether a filter can contain the value: a device's name may have undecodable bytes."""
-    return isinstance(value, int) or value.isprintable()
 
 
 def _quoted(text: str) -> str:
