@@ -51,6 +51,7 @@ ATTACKS: Mapping[str, tuple[Attack, int]] = {
     "faults-conversion": (process_attacks.faults_of_conversion, 2),
     "taken-away": (process_attacks.taken_away, 1),
     "noisy-line": (process_attacks.noisy_line, 1),
+    "pipe": (process_attacks.pipe, 1),
     "foreign-code": (process_attacks.foreign_code, 1),
     "in-use": (process_attacks.in_use, 1),
     "few-files": (process_attacks.few_files, 2),

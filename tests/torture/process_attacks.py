@@ -386,3 +386,21 @@ def few_files(case: Case) -> None:
     promise(run.code in (0, 2, 3, 4), f"exit code {run.code}\n{run.errors}")
     for path in _files(case):
         check_read_by_both(case, path)
+
+
+def pipe(case: Case) -> None:
+    """Record into a named pipe that is read whole, in part or not at all."""
+    fifo, read = case.path("x.pipe"), case.path("x.mcap")
+    os.mkfifo(fifo)
+    reader = case.random.choice(((), ("cat",), ("head", "-c", str(case.random.randrange(6_000)))))
+    program = case.start("live", "sim://", "--plain", "--duration", "1.5", "-o", fifo)
+    if reader:
+        with read.open("wb") as stream:
+            subprocess.run([*reader, fifo], stdout=stream, check=True, timeout=BOUND_S)
+    run = program.wait()
+    total = max(map(_number, _ROWS.findall(run.errors)), default=0)
+    rows = check_read_by_both(case, read) if reader == ("cat",) else []
+    lost = sum(map(_number, _NOT_RECORDED.findall(run.errors)))
+    promise(run.code == (0 if rows else 4), f"{reader}: exit code {run.code}\n{run.errors}")
+    promise(not rows or len(rows) == total, f"{total} rows, {len(rows)} read\n{run.errors}")
+    promise(reader or lost >= total, f"{total} rows, {lost} are reported as lost\n{run.errors}")
