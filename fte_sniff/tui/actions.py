@@ -18,7 +18,7 @@ from fte_sniff.analysis.search import Search, find_fault, find_raised, find_step
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.session.save import SaveJob
-from fte_sniff.tui.goto import GotoField, ToOffset, parse_goal, row_of, time_at, time_of
+from fte_sniff.tui.goto import GotoField, parse_goal, row_of, time_at, time_of
 from fte_sniff.tui.i18n import _, error_text, theme_after
 from fte_sniff.tui.keys import COMMANDS, key_names
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
@@ -151,7 +151,7 @@ class NavigationActions(ScreenActions):
         zone = self._table.view.shown_zone
         goal = parse_goal(line, zone)
         row = row_of(goal, store, cursor, zone)
-        if row is None and isinstance(goal, ToOffset):
+        if row is None and goal.offset is not None:
             text = _("no row that is shown has byte {offset:,} of its stream")
             self._inform(text.format(offset=goal.offset))
         elif row is None:

@@ -6,7 +6,6 @@ import re
 from bisect import bisect_left
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
-from typing import TypeAlias
 
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import find_byte
@@ -17,52 +16,22 @@ from fte_sniff.tui.prompt import PromptField
 
 
 @dataclass(frozen=True, slots=True)
-class ToRow:
+class Goal:
+    """Where to go; one of the fields is set."""
+
+    row: int | None = None
     """The shown row of this number, from 1."""
+    percent: float | None = None
+    """The row at a percentage (0 to 100) of the shown rows."""
+    offset: int | None = None
+    """The row that holds a byte of the stream of the cursor's row, from 0."""
+    t_ns: int | None = None
+    """The first row at or after a time, nanoseconds since 1970 UTC."""
+    clock: ClockTime | None = None
+    """The first row at or after a time of day, on the day of the cursor's row."""
+    distance_ns: int | None = None
+    """The first row at or after a distance from the cursor's row; negative is earlier."""
 
-    number: int
-
-
-@dataclass(frozen=True, slots=True)
-class ToTimeOfDay:
-    """The first row at or after a time, on the day of the cursor's row."""
-
-    clock: ClockTime
-
-
-@dataclass(frozen=True, slots=True)
-class ToDistance:
-    """The first row at or after a distance in time from the cursor's row."""
-
-    ns: int
-    """Nanoseconds; negative is earlier."""
-
-
-@dataclass(frozen=True, slots=True)
-class ToTime:
-    """The first row at or after a time."""
-
-    t_ns: int
-    """Nanoseconds since 1970 UTC."""
-
-
-@dataclass(frozen=True, slots=True)
-class ToShare:
-    """The row at a percentage of the shown rows."""
-
-    percent: float
-    """0 to 100."""
-
-
-@dataclass(frozen=True, slots=True)
-class ToOffset:
-    """The row that holds a byte of the stream of the cursor's row."""
-
-    offset: int
-    """From 0."""
-
-
-Goal: TypeAlias = ToRow | ToTimeOfDay | ToDistance | ToTime | ToShare | ToOffset
 
 NO_TIME = -(2**63)
 """Stands for the time of a row without one, before all others."""
@@ -80,17 +49,17 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
     """
     text = text.strip()
     if _ROW.fullmatch(text):
-        return ToRow(int(text.replace(",", "").replace("_", "")))
+        return Goal(row=int(text.replace(",", "").replace("_", "")))
     if match := _SHARE.fullmatch(text):
-        return ToShare(min(100.0, float(match[1])))
+        return Goal(percent=min(100.0, float(match[1])))
     if match := _OFFSET.fullmatch(text):
-        return ToOffset(int(match[1].replace(",", "").replace("_", ""), 0))
+        return Goal(offset=int(match[1].replace(",", "").replace("_", ""), 0))
     if (t_ns := time_ns(text, zone)) is not None:
-        return ToTime(t_ns)
+        return Goal(t_ns=t_ns)
     if (clock := clock_time(text)) is not None:
-        return ToTimeOfDay(clock)
+        return Goal(clock=clock)
     if text[:1] in ("+", "-") and (ns := duration_ns(text[1:])) is not None:
-        return ToDistance(-ns if text[0] == "-" else ns)
+        return Goal(distance_ns=-ns if text[0] == "-" else ns)
     if _NO_UNIT.fullmatch(text):
         raise InputTextError(
             _("{text} of what? say it with a unit: {text}s, {text}ms, {text}us").format(text=text)
@@ -112,15 +81,9 @@ def time_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | Non
     cursor_ns = time_at(store, cursor)
     if cursor_ns is None:
         return None
-    match goal:
-        case ToTime(t_ns):
-            return t_ns
-        case ToDistance(ns):
-            return cursor_ns + ns
-        case ToTimeOfDay(clock):
-            return clock.on_day_of(cursor_ns, zone)
-        case _:
-            return None
+    if goal.distance_ns is not None:
+        return cursor_ns + goal.distance_ns
+    return goal.t_ns if goal.clock is None else goal.clock.on_day_of(cursor_ns, zone)
 
 
 def row_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | None:
@@ -130,13 +93,12 @@ def row_of(goal: Goal, store: RowStore, cursor: int, zone: tzinfo) -> int | None
     may be past the last row.
     """
     last = max(0, store.view.count - 1)
-    match goal:
-        case ToRow(number):
-            return number - 1
-        case ToShare(percent):
-            return round(percent / 100 * last)
-        case ToOffset(offset):
-            return _row_with_byte(store, cursor, offset)
+    if goal.row is not None:
+        return goal.row - 1
+    if goal.percent is not None:
+        return round(goal.percent / 100 * last)
+    if goal.offset is not None:
+        return _row_with_byte(store, cursor, goal.offset)
     t_ns = time_of(goal, store, cursor, zone)
     return None if t_ns is None else min(_first_from(store, t_ns), last)
 

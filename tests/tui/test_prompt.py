@@ -21,7 +21,7 @@ from fte_sniff.protocol import Gap, GapKind, Row
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.save import ExportSource, SaveJob
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.goto import Goal, ToDistance, ToRow, ToTimeOfDay, parse_goal
+from fte_sniff.tui.goto import Goal, parse_goal
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.detail import DetailPane
 from fte_sniff.tui.prompt import History, completed
@@ -268,19 +268,19 @@ def test_keys_typed_into_the_filter_are_text(feed: Any) -> None:
 @pytest.mark.parametrize(
     ("text", "goal"),
     [
-        ("1", ToRow(1)),
-        (" 1,200 ", ToRow(1200)),
-        ("12:00", ToTimeOfDay(ClockTime(time(12)))),
-        ("00:00:03.5", ToTimeOfDay(ClockTime(time(0, 0, 3), 500_000_000))),
-        ("23:59:59.999999999", ToTimeOfDay(ClockTime(time(23, 59, 59), 999_999_999))),
-        ("20:00+08:00", ToTimeOfDay(ClockTime(time(20, tzinfo=timezone(timedelta(hours=8)))))),
-        ("+2s", ToDistance(2 * 10**9)),
-        ("-50ms", ToDistance(-50_000_000)),
-        ("+0.25s", ToDistance(250_000_000)),
-        ("-1.5us", ToDistance(-1_500)),
-        ("+7ns", ToDistance(7)),
-        ("+1m30s", ToDistance(90 * 10**9)),
-        ("-2min", ToDistance(-120 * 10**9)),
+        ("1", Goal(row=1)),
+        (" 1,200 ", Goal(row=1200)),
+        ("12:00", Goal(clock=ClockTime(time(12)))),
+        ("00:00:03.5", Goal(clock=ClockTime(time(0, 0, 3), 500_000_000))),
+        ("23:59:59.999999999", Goal(clock=ClockTime(time(23, 59, 59), 999_999_999))),
+        ("20:00+08:00", Goal(clock=ClockTime(time(20, tzinfo=timezone(timedelta(hours=8)))))),
+        ("+2s", Goal(distance_ns=2 * 10**9)),
+        ("-50ms", Goal(distance_ns=-50_000_000)),
+        ("+0.25s", Goal(distance_ns=250_000_000)),
+        ("-1.5us", Goal(distance_ns=-1_500)),
+        ("+7ns", Goal(distance_ns=7)),
+        ("+1m30s", Goal(distance_ns=90 * 10**9)),
+        ("-2min", Goal(distance_ns=-120 * 10**9)),
     ],
 )
 def test_a_goal_is_understood(text: str, goal: Goal) -> None:
