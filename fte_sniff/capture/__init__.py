@@ -8,7 +8,7 @@ Modules:
     discovery     List serial ports; who holds a port; adapters without driver.
     port_errors   Why a port cannot be opened: one sentence with the fix.
     port_source   The source that reads one port, or several merged by time.
-    pty           Pseudo-terminals: the bridge's host end, the simulated controller.
+    pty           Pseudo-terminals: the bridge's host end.
     reconnect     Recognize a lost port that comes back; reopen it with backoff.
     serial_port   Open, configure, read and write one port; driver latency.
     sim_model     Simulated motors, controller and host.

@@ -15,9 +15,10 @@ import termios
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
+from urllib.parse import urlencode
 
 import serial
 
@@ -41,6 +42,9 @@ from fte_sniff.capture.serial_port import (
 from fte_sniff.capture.source import Item, ThreadedSource
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
+
+if TYPE_CHECKING:
+    from fte_sniff.capture.simulation import SimulationParameters
 
 HOST = "host"
 """Name of the wire from the host program; the other wire has the port's name."""
@@ -101,6 +105,17 @@ def open_bridge(
         ),
         reopen=reopener(name, settings, port) if reconnect and link is not None else None,
     )
+
+
+def open_simulated(
+    parameters: SimulationParameters, baud: int, link: Path | None = None
+) -> BridgeSource:
+    """As `open_bridge`, with a simulated controller instead of a port.
+
+    Raises PortError if the line cannot carry the rate.
+    """
+    query = urlencode(asdict(parameters))
+    return open_bridge(f"sim://?{query}", PortSettings(baud), Clock.tied(), link)
 
 
 class BridgeSource(ThreadedSource):

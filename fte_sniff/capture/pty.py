@@ -1,8 +1,7 @@
-"""Pseudo-terminals that other programs open: the bridge's host end, the simulated controller."""
+"""Pseudo-terminals that other programs open: the bridge's host end."""
 
 from __future__ import annotations
 
-import dataclasses
 import fcntl
 import os
 import select
@@ -13,17 +12,9 @@ import time
 import tty
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
-from urllib.parse import urlencode
 
-import serial
-
-from fte_sniff.capture.serial_port import READ_TIMEOUT_S, PortSettings, open_port
+from fte_sniff.capture.serial_port import READ_TIMEOUT_S
 from fte_sniff.errors import FileError, printable
-from fte_sniff.protocol import DEFAULT_BAUD
-
-if TYPE_CHECKING:
-    from fte_sniff.capture.simulation import SimulationParameters
 
 HOST_BUFFER_BYTES = 256 * 1024
 """Bytes that are kept for a host program that does not read, besides the system's buffer."""
@@ -189,72 +180,6 @@ class HostEnd:
                         pass
                 finally:
                     os.close(theirs)
-
-
-class ControllerPty:
-    """A pseudo-terminal with a simulated controller behind it; call `run`, then `close`.
-
-    Feedback flows while a program has the device open, and is dropped otherwise. The controller
-    obeys the commands that the program writes.
-    """
-
-    def __init__(
-        self,
-        parameters: SimulationParameters,
-        baud: int = DEFAULT_BAUD,
-        link: Path | None = None,
-    ) -> None:
-        """Create the device, and optionally a `link` to it.
-
-        Raises PortError if the line cannot carry the rate, FileError as `PseudoTerminal`.
-        """
-        query = urlencode(dataclasses.asdict(parameters))
-        self._simulated = open_port(f"sim://?{query}", PortSettings(baud))
-        try:
-            self._terminal = PseudoTerminal(link)
-        except FileError:
-            self._simulated.close()
-            raise
-        self.device = self._terminal.device
-        """The device file that programs open, as `/dev/pts/3`."""
-        self._stopping = False
-        self._poll = select.poll()
-        self._poll.register(self._terminal.descriptor, select.POLLIN)
-
-    def __enter__(self) -> ControllerPty:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
-
-    def run(self) -> None:
-        """Serve until `stop`, or until the simulation ends by its `frames`."""
-        while not self._stopping:
-            try:
-                feedback = self._simulated.read(self._simulated.in_waiting or 1)
-                feedback += self._simulated.read(self._simulated.in_waiting)
-            except serial.SerialException:
-                return
-            self._transfer(feedback)
-
-    def stop(self) -> None:
-        """Make `run` return within about 10 ms; safe from threads and signal handlers."""
-        self._stopping = True
-
-    def close(self) -> None:
-        """Remove the device and the link; call it only when `run` has returned."""
-        self._simulated.close()
-        self._terminal.close()
-
-    def _transfer(self, feedback: bytes) -> None:
-        descriptor = self._terminal.descriptor
-        events = dict(self._poll.poll(0)).get(descriptor, 0)
-        with suppress(BlockingIOError):
-            if events & select.POLLIN:
-                self._simulated.write(os.read(descriptor, _MAX_READ))
-        with suppress(BlockingIOError):
-            if feedback and not events & select.POLLHUP:
-                os.write(descriptor, feedback)
 
 
 # Speed of a terminal. `struct termios2` takes any baud, where termios knows a fixed list.

@@ -33,7 +33,7 @@ def _option(parameter: Parameter) -> click.Option:
 
 
 def _run(link: Path | None, baud: int, **parameters: Any) -> None:
-    from fte_sniff.capture.pty import ControllerPty
+    from fte_sniff.capture.bridge import open_simulated
 
     try:
         simulated = SimulationParameters(**parameters)
@@ -45,13 +45,11 @@ def _run(link: Path | None, baud: int, **parameters: Any) -> None:
             )
     except PortError as error:
         raise UsageError(str(error).replace("sim://", "simulate")) from error
-    with ControllerPty(simulated, baud, link) as controller:
-        click.echo(str(link) if link else controller.device)
-        click.echo(
-            f"a controller answers on {printable(controller.device)}; Ctrl-C ends it", err=True
-        )
-        with ending_signals(controller.stop):
-            controller.run()
+    with open_simulated(simulated, baud, link) as bridge, ending_signals(bridge.stop):
+        click.echo(bridge.device)
+        click.echo(f"a controller answers on {printable(bridge.device)}; Ctrl-C ends it", err=True)
+        for _ in bridge:
+            pass  # nothing is recorded
 
 
 command = click.Command(

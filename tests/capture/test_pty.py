@@ -2,38 +2,41 @@ import os
 import termios
 import threading
 import time
+from collections import deque
 from contextlib import closing
 
 import pytest
 import serial
 
-from fte_sniff.capture.pty import ControllerPty, PseudoTerminal, set_speed, speed_of
+from fte_sniff.capture.bridge import HOST, open_simulated
+from fte_sniff.capture.pty import PseudoTerminal, set_speed, speed_of
 from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import SimulationParameters
 from fte_sniff.errors import FileError, PortError
-from fte_sniff.protocol import KIND_BY_NAME, MOTORS, Chunk, Frame, Framer, encode
+from fte_sniff.protocol import (
+    DEFAULT_BAUD,
+    FRAME_LENGTH,
+    KIND_BY_NAME,
+    MOTORS,
+    Chunk,
+    Frame,
+    Framer,
+    encode,
+)
 
 ALONE = SimulationParameters(host="off", rate=1000)
 
 
 @pytest.fixture
-def serving():
-    """Run controllers in threads; all are stopped and closed in the end."""
-    running = []
-
-    def serves(parameters=ALONE, **settings):
-        controller = ControllerPty(parameters, **settings)
-        thread = threading.Thread(target=controller.run)
+def device():
+    """A simulated controller that runs in a thread."""
+    with open_simulated(ALONE, DEFAULT_BAUD) as bridge:
+        thread = threading.Thread(target=lambda: deque(bridge, maxlen=0))
         thread.start()
-        running.append((controller, thread))
-        return controller
-
-    yield serves
-    for controller, thread in running:
-        controller.stop()
+        yield bridge.device
+        bridge.stop()
         thread.join(60)
         assert not thread.is_alive()
-        controller.close()
 
 
 class Listener:
@@ -50,9 +53,8 @@ class Listener:
         return set(self.speeds) == set(MOTORS) and abs(self.speeds[motor] - rpm) <= 1
 
 
-def test_a_program_commands_it_through_the_device_and_hears_the_motors(serving, until):
-    controller = serving()
-    with open_port(controller.device) as port:
+def test_a_program_commands_it_through_the_device_and_hears_the_motors(device, until):
+    with open_port(device) as port:
         listener = Listener(port)
         until(lambda: listener.hears(2, 0))
         port.write(encode(KIND_BY_NAME["speed"], {"motor": 2, "rpm": 700}))
@@ -60,19 +62,18 @@ def test_a_program_commands_it_through_the_device_and_hears_the_motors(serving, 
     assert listener.speeds[1] == 0
 
 
-def test_a_program_may_come_and_go_and_find_what_is_then_true(serving, until):
-    controller = serving()
+def test_a_program_may_come_and_go_and_find_what_is_then_true(device, until):
     for rpm in (300, -400):
-        with open_port(controller.device) as port:
+        with open_port(device) as port:
             port.write(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}))
             listener = Listener(port)
             until(lambda at=rpm, to=listener: to.hears(1, at))
 
 
-def test_a_link_leads_to_the_device_while_it_is_there(serving, tmp_path):
+def test_a_link_leads_to_the_device_while_it_is_there(tmp_path):
     link = tmp_path / "controller"
-    with ControllerPty(ALONE, link=link) as controller:
-        assert str(link.readlink()) == controller.device
+    with open_simulated(ALONE, DEFAULT_BAUD, link) as bridge:
+        assert bridge.device == str(link)
         open_port(str(link)).close()
     assert not link.is_symlink()
 
@@ -80,47 +81,47 @@ def test_a_link_leads_to_the_device_while_it_is_there(serving, tmp_path):
 def test_a_link_that_leads_nowhere_is_replaced_and_nothing_else_is(tmp_path):
     link = tmp_path / "controller"
     link.symlink_to("/dev/pts/no-such")
-    with ControllerPty(ALONE, link=link):
+    with open_simulated(ALONE, DEFAULT_BAUD, link):
         assert link.exists()
     link.write_text("mine")
     with pytest.raises(FileError, match="in the way"):
-        ControllerPty(ALONE, link=link)
+        open_simulated(ALONE, DEFAULT_BAUD, link)
     assert link.read_text() == "mine"
     with pytest.raises(FileError, match="cannot be made"):
-        ControllerPty(ALONE, link=tmp_path / "no" / "such")
+        open_simulated(ALONE, DEFAULT_BAUD, tmp_path / "no" / "such")
     link.unlink()
     link.symlink_to("/not/ours")
     with pytest.raises(FileError, match="in the way"):
-        ControllerPty(ALONE, link=link)
+        open_simulated(ALONE, DEFAULT_BAUD, link)
     assert str(link.readlink()) == "/not/ours"
 
 
-@pytest.mark.parametrize("make", [lambda link: ControllerPty(ALONE, link=link), PseudoTerminal])
-def test_a_link_that_a_killed_run_left_is_replaced_though_its_number_is_given_again(tmp_path, make):
+def test_a_link_that_a_killed_run_left_is_replaced_though_its_number_is_given_again(tmp_path):
     link = tmp_path / "controller"
     with closing(PseudoTerminal()) as killed:
         link.symlink_to(killed.device)
     # What is made now gets the lowest free number: mostly the one that was just given back.
-    with closing(make(link)) as again:
+    with closing(PseudoTerminal(link)) as again:
         assert str(link.readlink()) == again.device
 
 
 def test_a_link_that_was_taken_over_is_left_alone(tmp_path):
     link = tmp_path / "controller"
-    with ControllerPty(ALONE, link=link):
+    with open_simulated(ALONE, DEFAULT_BAUD, link):
         link.unlink()
         link.symlink_to("/dev/null")
     assert str(link.readlink()) == "/dev/null"
 
 
 def test_a_simulation_with_an_end_ends_it():
-    with ControllerPty(SimulationParameters(frames=5, rate=1000)) as controller:
-        controller.run()
+    with open_simulated(SimulationParameters(frames=5, rate=1000), DEFAULT_BAUD) as bridge:
+        found = b"".join(one.data for one in bridge if isinstance(one, Chunk) and one.port != HOST)
+    assert len(found) == 5 * FRAME_LENGTH
 
 
 def test_a_rate_that_the_line_cannot_carry_is_refused():
     with pytest.raises(PortError, match="at most 96"):
-        ControllerPty(ALONE, baud=9600)
+        open_simulated(ALONE, 9600)
 
 
 @pytest.mark.parametrize("baud", [50, 9600, 115200, 250_000, 921_600, 1_234_567, 3_000_000])
