@@ -10,7 +10,8 @@ from collections.abc import Iterable
 from hashlib import sha256
 
 from fte_sniff.protocol import Frame, PortEvent, Row
-from fte_sniff.recording.messages.schema import EVENTS, MALFORMED, topic_of
+from fte_sniff.recording.messages.packer import topic_of
+from fte_sniff.recording.messages.schema import EVENTS, MALFORMED
 
 
 def expected_lines(rows: Iterable[Row], events: Iterable[PortEvent]) -> list[str]:

@@ -293,13 +293,16 @@ def _names_by_number(field: Any) -> dict[int, str]:
     }
 
 
+_KIND_NUMBER = {name: enum_number("Kind", name) for name in KIND_BY_NAME}
 _STATUS_NUMBER = {status: enum_number("Status", status) for status in Status}
 _FAULT_NUMBER = {fault: enum_number("Fault", fault) for fault in Fault}
 _EVENT_NUMBER = {kind: enum_number("PortEventKind", kind) for kind in PortEventKind}
 
 
-def class_of(topic: Topic) -> Any:
+@cache
+def class_of(topic_name: str) -> Any:
     """The protobuf class of a topic's messages."""
+    topic = TOPIC_BY_NAME[topic_name]
     return message_class(schema_name(topic), schema_data(topic.schema))
 
 
@@ -308,7 +311,7 @@ def _constants(topic_name: str, kind_name: str) -> dict[str, float]:
     """The kind, and NaN for the topic's fields that frames of the kind lack."""
     kind, fields = KIND_BY_NAME[kind_name], value_fields(TOPIC_BY_NAME[topic_name])
     absent = {field.name: nan for field in fields if kind.field(field.name) is None}
-    return {"kind": enum_number("Kind", kind.name), **absent}
+    return {"kind": _KIND_NUMBER[kind.name], **absent}
 
 
 def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
@@ -328,7 +331,7 @@ def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
     values["status"] = _STATUS_NUMBER[row.status]
     kind = row.kind if isinstance(row, Frame) else None
     if topic is MALFORMED:
-        values["kind"] = 0 if kind is None else enum_number("Kind", kind.name)
+        values["kind"] = 0 if kind is None else _KIND_NUMBER[kind.name]
         values["framed"] = isinstance(row, Frame)
         values["length"] = len(row.raw)
     else:
@@ -337,7 +340,7 @@ def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
         values |= _constants(topic.name, kind.name)
         values["cmd"] = row.cmd
         values |= {field.name: field.read(row.raw) for field in kind.fields}
-    return bytes(class_of(topic)(**values).SerializeToString())
+    return bytes(class_of(topic.name)(**values).SerializeToString())
 
 
 def encode_event(event: PortEvent, log_time: int) -> bytes:
@@ -349,7 +352,7 @@ def encode_event(event: PortEvent, log_time: int) -> bytes:
     }
     if event.t_ns != log_time:
         values["time_ns"] = event.t_ns
-    return bytes(class_of(EVENTS)(**values).SerializeToString())
+    return bytes(class_of(EVENTS.name)(**values).SerializeToString())
 
 
 def encodable(text: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,18 +17,18 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from numpy.typing import NDArray
 
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Frame, PortEvent, Row
-from fte_sniff.protocol.spec import CMD_OFFSET, NUM_OFFSET
+from fte_sniff.protocol import FRAME_LENGTH, KINDS, MOTORS, Frame, PortEvent, Row, Status
+from fte_sniff.protocol.spec import CMD_OFFSET, KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 from fte_sniff.recording.mcap.writer import McapBatch
 from fte_sniff.recording.messages.codec import class_of, encodable, encode_event, encode_row
 from fte_sniff.recording.messages.schema import (
     EVENTS,
     MALFORMED,
+    TOPIC_BY_KIND_AND_MOTOR,
     TOPICS,
     Topic,
     schema_data,
     schema_name,
-    topic_of,
 )
 from fte_sniff.recording.messages.wire_layout import SOUND_LACKS, WireField, wire_fields
 from fte_sniff.recording.metadata import PortFacts
@@ -46,6 +46,24 @@ _HEAD_FIELDS = {
     "log": ("<u8", 15),
     "publish": ("<u8", 23),
 }
+
+
+def topic_of(row: Row) -> Topic:
+    """The topic of a row: that of its kind and motor, or `MALFORMED`."""
+    if not isinstance(row, Frame) or (row.faults and row.status is Status.MALFORMED):
+        return MALFORMED
+    return _topic_of_head(row.raw[: NUM_OFFSET + 1])
+
+
+@lru_cache(maxsize=1024)
+def _topic_of_head(head: bytes) -> Topic:
+    """The topic of a frame without malformed fault, by its bytes up to NUM."""
+    kind = KIND_BY_HEADER_AND_CMD.get((head[0], head[CMD_OFFSET]))
+    if kind is None:
+        return MALFORMED
+    motor = head[NUM_OFFSET] if kind.names_motor else None
+    return TOPIC_BY_KIND_AND_MOTOR.get((kind.name, motor), MALFORMED)
+
 
 ChannelId = Callable[[str, Topic], int]
 
@@ -86,7 +104,7 @@ class RowModel:
         lacking = SOUND_LACKS - {"order_uncertain"} if uncertain else SOUND_LACKS
         fields = _HEAD_FIELDS | {
             field.name: (_numpy_type(field), MESSAGE.size + field.offset)
-            for field in wire_fields(class_of(topic).DESCRIPTOR.fields, lacking)
+            for field in wire_fields(class_of(topic.name).DESCRIPTOR.fields, lacking)
         }
         self._type = np.dtype(
             {

@@ -33,13 +33,10 @@ from fte_sniff.protocol import (
     VALUE_FIELDS,
     Fault,
     Field,
-    Frame,
     FrameKind,
     PortEventKind,
-    Row,
     Status,
 )
-from fte_sniff.protocol.spec import CMD_OFFSET, KIND_BY_HEADER_AND_CMD, NUM_OFFSET
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,24 +89,7 @@ def _topics_of_kinds() -> Iterator[tuple[tuple[str, int | None], Topic]]:
             yield (kind.name, num), TOPIC_BY_NAME[f"/fte/{kind.direction}/{name}"]
 
 
-_TOPIC_BY_KIND_AND_MOTOR = MappingProxyType(dict(_topics_of_kinds()))
-
-
-def topic_of(row: Row) -> Topic:
-    """The topic of a row: that of its kind and motor, or `MALFORMED`."""
-    if not isinstance(row, Frame) or (row.faults and row.status is Status.MALFORMED):
-        return MALFORMED
-    return _topic_of_head(row.raw[: NUM_OFFSET + 1])
-
-
-@lru_cache(maxsize=1024)
-def _topic_of_head(head: bytes) -> Topic:
-    """The topic of a frame without malformed fault, by its bytes up to NUM."""
-    kind = KIND_BY_HEADER_AND_CMD.get((head[0], head[CMD_OFFSET]))
-    if kind is None:
-        return MALFORMED
-    motor = head[NUM_OFFSET] if kind.names_motor else None
-    return _TOPIC_BY_KIND_AND_MOTOR.get((kind.name, motor), MALFORMED)
+TOPIC_BY_KIND_AND_MOTOR = MappingProxyType(dict(_topics_of_kinds()))
 
 
 PACKAGE = "fte"

@@ -25,14 +25,13 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.recording.messages.codec import MessageReader, encode_event, encode_row
-from fte_sniff.recording.messages.packer import MESSAGE, MESSAGE_HEAD, ColumnPacker
+from fte_sniff.recording.messages.packer import MESSAGE, MESSAGE_HEAD, ColumnPacker, topic_of
 from fte_sniff.recording.messages.schema import (
     EVENTS,
     MALFORMED,
     Topic,
     schema_data,
     schema_name,
-    topic_of,
 )
 from tests.examples import examples
 from tests.recording.test_reader import damage, events, frames

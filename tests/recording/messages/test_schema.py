@@ -18,13 +18,13 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.recording.messages.codec import encode_row
+from fte_sniff.recording.messages.packer import topic_of
 from fte_sniff.recording.messages.schema import (
     TOPICS,
     Topic,
     message_class,
     schema_data,
     schema_name,
-    topic_of,
 )
 
 ROW = ("offset", "read_delay_ns", "raw", "status", "faults", "time_ns", "kind", "order_uncertain")
