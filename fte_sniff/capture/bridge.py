@@ -70,52 +70,35 @@ class Bridge:
         return (self.port, HOST)
 
     def open(self, clock: Clock) -> BridgeSource:
-        """Open the port; as `open_bridge`."""
-        return open_bridge(self.port, self.settings, clock, self.link, reconnect=self.reconnect)
+        """Open the port exclusively, and create the pseudo-terminal.
 
-
-def open_bridge(
-    name: str,
-    settings: PortSettings,
-    clock: Clock,
-    link: Path | None = None,
-    *,
-    reconnect: bool = False,
-) -> BridgeSource:
-    """Open a port exclusively, and create a pseudo-terminal for the host program.
-
-    To `reconnect` needs a `link`: the pseudo-terminal gets a new name each time.
-    Raises PortError for the port, FileError if `link` exists already or cannot be created.
-    """
-    port = open_port(name, settings)
-    try:
-        host = HostEnd(settings.baud, link)
-    except BaseException:
-        port.close()
-        raise
-    return BridgeSource(
-        port,
-        host,
-        WireEvents(name, settings.baud, clock),
-        detail=TranslatableText(
+        Raises PortError for the port, FileError if `link` exists already or cannot be created.
+        """
+        port = open_port(self.port, self.settings)
+        try:
+            host = HostEnd(self.settings.baud, self.link)
+        except BaseException:
+            port.close()
+            raise
+        detail = TranslatableText(
             "a host program can open {name}; {settings}{shared}",
             name=host.name,
-            settings=str(settings),
+            settings=str(self.settings),
             shared=sharing_note(device_of(port)),
-        ),
-        reopen=reopener(name, settings, port) if reconnect and link is not None else None,
-    )
+        )
+        # Without a link, the next pseudo-terminal would have another name.
+        again = self.reconnect and self.link is not None
+        reopen = reopener(self.port, self.settings, port) if again else None
+        wires = WireEvents(self.port, self.settings.baud, clock)
+        return BridgeSource(port, host, wires, detail=detail, reopen=reopen)
 
 
 def open_simulated(
     parameters: SimulationParameters, baud: int, link: Path | None = None
 ) -> BridgeSource:
-    """As `open_bridge`, with a simulated controller instead of a port.
-
-    Raises PortError if the line cannot carry the rate.
-    """
-    query = urlencode(asdict(parameters))
-    return open_bridge(f"sim://?{query}", PortSettings(baud), Clock.tied(), link)
+    """A bridge to a simulated controller; raises PortError if the line cannot carry the rate."""
+    url = f"sim://?{urlencode(asdict(parameters))}"
+    return Bridge(url, PortSettings(baud), link, reconnect=False).open(Clock.tied())
 
 
 class BridgeSource(ThreadedSource):

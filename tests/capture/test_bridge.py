@@ -17,10 +17,10 @@ import serial
 from fte_sniff.capture.bridge import (
     DRIVER_BUFFER_BYTES,
     HOST,
+    Bridge,
     BridgeSource,
     WireEvents,
     WireTimes,
-    open_bridge,
 )
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.pty import HOST_BUFFER_BYTES, HostEnd, speed_of
@@ -70,7 +70,7 @@ def bridges(pty, tmp_path):
     made = []
 
     def make(link=tmp_path / "link", **settings):
-        kept = Kept(open_bridge(pty.device, PortSettings(**settings), CLOCK, link))
+        kept = Kept(Bridge(pty.device, PortSettings(**settings), link, reconnect=False).open(CLOCK))
         made.append(kept)
         return kept
 
@@ -209,7 +209,9 @@ def is_change(item):
 
 
 def test_a_baud_that_the_port_refuses_is_told_and_the_old_one_stays(tmp_path, until):
-    bridge = open_bridge("sim://?host=off&rate=1000", PortSettings(), CLOCK, tmp_path / "link")
+    bridge = Bridge("sim://?host=off&rate=1000", link=tmp_path / "link", reconnect=False).open(
+        CLOCK
+    )
     kept = Kept(bridge)
     with opened(kept, 300):
         until(lambda: kept.kinds(HOST) == ["opened", "not_passed_on"])
@@ -289,7 +291,7 @@ def test_the_port_is_the_bridges_alone_while_it_runs(bridges, pty):
     kept = bridges()
     assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (1,)
     with pytest.raises(PortError, match="busy"):
-        open_bridge(pty.device, PortSettings(), CLOCK)
+        Bridge(pty.device).open(CLOCK)
     kept.end()
     assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (0,)
 
@@ -355,7 +357,7 @@ def test_silence_is_told_on_both_wires(bridges, pty, until):
 
 
 def test_nothing_is_passed_on_before_somebody_is_ready_to_record_it(pty, tmp_path):
-    bridge = open_bridge(pty.device, PortSettings(), CLOCK, tmp_path / "link")
+    bridge = Bridge(pty.device, link=tmp_path / "link", reconnect=False).open(CLOCK)
     with serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
         host.write(b"early")
         assert pty.arrived(0.1) == b""
@@ -399,7 +401,7 @@ class Bridged:
     def start(self):
         name = str(self.adapter)
         self.kinds = {name: [], HOST: []}
-        self.bridge = open_bridge(name, PortSettings(), CLOCK, self.link, reconnect=True)
+        self.bridge = Bridge(name, link=self.link).open(CLOCK)
         self._items = iter(self.bridge)
 
     def plug(self, pty):

@@ -9,7 +9,7 @@ import threading
 import pytest
 import serial
 
-from fte_sniff.capture.bridge import open_bridge
+from fte_sniff.capture.bridge import Bridge
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import open_source
 from fte_sniff.capture.pty import speed_of
@@ -188,7 +188,7 @@ def test_a_socket_that_is_closed_is_a_lost_port_after_all_that_came():
 def test_a_socket_is_bridged_both_ways():
     with socket.create_server(("127.0.0.1", 0)) as listening:
         url = f"socket://127.0.0.1:{listening.getsockname()[1]}"
-        bridge = open_bridge(url, PortSettings(), CLOCK)
+        bridge = Bridge(url).open(CLOCK)
         client, _ = listening.accept()
         with client, bridge, serial.Serial(bridge.device, 115200, timeout=30) as host:
             host.write(b"there")
@@ -199,7 +199,7 @@ def test_a_socket_is_bridged_both_ways():
 
 def test_an_rfc2217_port_is_bridged_both_ways_and_its_baud_follows(server, pty, until):
     with (
-        open_bridge(server.url, PortSettings(), CLOCK) as bridge,
+        Bridge(server.url).open(CLOCK) as bridge,
         serial.Serial(bridge.device, 19200, timeout=30) as host,
     ):
         host.write(b"\xfe\xff\xff\x00")
