@@ -49,6 +49,9 @@ _ROWS_AT_ONCE: Final = 4096
 """Rows that iteration converts to objects at a time, so that it needs little memory."""
 
 
+_MOST_FAULT_SETS: Final = 4096
+
+
 class Codebook:
     """Dictionary encoding of ports and fault sets; safe for use by several threads."""
 
@@ -66,7 +69,12 @@ class Codebook:
         return _code_of(port, self._port_codes, self.ports, self._lock)
 
     def fault_code(self, faults: tuple[Fault, ...]) -> int:
-        """The code of a fault set; an unknown set gets the next free code."""
+        """The code of a fault set; an unknown set gets the next free code.
+
+        Raises ValueError if there are too many.
+        """
+        if len(self.faults) >= _MOST_FAULT_SETS and faults not in self._fault_codes:
+            raise ValueError("more combinations of faults than a recording has")
         return _code_of(faults, self._fault_codes, self.faults, self._lock)
 
 

@@ -137,9 +137,10 @@ _MOST_RESERVED = 2 * JOB // MESSAGE_HEAD
 _MOST_SPLITS = 500
 """Batches that end at a loss; after more losses, rows before and after one share a batch."""
 
-_MOST_RATIO = 128
+_MOST_RATIO = 96
 """Unpacked bytes of a chunk for each byte that it and its message indexes have in the file; rows
 have at most about 60."""
+_USUAL_RATIO = 20
 _LEAST_RECORD = 4
 """Bytes that each record of a chunk has in the file, at least."""
 
@@ -162,6 +163,13 @@ class _Section:
     @property
     def size(self) -> int:
         return len(self.loose) if self.chunk is None else claimed(self.chunk.body)[0]
+
+    @property
+    def load(self) -> int:
+        """The size; more for a highly compressed chunk, whose rows take much memory."""
+        if self.chunk is None:
+            return self.size
+        return self.size * max(1, self.size // (_USUAL_RATIO * len(self.chunk.body)))
 
     @property
     def trusted(self) -> bool:
@@ -288,7 +296,7 @@ class BatchReader:
         with ThreadPoolExecutor(cores(), "unpacks chunks") as threads:
             try:
                 for sections in self._sections_of_jobs(records):
-                    size = sum(section.size for section in sections)
+                    size = sum(section.load for section in sections)
                     while self._jobs and not self._has_room(size):
                         yield from self._next_batches()
                     result = threads.submit(self._decode, sections, self._channels.version)
@@ -343,7 +351,7 @@ class BatchReader:
                 sections, size, enough, has_messages = [], 0, JOB, False
             if opcode == Opcode.CHUNK:
                 sections.append(_Section(record, ranges=[(record.position, record.stop)]))
-                size += sections[-1].size
+                size += sections[-1].load
             else:
                 size += self._append_loose(record, sections)
             if has_rows:
@@ -421,7 +429,7 @@ class BatchReader:
             decoded.chunks += sum(section.chunk is not None for section in found.sections)
             for definition in found.messages.definitions:
                 decoded.definitions.append((definition, found.sections[0].trusted))
-            slices = list(found.messages.slices(JOB))
+            slices = list(found.messages.slices(2 * JOB, JOB // 4))
             for messages in slices:
                 piece = rows.append(messages, self._channels)
                 decoded.count(piece)

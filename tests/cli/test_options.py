@@ -307,3 +307,15 @@ def test_positions_are_shown_in_turns_too(environment, tmp_path: Path) -> None:
         screen.type("q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
+
+
+def test_relative_times_say_from_what_they_count_in_a_damaged_file(
+    run, samples: Path, tmp_path: Path
+) -> None:
+    content = bytearray((samples / "damaged.mcap").read_bytes())
+    content[content.index(b"zstd") + 40] ^= 0xFF
+    (tmp_path / "x.mcap").write_bytes(content)
+    done = run("decode", "x.mcap", "--format", "csv", "--from", "+1s")
+    first, *_ = RecordingReader(tmp_path / "x.mcap")
+    assert f"relative times count from {iso_time(first.t_ns)} and" in done.stderr
+    assert "a chunk that does not unpack" in done.stderr

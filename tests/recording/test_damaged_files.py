@@ -1,8 +1,11 @@
 """Files that are damaged, hostile or no recordings: rows read are true, losses are reported."""
 
 import os
+import random
 import re
 import struct
+import subprocess
+import sys
 import threading
 import tracemalloc
 import zlib
@@ -14,16 +17,22 @@ import pytest
 import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol import Damage, Fault, PortEvent, PortEventKind, Row
+from fte_sniff.recording.batch_reader import EVERYTHING, TimeRange
 from fte_sniff.recording.mcap.records import LARGEST, keep_freed_memory
+from fte_sniff.recording.messages.codec import encode_event, encode_row
+from fte_sniff.recording.messages.schema import TOPIC_BY_NAME
 from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter
 from tests.examples import examples
-from tests.recording.conftest import unprivileged
+from tests.recording.conftest import START, unprivileged
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
 MAGIC = b"\x89MCAP0\r\n"
@@ -192,6 +201,91 @@ def test_losses_are_reported(recorded: Recorded, tmp_path: Path) -> None:
     assert reader.losses[1] == "20 of 62 messages are missing"
 
 
+def _mutate(content: bytes, changes: list[tuple[int, int, bytes]]) -> bytes:
+    """Replace bytes: position, number of the old ones, and the new ones."""
+    changed = bytearray(content)
+    for position, old, new in changes:
+        position %= len(changed) + 1
+        changed[position : position + old] = new
+    return bytes(changed)
+
+
+mutations = st.lists(
+    st.tuples(st.integers(0, 2**16), st.integers(0, 60), st.binary(max_size=60))
+    | st.tuples(st.integers(0, 2**16), st.just(1), st.binary(min_size=1, max_size=1))
+    | st.tuples(st.integers(0, 2**16), st.just(2**20), st.just(b"")),
+    min_size=1,
+    max_size=6,
+)
+
+
+def _read_or_refused(path: Path, span: TimeRange = EVERYTHING) -> tuple[list[Row], list[str]]:
+    """The rows, and what is reported."""
+    try:
+        reader = RecordingReader(path)
+        rows = [row for batch in reader.batches(span=span) for row in batch]
+    except FileError as error:
+        return [], [str(error)]
+    return rows, [loss for loss in (*reader.losses, reader.ending) if loss]
+
+
+def test_repair_keeps_what_decode_reads(recorded: Recorded, tmp_path: Path) -> None:
+    content = recorded[0].read_bytes()
+    path, repaired = tmp_path / "damaged.mcap", tmp_path / "repaired.mcap"
+
+    @examples(150)
+    @given(mutations)
+    def check(changes: list[tuple[int, int, bytes]]) -> None:
+        path.write_bytes(_mutate(content, changes))
+        rows, _ = _read_or_refused(path)
+        try:
+            Repair(path).write(repaired, Existing.REPLACE)
+        except FileError:
+            assert rows == []
+            return
+        assert _read_or_refused(repaired) == (rows, [])
+
+    check()
+
+
+def test_a_time_range_has_the_rows_of_the_whole_file_or_damage_is_reported(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    content, times = recorded[0].read_bytes(), [row.t_ns or 0 for row in recorded[1]]
+    path = tmp_path / "damaged.mcap"
+
+    @examples(150)
+    @given(mutations, st.sampled_from(times), st.sampled_from(times))
+    def check(changes: list[tuple[int, int, bytes]], one: int, other: int) -> None:
+        span = TimeRange(min(one, other), max(one, other) + 1)
+        path.write_bytes(_mutate(content, changes))
+        everything, _ = _read_or_refused(path)
+        rows, reported = _read_or_refused(path, span)
+        assert rows == [row for row in everything if span.contains(row)] or reported
+
+    check()
+
+
+@pytest.mark.parametrize("place", ["index", "chunk"])
+def test_an_index_is_trusted_only_where_the_chunk_agrees(
+    recorded: Recorded, tmp_path: Path, place: str
+) -> None:
+    """Each bit of the times of the second chunk, or of its index, with the summary's checksum."""
+    content, rows = recorded[0].read_bytes(), recorded[1]
+    records = _records(content)
+    chunk = [start for opcode, start, _ in records if opcode == CHUNK][1]
+    index = [start for opcode, start, _ in records if opcode == 8][1]
+    summary = next(end for opcode, _, end in records if opcode == 15)
+    span = TimeRange(rows[25].t_ns or 0, rows[35].t_ns or 0)
+    path = tmp_path / "x.mcap"
+    for bit in range(2 * 64):
+        altered = bytearray(content)
+        altered[(index if place == "index" else chunk) + 9 + bit // 8] ^= 1 << bit % 8
+        struct.pack_into("<I", altered, len(content) - 12, zlib.crc32(altered[summary:-12]))
+        path.write_bytes(altered)
+        assert _read_or_refused(path, span)[0] == rows[25:35], bit
+
+
 def test_bytes_after_the_end_are_reported(recorded: Recorded, tmp_path: Path) -> None:
     content = recorded[0].read_bytes()
     path = tmp_path / "x.mcap"
@@ -206,6 +300,104 @@ def _chunk(compression: bytes, packed: bytes, claimed: int, length: int | None =
     body += struct.pack("<I", len(compression)) + compression
     body += struct.pack("<Q", len(packed)) + packed
     return struct.pack("<BQ", CHUNK, len(body) if length is None else length) + body
+
+
+def _full_chunk(records: bytes, compression: bytes = b"zstd") -> bytes:
+    """A chunk with the right checksum."""
+    pack = zstandard.compress if compression == b"zstd" else lz4.frame.compress
+    content = bytearray(_chunk(compression, pack(records), len(records)))
+    struct.pack_into("<I", content, 9 + 24, zlib.crc32(records))
+    return bytes(content)
+
+
+def _message(channel: int, data: bytes = b"") -> bytes:
+    return struct.pack("<BQHIQQ", 5, 22 + len(data), channel, 0, START, START) + data
+
+
+def _malformed(size: int) -> bytes:
+    """A message of the topic with this many zero bytes."""
+    row = Damage("p", 0, bytes(size), START, (Fault.NOISE,), 5)
+    return encode_row(TOPIC_BY_NAME["/fte/malformed"], row, START)
+
+
+def _rows_of_many_lengths(channel: int) -> bytes:
+    lengths = (_message(channel, _malformed(size)) * 50 for size in range(1, 300))
+    padding = random.Random(1).randbytes(60_000)
+    return b"".join(lengths) + struct.pack("<BQ", 0x80, len(padding)) + padding
+
+
+OPENED = encode_event(PortEvent(START, "p", PortEventKind.OPENED, ""), START)
+PRIVATE = struct.pack("<BQ", 0x80, 0)
+
+BOMBS: dict[str, Callable[[dict[str, int]], bytes]] = {
+    "zeros": lambda _: _full_chunk(bytes(600 * 2**20)),
+    "zeros in lz4": lambda _: _full_chunk(bytes(60 * 2**20), b"lz4"),
+    "opcode 0": lambda _: _full_chunk(bytes(10_000)),
+    "private records outside": lambda _: PRIVATE,
+    "chunk in a chunk": lambda _: _full_chunk(_full_chunk(bytes(2**24))),
+    "empty messages": lambda ids: _full_chunk(_message(ids["/fte/port"]) * 6_000_000),
+    "short chunks of them": lambda ids: _full_chunk(_message(ids["/fte/port"]) * 30),
+    "port events": lambda ids: _full_chunk(_message(ids["/fte/port"], OPENED) * 14),
+    "long rows": lambda ids: _full_chunk(_message(ids["/fte/malformed"], _malformed(1024)) * 10),
+    "rows of many lengths": lambda ids: _full_chunk(_rows_of_many_lengths(ids["/fte/malformed"])),
+    "one large message": lambda ids: _full_chunk(_message(ids["/fte/port"], bytes(39 * 2**20))),
+    "marks": lambda _: b"\x04\0\0\0zstd",
+    "overlapping chunks": lambda _: _chunk(b"zstd", zstandard.compress(bytes(2**25)), 2**25, 0),
+    "junk between chunks": lambda _: _full_chunk(PRIVATE) + b"\0",
+}
+"""Records for the channel ids by topic; the file has as many as fit."""
+
+SCAN = "import sys, fte_sniff; print(fte_sniff.scan(sys.argv[1]).collect().height)"
+MOST_CPU_S, MOST_MB = 5, 300
+
+
+MEASURE = """
+import os, sys
+pid = os.posix_spawn(sys.executable, [sys.executable, *sys.argv[1:]], os.environ)
+_, status, usage = os.wait4(pid, 0)
+code = os.waitstatus_to_exitcode(status)
+print(code, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, file=open("usage", "w"))
+"""
+"""A process has at least the peak memory of the one that started it, so that must be small."""
+
+
+def _measured(folder: Path, *command: str) -> tuple[float, float]:
+    """Seconds of CPU and peak MB of a Python process, which must end with 0."""
+    launcher = [sys.executable, "-c", MEASURE, *command]
+    done = subprocess.run(launcher, cwd=folder, capture_output=True, text=True, check=True)
+    code, cpu_s, peak_mb = (folder / "usage").read_text().split()
+    assert code == "0", done.stderr
+    return float(cpu_s), float(peak_mb)
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_no_small_file_takes_much_memory_or_time(
+    recorded: Recorded, tmp_path: Path, name: str
+) -> None:
+    """And the rows before and after the bomb are read."""
+    content = recorded[0].read_bytes()
+    with recorded[0].open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    bomb = BOMBS[name]({channel.topic: channel.id for channel in summary.channels.values()})
+    bomb *= max(1, 900_000 // len(bomb))
+    place = summary.chunk_indexes[1].chunk_start_offset
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(content[:place] + bomb + content[place:])
+    assert path.stat().st_size < 1_000_000
+    for command in (
+        ("-m", "fte_sniff", "decode", path.name, "--format", "csv", "-o", "rows.csv"),
+        ("-m", "fte_sniff", "stats", path.name),
+        ("-m", "fte_sniff", "repair", path.name),
+        ("-c", SCAN, path.name),
+    ):
+        cpu_s, peak_mb = _measured(tmp_path, *command)
+        assert cpu_s < MOST_CPU_S, command
+        assert peak_mb < MOST_MB, command
+    lines = (tmp_path / "rows.csv").read_text().splitlines()
+    assert len({line for line in lines if "/dev/ttyUSB0" in line}) >= len(recorded[1])
+    kept = {(row.offset, row.raw) for row in RecordingReader(tmp_path / "bomb-repaired.mcap")}
+    assert kept >= {(row.offset, row.raw) for row in recorded[1]}
 
 
 NAMELESS = zstandard.ZstdCompressor(write_content_size=False)

@@ -51,7 +51,7 @@ _GREATEST = 2**63 - 1
 """The largest offset and time: 64-bit columns hold no larger one."""
 
 _LARGEST_MESSAGE = 64 * 1024
-_MOST_DEFINITIONS = 4096
+_MOST_DEFINITIONS = 2048
 """Changes of the definitions in one file."""
 
 _INTEGERS = (

@@ -61,6 +61,8 @@ class MessageIndex:
     prefixes: Array
     """The first bytes of each record as opaque values; those of a short record run into the next.
     """
+    most: int
+    """The largest number of records that the chunks can hold."""
     definitions: list[Definition] = field(default_factory=list)
     without_head: int = 0
     """Number of messages that are too short to be one; they are not in the index."""
@@ -68,16 +70,17 @@ class MessageIndex:
     def __len__(self) -> int:
         return len(self.starts)
 
-    def slices(self, size: int) -> Iterator[MessageIndex]:
-        """The messages in slices of about `size` bytes, at most twice as many."""
+    def slices(self, most: int, size: int) -> Iterator[MessageIndex]:
+        """The messages; if they have more than `most` bytes, in slices of about `size` bytes."""
         cuts = [0, len(self)]
-        if len(self.records) > 2 * size:
+        if len(self.records) > most:
             bounds = np.arange(size, len(self.records), size)
             cuts[1:1] = np.searchsorted(self.starts, bounds).tolist()
         for first, end in pairwise(cuts):
             lengths, prefixes = self.lengths[first:end], self.prefixes[first:end]
             if first < end:
-                yield MessageIndex(self.records, self.starts[first:end], lengths, prefixes)
+                starts = self.starts[first:end]
+                yield MessageIndex(self.records, starts, lengths, prefixes, self.most)
 
     def field(self, offset: int, kind: str | np.dtype[Any]) -> Array:
         """The numbers at an offset of the records."""
@@ -138,21 +141,22 @@ def index_messages(records: bytes, starts: Array | None, most: int) -> MessageIn
     found = None if starts is None else _confirmed(records, starts, most)
     if found is None:
         walked, definitions, _ = _walked(records, 0, len(records), most)
-        found = replace(_messages(records, np.array(walked, np.int64)), definitions=definitions)
+        found = _messages(records, np.array(walked, np.int64), most)
+        found.definitions.extend(definitions)
     if len(found) and found.lengths.min() < 0:
         whole = found.lengths >= 0
         starts = found.starts[whole]
         short = len(found) - len(starts)
-        found = replace(
-            _messages(records, starts), definitions=found.definitions, without_head=short
-        )
+        definitions = found.definitions
+        found = replace(_messages(records, starts, most), definitions=definitions)
+        found = replace(found, without_head=short)
     return found
 
 
-def _messages(records: bytes, starts: Array) -> MessageIndex:
+def _messages(records: bytes, starts: Array, most: int) -> MessageIndex:
     prefixes = _prefixes(records, starts)
     lengths = field_view(prefixes, LENGTH_OFFSET, "<i8") - (MESSAGE_HEAD - HEAD.size)
-    return MessageIndex(records, starts, lengths, prefixes)
+    return MessageIndex(records, starts, lengths, prefixes, most)
 
 
 def _prefixes(records: bytes, starts: Array) -> Array:
@@ -173,7 +177,7 @@ def _confirmed(records: bytes, starts: Array, most: int) -> MessageIndex | None:
     """The index if the records are contiguous and messages begin at these starts only."""
     if not len(starts) or starts[0] < 0 or starts[-1] > len(records) - MESSAGE_HEAD:
         return None
-    found = _messages(records, starts)
+    found = _messages(records, starts, most)
     if (found.field(0, "u1") != Opcode.MESSAGE).any():
         return None
     ends = starts + found.lengths
@@ -255,10 +259,11 @@ _RAW = np.dtype(f"V{FRAME_LENGTH}")
 
 _WORD = 8
 _STRIPE = 64
-_FEW = 16
+_FEW = 48
 """Up to this many messages of one length are decoded one by one."""
 _MOST_LENGTHS = 512
-_MOST_CODES = 2**16 - 1
+_PER_SLOW_MESSAGE = 4
+"""One in this number of the records that a chunk can hold may be decoded alone."""
 
 _Guard = tuple[Array, Array]
 """The mask of the guarded bits and their expected values, as 64-bit numbers."""
@@ -376,6 +381,7 @@ class _Decoder:
         self._events: list[tuple[int, PortEvent]] = []
         self._by_channel: dict[int, MessageReader] = {}
         self._losses = Losses()
+        self._slow_left = _FEW + messages.most // _PER_SLOW_MESSAGE
         self._channels = messages.field(CHANNEL_OFFSET, "<u2").astype(np.intp)
         self._log_times = messages.field(LOG_TIME_OFFSET, "<i8").copy()
         self._late = bool(self._log_times.min(initial=0) < 0)
@@ -496,18 +502,25 @@ class _Decoder:
     def _fault_codes(
         self, reader: MessageReader, batch: UniformBatch, layout: WireLayout
     ) -> Array | None:
-        """The codes of the fault sets; None if there is an unknown fault."""
+        """The codes of the fault sets; None if there is an unknown fault, or too many sets."""
         packed = batch.field(layout.faults, f"V{layout.fault_count}")
         found, inverse = np.unique(packed, return_inverse=True)
         try:
             sets = [tuple(map(reader.fault, one.tobytes())) for one in found]
+            codes = np.array([self._columns.codebook.fault_code(one) for one in sets])
         except ValueError:
             return None
-        codes = np.array([self._columns.codebook.fault_code(one) for one in sets])
-        return codes[inverse] if codes.max() <= _MOST_CODES else None
+        return codes[inverse]
 
     def _decode_each(self, rows: Array) -> None:
         records = self._messages.records
+        if len(rows) > self._slow_left:
+            too_many = rows[self._slow_left :]
+            self._kept[too_many] = False
+            text = TranslatableText("messages that take too long to decode, for their size")
+            self._losses.append(text, len(too_many))
+            rows = rows[: self._slow_left]
+        self._slow_left -= len(rows)
         for row in rows.tolist():
             reader = self._by_channel[int(self._channels[row])]
             start = int(self._messages.starts[row]) + MESSAGE_HEAD
@@ -518,7 +531,7 @@ class _Decoder:
                     self._events.append((row, entry))
                 else:
                     self._columns.put(row, entry)
-            except (ValueError, OverflowError) as error:
+            except ValueError as error:
                 self._kept[row] = False
                 why = reason_in(error)
                 text = TranslatableText("{topic}: {why}", topic=reader.topic, why=why)
