@@ -209,10 +209,8 @@ def is_change(item):
 
 
 def test_a_baud_that_the_port_refuses_is_told_and_the_old_one_stays(tmp_path, until):
-    bridge = Bridge("sim://?host=off&rate=1000", link=tmp_path / "link", reconnect=False).open(
-        CLOCK
-    )
-    kept = Kept(bridge)
+    wiring = Bridge("sim://?host=off&rate=1000", link=tmp_path / "link", reconnect=False)
+    kept = Kept(wiring.open(CLOCK))
     with opened(kept, 300):
         until(lambda: kept.kinds(HOST) == ["opened", "not_passed_on"])
     kept.end()
