@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from io import BytesIO
 from shutil import get_terminal_size
 
 import click
@@ -14,10 +15,9 @@ import click
 from fte_sniff.cli.output import format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
-from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
-from fte_sniff.formats.logs.text_lines import Piece
+from fte_sniff.formats.logs.reader import LogOptions, LogReader
 from fte_sniff.formats.writers import OutputFormat, RowWriter, row_writer
-from fte_sniff.protocol import Frame, Framer, Row
+from fte_sniff.protocol import Row
 
 PORT_NAME = "hex"
 """The port of rows from the command line."""
@@ -38,16 +38,15 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
     fte-sniff hex "0x55,0x01,0x01,0x03,0xE8,0x00,0x00,0x00,0x0F,0xEE" --format jsonl
     """
     writer = _dissection() if form is None else row_writer(form, sys.stdout, ports=False)
-    log = _log_of(text)
+    notes: list[str] = []
     try:
-        for rows in _rows_of(log):
-            log.compare((row.offset, row.raw[0]) for row in rows if isinstance(row, Frame))
+        for rows in _rows_of(text, notes):
             writer.write(rows)
     except InputTextError as error:
         raise _file_name_error(text) or error from error
     writer.close()
-    for doubt in log.doubts:
-        print_err(f"fte-sniff: {doubt}")
+    for note in notes:
+        print_err(f"fte-sniff: {note}")
 
 
 def _dissection() -> RowWriter:
@@ -60,34 +59,31 @@ def _dissection() -> RowWriter:
     return DissectionWriter(sys.stdout, width, colored=colored)
 
 
-def _rows_of(log: HexLog) -> Iterator[list[Row]]:
+def _rows_of(text: tuple[str, ...], notes: list[str]) -> Iterator[list[Row]]:
     """Rows of the input; an input without bytes is a UsageError."""
-    framer = Framer(PORT_NAME)
-    some = False
+    log = _log_of(text)
     try:
-        for chunk in at_own_times(log, framer):
-            some = True
-            yield framer.feed(chunk)
+        yield from map(list, log.rows(notes.append))
     except FileError as error:
-        raise FileError(
-            f"{log.name}: holds no text; if it holds raw bytes, try: fte-sniff decode - --input raw"
-        ) from error
-    if not some:
+        if "--input raw" in str(error):
+            raw = "try: fte-sniff decode - --input raw"
+            raise FileError(str(error).replace("add --input raw", raw)) from error
+        source = "standard input" if text in ((), ("-",)) else "the command line"
         raise UsageError(
-            f"no bytes on {log.name}; try: fte-sniff hex AA 01 01 03 E8 00 00 00 00 EE"
-        )
-    yield framer.flush()
+            f"no bytes on {source}; try: fte-sniff hex AA 01 01 03 E8 00 00 00 00 EE"
+        ) from error
 
 
-def _log_of(words: tuple[str, ...]) -> HexLog:
+def _log_of(words: tuple[str, ...]) -> LogReader:
     if "-" in words and len(words) > 1:
         raise UsageError("'-' reads standard input; give either that or bytes, not both")
+    options = LogOptions(whole=False)
     if words in ((), ("-",)):
         if sys.stdin.isatty():
             print_err("paste the bytes, then press Enter and Ctrl-D")
-        return HexLog.of_stream(sys.stdin.buffer, "standard input")
-    lines = enumerate(" ".join(words).splitlines(), start=1)
-    return HexLog((Piece(line, number, 0) for number, line in lines), "the command line")
+        return LogReader(PORT_NAME, options, sys.stdin.buffer, "standard input: ")
+    text = " ".join(words).encode("utf-8", "surrogateescape")
+    return LogReader(PORT_NAME, options, BytesIO(text), "")
 
 
 def _file_name_error(words: tuple[str, ...]) -> UsageError | None:

@@ -6,7 +6,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from datetime import tzinfo
+from datetime import UTC, tzinfo
 from functools import wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import (
     FileName,
@@ -24,17 +25,19 @@ from fte_sniff.cli.options import (
     span_options,
     time_range,
 )
-from fte_sniff.errors import FileError, UsageError
+from fte_sniff.errors import FileError, InputTextError, UsageError, printable, quoted
 from fte_sniff.formats.input_kind import (
     KIND_OF_SUFFIX,
     InputKind,
+    clocked,
     kind_of_content,
     kind_of_file,
     raw_chunks,
     raw_stream_chunks,
 )
-from fte_sniff.formats.logs.hex_log import HexLog
-from fte_sniff.formats.logs.log_clock import LogClock, day_of, zone_of
+from fte_sniff.formats.logs.clock import day_of, zone_of
+from fte_sniff.formats.logs.reader import LogOptions, LogReader, pattern_of
+from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.inputs import (
     STDIN_NAME,
     Input,
@@ -75,14 +78,36 @@ _OPTIONS = all_of(
         "--date",
         "day",
         metavar="DATE",
-        help="For hex logs with only a time of day, or dates such as 2/8/2026: the date of the"
-        " first, such as 2026-01-31.",
+        help="For logs with only a time of day, or dates such as 2/8/2026: the date of the first,"
+        " such as 2026-01-31.  [default: that of the file]",
     ),
     click.option(
         "--zone",
         metavar="ZONE",
         help="The zone of times without one, in hex logs and in --from and --to, such as +08:00 "
         "or Asia/Shanghai.  [default: UTC]",
+    ),
+    click.option(
+        "--start",
+        metavar="TIME",
+        help="When the seconds of a log, or bytes without times, began, such as"
+        f" 2026-01-31T12:00:00Z; bytes without times follow each other at {DEFAULT_BAUD} bits/s.",
+    ),
+    click.option(
+        "--form",
+        "log_form",
+        metavar="NAME",
+        help="How a log writes bytes, as --explain names it, such as 'hex pairs, spaces'.",
+    ),
+    click.option(
+        "--input-regex",
+        "pattern",
+        metavar="REGEX",
+        help="For a log that is not recognised: a regular expression of its lines, with the groups"
+        " (?P<data>...) and perhaps (?P<time>...) and (?P<dir>...).",
+    ),
+    click.option(
+        "--explain", is_flag=True, help="Show where logs have bytes, times and directions; no rows."
     ),
     filter_option,
     span_options,
@@ -93,9 +118,9 @@ def input_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add FILE... and the options that select its rows; the command receives them as `query`."""
 
     @wraps(command)
-    def with_query(**options: Any) -> Any:
+    def with_query(*, explain: bool, **options: Any) -> Any:
         query = InputQuery(**{one.name: options.pop(one.name) for one in fields(InputQuery)})
-        return command(query=query, **options)
+        return query.explain() if explain else command(query=query, **options)
 
     return _OPTIONS(with_query)
 
@@ -113,6 +138,12 @@ class InputQuery:
     """For hex logs, the date of the first time."""
     zone: str | None = None
     """The zone of times without one; None for UTC."""
+    start: str | None = None
+    """When the seconds of a log, or its bytes, began."""
+    log_form: str | None = None
+    """The form in which a log writes bytes."""
+    pattern: str | None = None
+    """A regular expression for the lines of a log."""
     filter_text: str | None = None
     """A filter that the rows match; None for all."""
     since: str | None = None
@@ -120,10 +151,31 @@ class InputQuery:
     until: str | None = None
     """The time after the last, as `--to` takes it."""
 
-    def clock(self) -> LogClock:
-        """The clock of a log; raises InputTextError if day or zone is invalid."""
+    def log_options(self) -> LogOptions:
+        """The options of a log; raises InputTextError if one is invalid."""
         day = None if self.day is None else day_of(self.day)
-        return LogClock(day, self.zone_given())
+        pattern = None if self.pattern is None else pattern_of(self.pattern)
+        return LogOptions(day, self.zone_given(), self.start_ns(), self.log_form, pattern)
+
+    def start_ns(self) -> int | None:
+        """The time of `--start`, nanoseconds since 1970 UTC, or None; raises InputTextError."""
+        if self.start is None:
+            return None
+        t_ns = time_ns(self.start.strip(), self.zone_given() or UTC)
+        if t_ns is None or t_ns < 0:
+            raise InputTextError(
+                f"--start: {quoted(self.start)} is no time from 1970 on; write it as"
+                " 2026-01-31T12:00:00Z"
+            )
+        return t_ns
+
+    def explain(self) -> None:
+        """Print where logs have their bytes, times and directions."""
+        for path in self.paths():
+            one = _opened(path, self)
+            if isinstance(one, LogInput):
+                for line in one.explain():
+                    click.echo(printable(f"{path}: {line}"))
 
     def zone_given(self) -> tzinfo | None:
         """The zone of `--zone`, or None; raises InputTextError if there is no such zone."""
@@ -152,8 +204,7 @@ class InputQuery:
             UsageError: the content of a file is unknown, or does not fit the options.
             InputTextError: a time, date or zone is invalid.
         """
-        if self.day is not None or self.zone is not None:
-            self.clock()  # an invalid date or zone is an error even if no log is read
+        self.log_options()  # an invalid option is an error even if no log is read
         inputs: list[Input] = []
         unreadable: list[FileError] = []
         for path in self.paths():
@@ -206,8 +257,8 @@ def _opened(path: Path, query: InputQuery) -> Input:
 
         return RecordingInput(RecordingReader(path))
     if chosen is InputKind.RAW:
-        return LogInput(raw_chunks(path), str(path))
-    return LogInput(HexLog.of_file(path, query.clock()), str(path))
+        return LogInput(clocked(raw_chunks(path), query.start_ns()), str(path))
+    return LogInput(LogReader(str(path), query.log_options()), str(path))
 
 
 def _topic(path: Path, topic: str) -> Input:
@@ -232,6 +283,6 @@ def _stdin(query: InputQuery) -> Input:
         except FileError as error:
             raise FileError(str(error).replace(file.name, STDIN_NAME)) from error
     if chosen is InputKind.RAW:
-        return LogInput(raw_stream_chunks(stream, STDIN_NAME), STDIN_NAME, lambda: True)
-    log = HexLog.of_stream(stream, STDIN_NAME, query.clock())
-    return LogInput(log, STDIN_NAME, log.drained)
+        chunks = clocked(raw_stream_chunks(stream, STDIN_NAME), query.start_ns())
+        return LogInput(chunks, STDIN_NAME, lambda: True)
+    return LogInput(LogReader(STDIN_NAME, query.log_options(), stream), STDIN_NAME)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 from typing import IO, BinaryIO
 
 from fte_sniff.errors import UsageError, unreadable
-from fte_sniff.formats.logs.text_lines import looks_like_text
-from fte_sniff.protocol import Chunk
+from fte_sniff.formats.logs.text import looks_like_text
+from fte_sniff.protocol import DEFAULT_BAUD, Chunk, byte_time_ns
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP file."""
@@ -85,3 +85,12 @@ def raw_stream_chunks(stream: BinaryIO | IO[bytes], name: str) -> Iterator[Chunk
     read = getattr(stream, "read1", stream.read)
     while block := read(_BLOCK):
         yield Chunk(name, None, block)
+
+
+def clocked(chunks: Iterable[Chunk], start_ns: int | None) -> Iterator[Chunk]:
+    """The chunks at the times that the baud gives, if the first byte began at `start_ns`."""
+    size = 0
+    for chunk in chunks:
+        size += len(chunk.data)
+        t_ns = None if start_ns is None else start_ns + size * byte_time_ns(DEFAULT_BAUD)
+        yield Chunk(chunk.port, t_ns, chunk.data)

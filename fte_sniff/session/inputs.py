@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING, Final
 from fte_sniff.analysis.feed import GapDetector, StreamChange
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError, FteSniffError, UsageError
-from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
+from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     Chunk,
@@ -99,7 +99,11 @@ def decided_spans(
     framer = Framer(name)
     size, empty = 0, True
     try:
-        for chunk in at_own_times(chunks, framer):
+        before_ns = None
+        for chunk in chunks:
+            if before_ns is not None and chunk.t_ns is not None and chunk.t_ns < before_ns:
+                framer.reset_clock()
+            before_ns = before_ns if chunk.t_ns is None else chunk.t_ns
             empty = False
             framer.push(chunk)
             size += len(chunk.data)
@@ -309,23 +313,38 @@ class LogInput(Input):
     """A log, raw bytes or a pipe, framed here."""
 
     def __init__(
-        self, chunks: Iterable[Chunk], name: str, drained: Callable[[], bool] = lambda: False
+        self,
+        source: Iterable[Chunk] | LogReader,
+        name: str,
+        drained: Callable[[], bool] = lambda: False,
     ) -> None:
         """Read nothing yet; `drained` is whether the next chunk has to be waited for."""
         super().__init__(name)
-        self._chunks, self._drained = chunks, drained
+        self._source, self._drained = source, drained
 
     @property
     def times(self) -> tuple[int, int] | None:
         """Those of a text log, which is read for them; raw bytes have none."""
-        return self._chunks.times if isinstance(self._chunks, HexLog) else None
+        return self._source.times if isinstance(self._source, LogReader) else None
+
+    @property
+    def ports(self) -> Sequence[PortFacts]:
+        """One port, named like the input; those of a text log as its first lines show them."""
+        from fte_sniff.recording.metadata import PortFacts
+
+        names = self._source.ports if isinstance(self._source, LogReader) else [self.name]
+        return [PortFacts(name) for name in names]
+
+    def explain(self) -> list[str]:
+        """Where a text log has its bytes, times and directions, one line each."""
+        return self._source.explain() if isinstance(self._source, LogReader) else ["raw bytes"]
 
     def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
         """Read its rows; see `Input`. They are yielded at once if the next chunk is waited for."""
-        spans = decided_spans(self._chunks, self.name, note, self._drained)
-        if isinstance(self._chunks, HexLog):
-            spans = _compared(spans, self._chunks, note)
-        rows = rows_of_spans(spans)
+        if isinstance(self._source, LogReader):
+            rows = self._source.rows(note)
+        else:
+            rows = rows_of_spans(decided_spans(self._source, self.name, note, self._drained))
         yield from map(InputBatch, rows if span is None else self._within(span, rows, note))
 
     def _within(self, span: TimeRange, batches: Iterable[Rows], note: Note) -> Iterator[Rows]:
@@ -344,15 +363,6 @@ class LogInput(Input):
         if not found and tally.first_ns is not None and tally.last_ns is not None:
             held = f"{tally.rows:,} rows"
             note(f"{self.name}: {_none_in_span(held, tally.first_ns, tally.last_ns)}")
-
-
-def _compared(spans: Iterable[DecidedSpan], log: HexLog, note: Note) -> Iterator[DecidedSpan]:
-    """The same spans; note at the end where frames contradict the log's directions and times."""
-    for span in spans:
-        log.compare(span.headers())
-        yield span
-    for remark in (*log.doubts, *log.about_times):
-        note(f"{log.name}: {remark}")
 
 
 def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:

@@ -9,6 +9,7 @@ import os
 import struct
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import polars
@@ -471,12 +472,18 @@ def test_a_log_of_a_serial_assistant(run, tmp_path: Path, encoding: str) -> None
         "2026-01-31T06:03:22.132131940Z",
     ]
     assert [row["direction"] for row in rows] == ["control", "feedback"]
+    assert [row["port"] for row in rows] == ["log.txt:tx", "log.txt:rx"]
     assert jsonl(run("decode", "-", *dated, stdin=content).stdout) == [
-        row | {"port": "stdin"} for row in rows
+        row | {"port": f"stdin:{way}"} for row, way in zip(rows, ("tx", "rx"), strict=True)
     ]
     undated = run("decode", "log.txt", "--format", "jsonl")
-    assert [row["time"] for row in jsonl(undated.stdout)] == [None, None]
-    assert "log.txt: its times have no date, and are left out; --date" in undated.stderr
+    today = datetime.fromtimestamp((tmp_path / "log.txt").stat().st_mtime, UTC).date()
+    assert [row["time"][:21] for row in jsonl(undated.stdout)] == [
+        f"{today}T14:03:22.1",
+        f"{today}T14:03:22.1",
+    ]
+    assert "log.txt: its times have no date: the date" in undated.stderr
+    assert "by the file's modification time; --date 2026-01-31 sets another" in undated.stderr
 
 
 def test_a_log_with_times_becomes_a_recording(run, tmp_path: Path) -> None:

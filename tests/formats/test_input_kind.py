@@ -8,12 +8,13 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, InputTextError
 from fte_sniff.formats.input_kind import raw_stream_chunks
-from fte_sniff.formats.logs import text_lines
-from fte_sniff.formats.logs.hex_log import HexLog
+from fte_sniff.formats.logs import text as log_text
+from fte_sniff.formats.logs.reader import LogReader
 
 
 def hex_bytes(text: bytes) -> bytes:
-    return b"".join(chunk.data for chunk in HexLog.of_stream(io.BytesIO(text), "f"))
+    rows = LogReader("f", stream=io.BytesIO(text)).rows(lambda _: None)
+    return b"".join(row.raw for some in rows for row in some)
 
 
 @given(st.binary(max_size=300_000))
@@ -24,9 +25,9 @@ def test_raw_bytes_come_as_they_are(data: bytes) -> None:
 
 
 @given(
-    st.lists(st.binary(min_size=1, max_size=40), max_size=20),
+    st.lists(st.binary(min_size=1, max_size=400), min_size=1, max_size=9),
     st.sampled_from([" ", ",0x", "", " 0x"]),
-    st.integers(8, 64),
+    st.integers(100, 300),
 )
 def test_very_long_lines_are_cut_between_bytes(
     lines: list[bytes], between: str, longest: int
@@ -34,7 +35,8 @@ def test_very_long_lines_are_cut_between_bytes(
     lead = "0x" if "0x" in between else ""
     text = "\n".join(lead + between.join(f"{byte:02X}" for byte in line) for line in lines)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text_lines, "LONGEST_PIECE", longest)
+        patch.setattr(log_text, "LONGEST_LINE", longest)
+        patch.setattr(log_text, "BLOCK_BYTES", 64)
         assert hex_bytes(text.encode()) == b"".join(lines)
 
 
@@ -50,10 +52,12 @@ def test_a_comment_reaches_to_the_end_of_a_very_long_line() -> None:
 
 
 def test_text_of_chinese_windows() -> None:
-    assert hex_bytes("[10:00:00.123]发→◇AA 01\n".encode("gb18030")) == b"\xaa\x01"
+    frame = bytes.fromhex("AA0102000000000000EE")
+    text = f"[10:00:00.123]发→◇{frame.hex(' ')}\n"
+    assert hex_bytes(text.encode("gb18030")) == frame
     assert hex_bytes("\ufeffAA 01".encode()) == b"\xaa\x01"
 
 
 def test_bytes_that_are_no_text() -> None:
     with pytest.raises(FileError, match="--input raw"):
-        hex_bytes(b"AA \0 01")
+        hex_bytes(b"\xaa\x01\x02\xee" * 20)

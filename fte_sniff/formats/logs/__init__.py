@@ -1,26 +1,19 @@
-"""Hex as people paste it and log it, to chunks with their times.
+"""Logs of other tools as rows: the frames show where the bytes are. See `docs/logs.md`.
 
-It must not know what values the bytes tell: headers of frames help to see where bytes begin on a
-line, and a framer whether the log's directions fit. A line at a time, from the outside in:
+Modules:
 
-    hex_log       HexLog: a log as chunks, with the times and directions that it tells
-    log_clock     which moment a line's time is
-        day_order     does 2/8/2024 begin with its day or its month?
-    text_lines    text of whatever encoding, to lines
-    pastes        which form a line has, and so where its bytes stand:
-        headed_lines  what stands in front of the bytes, and above them:
-            code          words of source code around the bytes
-            headings      lines that say when those below came
-            line_head     a time and a direction
-            line_time     how times are written
-            lone_times    lines with nothing but a time, or the beginning of one
-            written_rows, strace, analyzers, comma_rows, ros
-                          own_lines: forms that only one program has
-        dumps         lines of a hex dump, each a dump_line; address_run: which follows which
-        line_numbers  numbered lines
-        fronts        what stands before the bytes and may be none
-        decimals      hex or decimal?
-        words         words beside frames, which are no hex
-    pasted_line   a line on its way to its bytes
-    hex_text      the digits of one line
+    reader        LogReader: the rows of a log, whose kind a sample of its lines decides.
+    text          Text of any encoding as lines of UTF-8 bytes; very long lines in segments.
+    plain_hex     Hex without any text around it, read strictly.
+    own_rows      Rows that this program wrote: tables, CSV and JSON lines.
+    forms         The forms × separators table: how programs write bytes, as extractors.
+    chance        Whole frames in bytes, and how many there would be by chance.
+    evidence      Lanes and scores: which extractor and which runs hold frames.
+    layout        What a sample decides: extractor, lanes, times and labels.
+    times         The table of time forms, and where lines have their times.
+    clock         Stamps, in their order, to nanoseconds since 1970.
+    labels        Directions and ports that the text around bytes names.
+    evidence_log  A log with a layout, line by line.
+    columns       Many lines of one shape at once, with numpy.
+    streams       Each direction or port as a stream with its own framer; their rows merged.
 """

@@ -1,183 +1,191 @@
-"""Times in logs: lines that are only a time, and the order of day and month in dates."""
+"""Times of logs: each form, what they count from, and their order."""
 
 from __future__ import annotations
 
-import io
-from datetime import date
+import os
+from datetime import UTC, date, datetime, timedelta, timezone
+from io import BytesIO
+from pathlib import Path
 
 import pytest
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.hex_log import HexLog
-from fte_sniff.formats.logs.log_clock import LogClock
-from fte_sniff.formats.logs.text_lines import Piece
-from fte_sniff.protocol import iso_time
-from tests.formats.forms import bytes_of_text
+from fte_sniff.formats.logs.clock import day_of, zone_of
+from fte_sniff.formats.logs.reader import LogOptions, LogReader
+from fte_sniff.protocol import Row, iso_time
+from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 
-A = "AA 01 01 03 E8 00 00 00 00 EE"
-BYTES = bytes.fromhex(A)
-
-
-def read(text: str) -> tuple[bytes, list[str]]:
-    log = HexLog.of_stream(io.BytesIO(text.encode()), "f")
-    return b"".join(chunk.data for chunk in log), log.doubts
+BYTES = "AA 01 01 03 E8 00 00 00 00 EE"
+FRAME_NS = 10 * byte_time_ns(DEFAULT_BAUD)
+DAY = date(2026, 1, 31)
+CHINA = timezone(timedelta(hours=8))
 
 
-@pytest.mark.parametrize(
-    ("whole", "cut"),
-    [
-        (f"[12:00:01.652]收←◆{A}", "[12:00:01.65"),
-        (f"[12:00:01.652]收←◆{A}", "[12:00:0"),
-        (f"[12:00:01.652]收←◆{A}", "[12"),
-        (f"[9:59:59.652]收←◆{A}", "[10:00:00.652"),
-        (f"12:00:01.652 -> {A}", "12:00:01"),
-        (f"12:00:01.652 -> {A}", "12:0"),
-        (f"12:00:01.652 -> {A}", "12"),
-        (f"2024-02-08 13:45:12.345 {A}", "2024-02"),
-        (f"2024-02-08 13:45:12.345 {A}", "2024"),
-        (f"2/14/2024 13:45:12.345 [TX] - {A}", "2/14/2024 13:4"),
-        (f"2/14/2024 13:45:12.345 [TX] - {A}", "2/14/2024 13:45:12.345 [T"),
-        (f"[2024-02-08 13:45:12.345]# RECV HEX>\n{A}", "[2024-02-0"),
-        (f"[2024-02-08 13:45:12.345]# RECV HEX>\n{A}", "[2024-02-08 13:45:12.345"),
-        (f"(13:45:12.345) (COM1) (>>) {A}", "(13:45:12.345) (COM"),
-        (f"[1706702602.123456789] {A}", "[1706702602.1234"),
-        (f"[Thu Feb 08 13:45:12.345 2024] {A}", "[Thu Feb 08 13:4"),
-    ],
-)
-def test_a_log_that_ends_within_a_time(whole: str, cut: str) -> None:
-    data, doubts = read(f"{whole}\n{cut}")
-    assert data == BYTES
-    line = whole.count("\n") + 2
-    assert doubts == [
-        f"line {line}: '{cut}' is taken for the beginning of a time, and is not read as bytes"
-    ]
+def read(text: str, options: LogOptions | None = None) -> tuple[list[Row], list[str]]:
+    notes: list[str] = []
+    reader = LogReader("log", options or LogOptions(DAY, UTC), BytesIO(text.encode()))
+    return [row for rows in reader.rows(notes.append) for row in rows], notes
+
+
+def times_of(text: str, options: LogOptions | None = None) -> list[str | None]:
+    """When the last bytes of the rows had arrived, in milliseconds."""
+    rows, _ = read(text, options)
+    return [row.t_ns and iso_time(row.t_ns + FRAME_NS)[:23] for row in rows]
 
 
 @pytest.mark.parametrize(
-    ("text", "times"),
+    ("head", "time"),
     [
-        (f"12:00:00\n0000  {A}\n12:00:01\n0000  {A}\n", ["12:00:00", "12:00:01"]),
-        (f"0000  {A}\n12:00:01\n0000  {A}\n", [None, "12:00:01"]),
-        (f"12:00:00\n{A}\n12:00:01\n{A}\n", ["12:00:00", "12:00:01"]),
-        (f"[12:00:00.5] {A}\n12:00:01\n{A}\n", ["12:00:00", "12:00:01"]),
-        (f"12:00:00\n[12:00:01.5] {A}\n{A}\n", ["12:00:01", "12:00:01"]),
-        (f"2024-02-08\n{A}\n{A}\n", [None, None]),
+        ("[14:03:22.123]收←◆", "2026-01-31T14:03:22.123"),
+        ("【14:03:22.123】接收：", "2026-01-31T14:03:22.123"),
+        ("[2026-02-01 14:03:22.123]# RECV HEX>", "2026-02-01T14:03:22.123"),
+        ("[14:03:22:123] RX: ", "2026-01-31T14:03:22.123"),
+        ("14:03:22.123 -> ", "2026-01-31T14:03:22.123"),
+        ("2026/2/1 14:03:22 TX ", "2026-02-01T14:03:22.000"),
+        ("2026-02-01 14:03:22,123 - INFO - TX: ", "2026-02-01T14:03:22.123"),
+        ("2026-02-01T14:03:22.5+08:00 ", "2026-02-01T06:03:22.500"),
+        ("2026-02-01T14:03:22Z 发送: ", "2026-02-01T14:03:22.000"),
+        ("2026年2月1日 14:03:22 接收: ", "2026-02-01T14:03:22.000"),
+        ("[2:03:22 PM] OUT ", "2026-01-31T14:03:22.000"),
+        ("下午 2:03:22 收 ", "2026-01-31T14:03:22.000"),
+        ("[Sun Feb 01 14:03:22.123 2026] ", "2026-02-01T14:03:22.123"),
+        ("Feb  1 14:03:22 host uart: ", "2026-02-01T14:03:22.000"),
+        ("01 Feb 2026 14:03:22 ", "2026-02-01T14:03:22.000"),
+        ("02-01 14:03:22.123  99 D Usb: ", "2026-02-01T14:03:22.123"),
+        ("25.02.2026 14:03:22.123 [TX] - ", "2026-02-25T14:03:22.123"),
+        ("2/25/2026 2:03:22.123 PM [TX] - ", "2026-02-25T14:03:22.123"),
+        ("(1769954602.123456) can0 TX ", "2026-02-01T14:03:22.123"),
+        ("[INFO] [1769954602.123456789] [base]: TX: ", "2026-02-01T14:03:22.123"),
+        ("1769954602123 tx ", "2026-02-01T14:03:22.123"),
+        ("1769954602123456000,0,", "2026-02-01T14:03:22.123"),
+        ("TX: ", None),
     ],
 )
-def test_a_time_alone_on_its_line_is_that_of_the_lines_below(
-    text: str, times: list[str | None]
-) -> None:
-    log = HexLog.of_stream(io.BytesIO(text.encode()), "f", LogClock(date(2026, 1, 31)))
-    chunks = list(log)
-    assert b"".join(chunk.data for chunk in chunks) == BYTES * 2
-    assert [chunk.t_ns and iso_time(chunk.t_ns)[11:19] for chunk in chunks] == times
+def test_each_form_of_a_time(head: str, time: str | None) -> None:
+    found = times_of(f"{head}{BYTES}\n" * 3)
+    assert found[0] == time
+    assert (None in found) == (time is None)
+
+
+@pytest.mark.parametrize("number", ["12.345", "000012.345", "[   12.345]", "I (12345) uart:"])
+def test_seconds_count_from_the_start_that_is_given(number: str) -> None:
+    start = int(datetime(2026, 1, 31, tzinfo=UTC).timestamp()) * 10**9
+    later = number.replace("12", "13", 1)
+    rest = number.replace("12", "14", 1)
+    text = "".join(f"{one} RX: {BYTES}\n" for one in (number, later, rest))
+    found = times_of(text, LogOptions(start_ns=start))
+    assert found == [f"2026-01-31T00:00:{second}.345" for second in (12, 13, 14)]
+    _, notes = read(text, LogOptions())
+    assert any("count seconds from a start" in note and "--start" in note for note in notes)
+
+
+def test_a_start_comes_from_the_name_or_the_modification_time(tmp_path: Path) -> None:
+    text = "".join(f"{second}.5 RX: {BYTES}\n" for second in (1, 2, 3))
+    named = tmp_path / "capture_20260131_120000.log"
+    named.write_text(text)
+    rows = [row for rows in LogReader(str(named)).rows(lambda _: None) for row in rows]
+    assert iso_time((rows[0].t_ns or 0) + FRAME_NS)[:21] == "2026-01-31T12:00:01.5"
+    other = tmp_path / "x.log"
+    other.write_text(text)
+    os.utime(other, ns=(10**18, 10**18))
+    rows = [row for rows in LogReader(str(other)).rows(lambda _: None) for row in rows]
+    assert (rows[-1].t_ns or 0) + FRAME_NS == 10**18
+
+
+def test_a_clock_that_falls_has_passed_midnight() -> None:
+    text = "".join(f"[{time}] {BYTES}\n" for time in ("23:59:59.9", "00:00:00.1", "00:00:00.2"))
+    assert times_of(text) == [
+        "2026-01-31T23:59:59.900", "2026-02-01T00:00:00.100", "2026-02-01T00:00:00.200",
+    ]  # fmt: skip
+
+
+def test_the_zone_of_times() -> None:
+    text = f"[2026-01-31 07:00:00.5] {BYTES}\n"
+    assert times_of(text, LogOptions(zone=CHINA)) == ["2026-01-30T23:00:00.500"]
+    _, notes = read(text, LogOptions())
+    assert any("its times name no zone, and are taken as UTC; --zone" in note for note in notes)
 
 
 @pytest.mark.parametrize(
-    ("text", "data"),
-    [
-        ("12 00 01 65", "12000165"),
-        ("12:00:00:AA\n12:00:00\n11:00:00", "120000AA120000110000"),
-        ("12:00:00\n12:00:00:AA", "120000120000AA"),
-        ("20-24\n2024-02-08", "202420240208"),
-        (f"12:00:01.652 -> {A}\n12\n{A}", f"{A} 12 {A}"),
-        (f"[12:00:01.652]# RECV HEX>\n{A}\n12\n2024\n", f"{A} 12 2024"),
-        (f"[12:00:01.652] RX: {A}\n99:00", f"{A} 99 00"),
-        ("[12:00:01.652] AA:01:01\n03:E8:00\n12:00:00", "AA010103E800120000"),
-    ],
-)
-def test_bytes_are_not_taken_for_times(text: str, data: str) -> None:
-    assert read(text)[0] == bytes.fromhex(data)
+    ("dates", "first"),
+    [(["13/02/2026", "14/02/2026"], "2026-02-13"), (["02/13/2026", "02/14/2026"], "2026-02-13"),
+     (["03/02/2026", "04/02/2026"], "2026-02-03"), (["02/03/2026", "02/04/2026"], "2026-02-03")],
+)  # fmt: skip
+def test_the_whole_log_decides_the_order_of_day_and_month(dates: list[str], first: str) -> None:
+    text = "".join(f"{day} 12:00:00 RX: {BYTES}\n" for day in dates)
+    assert (times_of(text)[0] or "")[:10] == first
 
 
-def test_what_can_be_told_by_nothing_is_bytes_and_that_is_told() -> None:
-    told = "line 1: 12:34:56 is read as bytes, not as a time or day"
-    data, doubts = read("12:34:56")
-    assert data == bytes.fromhex("123456")
-    assert told in doubts
+def test_an_order_that_nothing_shows_is_reported() -> None:
+    text = f"02/03/2026 12:00:00 RX: {BYTES}\n" * 2
+    _, notes = read(text, LogOptions())
+    assert any("could be day or month first" in note for note in notes)
+    assert (times_of(text, LogOptions(date(2026, 2, 3)))[0] or "")[:10] == "2026-02-03"
+    assert (times_of(text, LogOptions(date(2026, 3, 2)))[0] or "")[:10] == "2026-03-02"
 
 
-@pytest.mark.parametrize("count", [2, 1500])
-def test_bytes_that_all_look_like_times_are_told_once(count: int) -> None:
-    data, doubts = read("12:34:56\n" * count)
-    assert data == bytes.fromhex("123456") * count
-    assert [doubt for doubt in doubts if "not as a time" in doubt] == doubts[:1]
-
-
-def test_times_that_are_cut_are_told_once() -> None:
-    whole = f"[12:00:01.652] {A}\n[12:00:0\n"
-    data, doubts = read(whole * 3)
-    assert (data, len(doubts)) == (BYTES * 3, 1)
-
-
-@pytest.mark.parametrize("text", [f"RX: {A}\nRX: {A[:-1]}", f"{A}\n{A}\n0", f"{A}\nTX: AA 0"])
-def test_half_a_byte_at_the_end_is_none(text: str) -> None:
-    with pytest.raises(InputTextError, match=r"has no second digit, as others have, line [23],"):
-        bytes_of_text(text)
-
-
-ZONELESS = "its times name no zone, and are taken as UTC; --zone +08:00 says another"
-MONTH_FIRST = "2/8/2024 is taken for 2024-02-08, month first; --date 2024-08-02 says day first"
-
-
-def read_dates(dates: list[str], day: date | None = None) -> tuple[list[str | None], list[str]]:
-    pieces = [
-        Piece(f"{written} 13:45:12.345 [TX] - AA", number, 0)
-        for number, written in enumerate(dates, start=1)
-    ]
-    log = HexLog(pieces, "f", LogClock(day))
-    times = [chunk.t_ns and iso_time(chunk.t_ns)[:10] for chunk in log]
-    return times, [one for one in log.about_times if one != ZONELESS]
-
-
-@pytest.mark.parametrize(
-    ("dates", "days"),
-    [
-        (["08.02.2024"], ["2024-02-08"]),
-        (["25/10/2018"], ["2018-10-25"]),
-        (["10/25/2018"], ["2018-10-25"]),
-        (["5/5/2024"], ["2024-05-05"]),
-        (["2/8/2024", "2/13/2024"], ["2024-02-08", "2024-02-13"]),
-        (["2/8/2024", "13/8/2024"], ["2024-08-02", "2024-08-13"]),
-        (["02-08-2024", "13-08-2024"], ["2024-08-02", "2024-08-13"]),
-        (["13/8/2024", "1/9/2024"], ["2024-08-13", "2024-09-01"]),
-        (["2024/2/8"], ["2024-02-08"]),
-    ],
-)
-def test_one_date_shows_the_order_of_all(dates: list[str], days: list[str]) -> None:
-    assert read_dates(dates) == (days, [])
-
-
-def test_an_order_that_nothing_shows_is_told_with_the_way_out() -> None:
-    assert read_dates(["2/8/2024", "3/8/2024"]) == (["2024-02-08", "2024-03-08"], [MONTH_FIRST])
-
-
-@pytest.mark.parametrize("day", [date(2024, 2, 8), date(2024, 8, 2)])
-def test_the_day_of_the_first_that_the_user_says_is_the_order(day: date) -> None:
-    assert read_dates(["2/8/2024"], day) == ([str(day)], [])
-
-
-def test_a_day_that_is_no_reading_of_the_first_date_changes_nothing() -> None:
-    assert read_dates(["2/8/2024"], date(2024, 1, 1)) == (["2024-02-08"], [MONTH_FIRST])
-
-
-@pytest.mark.parametrize(
-    ("dates", "said"),
-    [
-        (["13/8/2024", "8/13/2024"], "line 2: 8/13/2024 has its month first, .* split the log"),
-        (
-            ["2/8/2024"] * 1001 + ["13/8/2024"],
-            "line 1002: .* way; add --date 2024-08-02, the day",
-        ),
-    ],
-)
-def test_dates_of_both_orders_are_refused(dates: list[str], said: str) -> None:
-    with pytest.raises(InputTextError, match=said):
-        read_dates(dates)
-
-
-def test_what_is_a_date_in_no_order_is_told() -> None:
-    assert read_dates(["13/13/2024"]) == (
-        [None],
-        ["line 1: 2024-13-13 is no day; rows there have no time"],
+def test_microseconds_that_are_padded_to_nine_digits() -> None:
+    lines = "".join(
+        f"> 2026/01/31 12:00:00.000{us:06}  length=10 from=0 to=9\n {BYTES.lower()}\n"
+        for us in (123456, 223456, 323456)
     )
+    assert [(time or "")[20:] for time in times_of(lines)] == ["123", "223", "323"]
+
+
+def test_times_that_go_back_are_kept_and_reported_once() -> None:
+    text = "".join(f"[2026-01-31 14:00:{s}Z] {BYTES}\n" for s in ("05", "04", "06", "03"))
+    rows, notes = read(text)
+    assert [iso_time((row.t_ns or 0) + FRAME_NS)[17:19] for row in rows] == ["05", "04", "06", "03"]
+    assert notes == ["log: line 2: the time goes back by 1 s, and 1 times more"]
+
+
+def test_what_a_head_says_holds_for_the_lines_below_it() -> None:
+    head = "[2026-01-31 10:00:0{}.5]# RECV HEX>"
+    text = "".join(f"{head.format(second)}\n{BYTES}\n" for second in range(2))
+    assert [(time or "")[17:21] for time in times_of(text)] == ["00.5", "01.5"]
+
+
+def test_silence_below_the_resolution_of_the_stamps_is_none() -> None:
+    text = (
+        "".join(
+            f"[2026-01-31 12:00:{s:02}] RX: {part}\n"
+            for s in range(0, 20, 2)
+            for part in (BYTES[:11], BYTES[12:])
+        )
+        + f"[2026-01-31 12:00:20] RX: {BYTES[:11]}\n[2026-01-31 12:00:21] RX: {BYTES[12:]}\n"
+    )
+    rows, _ = read(text)
+    assert {row.raw for row in rows} == {bytes.fromhex(BYTES)}
+
+
+@pytest.mark.parametrize("text", ["31.1.2026", "2026-02-31", ""])
+def test_what_is_no_day(text: str) -> None:
+    with pytest.raises(InputTextError, match=r"--date: .* is no day; write it as 2026-01-31"):
+        day_of(text)
+
+
+@pytest.mark.parametrize("text", ["9999-12-31", "1969-12-31", "2263-01-01"])
+def test_a_day_whose_times_cannot_be_kept(text: str) -> None:
+    with pytest.raises(InputTextError, match=f"--date: {text} cannot be kept; times go from 1970"):
+        day_of(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["Beijing", "+99:99", "", "../etc", "+24", "+08:60", "+23:59:59.5", "+8:", "8", "+٨"]
+)
+def test_what_is_no_zone(text: str) -> None:
+    with pytest.raises(InputTextError, match=r"--zone: .* is no zone; write \+08:00"):
+        zone_of(text)
+
+
+@pytest.mark.parametrize("text", ["+08:00", "+0800", "+08", "+8", "+8:00", "Asia/Shanghai"])
+def test_a_zone_can_be_written_so(text: str) -> None:
+    options = LogOptions(DAY, zone_of(text))
+    assert times_of(f"[08:00:00.0] {BYTES}\n", options) == ["2026-01-31T00:00:00.000"]
+
+
+def test_what_fills_a_screen_is_not_quoted_whole() -> None:
+    for of in (day_of, zone_of):
+        with pytest.raises(InputTextError) as caught:
+            of("X" * 5000)
+        assert len(str(caught.value)) < 200

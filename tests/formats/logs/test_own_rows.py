@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.hex_log import HexLog, at_own_times
+from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.formats.writers import OutputFormat, row_writer
-from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Framer, Row, encode
+from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
 from tests.examples import examples
 
 FORMS = (OutputFormat.TABLE, OutputFormat.CSV, OutputFormat.JSONL)
@@ -28,11 +28,11 @@ def written(rows: list[Row], form: OutputFormat, *, ports: bool = False) -> str:
 
 
 def read_back(text: str) -> list[Row]:
-    log = HexLog.of_stream(io.BytesIO(text.encode()), "again")
-    framer = Framer("again")
-    rows = [row for chunk in at_own_times(log, framer) for row in framer.feed(chunk)]
-    assert log.doubts == []
-    return rows + framer.flush()
+    notes: list[str] = []
+    reader = LogReader("again", stream=io.BytesIO(text.encode()))
+    rows = [row for rows in reader.rows(notes.append) for row in rows]
+    assert notes == []
+    return rows
 
 
 def told(rows: list[Row]) -> list[tuple[bytes, int | None]]:
@@ -130,3 +130,13 @@ def test_what_a_narrow_terminal_showed_is_called_so() -> None:
         read_back(text)
     assert "as a narrow terminal shows it" in str(caught.value)
     assert "pass the recording itself, or its rows with --format csv or jsonl" in str(caught.value)
+
+
+@pytest.mark.parametrize("form", [OutputFormat.CSV, OutputFormat.JSONL])
+def test_rows_keep_the_ports_that_they_name(form: OutputFormat) -> None:
+    rows: list[Row] = [
+        Frame("a", 0, frame("reset"), BEGIN_NS),
+        Frame("b", 0, frame("speed", motor=1, rpm=9), BEGIN_NS + 10**6),
+        Frame("a", 10, frame("reset"), BEGIN_NS + 2 * 10**6),
+    ]
+    assert read_back(written(rows, form, ports=True)) == rows

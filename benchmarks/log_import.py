@@ -1,0 +1,109 @@
+"""Measures reading of logs: a log with times against the same bytes as raw, and plain hex.
+
+    python -m benchmarks.log_import [--lines 2000000] [--rounds 3] [--against CHECKOUT]
+
+Each figure is rows in a second of processor time to a recording, from the difference between all
+lines and an eighth of them, so that start-up does not count; the median of the rounds. Also the
+time to find the evidence, and the memory for one line of 250 MB. `--against` names another
+checkout, which reads a hundredth of the lines.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks.decode_speed import cost
+from benchmarks.recording_speed import frame_pool
+from fte_sniff.formats.logs.reader import LogReader
+from fte_sniff.protocol import FRAME_LENGTH
+
+PART = 8
+BYTE_US = 86.8
+WORK = {
+    "log": ("rows.log", "-o", "out.mcap"),
+    "raw": ("rows.bin", "--start", "2026-01-31T12:00:00Z", "-o", "out.mcap"),
+    "hex": ("rows.hex", "-o", "out.raw"),
+}
+
+
+def write_inputs(folder: Path, lines: int) -> Path:
+    """Write the same frames as a log with times, raw bytes and plain hex."""
+    folder.mkdir()
+    pool = frame_pool()
+    rows = pool[np.random.default_rng(2).integers(0, len(pool), lines)]
+    data = rows.tobytes()
+    (folder / "rows.bin").write_bytes(data)
+    texts = [data[at : at + FRAME_LENGTH].hex(" ").upper() for at in range(0, len(data), 10)]
+    (folder / "rows.hex").write_text("".join(f"{text}\n" for text in texts))
+    with (folder / "rows.log").open("w") as log:
+        for at, text in enumerate(texts):
+            seconds, us = divmod(int(at * FRAME_LENGTH * BYTE_US), 1_000_000)
+            clock = f"{12 + seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}"
+            log.write(f"[2026-01-31 {clock}.{us:06}] RX: {text}\n")
+    return folder
+
+
+def speed(work: str, whole: Path, part: Path, lines: int, checkout: Path) -> float:
+    """Rows in a second of processor time."""
+    command = (sys.executable, "-m", "fte_sniff", "decode", *WORK[work], "--force")
+    used = [cost(command, folder, checkout) for folder in (whole, part)]
+    return lines * (1 - 1 / PART) / max(used[0] - used[1], 1e-3)
+
+
+def evidence_seconds(log: Path) -> float:
+    """Processor time to find the layout of a log."""
+    began = time.process_time()
+    LogReader(str(log)).explain()
+    return time.process_time() - began
+
+
+def memory_mb(folder: Path) -> float:
+    """Most memory while a line of 250 MB is read."""
+    frame = "AA 01 01 03 E8 00 00 00 00 EE " * 100_000
+    with (folder / "long.hex").open("w") as file:
+        for _ in range(84):
+            file.write(frame)
+    command = [sys.executable, "-m", "fte_sniff", "decode", "long.hex", "-o", "long.raw"]
+    process = subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL)
+    _, _, usage = os.wait4(process.pid, 0)
+    return usage.ru_maxrss / 1000
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--lines", type=int, default=2_000_000)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--against", type=Path)
+    chosen = parser.parse_args()
+    here = Path(__file__).parent.parent
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        whole = write_inputs(folder / "whole", chosen.lines)
+        part = write_inputs(folder / "part", chosen.lines // PART)
+        speeds = {
+            work: median(speed(work, whole, part, chosen.lines, here) for _ in range(chosen.rounds))
+            for work in WORK
+        }
+        for work, rows in speeds.items():
+            print(f"{work:6}{rows:14,.0f} rows/s  {rows / speeds['raw']:5.2f}x raw")
+        print(f"evidence {evidence_seconds(whole / 'rows.log'):.2f} s")
+        print(f"a line of 250 MB: {memory_mb(folder):.0f} MB")
+        if chosen.against:
+            few = chosen.lines // 100
+            old = [write_inputs(folder / f"old{n}", few // n) for n in (1, PART)]
+            for work in ("log", "hex"):
+                rows = speed(work, *old, few, chosen.against)
+                print(f"against {work:6}{rows:14,.0f} rows/s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,215 @@
+"""Layouts of many tools: exactly the bytes come back, or the log is refused with a reason."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from dataclasses import replace
+from io import BytesIO
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.errors import FteSniffError
+from fte_sniff.formats.logs.reader import LogOptions, LogReader
+from fte_sniff.protocol import HEADERS, KINDS, Direction, Frame, FrameKind, Row, encode
+from tests.examples import examples
+from tests.formats.logs.layouts import LAYOUTS, ONE_LINE, Sent
+
+WAYS = ("tx", "rx")
+FOREIGN = (
+    "port opened", "Packet 10", "0x3ffb4280", "Dead", "frame 12", "115200", "00-1A-2B-3C-4D-5E",
+    "", "baud 115200, 8N1", "--- end ---", "I have 3 AA batteries", "temperature 23.5",
+)  # fmt: skip
+"""Lines of other programs; none is read as bytes."""
+
+
+def frame_of(kind: FrameKind, rng: random.Random) -> bytes:
+    values = {}
+    for field in kind.fields:
+        if field.name == "motor":
+            values[field.name] = rng.randint(1, 4)
+        elif field.defined_bits is None:
+            values[field.name] = rng.randint(field.low, field.high)
+        else:
+            values[field.name] = rng.choice([0, 1, 15])
+    return encode(kind, values)
+
+
+def a_log(seed: int, frames: int = 30) -> list[Sent]:
+    """Frames of both directions, with odd seeds some in two pieces."""
+    rng, ms, log = random.Random(seed), 43_200_000, list[Sent]()
+    for _ in range(frames):
+        kind = rng.choice(KINDS)
+        raw, way = frame_of(kind, rng), "tx" if kind.direction is Direction.CONTROL else "rx"
+        ms += rng.randint(3, 40)
+        cut = rng.randint(1, 9) if seed % 2 and rng.random() < 0.2 else 0
+        if cut:
+            log.append(Sent(raw[:cut], way, ms))
+            ms += 2
+        log.append(Sent(raw[cut:], way, ms))
+    return log
+
+
+def rows_of(content: bytes, options: LogOptions | None = None) -> tuple[list[Row], list[str]]:
+    notes: list[str] = []
+    reader = LogReader("log.txt", options, BytesIO(content))
+    return [row for rows in reader.rows(notes.append) for row in rows], notes
+
+
+def frames_of(log: Sequence[Sent]) -> dict[str, list[bytes]]:
+    sent = {way: b"".join(one.data for one in log if one.way == way) for way in WAYS}
+    return {
+        way: [data[at : at + 10] for at in range(0, len(data), 10)] for way, data in sent.items()
+    }
+
+
+def found_in(rows: Sequence[Row]) -> dict[str, list[bytes]]:
+    return {
+        way: [
+            row.raw
+            for row in rows
+            if isinstance(row, Frame)
+            and (row.raw[0] == HEADERS[Direction.CONTROL]) == (way == "tx")
+        ]
+        for way in WAYS
+    }
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_layout_comes_back_exactly(name: str, seed: int) -> None:
+    log = a_log(seed)
+    rows, _ = rows_of(LAYOUTS[name](log).encode())
+    assert found_in(rows) == frames_of(log)
+    assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
+
+
+LABELLED = sorted(set(ONE_LINE) - {"MATLAB", "RealTerm brackets", "Arduino", "text beside", "XCOM"})
+
+
+@given(
+    st.sampled_from(LABELLED),
+    st.integers(0, 10**6),
+    st.sampled_from(["utf-8", "utf-16", "utf-8-sig", "crlf", "nul", "colour"]),
+    st.lists(st.sampled_from(FOREIGN), max_size=60),
+)
+@examples(40)
+def test_foreign_lines_and_encodings_change_nothing(
+    name: str, seed: int, encoding: str, foreign: list[str]
+) -> None:
+    log = a_log(seed)
+    lines = ONE_LINE[name](log).splitlines()
+    rng = random.Random(seed)
+    for text in foreign:
+        lines.insert(rng.randint(0, len(lines)), text)
+    text = "".join(f"{line}\n" for line in lines)
+    if encoding == "crlf":
+        content = text.replace("\n", "\r\n").encode()
+    elif encoding == "nul":
+        content = text.encode().replace(b"\n", b"\0\n")
+    elif encoding == "colour":
+        content = "".join(f"\x1b[32m{line}\x1b[0m\n" for line in lines).encode()
+    else:
+        content = text.encode(encoding)
+    rows, notes = rows_of(content)
+    assert found_in(rows) == frames_of(log)
+    assert sum(len(row.raw) for row in rows) == sum(len(one.data) for one in log)
+    skipped = [note for note in notes if "no bytes" in note]
+    assert bool(skipped) == any(foreign)
+
+
+class Trickle(BytesIO):
+    """A stream whose reads return a few bytes."""
+
+    def __init__(self, content: bytes, size: int) -> None:
+        super().__init__(content)
+        self._few = size
+
+    def read1(self, size: int | None = -1, /) -> bytes:
+        return super().read(self._few)
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+@pytest.mark.parametrize("name", ["CoolTerm", "Eltima", "Node-RED", "hexdump -C", "octal"])
+def test_the_way_a_file_is_split_changes_nothing(name: str, size: int) -> None:
+    content = LAYOUTS[name](a_log(1, 60)).encode()
+    whole, _ = rows_of(content)
+    notes: list[str] = []
+    reader = LogReader("log.txt", None, Trickle(content, size))
+    rows = [row for rows in reader.rows(notes.append) for row in rows]
+    assert {row.port: [] for row in rows} == {row.port: [] for row in whole}
+    key = lambda row: (row.port, row.offset)  # noqa: E731
+    assert sorted(rows, key=key) == sorted(whole, key=key)
+
+
+@pytest.mark.parametrize("name", ["CoolTerm", "Docklight", "candump", "Termite", "hexdump -C"])
+def test_many_lines_at_once_are_as_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = LAYOUTS[name](a_log(3, 1500)).encode()
+    at_once, notes = rows_of(content)
+    monkeypatch.setattr("fte_sniff.formats.logs.evidence_log._COLUMNAR", 10**9)
+    one_by_one, same = rows_of(content)
+    at_once.sort(key=lambda row: (row.port, row.offset))
+    one_by_one.sort(key=lambda row: (row.port, row.offset))
+    assert at_once == [replace(a, t_ns=b.t_ns) for a, b in zip(one_by_one, at_once, strict=True)]
+    times = zip(at_once, one_by_one, strict=True)
+    assert all(abs((a.t_ns or 0) - (b.t_ns or 0)) <= 1_000_000 for a, b in times)
+    assert notes == same
+
+
+def test_a_frame_that_the_other_direction_interrupts_is_whole() -> None:
+    a, f = (frame_of(kind, random.Random(1)) for kind in (KINDS[1], KINDS[4]))
+    lines = [f"TX: {a[:4].hex(' ')}", f"RX: {f.hex(' ')}", f"TX: {a[4:].hex(' ')}"] * 5
+    rows, _ = rows_of("\n".join(lines).encode())
+    assert found_in(rows) == {"tx": [a] * 5, "rx": [f] * 5}
+    assert {row.port for row in rows} == {"log.txt:tx", "log.txt:rx"}
+    assert [row.offset for row in rows if row.port.endswith("tx")] == [0, 10, 20, 30, 40]
+
+
+def test_a_garbled_direction_beside_a_clean_one_is_kept() -> None:
+    a = frame_of(KINDS[1], random.Random(1)).hex(" ")
+    text = f"TX: {a}\nRX: 55 01 13 37 77 88 99\n" * 10
+    rows, _ = rows_of(text.encode())
+    assert sum(len(row.raw) for row in rows if row.port == "log.txt:rx") == 70
+
+
+NOTHING = {
+    "prose": "It was the best of times, it was the worst of times\n" * 200,
+    "source": "def f(a, b=0xAA):\n    return a + b  # 10 of 20\n" * 100,
+    "MAC addresses": "00:1a:2b:3c:4d:5e\n" * 50,
+    "dates": "2026-01-31 12:00:05\n" * 50,
+    "UUIDs": "0a0525f3-cd50-2a71-4705-c97ca87930cc\n" * 50,
+    "floats": "0.718209,604.182408,-0.723621\n" * 50,
+}
+
+
+@pytest.mark.parametrize("name", NOTHING)
+def test_a_text_without_frames_is_refused_and_says_what_was_looked_for(name: str) -> None:
+    with pytest.raises(FteSniffError, match=r"no frames found in [\d,]+ lines, in any form"):
+        rows_of(NOTHING[name].encode())
+
+
+def test_random_hex_has_no_frames_beyond_chance() -> None:
+    data = random.Random(1).randbytes(300_000)
+    rows, notes = rows_of(data.hex().encode())
+    assert b"".join(row.raw for row in rows) == data
+    assert sum(isinstance(row, Frame) and not row.faults for row in rows) <= 3
+    assert notes[0] == "log.txt: no frames found in the first lines; it is read as plain hex"
+
+
+def test_a_form_and_a_regular_expression_say_where_the_bytes_are() -> None:
+    from fte_sniff.formats.logs.reader import pattern_of
+
+    a = frame_of(KINDS[1], random.Random(1))
+    text = f"12:00:01.5|host|{a.hex(' ')}|99\n" * 3
+    pattern = pattern_of(r"(?P<time>[^|]+)\|(?P<dir>\w+)\|(?P<data>[^|]+)")
+    rows, _ = rows_of(text.encode(), LogOptions(pattern=pattern))
+    assert [row.raw for row in rows] == [a] * 3
+    assert all(row.t_ns for row in rows)
+    rows, _ = rows_of(b"x: 55 01 13 37\n" * 9, LogOptions(pattern=pattern_of("x: (?P<data>.*)")))
+    assert sum(len(row.raw) for row in rows) == 36
+    with pytest.raises(FteSniffError, match="there is no form 'hexpairs'"):
+        rows_of(text.encode(), LogOptions(form="hexpairs"))
+    rows, _ = rows_of(text.encode(), LogOptions(form="hex pairs, spaces"))
+    assert [row.raw for row in rows] == [a] * 3
