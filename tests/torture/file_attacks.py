@@ -78,6 +78,18 @@ def check_read_by_both(case: Case, path: Path) -> list[ReadRow]:
     return rows
 
 
+def check_killed(case: Case, path: Path) -> list[ReadRow]:
+    """The rows that the `mcap` package reads of a file whose writer was killed.
+
+    `decode` reads them too, and may read more: rows of the write that the kill interrupted.
+    """
+    run, rows = decoded(case, path)
+    promise(run.code == 0, f"decode refuses {path.name}\n{run.errors}")
+    official = official_rows(path)
+    promise(rows[: len(official)] == official, f"{path.name}: decode reads other rows than mcap")
+    return official
+
+
 def _original(case: Case) -> bytes:
     return recording(case.random.randrange(VARIANTS))
 

@@ -25,7 +25,13 @@ from time import monotonic, sleep
 from benchmarks.recording_kill import kill_one
 from tests.torture.case import BOUND_S, Case, PromiseError, Run, SkippedError, Started, promise
 from tests.torture.damage import VARIANTS, noisy_frame, numbered_frame, recording
-from tests.torture.file_attacks import ReadRow, check_read_by_both, decoded, official_rows
+from tests.torture.file_attacks import (
+    ReadRow,
+    check_killed,
+    check_read_by_both,
+    decoded,
+    official_rows,
+)
 
 FLUSH_S = 0.1
 SLACK_S = 2.5
@@ -134,7 +140,8 @@ def kill_live(case: Case) -> None:
     killed = monotonic()
     program.kill()
     promised = line.sent_before(killed - FLUSH_S - SLACK_S)
-    check_stream(_rows_of_all(case), bytes(line.sent), promised if promised > shown else 0)
+    rows = [row for path in _files(case) for row in check_killed(case, path)]
+    check_stream(rows, bytes(line.sent), promised if promised > shown else 0)
     line.close()
 
 
@@ -166,7 +173,7 @@ def kill_bridge(case: Case) -> None:
         line.send(0.02)
     program.kill()
     os.close(host)
-    rows = _rows_of_all(case)
+    rows = [row for path in _files(case) for row in check_killed(case, path)]
     check_stream([row for row in rows if row[0] == line.device], bytes(line.sent), 0)
     check_stream([row for row in rows if row[0] != line.device], bytes(written), 0)
     line.close()
