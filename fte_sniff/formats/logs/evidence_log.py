@@ -161,6 +161,10 @@ class EvidenceLog:
             self._skip(number, line)
 
     def _skip(self, number: int, line: bytes) -> None:
+        if line.strip() == b"*":  # a dump leaves out lines like the one before
+            self._cuts += 1
+            self._first_cut = self._first_cut if self._cuts > 1 else (number, line)
+            return
         if not self._skips:
             self._skipped.append((number, line))
         self._skips += 1

@@ -213,3 +213,9 @@ def test_a_form_and_a_regular_expression_say_where_the_bytes_are() -> None:
         rows_of(text.encode(), LogOptions(form="hexpairs"))
     rows, _ = rows_of(text.encode(), LogOptions(form="hex pairs, spaces"))
     assert [row.raw for row in rows] == [a] * 3
+
+
+def test_lines_that_a_dump_leaves_out_are_reported() -> None:
+    lines = LAYOUTS["hexdump -C"](a_log(2)).splitlines()
+    _, notes = rows_of("\n".join([*lines[:6], "*", *lines[6:]]).encode())
+    assert "log.txt: line 7: the log leaves out bytes here: '*'" in notes
