@@ -130,7 +130,7 @@ def test_any_text_is_bytes_or_one_clear_line(text: str, whole: bool) -> None:
 def test_a_very_long_line_is_read_in_segments(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fte_sniff.formats.logs.text.LONGEST_LINE", 1000)
     monkeypatch.setattr("fte_sniff.formats.logs.text.BLOCK_BYTES", 333)
-    assert bytes_of(FRAME.hex(" ") * 0 + (FRAME.hex(" ") + " ") * 500, whole=True) == FRAME * 500
+    assert bytes_of((FRAME.hex(" ") + " ") * 500, whole=True) == FRAME * 500
     assert bytes_of(FRAME.hex() * 500, whole=True) == FRAME * 500
 
 
@@ -141,7 +141,7 @@ F = "55 01 01 00 64 00 00 00 0F EE"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (f"{A} 收到 {F}", "到"),
+        (f"{A} 收到 {F}", "收到"),
         (f"{A} answer: {F}", "answer"),
         (f"{A} ответ {F}", "ответ"),
     ],
@@ -151,4 +151,4 @@ def test_words_beside_frames_are_no_bytes_and_reported(text: str, words: str) ->
     reader = LogReader("x", LogOptions(whole=False), BytesIO(text.encode()))
     rows = [row for rows in reader.rows(notes.append) for row in rows]
     assert [row.raw for row in rows] == [bytes.fromhex(A), bytes.fromhex(F)]
-    assert not words or words == "到" or any(words in note for note in notes)
+    assert notes == [f"x: line 1: {words!r} is not read as bytes"]
