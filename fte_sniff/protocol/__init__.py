@@ -9,86 +9,112 @@ Modules:
     spec        The frame table: kinds, fields, faults, constants; encodes a frame.
 """
 
-from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.framer import Framer as Framer
 from fte_sniff.protocol.row_schema import (
-    COLUMN_BY_NAME,
-    COLUMNS,
-    Column,
-    ColumnType,
-    Value,
-    faults_text,
-    iso_time,
-    record,
-    spaced_hex,
+    COLUMN_BY_NAME as COLUMN_BY_NAME,
+)
+from fte_sniff.protocol.row_schema import (
+    COLUMNS as COLUMNS,
+)
+from fte_sniff.protocol.row_schema import (
+    Column as Column,
+)
+from fte_sniff.protocol.row_schema import (
+    ColumnType as ColumnType,
+)
+from fte_sniff.protocol.row_schema import (
+    Value as Value,
+)
+from fte_sniff.protocol.row_schema import (
+    faults_text as faults_text,
+)
+from fte_sniff.protocol.row_schema import (
+    iso_time as iso_time,
+)
+from fte_sniff.protocol.row_schema import (
+    record as record,
+)
+from fte_sniff.protocol.row_schema import (
+    spaced_hex as spaced_hex,
 )
 from fte_sniff.protocol.rows import (
-    Chunk,
-    Damage,
-    Frame,
-    Gap,
-    GapKind,
-    LineErrorCounts,
-    LineErrorMarker,
-    PortEvent,
-    PortEventKind,
-    Row,
+    Chunk as Chunk,
+)
+from fte_sniff.protocol.rows import (
+    Damage as Damage,
+)
+from fte_sniff.protocol.rows import (
+    Frame as Frame,
+)
+from fte_sniff.protocol.rows import (
+    Gap as Gap,
+)
+from fte_sniff.protocol.rows import (
+    GapKind as GapKind,
+)
+from fte_sniff.protocol.rows import (
+    LineErrorCounts as LineErrorCounts,
+)
+from fte_sniff.protocol.rows import (
+    LineErrorMarker as LineErrorMarker,
+)
+from fte_sniff.protocol.rows import (
+    PortEvent as PortEvent,
+)
+from fte_sniff.protocol.rows import (
+    PortEventKind as PortEventKind,
+)
+from fte_sniff.protocol.rows import (
+    Row as Row,
 )
 from fte_sniff.protocol.spec import (
-    DEFAULT_BAUD,
-    FAULT_MEANINGS,
-    FRAME_LENGTH,
-    HEADERS,
-    KIND_BY_NAME,
-    KINDS,
-    MOTORS,
-    TAIL,
-    VALUE_FIELDS,
-    Direction,
-    Fault,
-    Field,
-    FrameKind,
-    Status,
-    byte_time_ns,
-    encode,
-    status_of,
+    DEFAULT_BAUD as DEFAULT_BAUD,
 )
-
-__all__ = [
-    "COLUMNS",
-    "COLUMN_BY_NAME",
-    "DEFAULT_BAUD",
-    "FAULT_MEANINGS",
-    "FRAME_LENGTH",
-    "HEADERS",
-    "KINDS",
-    "KIND_BY_NAME",
-    "MOTORS",
-    "TAIL",
-    "VALUE_FIELDS",
-    "Chunk",
-    "Column",
-    "ColumnType",
-    "Damage",
-    "Direction",
-    "Fault",
-    "Field",
-    "Frame",
-    "FrameKind",
-    "Framer",
-    "Gap",
-    "GapKind",
-    "LineErrorCounts",
-    "LineErrorMarker",
-    "PortEvent",
-    "PortEventKind",
-    "Row",
-    "Status",
-    "Value",
-    "byte_time_ns",
-    "encode",
-    "faults_text",
-    "iso_time",
-    "record",
-    "spaced_hex",
-    "status_of",
-]
+from fte_sniff.protocol.spec import (
+    FAULT_MEANINGS as FAULT_MEANINGS,
+)
+from fte_sniff.protocol.spec import (
+    FRAME_LENGTH as FRAME_LENGTH,
+)
+from fte_sniff.protocol.spec import (
+    HEADERS as HEADERS,
+)
+from fte_sniff.protocol.spec import (
+    KIND_BY_NAME as KIND_BY_NAME,
+)
+from fte_sniff.protocol.spec import (
+    KINDS as KINDS,
+)
+from fte_sniff.protocol.spec import (
+    MOTORS as MOTORS,
+)
+from fte_sniff.protocol.spec import (
+    TAIL as TAIL,
+)
+from fte_sniff.protocol.spec import (
+    VALUE_FIELDS as VALUE_FIELDS,
+)
+from fte_sniff.protocol.spec import (
+    Direction as Direction,
+)
+from fte_sniff.protocol.spec import (
+    Fault as Fault,
+)
+from fte_sniff.protocol.spec import (
+    Field as Field,
+)
+from fte_sniff.protocol.spec import (
+    FrameKind as FrameKind,
+)
+from fte_sniff.protocol.spec import (
+    Status as Status,
+)
+from fte_sniff.protocol.spec import (
+    byte_time_ns as byte_time_ns,
+)
+from fte_sniff.protocol.spec import (
+    encode as encode,
+)
+from fte_sniff.protocol.spec import (
+    status_of as status_of,
+)
