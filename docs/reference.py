@@ -182,8 +182,8 @@ def commands() -> str:
     """Every command with its usage, help and options."""
     root = click.Context(click.Group(PROGRAM), info_name=PROGRAM)
     parts = []
-    for name, module in COMMANDS.items():
-        command = importlib.import_module(module).command
+    for name in COMMANDS:
+        command = importlib.import_module(f"fte_sniff.cli.{name}").command
         parts.append(_command(command, click.Context(command, root, name, max_content_width=100)))
         if isinstance(command, click.Group):
             context = click.Context(command, root, name)

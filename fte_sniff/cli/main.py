@@ -6,11 +6,10 @@ import errno
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from importlib import import_module
-from types import MappingProxyType
 from typing import NoReturn
 
 import click
@@ -28,13 +27,11 @@ from fte_sniff.errors import FteSniffError, unwritable
 
 PROGRAM = "fte-sniff"
 
-_NAMES = (
+COMMANDS = (
     *("live", "view", "decode", "stats", "hex", "encode"),
     *("bridge", "simulate", "repair", "ports", "doctor", "completion"),
 )
-
-COMMANDS: Mapping[str, str] = MappingProxyType({name: f"fte_sniff.cli.{name}" for name in _NAMES})
-"""The module of each command; each defines `command`."""
+"""The commands, the most used first; the module of this name in this package defines `command`."""
 
 EXIT_INTERRUPTED = 130
 """The exit code after Ctrl-C, except for commands that normally end that way."""
@@ -44,7 +41,7 @@ class LazyGroup(click.Group):
     """A command group that imports a command when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Command names, the most used first."""
+        """All commands."""
         return list(COMMANDS)
 
     def resolve_command(
@@ -64,7 +61,7 @@ class LazyGroup(click.Group):
         """Import a command; None if there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
-        command = import_module(COMMANDS[cmd_name]).command
+        command = import_module(f"fte_sniff.cli.{cmd_name}").command
         assert isinstance(command, click.Command)
         return command
 
