@@ -326,6 +326,16 @@ def _rows_of_many_lengths(channel: int) -> bytes:
     return b"".join(lengths) + struct.pack("<BQ", 0x80, len(padding)) + padding
 
 
+def _channels_of_other_topics() -> bytes:
+    """Ten thousand channels."""
+    random_bytes = random.Random(1).randbytes
+    bodies = (
+        struct.pack("<HHI20sI4sI", number, 0, 20, random_bytes(10).hex().encode(), 4, b"json", 0)
+        for number in range(1000, 11_000)
+    )
+    return b"".join(struct.pack("<BQ", 4, len(body)) + body for body in bodies)
+
+
 OPENED = encode_event(PortEvent(START, "p", PortEventKind.OPENED, ""), START)
 PRIVATE = struct.pack("<BQ", 0x80, 0)
 
@@ -398,6 +408,20 @@ def test_no_small_file_takes_much_memory_or_time(
     assert len({line for line in lines if "/dev/ttyUSB0" in line}) >= len(recorded[1])
     kept = {(row.offset, row.raw) for row in RecordingReader(tmp_path / "bomb-repaired.mcap")}
     assert kept >= {(row.offset, row.raw) for row in recorded[1]}
+
+
+def test_any_number_of_other_channels_may_be_before_the_rows(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """Also without a summary, so that the rows' own channels come after all others."""
+    content = recorded[0].read_bytes()
+    chunks = [(start, end) for opcode, start, end in _records(content) if opcode == CHUNK]
+    start, end = chunks[0][0], chunks[-1][1]
+    path = tmp_path / "x.mcap"
+    path.write_bytes(
+        content[:start] + _full_chunk(_channels_of_other_topics()) + content[start:end]
+    )
+    assert [row.raw for row in _read(path)[0]] == [row.raw for row in recorded[1]]
 
 
 NAMELESS = zstandard.ZstdCompressor(write_content_size=False)

@@ -203,6 +203,7 @@ class ChannelReaders:
         self._port_of = port_of
         self._known = dict(known)
         self._readers: dict[int, ChannelReader] = {}
+        self._updates = 0
         self.version = 0
         """Rises with every change of the definitions."""
 
@@ -211,10 +212,13 @@ class ChannelReaders:
 
         Raises RecordError if it is damaged, or there are too many.
         """
-        if self.version >= _MOST_DEFINITIONS:
-            raise RecordError(TranslatableText("more definitions than a recording has"))
-        kind: type[Schema | Channel] = Schema if opcode == Opcode.SCHEMA else Channel
-        self.define(parse(kind, body), trusted=trusted)
+        definition = parse(Schema if opcode == Opcode.SCHEMA else Channel, body)
+        # Channels of other topics cost little, and rows may come after any number of them.
+        if isinstance(definition, Schema) or definition.topic in TOPIC_BY_NAME:
+            if self._updates >= _MOST_DEFINITIONS:
+                raise RecordError(TranslatableText("more definitions than a recording has"))
+            self._updates += 1
+        self.define(definition, trusted=trusted)
 
     def define(self, definition: Schema | Channel, *, trusted: bool) -> None:
         """Apply a definition; `trusted` if a checksum protects it."""
