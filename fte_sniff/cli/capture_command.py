@@ -138,10 +138,10 @@ def run_capture(
 def _start_options(
     plan: CapturePlan, setup: LineSetup, settings: SavedSettings, lang: str | None
 ) -> StartOptions:
-    from fte_sniff.tui.options import AtEnd, StartOptions
+    from fte_sniff.tui.options import StartOptions
 
     return StartOptions(
-        AtEnd.STAY if plan.duration_s is None and plan.count is None else AtEnd.LEAVE,
+        leave_at_end=plan.duration_s is not None or plan.count is not None,
         signals=_ending_signals(plan),
         line_setup=setup,
         language=settings.language(lang),

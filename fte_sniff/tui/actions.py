@@ -151,12 +151,11 @@ class NavigationActions(ScreenActions):
         zone = self._table.view.shown_zone
         goal = parse_goal(line, zone)
         row = row_of(goal, store, cursor, zone)
-        if row is None and goal.offset is not None:
-            text = _("no row that is shown has byte {offset:,} of its stream")
-            self._inform(text.format(offset=goal.offset))
-        elif row is None:
-            self._inform(_("no row here has a time to go by"))
         if row is None:
+            text = _("no row here has a time to go by")
+            if goal.offset is not None:
+                text = _("no row that is shown has byte {offset:,} of its stream")
+            self._inform(text.format(offset=goal.offset))
             return
         last = self._table.viewport.count - 1
         t_ns = time_of(goal, store, cursor, zone)

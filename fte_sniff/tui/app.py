@@ -39,7 +39,7 @@ from fte_sniff.tui.keys import (
     translate_keys,
 )
 from fte_sniff.tui.notices import NoticeLine
-from fte_sniff.tui.options import DEFAULTS, AtEnd, Choices, StartOptions
+from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import FilterField, PromptLine, SaveField, SearchField
 from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
@@ -253,7 +253,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             self._notice.pin("recording", printable(_(update.trouble)))
         elif not state.trouble:
             self._notice.unpin("recording")
-        if update.ended and self._options.at_end is AtEnd.LEAVE:
+        if update.ended and self._options.leave_at_end:
             self.exit()
         elif update.ended and state.ended:
             reason = printable(_(state.ended))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import gettext
 from collections.abc import Mapping
 from contextvars import ContextVar
+from enum import StrEnum
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 from fte_sniff.errors import FteSniffError, TranslatableText, UsageError, printable
 
@@ -62,6 +63,18 @@ def _(text: str) -> str:
 def error_text(error: FteSniffError) -> str:
     """The translated message of an error, on one line."""
     return printable(_(error.message))
+
+
+class ExplainedWord(StrEnum):
+    """Words of the screen, each with a meaning for the help: `NAME = word, meaning`."""
+
+    meaning: str
+
+    def __new__(cls, word: str, meaning: str) -> Self:
+        """Create the word; its value is the word alone."""
+        member = str.__new__(cls, word)
+        member._value_, member.meaning = word, meaning
+        return member
 
 
 def later(text: str) -> str:

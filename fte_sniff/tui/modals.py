@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Generic, TypeAlias, TypeVar
+from typing import ClassVar, TypeAlias
 
 from rich.cells import cell_len
 from rich.style import Style
@@ -39,9 +39,6 @@ from fte_sniff.tui.table.columns import (
     TimeStyle,
 )
 from fte_sniff.tui.table.painter import Sign
-
-Picked = TypeVar("Picked")
-
 
 CURSOR = Style(reverse=True, bold=True)
 
@@ -125,28 +122,28 @@ class ListScreen(ModalScreen[ScreenResultType]):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry(Generic[Picked]):
+class Entry:
     """One line of a picker."""
 
     text: str
     """Printable."""
-    value: Picked
+    value: str
     right: str = ""
     """Text at the right end, such as a key."""
 
 
-class Picker(ListScreen[Picked | None], Generic[Picked]):
+class Picker(ListScreen[str | None]):
     """A list from which one entry is picked; the result is its value, or None."""
 
     BINDINGS: ClassVar[list[BindingType]] = bindings(PICKING)
 
-    def __init__(self, title: str, entries: Sequence[Entry[Picked]], cursor: int = 0) -> None:
+    def __init__(self, title: str, entries: Sequence[Entry], cursor: int = 0) -> None:
         super().__init__()
         self._heading, self._entries, self._first = title, entries, cursor
         self._typed = ""
 
     @property
-    def shown(self) -> list[Entry[Picked]]:
+    def shown(self) -> list[Entry]:
         """The entries that contain every typed word; the sooner the first one, the higher."""
         words = self._typed.lower().split()
         found = []

@@ -85,30 +85,6 @@ class WrappedText(Widget):
         return Text(f"{self._sign} {indent.join(lines)}", no_wrap=True, overflow="crop")
 
 
-INFO_EVENTS = frozenset(
-    {
-        PortEventKind.OPENED,
-        PortEventKind.FOUND_AGAIN,
-        PortEventKind.CLOSED,
-        PortEventKind.BAUD_CHANGED,
-    }
-)
-"""Events that are no problem."""
-
-PINNED_EVENTS = frozenset(
-    {
-        PortEventKind.LOST,
-        PortEventKind.NOT_OPENED,
-        PortEventKind.OVERRUN,
-        PortEventKind.NOT_PASSED_ON,
-        PortEventKind.WIRING,
-    }
-)
-"""Events that stay on the screen until they are dismissed."""
-
-RECOVERY_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.FOUND_AGAIN})
-"""Events that end a port's pinned notice."""
-
 INFO_S = 8.0
 """How long an information stays where no key is pressed, seconds."""
 
@@ -181,16 +157,19 @@ class NoticeLine(WrappedText):
             self._update()
 
     def on_port_event(self, event: PortEvent, zone: tzinfo = UTC) -> None:
-        """Show a port event, with its time of day in a zone."""
+        """Show a port event, with its time of day in a zone; a lasting problem stays pinned."""
         text = event_text(event, zone)
-        if event.kind in RECOVERY_EVENTS:
-            self.unpin(event.port)
-        if event.kind in PINNED_EVENTS:
-            self.pin(event.port, text)
-        elif event.kind in INFO_EVENTS:
-            self.inform(text)
-        else:
-            self.warn(text)
+        kinds = PortEventKind
+        match event.kind:
+            case kinds.OPENED | kinds.FOUND_AGAIN:
+                self.unpin(event.port)
+                self.inform(text)
+            case kinds.CLOSED | kinds.BAUD_CHANGED:
+                self.inform(text)
+            case kinds.LOST | kinds.NOT_OPENED | kinds.OVERRUN | kinds.NOT_PASSED_ON | kinds.WIRING:
+                self.pin(event.port, text)
+            case _:
+                self.warn(text)
 
     def remove_info(self, notice: Notice | None) -> None:
         """Remove this notice, if it is shown and no warning: a key has acted since."""

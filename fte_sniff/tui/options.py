@@ -6,8 +6,7 @@ import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import tzinfo
-from enum import Enum
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, UNBOUNDED, BlockSource, RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
@@ -22,13 +21,6 @@ CLOSING_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 """Signals that close the screen and restore the terminal."""
 
 
-class AtEnd(Enum):
-    """What the screen does when its feed has ended."""
-
-    STAY = "stay"
-    LEAVE = "leave"
-
-
 @dataclass(frozen=True, slots=True)
 class Choices:
     """What the user chooses on the screen, and has again the next time."""
@@ -39,14 +31,12 @@ class Choices:
     """None where the width of the window decides."""
 
 
-SaveChoices: TypeAlias = Callable[[Choices], None]
-
-
 @dataclass(frozen=True, slots=True)
 class StartOptions:
     """How the screen begins, and what holds while it is open."""
 
-    at_end: AtEnd = AtEnd.STAY
+    leave_at_end: bool = False
+    """Whether the screen closes when its feed has ended."""
     row_filter: RowFilter | None = None
     """The first filter."""
     keep_rows: int = DEFAULT_BOUND
@@ -58,7 +48,7 @@ class StartOptions:
     """A key of `i18n.LANGUAGES`."""
     choices: Choices = Choices()
     """Choices of the last time."""
-    save_choices: SaveChoices | None = None
+    save_choices: Callable[[Choices], None] | None = None
     """Called at the end where the choices have changed."""
     warnings: tuple[str, ...] = ()
     """Problems from before the screen opened, a sentence each."""

@@ -26,7 +26,7 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.tui.app import SniffApp
-from fte_sniff.tui.options import AtEnd, StartOptions
+from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.table.widget import RowTable
 from tests.protocol.oracle import frame_faults
 
@@ -141,11 +141,11 @@ def play(
     feed: Any,
     scenario: Scenario,
     size: tuple[int, int] = (80, 24),
-    at_end: AtEnd = AtEnd.STAY,
+    leave_at_end: bool = False,
     options: StartOptions | None = None,
 ) -> SniffApp:
     """Run the screen without a terminal, and the scenario on it."""
-    app = SniffApp(feed, options or StartOptions(at_end, zone=UTC))
+    app = SniffApp(feed, options or StartOptions(leave_at_end, zone=UTC))
 
     async def run() -> None:
         async with app.run_test(size=size) as pilot:

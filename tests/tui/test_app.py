@@ -30,7 +30,7 @@ from fte_sniff.errors import PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.keys import SECTIONS
-from fte_sniff.tui.options import AtEnd, StartOptions
+from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
@@ -177,7 +177,7 @@ def test_the_screen_closes_with_its_feed_where_it_is_to(feed: Any, speed_rows: R
         app.tick()
         assert not app.is_running or app._exit
 
-    play(feed, scenario, at_end=AtEnd.LEAVE)
+    play(feed, scenario, leave_at_end=True)
 
 
 def test_a_feed_that_fails_closes_the_screen(feed: Any) -> None:

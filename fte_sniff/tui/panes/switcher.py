@@ -144,7 +144,10 @@ class PaneSwitcher:
     def _context(self) -> PaneContext:
         table, row = self._table, self._table.cursor_row
         following = table.viewport.following and not table.viewport.paused
-        newest_ns = self._newest_ns
+        newest_ns = self._models.traces.last_ns
+        if newest_ns is not None:
+            # In a running capture time passes also without rows.
+            newest_ns += self._clock_ns - self._newest_at_ns
         return PaneContext(
             row=row,
             index=table.cursor_index,
@@ -158,9 +161,3 @@ class PaneSwitcher:
             palette=palette_of(table.app.current_theme),
             zone=table.view.shown_zone,
         )
-
-    @property
-    def _newest_ns(self) -> int | None:
-        """Time at the end of the rows; in a running capture it passes without rows."""
-        newest = self._models.traces.last_ns
-        return None if newest is None else newest + self._clock_ns - self._newest_at_ns

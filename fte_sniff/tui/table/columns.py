@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
-from enum import StrEnum
 from functools import cache
 
 from rich.cells import cell_len
@@ -13,37 +12,26 @@ from rich.cells import cell_len
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import clock_text, elapsed_text, fit, fit_right, short_names
 from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, VALUE_FIELDS, Field, Status, Value
-from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.i18n import ExplainedWord, _, later
 from fte_sniff.tui.text import bytes_text, short_kind
 
 
-class TimeStyle(StrEnum):
+class TimeStyle(ExplainedWord):
     """How times of rows are shown; the value is the column's head."""
 
-    CLOCK = "time UTC"
-    LOCAL = "time local"
-    START = "+ start"
-    BEFORE = "+ before"
-    MARK = "+ mark"
-
-    @property
-    def meaning(self) -> str:
-        """Explanation for the help."""
-        return _MEANINGS[self]
+    CLOCK = "time UTC", "times are the time of day, UTC"
+    LOCAL = (
+        "time local",
+        "times are the time of day in the zone of --zone, or else of this machine",
+    )
+    START = "+ start", "times count from the first row"
+    BEFORE = "+ before", "times count from the row before"
+    MARK = "+ mark", "times count from the last mark that was set"
 
     @property
     def is_elapsed(self) -> bool:
         """Whether times are counted from another time."""
         return self not in (TimeStyle.CLOCK, TimeStyle.LOCAL)
-
-
-_MEANINGS = {
-    TimeStyle.CLOCK: "times are the time of day, UTC",
-    TimeStyle.LOCAL: "times are the time of day in the zone of --zone, or else of this machine",
-    TimeStyle.START: "times count from the first row",
-    TimeStyle.BEFORE: "times count from the row before",
-    TimeStyle.MARK: "times count from the last mark that was set",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +60,6 @@ class TableView:
     def shown_zone(self) -> timezone:
         """Zone of the times of day."""
         return self.zone if self.times is TimeStyle.LOCAL else UTC
-
-
-def ahead_of_utc_ns(zone: timezone) -> int:
-    """Offset of a zone from UTC, nanoseconds."""
-    return zone.utcoffset(None) // timedelta(microseconds=1) * 1000
 
 
 def zone_at(t_ns: int, zone: tzinfo | None) -> timezone:
@@ -173,9 +156,8 @@ def column_of(name: str, view: TableView) -> TableColumn:
     if name in ("offset", "length", "cmd"):
         width = _COUNT_WIDTH if name == "offset" else len(name)
         return TableColumn(name, name, width, True, _plain_cell)
-    text = {"raw": _hex_cell, "faults": _words_cell, "kind": _kind_cell}.get(name, _plain_cell)
     width = _TEXT_WIDTHS.get(name) or max(map(len, (name, *COLUMN_BY_NAME[name].words)))
-    return TableColumn(name, name, width, False, text)
+    return TableColumn(name, name, width, False, _TEXT_CELLS.get(name, _plain_cell))
 
 
 def _time_column(view: TableView) -> TableColumn:
@@ -189,9 +171,9 @@ def _time_column(view: TableView) -> TableColumn:
 def _value_column(field: Field) -> TableColumn:
     head = field.name
     if field.defined_bits is not None:
-        return TableColumn(field.name, head, max(len(head), 2), True, _flags_cell)
+        return TableColumn(head, head, max(len(head), 2), True, _flags_cell)
     widest = max(len(str(field.low)), len(str(field.high)), len(head))
-    return TableColumn(field.name, head, widest, True, _plain_cell)
+    return TableColumn(head, head, widest, True, _plain_cell)
 
 
 def _port_column(ports: tuple[str, ...]) -> TableColumn:
@@ -209,7 +191,7 @@ def _port_column(ports: tuple[str, ...]) -> TableColumn:
 
 def _clock_cell_in(zone: timezone) -> Callable[[Value, int], str]:
     """Times of day in a zone; without the hour where they do not fit."""
-    ahead_ns = ahead_of_utc_ns(zone)
+    ahead_ns = zone.utcoffset(None) // timedelta(microseconds=1) * 1000
 
     def cell(value: Value, width: int) -> str:
         if not isinstance(value, int):
@@ -224,24 +206,20 @@ def _elapsed_cell(value: Value, width: int) -> str:
     return elapsed_text(value, width) if isinstance(value, int) else ""
 
 
-def _kind_cell(value: Value, width: int) -> str:
-    return short_kind(str(value), width)
-
-
 def _flags_cell(value: Value, width: int) -> str:
     return f"{value:02X}"
 
 
-def _hex_cell(value: Value, width: int) -> str:
-    return bytes_text(bytes.fromhex(str(value)), width)
-
-
-def _words_cell(value: Value, width: int) -> str:
-    return ",".join(value) if isinstance(value, list) else ""
-
-
 def _plain_cell(value: Value, width: int) -> str:
     return printable(str(value))
+
+
+_TEXT_CELLS: Mapping[str, Callable[[Value, int], str]] = {
+    "kind": lambda value, width: short_kind(str(value), width),
+    "raw": lambda value, width: bytes_text(bytes.fromhex(str(value)), width),
+    "faults": lambda value, _width: ",".join(value) if isinstance(value, list) else "",
+}
+"""Formats of the columns of text that are not plain."""
 
 
 MARKS = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}

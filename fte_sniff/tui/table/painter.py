@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import takewhile
 
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
-from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.formats.text_layout import mark_of
 from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, Value, record
+from fte_sniff.tui.i18n import ExplainedWord
 from fte_sniff.tui.table.columns import (
     MARKS,
     RAISED_MARK,
@@ -23,31 +22,18 @@ from fte_sniff.tui.table.columns import (
     TimeStyle,
 )
 from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.table.viewport import RowMarks, Viewport
 from fte_sniff.tui.text import faulty_text, is_raised, short_values
 
 FAULT_COLUMNS = ("kind", VALUES, *(field.name for field in VALUE_FIELDS), "raw")
 """Columns that a row without values uses to show its faults."""
 
 
-class Sign(StrEnum):
+class Sign(ExplainedWord):
     """The sign in the first cell after the status."""
 
-    NONE = " "
-    MARKED = "*"
-    SELECTED = "|"
-
-    @property
-    def meaning(self) -> str:
-        """Explanation for the help."""
-        return _MEANINGS[self]
-
-
-_MEANINGS = {
-    Sign.NONE: "",
-    Sign.MARKED: "marked by m",
-    Sign.SELECTED: "selected by v",
-}
+    NONE = " ", ""
+    MARKED = "*", "marked by m"
+    SELECTED = "|", "selected by v"
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,44 +158,3 @@ class Painter:
                 return self.palette.statuses[row.status]
             case _:
                 return self.palette.raised if is_raised(row) else self.palette.of_values(row)
-
-
-def row_cells(
-    store: RowStore,
-    viewport: Viewport,
-    marks: RowMarks,
-    selected: range,
-    times: TimeStyle,
-    start_ns: int | None,
-) -> list[RowCell]:
-    """Rows in the window, from top to bottom.
-
-    `selected` are indices of rows; `times` is the style of the rows' times; `start_ns` is the time
-    of the first row of all, if it has one.
-    """
-    end = min(viewport.top + viewport.height, viewport.count)
-    since_ns = _since(store, viewport.top, times, marks, start_ns)
-    cells = []
-    for index, row in store.view.slice(viewport.top, end):
-        cells.append(RowCell(row, _sign(index, marks, selected), since_ns))
-        if times is TimeStyle.BEFORE:
-            since_ns = row.t_ns
-    return cells
-
-
-def _sign(index: int, marks: RowMarks, selected: range) -> Sign:
-    if index in marks:
-        return Sign.MARKED
-    return Sign.SELECTED if index in selected else Sign.NONE
-
-
-def _since(
-    store: RowStore, top: int, times: TimeStyle, marks: RowMarks, start_ns: int | None
-) -> int | None:
-    """The time from which that of the window's first row is counted."""
-    if times is TimeStyle.BEFORE:
-        return store.view.row(top - 1).t_ns if 0 < top <= store.view.count else None
-    if times is TimeStyle.MARK:
-        latest = marks.latest
-        return None if latest is None or latest < store.first else store.row(latest).t_ns
-    return start_ns if times is TimeStyle.START else None

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right, insort
-from collections.abc import Iterator
-
 
 class Viewport:
     """A window of `height` rows onto `count` rows, which follows the end at first.
@@ -102,40 +99,33 @@ class RowMarks:
     """Set of marked rows, by index."""
 
     def __init__(self) -> None:
-        self._sorted: list[int] = []
-        self._by_age: list[int] = []
+        self._by_age: dict[int, None] = {}
 
     def __contains__(self, index: int) -> bool:
-        position = bisect_left(self._sorted, index)
-        return self._sorted[position : position + 1] == [index]
+        return index in self._by_age
 
     def __len__(self) -> int:
-        return len(self._sorted)
+        return len(self._by_age)
 
     @property
     def latest(self) -> int | None:
         """The mark that was set last."""
-        return self._by_age[-1] if self._by_age else None
+        return next(reversed(self._by_age), None)
 
     def toggle(self, index: int) -> bool:
         """Set or remove a mark; returns whether it is set now."""
-        if index in self:
-            self._sorted.remove(index)
-            self._by_age.remove(index)
-            return False
-        insort(self._sorted, index)
-        self._by_age.append(index)
-        return True
+        is_new = index not in self._by_age
+        if is_new:
+            self._by_age[index] = None
+        else:
+            del self._by_age[index]
+        return is_new
 
     def forget_before(self, first: int) -> None:
         """Remove the marks of rows that left the store."""
-        if self._sorted and self._sorted[0] < first:
-            self._sorted = self._sorted[bisect_left(self._sorted, first) :]
-            self._by_age = [index for index in self._by_age if index >= first]
+        self._by_age = {index: None for index in self._by_age if index >= first}
 
-    def beyond(self, index: int, by: int) -> Iterator[int]:
+    def beyond(self, index: int, by: int) -> list[int]:
         """Marks after an index (`by` 1) or before it (-1), the nearest first."""
-        if by > 0:
-            yield from self._sorted[bisect_right(self._sorted, index) :]
-        else:
-            yield from reversed(self._sorted[: bisect_left(self._sorted, index)])
+        beyond = (mark for mark in self._by_age if (mark - index) * by > 0)
+        return sorted(beyond, reverse=by < 0)

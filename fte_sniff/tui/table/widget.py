@@ -25,8 +25,8 @@ from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.protocol import Row
 from fte_sniff.tui.keys import MOVING, bindings, translate_keys
-from fte_sniff.tui.table.columns import TableColumn, TableView, layout_for
-from fte_sniff.tui.table.painter import Painter, RowCell, Sign, row_cells
+from fte_sniff.tui.table.columns import TableColumn, TableView, TimeStyle, layout_for
+from fte_sniff.tui.table.painter import Painter, RowCell, Sign
 from fte_sniff.tui.table.theme import palette_of
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
 
@@ -218,9 +218,7 @@ class RowTable(ScrollView, can_focus=True):
         if round(self.scroll_y) != unit:
             self.scroll_to(y=unit, animate=False, force=True)
         try:
-            self._cells = row_cells(
-                self._store, viewport, self.marks, self.selected, self.view.times, self.start_ns
-            )
+            self._cells = self._row_cells()
         except FteSniffError as failure:
             self.post_message(self.Failed(failure))
             return
@@ -230,6 +228,31 @@ class RowTable(ScrollView, can_focus=True):
             self._drawn = drawn
             self.refresh(self.scrollable_size.region)
         self.post_message(self.Moved())
+
+    def _row_cells(self) -> list[RowCell]:
+        """Rows in the window, from top to bottom."""
+        viewport, selected, since_ns = self.viewport, self.selected, self._since_ns
+        end = min(viewport.top + viewport.height, viewport.count)
+        cells = []
+        for index, row in self._store.view.slice(viewport.top, end):
+            sign = Sign.SELECTED if index in selected else Sign.NONE
+            cells.append(RowCell(row, Sign.MARKED if index in self.marks else sign, since_ns))
+            if self.view.times is TimeStyle.BEFORE:
+                since_ns = row.t_ns
+        return cells
+
+    @property
+    def _since_ns(self) -> int | None:
+        """The time from which that of the window's first row is counted."""
+        store, top, latest = self._store, self.viewport.top, self.marks.latest
+        match self.view.times:
+            case TimeStyle.START:
+                return self.start_ns
+            case TimeStyle.BEFORE if 0 < top <= store.view.count:
+                return store.view.row(top - 1).t_ns
+            case TimeStyle.MARK if latest is not None and latest >= store.first:
+                return store.row(latest).t_ns
+        return None
 
     @property
     def _painter(self) -> Painter:
