@@ -26,9 +26,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.faults import damaged_stream
+from benchmarks.recorded_rows import write_recording
 from benchmarks.recording_speed import PORTS, frame_pool
 from fte_sniff.protocol import FRAME_LENGTH
-from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.row_batch import Codebook, RowBatch
 
 START_NS = 1_770_000_000 * 10**9

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
 from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, Frame, Row, byte_time_ns, encode
 from fte_sniff.protocol.spec import DEFAULT_BAUD
+from fte_sniff.recording.bulk_writer import BulkWriter
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.row_batch import RowBatch
 
 PORTS = ("/dev/ttyUSB0", "/dev/ttyUSB1")
 START_NS = 1_770_000_000_000_000_000
@@ -31,3 +37,19 @@ def _row(port: str, number: int) -> Row:
     values = {field.name: given.get(field.name, number % 3000 - 1500) for field in kind.fields}
     offset, t_ns = number * FRAME_LENGTH, START_NS + number * _FRAME_NS
     return Frame(port, offset, encode(kind, values), t_ns, (), 1_000_000 + number % 997 * 1000)
+
+
+def write_recording(
+    path: Path,
+    ports: Sequence[PortFacts],
+    batches: Iterable[RowBatch],
+    facts: Mapping[str, str] | None = None,
+) -> None:
+    """Write a recording of batches with a `BulkWriter`; raises as it does."""
+    writer = BulkWriter(path, ports, facts)
+    try:
+        for batch in batches:
+            writer.write(batch)
+        writer.close()
+    finally:
+        writer.abandon()

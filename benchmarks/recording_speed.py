@@ -27,11 +27,11 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.analysis.summary import StatisticsSummary
 from fte_sniff.protocol import FRAME_LENGTH, KINDS, encode
-from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.mcap.reader import RecordStream
 from fte_sniff.recording.mcap.records import unpack
 from fte_sniff.recording.metadata import PortFacts

@@ -18,9 +18,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from benchmarks.recorded_rows import write_recording
 from benchmarks.recording_speed import PORTS, batches
 from benchmarks.screen_speed import Terminal
-from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.reader import RecordingReader
 
 FEW = 1_000

@@ -83,7 +83,8 @@ def listing_of(name: str) -> PortListing | None:
 
 def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortListing]:
     """The listings of ports that pyserial found; `by_id` is the folder of their stable names."""
-    links = _links_in(by_id)
+    folder = by_id.iterdir() if by_id.is_dir() else ()
+    links = {os.path.realpath(link): str(link) for link in sorted(folder, reverse=True)}
     return [_listing(port, links.get(os.path.realpath(port.device))) for port in found]
 
 
@@ -118,12 +119,6 @@ def _shown(text: str | None) -> str | None:
     return None if text is None else printable(text)
 
 
-def _links_in(folder: Path) -> dict[str, str]:
-    if not folder.is_dir():
-        return {}
-    return {os.path.realpath(link): str(link) for link in sorted(folder.iterdir(), reverse=True)}
-
-
 def _driver_of(device: str) -> str | None:
     folder = (_SYS_TTY / Path(device).name / "device").resolve()
     while (driver := folder / "driver").exists():
@@ -144,7 +139,7 @@ def holders_of(device: str) -> list[Holder]:
     except (OSError, ValueError):
         return []
     return [
-        Holder(pid, _name_of(pid))
+        Holder(pid, printable(_text(_PROC / str(pid) / "comm")) or "a program")
         for pid in _other_processes()
         if any(os.path.samestat(wanted, opened) for opened in _open_files(pid))
     ]
@@ -185,13 +180,6 @@ def _open_files(pid: int) -> Iterator[os.stat_result]:
     except OSError:
         # The process belongs to another user, or has ended.
         return
-
-
-def _name_of(pid: int) -> str:
-    try:
-        return printable((_PROC / str(pid) / "comm").read_text(errors="replace").strip())
-    except OSError:
-        return "a program"
 
 
 _USB_DEVICES = Path("/sys/bus/usb/devices")

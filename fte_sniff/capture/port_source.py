@@ -218,7 +218,8 @@ class MergedSource:
         try:
             for item in heapq.merge(*self._sources, key=lambda item: item.t_ns or 0):
                 yield item
-                if _is_lost(item) and any(s.end is SourceEnd.LOST for s in self._sources):
+                lost = isinstance(item, PortEvent) and item.kind is PortEventKind.LOST
+                if lost and any(source.end is SourceEnd.LOST for source in self._sources):
                     self.stop()
         finally:
             self.close()
@@ -254,7 +255,3 @@ class MergedSource:
         self.stop()
         for source in self._sources:
             source.close()
-
-
-def _is_lost(item: Item) -> bool:
-    return isinstance(item, PortEvent) and item.kind is PortEventKind.LOST

@@ -56,7 +56,6 @@ class Reconnector:
         self._first_wait_s = first_wait_s
         self._opened: OpenedPort | None = None
         self._cancelled = False
-        self._refusals = 0
         self._refusal: str | None = None
         self._changed = threading.Condition()
         threading.Thread(target=self._run, name="waits for a port", daemon=True).start()
@@ -83,13 +82,16 @@ class Reconnector:
                 self._opened.port.close()
 
     def _run(self) -> None:
-        wait_s = self._first_wait_s
+        wait_s, refusals = self._first_wait_s, 0
         while not self._cancelled_within(wait_s):
             wait_s = min(2 * wait_s, LONGEST_WAIT_S)
             try:
                 opened = self._reopen()
             except RefusedError as error:
-                self._count_refusal(error)
+                refusals += 1
+                if refusals == _REPORTED_REFUSAL:
+                    with self._changed:
+                        self._refusal = TranslatableText("it is back, but {why}", why=error.message)
             except PortError:
                 continue
             else:
@@ -99,12 +101,6 @@ class Reconnector:
                     self._opened = opened
                     self._changed.notify_all()
                 return
-
-    def _count_refusal(self, error: RefusedError) -> None:
-        self._refusals += 1
-        if self._refusals == _REPORTED_REFUSAL:
-            with self._changed:
-                self._refusal = TranslatableText("it is back, but {why}", why=error.message)
 
     def _cancelled_within(self, seconds: float) -> bool:
         with self._changed:

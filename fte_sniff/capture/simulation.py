@@ -39,39 +39,26 @@ class Faults:
 
     def damaged(self, raw: bytes) -> bytes:
         """The frame as received; at least one byte is left."""
-        if _chance(self._flip_dice, self._flip):
-            raw = self._flip_bit(raw)
-        if _chance(self._drop_dice, self._drop):
-            raw = self._drop_bytes(raw)
+        if self._flip_dice.random() < self._flip:
+            offset, bit = divmod(_below(self._flip_dice, len(raw) * 8), 8)
+            raw = raw[:offset] + bytes([raw[offset] ^ 1 << bit]) + raw[offset + 1 :]
+        if self._drop_dice.random() < self._drop:
+            count = 1 + _below(self._drop_dice, min(MOST_DROPPED, len(raw) - 1))
+            first = _below(self._drop_dice, len(raw) - count + 1)
+            raw = raw[:first] + raw[first + count :]
         return raw
 
     def noise(self) -> bytes:
         """Noise before the next frame; mostly none."""
         dice = self._noise_dice
-        if not _chance(dice, self._noise):
+        if dice.random() >= self._noise:
             return b""
         return bytes(_below(dice, 256) for _ in range(1 + _below(dice, MOST_NOISE)))
-
-    def _flip_bit(self, raw: bytes) -> bytes:
-        offset, bit = divmod(_below(self._flip_dice, len(raw) * 8), 8)
-        return raw[:offset] + bytes([raw[offset] ^ 1 << bit]) + raw[offset + 1 :]
-
-    def _drop_bytes(self, raw: bytes) -> bytes:
-        count = 1 + _below(self._drop_dice, min(MOST_DROPPED, len(raw) - 1))
-        first = _below(self._drop_dice, len(raw) - count + 1)
-        return raw[:first] + raw[first + count :]
-
-
-def _chance(dice: Random, probability: float) -> bool:
-    return dice.random() < probability
 
 
 def _below(dice: Random, end: int) -> int:
     """A random integer in 0..end-1; only `random()` is the same in every version of Python."""
     return int(dice.random() * end)
-
-
-_TABLE_KEY = "parameter"
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +105,8 @@ class Parameter:
 
 
 def _parameter(default: float | str, meaning: str, **limits: Any) -> Any:
-    entry = {"default": default, "meaning": meaning, **limits}
-    return dataclasses.field(default=default, metadata={_TABLE_KEY: entry})
+    metadata = {"default": default, "meaning": meaning, **limits}
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,12 +148,9 @@ def max_frames_per_s(baud: int) -> int:
     return round(1_000_000_000 / (FRAME_LENGTH * byte_time_ns(baud)))
 
 
-def _table() -> tuple[Parameter, ...]:
-    fields = dataclasses.fields(SimulationParameters)
-    return tuple(Parameter(field.name, **field.metadata[_TABLE_KEY]) for field in fields)
-
-
-PARAMETERS: tuple[Parameter, ...] = _table()
+PARAMETERS: tuple[Parameter, ...] = tuple(
+    Parameter(field.name, **field.metadata) for field in dataclasses.fields(SimulationParameters)
+)
 """Every parameter, in the order of the help."""
 
 
@@ -176,17 +160,14 @@ def parse_parameters(query: str) -> SimulationParameters:
     values: dict[str, Any] = {}
     for name, text in parse_qsl(query, keep_blank_values=True):
         if name not in by_name:
-            raise PortError(_unknown(name, list(by_name)))
+            near = difflib.get_close_matches(name, by_name, 1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            known = ", ".join(by_name)
+            raise PortError(f"sim:// knows no parameter {name!r:.40}: {hint}it knows {known}")
         if name in values:
             raise PortError(f"sim:// is given {name} twice: give it once")
         values[name] = by_name[name].read(text)
     return SimulationParameters(**values)
-
-
-def _unknown(name: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(name, known, 1)
-    hint = f"did you mean {near[0]}? " if near else ""
-    return f"sim:// knows no parameter {name!r:.40}: {hint}it knows {', '.join(known)}"
 
 
 _MOST_JITTER_NS = 400_000
@@ -231,9 +212,11 @@ class Simulation:
         if self.parameters.is_silent:
             return
         slot = received = 0
+        slot_ns = 1_000_000_000 / self.parameters.rate
+        jitter_ns = min(max(0.0, slot_ns - FRAME_LENGTH * self._byte_ns), _MOST_JITTER_NS)
         while True:
             sent = self._frame_in(slot)
-            begins_ns = self._start_of(slot)
+            begins_ns = int(slot * slot_ns + self._jitter_dice.random() * jitter_ns)
             slot += 1
             if not sent:
                 continue
@@ -241,11 +224,6 @@ class Simulation:
             received += 1
             if received == self.parameters.frames:
                 return
-
-    def _start_of(self, slot: int) -> int:
-        slot_ns = 1_000_000_000 / self.parameters.rate
-        slack_ns = max(0.0, slot_ns - FRAME_LENGTH * self._byte_ns)
-        return int(slot * slot_ns + self._jitter_dice.random() * min(slack_ns, _MOST_JITTER_NS))
 
     def _frame_in(self, slot: int) -> bytes | None:
         t_s = slot / self.parameters.rate

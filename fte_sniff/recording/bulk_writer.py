@@ -15,49 +15,14 @@ from pathlib import Path
 import numpy as np
 from mcap.records import Metadata
 
-from fte_sniff.errors import FileError, unwritable
+from fte_sniff.errors import FileError
 from fte_sniff.recording.mcap.append_file import Stream
 from fte_sniff.recording.mcap.records import cores, keep_freed_memory
-from fte_sniff.recording.mcap.writer import McapBatch, McapFile, PackedChunk, packed
+from fte_sniff.recording.mcap.writer import McapBatch, PackedChunk, packed
 from fte_sniff.recording.messages.codec import encodable_items
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import begin_recording
 from fte_sniff.row_batch import Array, RowBatch
-
-
-class BackgroundPacker:
-    """Compresses chunks in threads and writes them in order."""
-
-    def __init__(self, file: McapFile) -> None:
-        """Take the file; it must not be written otherwise meanwhile."""
-        self._file = file
-        self._threads = ThreadPoolExecutor(cores(), "compresses chunks")
-        self._under_way: deque[Future[PackedChunk]] = deque()
-        self._most_under_way = cores() + 1
-
-    def write(self, batch: McapBatch) -> None:
-        """Write a chunk; blocks while enough chunks are under way.
-
-        Raises OSError if a chunk cannot be written; the file must not be written after that.
-        """
-        while len(self._under_way) >= self._most_under_way:
-            self._write_first()
-        definitions = self._file.next_definitions()
-        self._under_way.append(self._threads.submit(packed, definitions, batch))
-
-    def close(self) -> None:
-        """Write the chunks that are under way, and end the threads."""
-        while self._under_way:
-            self._write_first()
-        self._threads.shutdown()
-
-    def abandon(self) -> None:
-        """End the threads; chunks that are under way are lost."""
-        self._threads.shutdown(cancel_futures=True)
-
-    def _write_first(self) -> None:
-        self._file.write_chunk(self._under_way.popleft().result())
-
 
 NamedFacts = tuple[str, Mapping[str, str]]
 """Name and content of a metadata record."""
@@ -65,25 +30,6 @@ NamedFacts = tuple[str, Mapping[str, str]]
 CHUNK_ROWS = 32_768
 """Rows in a chunk: about 3 MB unpacked, so that the cost per chunk is negligible, and the chunk no
 larger than those of other writers."""
-
-
-def write_recording(
-    path: Path,
-    ports: Sequence[PortFacts],
-    batches: Iterable[RowBatch],
-    facts: Mapping[str, str] | None = None,
-) -> None:
-    """Write a recording with a `BulkWriter`; raises FileError, and what the batches raise."""
-    try:
-        writer = BulkWriter(path, ports, facts)
-        try:
-            for batch in batches:
-                writer.write(batch)
-            writer.close()
-        finally:
-            writer.abandon()
-    except OSError as error:
-        raise unwritable(path, error) from error
 
 
 class BulkWriter:
@@ -120,7 +66,8 @@ class BulkWriter:
         except OSError:
             os.close(self._descriptor)
             raise
-        self._background = BackgroundPacker(self._file)
+        self._threads = ThreadPoolExecutor(cores(), "compresses chunks")
+        self._under_way: deque[Future[PackedChunk]] = deque()
         self._closed = False
 
     def write(self, batch: RowBatch) -> None:
@@ -140,7 +87,9 @@ class BulkWriter:
     def close(self, metadata: Iterable[NamedFacts] = ()) -> None:
         """Write what waits, further metadata records and the index, and close; raises OSError."""
         self._write_waiting()
-        self._background.close()
+        while self._under_way:
+            self._write_first()
+        self._threads.shutdown()
         self._file.write_metadata(
             Metadata(name, encodable_items(facts)) for name, facts in metadata
         )
@@ -152,7 +101,7 @@ class BulkWriter:
         """Close the file as it is; nothing if it is closed already."""
         if not self._closed:
             self._closed = True
-            self._background.abandon()
+            self._threads.shutdown(cancel_futures=True)
             os.close(self._descriptor)
 
     def _write_waiting(self) -> None:
@@ -160,7 +109,14 @@ class BulkWriter:
             batch = RowBatch.concat(self._waiting)
             self._waiting, self._waiting_rows = [], 0
             for chunk in _chunks(batch):
-                self._background.write(self._messages(chunk))
+                messages = self._messages(chunk)
+                while len(self._under_way) > cores():
+                    self._write_first()
+                definitions = self._file.next_definitions()
+                self._under_way.append(self._threads.submit(packed, definitions, messages))
+
+    def _write_first(self) -> None:
+        self._file.write_chunk(self._under_way.popleft().result())
 
     def _messages(self, chunk: RowBatch) -> McapBatch:
         times = self._log_times(chunk.t_ns)

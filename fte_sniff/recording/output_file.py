@@ -199,7 +199,7 @@ def _new(wanted: Path, existing: Existing) -> tuple[int, Path | None]:
         descriptor = os.open(wanted.parent, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o666)
         _lock(descriptor, wanted)
         return descriptor, None
-    for path in _names(wanted, existing):
+    for path in file_names(wanted, existing):
         with suppress(FileExistsError):
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
             # Not removed if another program locked it first: that one replaces it.
@@ -209,7 +209,7 @@ def _new(wanted: Path, existing: Existing) -> tuple[int, Path | None]:
 
 
 def _link(descriptor: int, wanted: Path, existing: Existing) -> Path:
-    for path in _names(wanted, existing):
+    for path in file_names(wanted, existing):
         with suppress(FileExistsError):
             # `dst_dir_fd` makes Python call linkat, which follows the link in /proc.
             folder = os.open(path.parent, os.O_DIRECTORY | os.O_CLOEXEC)
@@ -230,7 +230,8 @@ def _temporary(path: Path, replaced: int) -> tuple[int, Path]:
     return descriptor, Path(name)
 
 
-def _names(wanted: Path, existing: Existing) -> Iterator[Path]:
+def file_names(wanted: Path, existing: Existing = Existing.NUMBER) -> Iterator[Path]:
+    """The names to try: `x.mcap`, and with `NUMBER` also `x-2.mcap`, `x-3.mcap` and so on."""
     yield wanted
     if existing is Existing.NUMBER:
         for number in count(2):

@@ -11,11 +11,11 @@ import os
 from dataclasses import dataclass
 from enum import StrEnum
 from glob import escape
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
 
 from fte_sniff.errors import FileError, TranslatableText, unwritable
-from fte_sniff.recording.output_file import Existing, is_stream
+from fte_sniff.recording.output_file import Existing, file_names, is_stream
 
 DEFAULT_FLUSH_S = 1.0
 """Seconds between two flushes: a kill or a power cut costs the rows of this time. Each flush makes
@@ -119,7 +119,9 @@ class FileRetention:
         """Whether the recording goes to regular files, which others can follow."""
         self._rotates = options.rotates and self.are_regular
         is_sequence = self._rotates or (self.are_regular and options.max_index_bytes is not None)
-        self._path = _unused(path) if is_sequence and existing is Existing.NUMBER else path
+        self._path = path
+        if is_sequence and existing is Existing.NUMBER:
+            self._path = next(name for name in file_names(path) if not _numbered(name))
         self.first = self._name(1) if self._rotates else self._path
         """The first file."""
         if is_sequence and existing is Existing.REFUSE and (earlier := _numbered(path)):
@@ -225,12 +227,6 @@ class FileRetention:
         except OSError:
             return None, None
         return found.f_blocks * found.f_frsize, found.f_bavail * found.f_frsize
-
-
-def _unused(path: Path) -> Path:
-    """The first of `x`, `x-2`, `x-3` ... of which no numbered file exists."""
-    others = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
-    return next(name for name in chain([path], others) if not _numbered(name))
 
 
 def _numbered(path: Path) -> Path | None:

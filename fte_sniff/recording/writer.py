@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -195,30 +194,20 @@ class RecordingWriter:
         if self._closed:
             return
         try:
-            if self.failure is None:
-                self.flush()
-                self._file.close()
+            try:
+                if self.failure is None:
+                    self.flush()
+                    self._file.close()
+            finally:
+                self._closed = True
+                self._output.close()  # some network file systems report write errors only now
         except OSError as error:
-            raise self._stop(error) from error
-        finally:
-            self._closed = True
-            self._close_output()
-
-    def _close_output(self) -> None:
-        try:
-            self._output.close()
-        except OSError as error:  # some network file systems report write errors only now
             raise self._stop(error) from error
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     def _check(self) -> None:

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain, count
 from pathlib import Path
 from queue import Full, Queue
 from threading import Thread
@@ -167,9 +166,9 @@ DEFAULT_NAME: Final = "rows.csv"
 
 def free_path(name: str) -> Path:
     """The path, or the first of `rows-2.csv`, `rows-3.csv`, ... that does not exist."""
-    path = Path(name)
-    others = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
-    return next(one for one in chain([path], others) if not os.path.lexists(one))
+    from fte_sniff.recording.output_file import file_names
+
+    return next(path for path in file_names(Path(name)) if not os.path.lexists(path))
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,8 @@ import pytest
 from rich.cells import cell_len
 
 import fte_sniff
+from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol import KIND_BY_NAME, PortEvent, PortEventKind, byte_time_ns, encode
-from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions, TriggerWindow

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.recorded_rows import write_recording
 from fte_sniff.protocol import KIND_BY_NAME, encode
-from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import Codebook, RowBatch
 from tests.cli.conftest import SAMPLES

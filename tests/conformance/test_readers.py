@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.recording.bulk_writer import write_recording
+from benchmarks.recorded_rows import write_recording
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Recorder

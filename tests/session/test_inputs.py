@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.tally import Tally
@@ -20,7 +21,6 @@ from fte_sniff.formats.parquet import write_parquet
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, row_writer
 from fte_sniff.protocol import KINDS, Chunk, Damage, Fault, Frame, Framer, Row, encode
 from fte_sniff.recording.batch_reader import TimeRange
-from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.session.inputs import (
     FEW,

@@ -16,12 +16,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.recorded_rows import write_recording
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import find_fault
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import KINDS, Damage, Fault, Frame, PortEvent, PortEventKind, Row, encode
 from fte_sniff.recording.batch_reader import EVERYTHING, TimeRange
-from fte_sniff.recording.bulk_writer import write_recording
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.row_batch import Codebook, RowBatch

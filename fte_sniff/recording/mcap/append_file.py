@@ -27,7 +27,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -114,23 +114,6 @@ def bytes_of(*records: McapRecord) -> bytes:
     return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
-class AppendTarget(Protocol):
-    """A file that grows. Methods may raise OSError."""
-
-    @property
-    def size(self) -> int:
-        """Bytes in the file."""
-        ...
-
-    def append(self, data: bytes, tail: Callable[[], Tail]) -> None:
-        """Append data; `tail` gives the tail that the file then ends with, where it needs one."""
-        ...
-
-    def close(self, tail: Tail) -> None:
-        """End the file with this tail."""
-        ...
-
-
 class LostDataError(OSError):
     """What was appended earlier is lost."""
 
@@ -211,7 +194,9 @@ class AppendFile:
     def _guard(self, tail: Tail, stop: int) -> tuple[int, int]:
         """Write the guard after `stop` and after the file's end; returns its start and end."""
         start = max(stop, self.size)
-        start += _room_for_footer(tail.summary_at(start) + tail.index_length)
+        into_sector = (tail.summary_at(start) + tail.index_length) % _SECTOR
+        if 0 < into_sector < END_LENGTH:  # the footer must be within one sector
+            start += END_LENGTH - into_sector
         guard = replace(tail, data_crc=0, indexed=True).at(start)
         footer_at = start + len(guard) - END_LENGTH
         _write_at(self._descriptor, tail.end_for(self._end), footer_at)
@@ -272,6 +257,9 @@ class Stream:
             view = view[written:]
 
 
+AppendTarget: TypeAlias = AppendFile | Stream
+"""A file that grows. Methods may raise OSError."""
+
 MAX_UNREAD = 64 * 1024 * 1024
 """Bytes that wait for the reader of a named pipe, at most: hours of a fully used wire."""
 
@@ -321,12 +309,6 @@ class NamedPipe(Stream):
             super()._write(unread)
         elif len(self._unread) > MAX_UNREAD:
             raise NoReaderError
-
-
-def _room_for_footer(stop: int) -> int:
-    """How far a footer that ends at `stop` must be moved so that it is within one sector."""
-    into = stop % _SECTOR
-    return END_LENGTH - into if 0 < into < END_LENGTH else 0
 
 
 def _write_at(descriptor: int, data: bytes, offset: int) -> None:

@@ -81,7 +81,8 @@ def packed(definitions: bytes, batch: McapBatch) -> PackedChunk:
         uncompressed_size=len(records),
     )
     record = bytes_of(chunk)
-    counts = _counts_of(batch)
+    numbers = np.bincount(batch.channels)
+    counts = {channel: int(numbers[channel]) for channel in np.flatnonzero(numbers).tolist()}
     indexes, offsets = _message_indexes(batch, counts, len(definitions), len(record))
     index = ChunkIndex(
         message_start_time=chunk.message_start_time,
@@ -95,12 +96,6 @@ def packed(definitions: bytes, batch: McapBatch) -> PackedChunk:
         uncompressed_size=chunk.uncompressed_size,
     )
     return PackedChunk(record + indexes, index, counts)
-
-
-def _counts_of(batch: McapBatch) -> dict[int, int]:
-    """Number of messages by channel id, in rising order."""
-    counts = np.bincount(batch.channels)
-    return {channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()}
 
 
 def _message_indexes(
@@ -159,7 +154,8 @@ class McapFile:
         self._end = 0
         self._crc = 0
         self._indexed_end = 0
-        self._index_length = 0
+        self.index_length = 0
+        """Bytes of the summary, whether it is written or not."""
         start = MCAP0_MAGIC + bytes_of(Header("", library))
         record = bytes_of(metadata)
         self._metadata_indexes.append(MetadataIndex(len(start), len(record), metadata.name))
@@ -169,11 +165,6 @@ class McapFile:
     def size(self) -> int:
         """Bytes in the file, including its tail."""
         return self._target.size
-
-    @property
-    def index_length(self) -> int:
-        """Bytes of the summary, whether it is written or not."""
-        return self._index_length
 
     def add_channel(self, channel: Channel) -> None:
         """Add a channel; its schema is one of the file's."""
@@ -230,7 +221,7 @@ class McapFile:
     def _next_tail(self, end: int, crc: int) -> Tail:
         """The tail after the next data, without summary if that is too long."""
         tail = self._tail(crc)
-        self._index_length = tail.index_length
+        self.index_length = tail.index_length
         if tail.index_length > max(LONG_SUMMARY, end - self._indexed_end):
             return replace(tail, indexed=False)
         self._indexed_end = end

@@ -7,6 +7,7 @@ fixed layout.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from enum import StrEnum
 from functools import cache, lru_cache
 from math import nan
 from typing import Any
@@ -289,9 +290,8 @@ def _names_by_number(field: Any) -> dict[int, str]:
     """The faults or event kinds of this version, by their numbers in the file's schema."""
     if field.enum_type is None:
         return {}
-    enum = "PortEventKind" if field.name == "kind" else "Fault"
-    known = PortEventKind if enum == "PortEventKind" else Fault
-    names = {enum_value_name(enum, one): str(one) for one in known}
+    known: type[StrEnum] = PortEventKind if field.name == "kind" else Fault
+    names = {enum_value_name(known.__name__, one): str(one) for one in known}
     return {
         value.number: names[value.name] for value in field.enum_type.values if value.name in names
     }

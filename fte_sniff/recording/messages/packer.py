@@ -30,7 +30,7 @@ from fte_sniff.recording.messages.schema import (
     schema_data,
     schema_name,
 )
-from fte_sniff.recording.messages.wire_layout import SOUND_LACKS, WireField, wire_fields
+from fte_sniff.recording.messages.wire_layout import SOUND_LACKS, wire_fields
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.row_batch import NO_TIME, Array, RowBatch
 
@@ -74,15 +74,10 @@ _NO_FORM = 255
 _BYTES = 256
 
 
-def _form_codes() -> Array:
-    """By header and CMD, read as one little-endian number: the index in `_FORMS`."""
-    codes = np.full(_BYTES * _BYTES, _NO_FORM, np.uint8)
-    for code, (kind, cmd, _) in enumerate(_FORMS[:_UNCERTAIN]):
-        codes[kind.header | cmd << 8] = code
-    return codes
-
-
-_FORM_CODES = _form_codes()
+_FORM_CODES = np.full(_BYTES * _BYTES, _NO_FORM, np.uint8)
+"""By header and CMD, read as one little-endian number: the index in `_FORMS`."""
+_HEADS = [kind.header | cmd << 8 for kind, cmd, _ in _FORMS[:_UNCERTAIN]]
+_FORM_CODES[_HEADS] = np.arange(_UNCERTAIN)
 _NAMES_MOTOR = np.zeros(_NO_FORM + 1, np.bool_)
 """By form, whether its frames name a motor."""
 _NAMES_MOTOR[: len(_FORMS)] = [kind.names_motor for kind, *_ in _FORMS]
@@ -100,12 +95,14 @@ class RowModel:
         message = encode_row(topic, frame, 0)
         head = MESSAGE.pack(Opcode.MESSAGE, MESSAGE_HEAD + len(message), 0, 0, 0, 0)
         self._template = np.void(head + message)
+        self.length = self._template.itemsize
+        """Bytes of each message record."""
         self._values = kind.fields
         lacking = SOUND_LACKS - {"order_uncertain"} if uncertain else SOUND_LACKS
-        fields = _HEAD_FIELDS | {
-            field.name: (_numpy_type(field), MESSAGE.size + field.offset)
-            for field in wire_fields(class_of(topic.name).DESCRIPTOR.fields, lacking)
-        }
+        fields = dict(_HEAD_FIELDS)
+        for field in wire_fields(class_of(topic.name).DESCRIPTOR.fields, lacking):
+            code_of_type = f"V{field.size}" if field.code == "s" else f"<{field.code}"
+            fields[field.name] = code_of_type, MESSAGE.size + field.offset
         self._type = np.dtype(
             {
                 "names": list(fields),
@@ -114,11 +111,6 @@ class RowModel:
                 "itemsize": self.length,
             }
         )
-
-    @property
-    def length(self) -> int:
-        """Bytes of each message record."""
-        return self._template.itemsize
 
     def records(self, fields: dict[str, Array]) -> NDArray[np.void]:
         """The message records of some rows.
@@ -138,10 +130,6 @@ class RowModel:
         return found
 
 
-def _numpy_type(field: WireField) -> str:
-    return f"V{field.size}" if field.code == "s" else f"<{field.code}"
-
-
 def _frame_of(code: int, motor: int) -> Frame:
     kind, cmd, uncertain = _FORMS[code]
     raw = bytes([kind.header, cmd, motor]).ljust(FRAME_LENGTH, b"\0")
@@ -153,9 +141,7 @@ def _topic(code: int, motor: int) -> Topic:
     return topic_of(_frame_of(code, motor))
 
 
-@cache
-def _model(code: int) -> RowModel:
-    return RowModel(code)
+_model = cache(RowModel)
 
 
 @cache

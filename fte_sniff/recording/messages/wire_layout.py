@@ -249,14 +249,8 @@ class WireLayouts:
 
 def _is_usable(descriptor: Any) -> bool:
     """Whether the size of every field is known before its value is."""
-    fields = descriptor.fields_by_name
-    needed = all(name in fields and fields[name].type == kind for name, kind in _ROW_TYPES.items())
-    optional = all(
-        fields[name].type == kind for name, kind in _OPTIONAL_TYPES.items() if name in fields
-    )
-    return needed and optional and all(map(_has_known_size, descriptor.fields))
-
-
-def _has_known_size(field: Any) -> bool:
-    known = field.type in _TYPES or field.name == "raw"
-    return bool(known and (field.default_value == []) == (field.name == "faults"))
+    types = {field.name: field.type for field in descriptor.fields}
+    repeated = [field.name for field in descriptor.fields if field.default_value == []]
+    sized = all(kind in _TYPES or name == "raw" for name, kind in types.items())
+    optional = all(types.get(name, kind) == kind for name, kind in _OPTIONAL_TYPES.items())
+    return sized and optional and repeated == ["faults"] and types.items() >= _ROW_TYPES.items()
