@@ -31,7 +31,7 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.output import summary
 from fte_sniff.cli.recording_options import capture_plan, recording_options
-from fte_sniff.cli.settings import SavedSettings, config_option, lang_option
+from fte_sniff.cli.settings import Settings, config_option, lang_option
 from fte_sniff.cli.streams import (
     ENDING_SIGNALS,
     abandon_stdout,
@@ -94,7 +94,7 @@ The command passes `config` to `load_settings`, `no_reconnect` to its wiring, an
 def run_capture(
     wiring_with: Callable[[PortSettings], Wiring],
     ports: Sequence[str],
-    settings: SavedSettings,
+    settings: Settings,
     *,
     baud: int | None,
     dtr: str,
@@ -136,7 +136,7 @@ def run_capture(
 
 
 def _start_options(
-    plan: CapturePlan, setup: LineSetup, settings: SavedSettings, lang: str | None
+    plan: CapturePlan, setup: LineSetup, settings: Settings, lang: str | None
 ) -> StartOptions:
     from fte_sniff.tui.options import StartOptions
 

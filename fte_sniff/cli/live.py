@@ -41,7 +41,7 @@ def command(
     fte-sniff live sim:// --plain --count 20 --no-record
     """
     settings = load_settings(config)
-    ports = ports or settings.settings.ports
+    ports = ports or settings.ports
     if not ports:
         raise UsageError(
             "live needs a PORT: `fte-sniff ports` lists them; or name it in "

@@ -29,7 +29,7 @@ from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.analysis.statistics import LineSetup
-    from fte_sniff.cli.settings import SavedSettings
+    from fte_sniff.cli.settings import Settings
     from fte_sniff.recording.batch_reader import TimeRange
 
 
@@ -317,7 +317,7 @@ line_speed_option = click.option(
 
 
 def line_setup(
-    settings: SavedSettings,
+    settings: Settings,
     ports: Sequence[str],
     resolution: float | None,
     gear_ratio: float | None,
@@ -331,13 +331,6 @@ def line_setup(
         resolution = settings.defaults(ports, "resolution").resolution
     if resolution is not None and gear_ratio is None:
         gear_ratio = settings.defaults(ports, "gear_ratio").gear_ratio
-    return check_line_setup(resolution, gear_ratio, baud)
-
-
-def check_line_setup(
-    resolution: float | None, gear_ratio: float | None, baud: int = DEFAULT_BAUD
-) -> LineSetup:
-    """The line setup from the options; raises UsageError for a gear ratio without resolution."""
     if resolution is None and gear_ratio is not None:
         raise UsageError("--gear-ratio makes turns of pulses only together with --resolution")
     from fte_sniff.analysis.statistics import LineSetup

@@ -75,6 +75,10 @@ class Settings:
     by_port: Mapping[str, PortDefaults] = field(default_factory=lambda: MappingProxyType({}))
     faults: tuple[str, ...] = ()
     """Invalid entries of the file, one line each."""
+    path: Path = Path()
+    """The file."""
+    trouble: tuple[str, ...] = ()
+    """Problems with the file that were reported, one line each."""
 
     def of_port(self, port: str) -> PortDefaults:
         """Settings of a port, by this name or another name of the same device."""
@@ -84,6 +88,57 @@ class Settings:
             same = (name for name in self.by_port if Path(name).resolve() == device)
             found = self.by_port.get(next(same, ""))
         return found or PortDefaults()
+
+    def defaults(self, ports: Sequence[str], *names: str) -> PortDefaults:
+        """The named settings of these ports.
+
+        Raises UsageError if a setting differs between the ports.
+        """
+        by_port = [self.of_port(port) for port in ports]
+        found = {}
+        for name in names:
+            values = {getattr(one, name) for one in by_port} - {None}
+            if len(values) > 1:
+                raise UsageError(
+                    f"{self.path} has another {name.replace('_', '-')} for each port; "
+                    f"give one with {OPTION_OF[name]}"
+                )
+            found[name] = next(iter(values), None)
+        return PortDefaults(**found)
+
+    def language(self, lang: str | None) -> str:
+        """The language of the screen; `lang` is the value of `--lang`."""
+        return language_of(lang or self.screen.language, os.environ)
+
+    @property
+    def choices(self) -> Choices:
+        """Theme and columns of the screen."""
+        from fte_sniff.tui.options import Choices
+        from fte_sniff.tui.table.columns import ColumnChoice
+
+        screen = self.screen
+        widths = tuple((screen.widths or {}).items())
+        columns = None if screen.columns is None else ColumnChoice(screen.columns, widths)
+        return Choices(screen.theme, columns)
+
+    def keep(self, choices: Choices) -> None:
+        """Save the choices for the next start of the screen; a failure is only reported."""
+        columns = choices.columns
+        try:
+            # Read again: another screen may have written it.
+            found = read_settings(self.path)
+            if found.faults:
+                print_err(f"the screen settings are not saved: correct {self.path} first")
+                return
+            screen = replace(
+                found.screen,
+                theme=choices.theme,
+                columns=None if columns is None else columns.names,
+                widths=None if columns is None else dict(columns.widths) or None,
+            )
+            save_screen(self.path, screen)
+        except FteSniffError as error:
+            print_err(f"the screen settings are not saved: {error}")
 
 
 _Convert: TypeAlias = Callable[[Any], Any]
@@ -306,71 +361,10 @@ lang_option = click.option(
     type=click.Choice([*LANGUAGES, AUTO]),
     help="Language of the screen; by default that of the settings or the locale.",
 )
-"""The `--lang` option; its value goes to `SavedSettings.language`."""
+"""The `--lang` option; its value goes to `Settings.language`."""
 
 
-@dataclass(frozen=True, slots=True)
-class SavedSettings:
-    """The settings, with the path of their file."""
-
-    path: Path
-    settings: Settings
-    trouble: tuple[str, ...] = ()
-    """Problems with the file that were reported, one line each."""
-
-    def defaults(self, ports: Sequence[str], *names: str) -> PortDefaults:
-        """The named settings of these ports.
-
-        Raises UsageError if a setting differs between the ports.
-        """
-        by_port = [self.settings.of_port(port) for port in ports]
-        found = {}
-        for name in names:
-            values = {getattr(one, name) for one in by_port} - {None}
-            if len(values) > 1:
-                raise UsageError(
-                    f"{self.path} has another {name.replace('_', '-')} for each port; "
-                    f"give one with {OPTION_OF[name]}"
-                )
-            found[name] = next(iter(values), None)
-        return PortDefaults(**found)
-
-    def language(self, lang: str | None) -> str:
-        """The language of the screen; `lang` is the value of `--lang`."""
-        return language_of(lang or self.settings.screen.language, os.environ)
-
-    @property
-    def choices(self) -> Choices:
-        """Theme and columns of the screen."""
-        from fte_sniff.tui.options import Choices
-        from fte_sniff.tui.table.columns import ColumnChoice
-
-        screen = self.settings.screen
-        widths = tuple((screen.widths or {}).items())
-        columns = None if screen.columns is None else ColumnChoice(screen.columns, widths)
-        return Choices(screen.theme, columns)
-
-    def keep(self, choices: Choices) -> None:
-        """Save the choices for the next start of the screen; a failure is only reported."""
-        columns = choices.columns
-        try:
-            # Read again: another screen may have written it.
-            found = read_settings(self.path)
-            if found.faults:
-                print_err(f"the screen settings are not saved: correct {self.path} first")
-                return
-            screen = replace(
-                found.screen,
-                theme=choices.theme,
-                columns=None if columns is None else columns.names,
-                widths=None if columns is None else dict(columns.widths) or None,
-            )
-            save_screen(self.path, screen)
-        except FteSniffError as error:
-            print_err(f"the screen settings are not saved: {error}")
-
-
-def load_settings(config: Path | None) -> SavedSettings:
+def load_settings(config: Path | None) -> Settings:
     """Load the settings from `config`, or from the default file; problems are reported.
 
     Raises FileError if the named file is not there.
@@ -388,4 +382,4 @@ def load_settings(config: Path | None) -> SavedSettings:
         settings, trouble = Settings(), [f"{error}; starting without settings"]
     for line in trouble:
         print_err(f"fte-sniff: {line}")
-    return SavedSettings(path, settings, tuple(trouble))
+    return replace(settings, path=path, trouble=tuple(trouble))

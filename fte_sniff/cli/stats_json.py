@@ -143,7 +143,7 @@ def _motor(answers: AnswerStats, flags: FlagStats, *, in_order: bool) -> Json:
         "answered": known(answers.pairing.answered),
         "unanswered": known(answers.pairing.unanswered),
         "neither": known(answers.neither),
-        "delay": _durations(answers.delays if in_order else _no_durations()),
+        "delay": _durations(answers.delays if in_order else type(answers.delays)()),
         "error_bits": [
             {"bit": bit, "frames": seen.rows, **_times(seen)}
             for bit, seen in flags.error_bits.items()
@@ -154,12 +154,6 @@ def _motor(answers: AnswerStats, flags: FlagStats, *, in_order: bool) -> Json:
             **_times(flags.offline),
         },
     }
-
-
-def _no_durations() -> Durations:
-    from fte_sniff.analysis.counters import Durations
-
-    return Durations()
 
 
 def _durations(durations: Durations) -> Json:
