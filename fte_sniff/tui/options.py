@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
 
-CLOSING_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
-"""Signals that close the screen and restore the terminal."""
-
-
 @dataclass(frozen=True, slots=True)
 class Choices:
     """What the user chooses on the screen, and has again the next time."""
@@ -41,8 +37,8 @@ class StartOptions:
     """The first filter."""
     keep_rows: int = DEFAULT_BOUND
     """Rows that are kept, or kept in memory, at least 1; the oldest are dropped first."""
-    signals: tuple[signal.Signals, ...] = CLOSING_SIGNALS
-    """Signals that close the screen; others are left alone."""
+    signals: tuple[signal.Signals, ...] = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+    """Signals that close the screen and restore the terminal; others are left alone."""
     line_setup: LineSetup = DEFAULT_SETUP
     language: str = "en"
     """A key of `i18n.LANGUAGES`."""

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from enum import Enum, auto
+from functools import partial
 from threading import Condition, Thread
 from typing import Any, cast
 
@@ -146,15 +147,9 @@ class Terminal(LinuxDriver):
     It writes to standard output, which the command line has checked to be a terminal.
     """
 
-    def __init__(
-        self,
-        app: App[object],
-        *,
-        debug: bool = False,
-        mouse: bool = True,
-        size: tuple[int, int] | None = None,
-    ) -> None:
-        super().__init__(app, debug=debug, mouse=mouse, size=size)
+    def __init__(self, app: App[object], **options: Any) -> None:
+        """`options` are those of Textual's driver."""
+        super().__init__(app, **options)
         self._state = _State.OFF
         self._gone = False
         self._output: AsyncTerminalWriter | None = None
@@ -247,7 +242,9 @@ class Terminal(LinuxDriver):
     def _handle_job_control(self) -> None:
         # Textual's own handlers may interrupt a write, and then wait for it.
         self._loop.add_signal_handler(signal.SIGTSTP, self._suspend)
-        self._loop.add_signal_handler(signal.SIGCONT, self._on_continue)
+        # The shell has used the terminal before SIGCONT.
+        resume = partial(self._loop.call_later, _RESUME_DELAY_S, self._resume)
+        self._loop.add_signal_handler(signal.SIGCONT, resume)
 
     def _is_background(self) -> bool:
         """Whether another job has the terminal; False without job control."""
@@ -270,11 +267,6 @@ class Terminal(LinuxDriver):
         os.killpg(os.getpgrp(), signal.SIGTSTP)
         self._handle_job_control()
         self._loop.call_later(_RESUME_DELAY_S, self._resume)
-
-    def _on_continue(self) -> None:
-        """Resume after SIGCONT, since the shell has used the terminal meanwhile."""
-        if self._state is not _State.OFF:
-            self._loop.call_later(_RESUME_DELAY_S, self._resume)
 
     def _resume(self) -> None:
         if self._state is _State.OFF or self._app._exit:

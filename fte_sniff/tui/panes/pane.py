@@ -91,11 +91,6 @@ class Pane(VerticalScroll, can_focus=False):
         bar = 0 if self.show_vertical_scrollbar else 1
         return Size(max(1, region.width - bar), max(1, region.height))
 
-    @property
-    def has_size(self) -> bool:
-        """Whether it was laid out on the screen."""
-        return bool(self.scrollable_content_region)
-
     def set_title(self, *titles: str) -> None:
         """Set the first title that fits, or else the last."""
         width = self.size.width - _CORNERS

@@ -137,7 +137,7 @@ class PaneSwitcher:
 
     def redraw(self) -> None:
         """Draw the open pane, where it has a size."""
-        if self._open is not None and self._open.has_size:
+        if self._open is not None and self._open.scrollable_content_region:
             self._drawn_at_ns = self._clock_ns
             self._open.draw(self._context())
 

@@ -178,13 +178,12 @@ def _value_column(field: Field) -> TableColumn:
 
 def _port_column(ports: tuple[str, ...]) -> TableColumn:
     """Column of port names, shortened but still different from each other."""
+    names = tuple(dict.fromkeys(map(printable, ports)))
 
     def cell(value: Value, width: int) -> str:
         name = printable(str(value))
-        known = tuple(dict.fromkeys(map(printable, ports)))
-        return short_names(known if name in known else (*known, name), width)[name]
+        return short_names(names if name in names else (*names, name), width)[name]
 
-    names = tuple(dict.fromkeys(map(printable, ports)))
     widest = max((len(name) for name in short_names(names, _PORT_WIDTH).values()), default=0)
     return TableColumn("port", "port", max(widest, len("port")), False, cell)
 
