@@ -85,22 +85,21 @@ def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortLi
     """The listings of ports that pyserial found; `by_id` is the folder of their stable names."""
     folder = by_id.iterdir() if by_id.is_dir() else ()
     links = {os.path.realpath(link): str(link) for link in sorted(folder, reverse=True)}
-    return [_listing(port, links.get(os.path.realpath(port.device))) for port in found]
-
-
-def _listing(port: ListPortInfo, by_id: str | None) -> PortListing:
-    return PortListing(
-        device=port.device,
-        by_id=by_id,
-        vid=port.vid,
-        pid=port.pid,
-        serial_number=_shown(port.serial_number),
-        location=_shown(port.location),
-        description=None if port.description == _NO_DESCRIPTION else _shown(port.description),
-        driver=_driver_of(port.device),
-        permitted=os.access(port.device, os.R_OK | os.W_OK),
-        holders=tuple(holders_of(port.device)),
-    )
+    return [
+        PortListing(
+            device=port.device,
+            by_id=links.get(os.path.realpath(port.device)),
+            vid=port.vid,
+            pid=port.pid,
+            serial_number=_shown(port.serial_number),
+            location=_shown(port.location),
+            description=None if port.description == _NO_DESCRIPTION else _shown(port.description),
+            driver=_driver_of(port.device),
+            permitted=os.access(port.device, os.R_OK | os.W_OK),
+            holders=tuple(holders_of(port.device)),
+        )
+        for port in found
+    ]
 
 
 def _is_terminal(name: str) -> bool:

@@ -63,15 +63,18 @@ class RecordingReader:
         Raises FileError if the file cannot be read, is empty, no MCAP, or has none of fte-sniff's
         topics.
         """
-        self._path = path
+        self.path = path
+        """The path of the recording."""
         self._channels: dict[int, Channel] = {}
-        self._metadata: dict[str, dict[str, str]] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+        """The metadata records before the first row, by name."""
         self._summary: Summary | None = None
         self._is_ours = False
         self._all_metadata: list[Metadata] | None = None
         self._found: dict[int, int] = {}
         """Position and body length of chunks whose heads are damaged."""
-        self._times: tuple[int, int] | None = None
+        self.times: tuple[int, int] | None = None
+        """First and last log time, nanoseconds since 1970 UTC; None if unknown."""
         self._damage: dict[LostBytes, None] = {}
         self._ending: LostBytes | None = None
         self._losses: tuple[str, ...] = ()
@@ -91,11 +94,6 @@ class RecordingReader:
             self._read_start(stream)
 
     @property
-    def path(self) -> Path:
-        """The path of the recording."""
-        return self._path
-
-    @property
     def ports(self) -> tuple[PortFacts, ...]:
         """The ports named at the start of the file and in its summary, each once."""
         found = {}
@@ -104,16 +102,6 @@ class RecordingReader:
                 facts = self._port_of(channel)
                 found[facts.name] = facts
         return tuple(found.values())
-
-    @property
-    def metadata(self) -> dict[str, dict[str, str]]:
-        """The metadata records before the first row, by name."""
-        return self._metadata
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """First and last log time, nanoseconds since 1970 UTC; None if unknown."""
-        return self._times
 
     @property
     def count(self) -> int | None:
@@ -237,7 +225,7 @@ class RecordingReader:
         )
 
     def _changed(self) -> FileError:
-        return FileError("{path}: has changed since it was read; open it again", path=self._path)
+        return FileError("{path}: has changed since it was read; open it again", path=self.path)
 
     @property
     def all_metadata(self) -> list[Metadata]:
@@ -266,7 +254,7 @@ class RecordingReader:
         self._losses = reader.losses.lines
         if not whole:
             return
-        self._times = reader.times or self._times
+        self.times = reader.times or self.times
         count = self.count
         if count is None and reader.statistics is not None:
             count = _count_in(reader.statistics)
@@ -291,7 +279,7 @@ class RecordingReader:
         for channel in channels.channels:
             why = channels.get(channel.id)
             if isinstance(why, str) and why in reader.losses:
-                raise FileError("{path}: {why}", path=self._path, why=why)
+                raise FileError("{path}: {why}", path=self.path, why=why)
         topics = [channel.topic for channel in channels.channels]
         ours = self._is_ours or any(topic in TOPIC_BY_NAME for topic in topics)
         if not ours and (topics or not cut):
@@ -310,7 +298,7 @@ class RecordingReader:
         return FileError(
             "{path} is an MCAP, but holds nothing of fte-sniff's (topics /fte/...): "
             "it has {topics}; if one of them holds serial bytes, name it with --topic",
-            path=self._path,
+            path=self.path,
             topics=has,
         )
 
@@ -319,17 +307,17 @@ class RecordingReader:
             "the beginning of this recording is damaged, its first {count} bytes; "
             "of what is whole behind them `fte-sniff repair {path}` makes a whole file",
             count=count,
-            path=quote(str(self._path)),
+            path=quote(str(self.path)),
         )
 
     @contextmanager
     def _open(self) -> Iterator[BinaryIO]:
-        path = self._path if self._copy is None else Path(self._copy.name)
+        path = self.path if self._copy is None else Path(self._copy.name)
         try:
             with path.open("rb", _BUFFER) as stream:
                 yield stream
         except OSError as error:
-            raise unreadable(self._path, error) from error
+            raise unreadable(self.path, error) from error
 
     def _copy_of_pipe(self) -> IO[bytes] | None:
         """A temporary copy of a pipe, because a pipe can be read only once."""
@@ -345,9 +333,9 @@ class RecordingReader:
     def _read_start(self, stream: BinaryIO) -> None:
         magic = stream.read(len(MAGIC))
         if not magic:
-            raise FileError(f"{self._path} is empty: nothing was recorded into it")
+            raise FileError(f"{self.path} is empty: nothing was recorded into it")
         if magic != MAGIC and MAGIC.startswith(magic):
-            raise FileError(f"{self._path} is cut after {len(magic)} bytes: nothing is left in it")
+            raise FileError(f"{self.path} is cut after {len(magic)} bytes: nothing is left in it")
         self._summary = read_summary(stream)
         records = RecordStream(stream, self._summary)
         for record in records:
@@ -360,7 +348,7 @@ class RecordingReader:
             self._read_definition(record.opcode, record.body)
         if magic != MAGIC and not any(lost.stop for lost in records.losses):
             raise FileError(
-                f"{self._path} is not an MCAP recording; "
+                f"{self.path} is not an MCAP recording; "
                 "if it holds raw bytes or hex text, say --input raw or --input hex"
             )
         if self._summary is not None:
@@ -370,7 +358,7 @@ class RecordingReader:
         self._channels.update((channel.id, channel) for channel in summary.channels)
         statistics = summary.statistics
         if statistics is not None and statistics.message_count:
-            self._times = (statistics.message_start_time, statistics.message_end_time)
+            self.times = (statistics.message_start_time, statistics.message_end_time)
         topics = [channel.topic for channel in summary.channels]
         if topics and not any(topic in TOPIC_BY_NAME for topic in topics):
             raise self._without_our_topics(topics)
@@ -382,13 +370,13 @@ class RecordingReader:
                 self._channels[channel.id] = channel
             elif opcode == Opcode.METADATA:
                 metadata = parse(Metadata, body)
-                self._metadata[metadata.name] = metadata.metadata
+                self.metadata[metadata.name] = metadata.metadata
             elif opcode == Opcode.HEADER:
                 self._is_ours = parse(Header, body).library.startswith(PROGRAM)
 
     def _port_name(self, channel: Channel) -> str:
         """The port of a channel; the name of the file if the channel names none."""
-        return channel.metadata.get("port", self._path.name)
+        return channel.metadata.get("port", self.path.name)
 
     def _port_of(self, channel: Channel) -> PortFacts:
         baud = channel.metadata.get("baud", "")

@@ -110,16 +110,10 @@ class RecordingWriter:
         except OSError as error:
             self._output.discard()
             raise unwritable(path, error) from error
-
-    @property
-    def path(self) -> Path:
+        self.path = self._output.path
         """The file's name."""
-        return self._output.path
-
-    @property
-    def waits_for_reader(self) -> bool:
-        """Whether the file is a named pipe that nobody has opened for reading."""
-        return self._output.waits_for_reader
+        self.waits_for_reader = self._output.waits_for_reader
+        """Whether the file is a named pipe that nobody had opened for reading at the start."""
 
     @property
     def size(self) -> int:
