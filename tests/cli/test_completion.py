@@ -23,7 +23,7 @@ SHELLS = {
 
 TYPED = (
     ("fte-sniff enc\tres\t\n", "AA 00 00 00 00 00 00 00 00 EE"),
-    ("fte-sniff decode sub\tin\t--form\tcs\t --filter mecan\t\n", ",mecanum,"),
+    ("fte-sniff decode sub\tin\t--forma\tcs\t --filter mecan\t\n", ",mecanum,"),
     ("fte-sniff live si\t --plain --no-record --count 1\n", "1 row"),
 )
 """What is typed, with tabs, and what it prints if each tab completes the word."""

@@ -188,10 +188,10 @@ def _chosen(extractor: Extractor, lanes: list[Lane]) -> Hypothesis:
     if not best.lanes:
         return best
     best.lanes += _like(best.lanes, lanes)
-    datas = [_joined(stream) for stream in streams]
-    best.frames = [frame for data in datas for frame in frames_in(data)]
-    best.level = sum(map(chance_level, datas))
-    best.size = sum(map(len, datas))
+    contents = [_joined(stream) for stream in streams]
+    best.frames = [frame for data in contents for frame in frames_in(data)]
+    best.level = sum(map(chance_level, contents))
+    best.size = sum(map(len, contents))
     best.score = (
         FRAME_SCORE * len(best.frames)
         + OUTSIDE_SCORE * (best.size - FRAME_LENGTH * len(best.frames))

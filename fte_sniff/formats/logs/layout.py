@@ -371,10 +371,10 @@ class PatternLayout(Layout):
         cls, lines: Sequence[bytes], pattern: re.Pattern[bytes], form: str | None
     ) -> PatternLayout | None:
         """The layout, if a line of the sample matches."""
-        datas = [found["data"] for line in lines if (found := pattern.search(line))]
-        if not datas:
+        contents = [found["data"] for line in lines if (found := pattern.search(line))]
+        if not contents:
             return None
-        ranked = hypotheses(datas, EXTRACTORS if form is None else (BY_NAME[form],))
+        ranked = hypotheses(contents, EXTRACTORS if form is None else (BY_NAME[form],))
         layout = cls(ranked[0] if ranked else Hypothesis(EXTRACTORS[0]))
         layout.pattern = pattern
         layout.labels = "word" if "dir" in pattern.groupindex else "none"

@@ -28,7 +28,7 @@ FEW: Final = 20_000
 _FEW_AT_ONCE: Final = 100
 _PAUSE_NS: Final = round(PAUSE_BYTES * BYTE_NS)
 _CUT_NS: Final = 10**9
-"""Silence that the framer is told where the log leaves out bytes: no frame goes on."""
+"""Silence where the log leaves out bytes, for the framer: no frame continues across it."""
 _NO_LINE: Final = 2**62
 _MOST_COMPARED: Final = 100_000
 """Frames of a stream whose headers are compared with its direction."""
