@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from glob import escape
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING
 
 import click
@@ -62,6 +60,9 @@ def files_with(
     def complete(
         _context: click.Context, _file: click.Parameter, start: str
     ) -> list[CompletionItem[str]]:
+        from glob import escape
+        from shlex import quote
+
         from click.shell_completion import CompletionItem
 
         name = start.rpartition("/")[2]
