@@ -4,6 +4,7 @@ Modules:
 
     batch_reader   Reading of batches by several threads; ranges of time and of rows.
     bulk_writer    Write a recording from batches; threads compress.
+    file_lock      Locks of recordings that are being written.
     foreign_topic  Serial bytes in topics of other tools.
     mcap           MCAP container I/O, including truncated and damaged files.
     messages       Rows as protobuf messages and back.

@@ -7,7 +7,6 @@ On file systems without O_TMPFILE (FAT, some network file systems) it has its na
 
 from __future__ import annotations
 
-import fcntl
 import os
 import stat
 import tempfile
@@ -18,6 +17,7 @@ from itertools import count
 from pathlib import Path
 
 from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
+from fte_sniff.recording.file_lock import lock, locked
 from fte_sniff.recording.mcap.append_file import (
     AppendFile,
     AppendTarget,
@@ -97,10 +97,6 @@ def stopped_by_limit(path: object, limit: str, rows: int) -> FileError:
     )
 
 
-def _in_use(path: object) -> FileError:
-    return FileError("{path} is being recorded to by another program; name another file", path=path)
-
-
 class Existing(Enum):
     """What to do if the file of a new recording exists."""
 
@@ -139,7 +135,7 @@ class OutputPath:
                     path=path,
                 )
             if existing is Existing.REPLACE and path.exists():
-                self._replaced = _locked(path)
+                self._replaced = locked(path)
                 self.descriptor, self._made = _temporary(path, self._replaced)
             else:
                 self.descriptor, self._made = _new(path, existing)
@@ -197,13 +193,13 @@ def _new(wanted: Path, existing: Existing) -> tuple[int, Path | None]:
         raise FileExistsError
     with suppress(OSError):  # other errors appear again below
         descriptor = os.open(wanted.parent, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o666)
-        _lock(descriptor, wanted)
+        lock(descriptor, wanted)
         return descriptor, None
     for path in file_names(wanted, existing):
         with suppress(FileExistsError):
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
             # Not removed if another program locked it first: that one replaces it.
-            _lock(descriptor, path)
+            lock(descriptor, path)
             return descriptor, path
     raise FileExistsError
 
@@ -226,7 +222,7 @@ def _temporary(path: Path, replaced: int) -> tuple[int, Path]:
     descriptor, name = tempfile.mkstemp(".part", ".fte-sniff-", path.parent)
     with suppress(OSError):  # some file systems have no modes
         os.fchmod(descriptor, stat.S_IMODE(os.fstat(replaced).st_mode))
-    _lock(descriptor, path)
+    lock(descriptor, path)
     return descriptor, Path(name)
 
 
@@ -236,41 +232,6 @@ def file_names(wanted: Path, existing: Existing = Existing.NUMBER) -> Iterator[P
     if existing is Existing.NUMBER:
         for number in count(2):
             yield wanted.with_stem(f"{wanted.stem}-{number}")
-
-
-def lock_replaced(path: Path) -> int | None:
-    """A descriptor that keeps the lock of a file that is to be replaced; None if there is no file.
-
-    Raises FileError if another program records to it.
-    """
-    try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
-        return None
-    _lock(descriptor, path, fcntl.LOCK_SH)  # an exclusive lock needs write permission on NFS
-    return descriptor
-
-
-def _locked(path: Path) -> int:
-    """A locked descriptor of the recording that is to be replaced."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-    _lock(descriptor, path)
-    # Another program may have replaced it between the opening and the lock.
-    if not os.path.samestat(os.fstat(descriptor), path.stat()):
-        os.close(descriptor)
-        raise _in_use(path)
-    return descriptor
-
-
-def _lock(descriptor: int, path: Path, kind: int = fcntl.LOCK_EX) -> None:
-    """Lock the file; if another program has it locked, close it and raise FileError."""
-    try:
-        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        os.close(descriptor)
-        raise _in_use(path) from error
-    except OSError:
-        pass  # a file system without locks
 
 
 STDOUT = Path("-")

@@ -44,6 +44,24 @@ def test_nothing_heavy_is_imported(environment, arguments: list[str]) -> None:
     assert done.stderr.splitlines()[-1] == "[]"
 
 
+def test_a_file_is_replaced_without_loading_what_recordings_need(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    output = tmp_path / "rows.csv"
+    output.touch()
+    arguments = ["decode", str(SAMPLES / "clean.raw"), "-o", str(output), "--force"]
+    program = (
+        "import sys\nfrom fte_sniff.cli import main\n"
+        f"try: main({arguments!r})\nexcept SystemExit: pass\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
+    )
+    assert done.stdout == "[]\n"
+    assert output.stat().st_size
+
+
 @pytest.mark.parametrize(
     ("arguments", "needed"),
     [
