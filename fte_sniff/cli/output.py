@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,10 +15,8 @@ from fte_sniff.protocol import Gap, Status, iso_time, status_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.tally import Tally
+    from fte_sniff.cli.options import Decorator
     from fte_sniff.session.inputs import InputReading
-
-
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def format_option(

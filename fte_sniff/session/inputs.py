@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -160,7 +161,7 @@ Note = Callable[[str], None]
 """Receives one line for the user about an input, such as that it ends within a frame."""
 
 
-class Input:
+class Input(ABC):
     """A source of rows; the defaults are those of a log."""
 
     def __init__(self, name: str) -> None:
@@ -206,6 +207,7 @@ class Input:
         """The filters that selected its rows, if it records them."""
         return ()
 
+    @abstractmethod
     def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
         """Read its rows.
 
@@ -218,7 +220,6 @@ class Input:
             InputTextError: text in it is not hex.
             UsageError: a span is given, and rows have no times.
         """
-        raise NotImplementedError
 
 
 class RecordingInput(Input):

@@ -18,6 +18,19 @@ from tests.cli.terminals import terminal
 HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "rich", "serial")
 
 
+def _heavy_modules(environment: dict[str, str], arguments: list[str]) -> tuple[str, str]:
+    """What a command prints, and the heavy modules that it has loaded."""
+    program = (
+        "import sys\nfrom fte_sniff.cli import main\n"
+        f"try: main({arguments!r})\nexcept SystemExit as end: assert not end.code\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
+    )
+    return done.stdout, done.stderr.splitlines()[-1]
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -32,16 +45,9 @@ HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "ri
     ids=" ".join,
 )
 def test_nothing_heavy_is_imported(environment, arguments: list[str]) -> None:
-    program = (
-        "import sys\nfrom fte_sniff.cli import main\n"
-        f"try: main({arguments!r})\nexcept SystemExit as end: assert not end.code\n"
-        f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
-    )
-    assert done.stdout
-    assert done.stderr.splitlines()[-1] == "[]"
+    printed, loaded = _heavy_modules(environment, arguments)
+    assert printed
+    assert loaded == "[]"
 
 
 def test_a_file_is_replaced_without_loading_what_recordings_need(
@@ -50,15 +56,7 @@ def test_a_file_is_replaced_without_loading_what_recordings_need(
     output = tmp_path / "rows.csv"
     output.touch()
     arguments = ["decode", str(SAMPLES / "clean.raw"), "-o", str(output), "--force"]
-    program = (
-        "import sys\nfrom fte_sniff.cli import main\n"
-        f"try: main({arguments!r})\nexcept SystemExit: pass\n"
-        f"print([name for name in {HEAVY!r} if name in sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
-    )
-    assert done.stdout == "[]\n"
+    assert _heavy_modules(environment, arguments)[1] == "[]"
     assert output.stat().st_size
 
 

@@ -33,20 +33,11 @@ from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter
 from tests.examples import examples
 from tests.recording.conftest import START, unprivileged
+from tests.torture.damage import MAGIC
+from tests.torture.damage import records as _records
 
 Recorded = tuple[Path, list[Row], list[PortEvent]]
-MAGIC = b"\x89MCAP0\r\n"
 CHUNK = 6
-
-
-def _records(content: bytes) -> list[tuple[int, int, int]]:
-    """Opcode, first byte and end of each record between the magics."""
-    found, place = [], len(MAGIC)
-    while place < len(content) - len(MAGIC):
-        opcode, length = struct.unpack_from("<BQ", content, place)
-        found.append((opcode, place, place + 9 + length))
-        place += 9 + length
-    return found
 
 
 def _read(path: Path) -> tuple[list[Row], RecordingReader]:

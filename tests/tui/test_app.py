@@ -411,7 +411,7 @@ ALTERNATE_SCREEN, NORMAL_SCREEN = b"\x1b[?1049h", b"\x1b[?1049l"
 
 
 def take_terminal() -> None:
-    """Make stdin the terminal that rules the session, so that its end is told by SIGHUP."""
+    """Make stdin the controlling terminal of the session, so that SIGHUP reports its end."""
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
