@@ -14,10 +14,12 @@ Modules:
                   motors' state.
     motor_stats   Statistics of motors: flags and answer times.
     motors        State of the motors, from commands and feedback.
+    relations     Commands and their answers.
     row_store     Append-only store of rows in blocks, with a filtered view.
     search        Search in a store: the next matching row, and a counter.
     search_frame  Text search in the displayed cells of many rows (polars).
     statistics    Statistics of ports, streams and faults.
+    streams       Frames of one kind and motor, and what changed between them.
     summary       Statistics of all rows of one or more inputs.
     tally         Counts of rows by status, kind, fault and port.
     time_text     Times and durations that a user types.

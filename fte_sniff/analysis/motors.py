@@ -24,9 +24,14 @@ def _by_kind(values: Iterator[bool]) -> Bools:
     return np.array([*values, False])
 
 
-_COMMANDS: Final = _by_kind(kind.direction is Direction.CONTROL for kind in KINDS)
-_FEEDBACK: Final = _by_kind(kind.direction is Direction.FEEDBACK for kind in KINDS)
-_NAMES_MOTOR: Final = _by_kind(kind.names_motor for kind in KINDS)
+COMMANDS: Final = _by_kind(kind.direction is Direction.CONTROL for kind in KINDS)
+"""By kind code, whether it is a command."""
+
+FEEDBACK: Final = _by_kind(kind.direction is Direction.FEEDBACK for kind in KINDS)
+"""By kind code, whether it is feedback."""
+
+NAMES_MOTOR: Final = _by_kind(kind.names_motor for kind in KINDS)
+"""By kind code, whether NUM is a motor; a command without one is to all motors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +48,9 @@ class MotorRows:
 
 def motor_rows(rows: RowBatch) -> MotorRows:
     """Find the rows that are to or from motors."""
-    commands = np.flatnonzero(_COMMANDS[rows.kinds])
-    feedback = np.flatnonzero(_FEEDBACK[rows.kinds])
-    to_all, to = ~_NAMES_MOTOR[rows.kinds[commands]], rows.nums[commands]
+    commands = np.flatnonzero(COMMANDS[rows.kinds])
+    feedback = np.flatnonzero(FEEDBACK[rows.kinds])
+    to_all, to = ~NAMES_MOTOR[rows.kinds[commands]], rows.nums[commands]
     answering = rows.nums[feedback]
     return MotorRows(
         {motor: commands[(to == motor) | to_all] for motor in MOTORS},
@@ -133,7 +138,7 @@ class Pairing:
             commands = commands.after(*self._waiting)
         if not len(commands.indices):
             return _NONE, _NONE
-        answers, answered = _answers(commands, feedback)
+        answers, answered = find_answers(commands, feedback)
         asked_ns, answered_ns = commands.t_ns[answered], feedback.t_ns[answers[answered]]
         measured = (asked_ns != NO_TIME) & (answered_ns != NO_TIME) & (answered_ns >= asked_ns)
         delays_ns = (answered_ns - asked_ns)[measured]
@@ -146,7 +151,7 @@ class Pairing:
         return delays_ns, answered_ns[measured]
 
 
-def _answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bools]:
+def find_answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bools]:
     """For every command the position in `feedback` of its answer, and whether it has one."""
     answers = np.zeros(len(commands.indices), np.int64)
     answered = np.zeros(len(commands.indices), np.bool_)

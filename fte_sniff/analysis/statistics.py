@@ -22,12 +22,12 @@ from fte_sniff.analysis.counters import (
     extent,
 )
 from fte_sniff.analysis.feed import BaudChange
+from fte_sniff.analysis.streams import KEYS_PER_PORT, NO_STREAM, STREAMS, by_stream, stream_keys
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     HEADERS,
     KINDS,
-    MOTORS,
     Direction,
     Fault,
     FrameKind,
@@ -38,7 +38,7 @@ from fte_sniff.protocol import (
     byte_time_ns,
     status_of,
 )
-from fte_sniff.row_batch import NO_KIND, NO_TIME, FieldLayout, Ints, RowBatch, read_field
+from fte_sniff.row_batch import NO_TIME, FieldLayout, Ints, RowBatch, read_field
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,28 +206,6 @@ class PortStats:
         stats.last_ns = event.t_ns
 
 
-_NUMS: Final = 256
-
-
-def _stream_codes() -> tuple[list[tuple[int, int | None]], Ints]:
-    """Kind code and motor of every stream, and the stream's number by kind code and NUM."""
-    codes = np.full((NO_KIND + 1, _NUMS), -1, np.int64)
-    found: list[tuple[int, int | None]] = []
-    for code, kind in enumerate(KINDS):
-        if kind.names_motor:
-            for motor in MOTORS:
-                codes[code, motor] = len(found)
-                found.append((code, motor))
-        else:
-            codes[code, :] = len(found)
-            found.append((code, None))
-    codes[codes < 0] = len(found)
-    return found, codes
-
-
-_STREAMS, _STREAM_CODES = _stream_codes()
-_NO_STREAM: Final = len(_STREAMS)
-
 _QUANTITIES: Final[list[dict[str, FieldLayout]]] = [
     {field.name: (field.start, field.size, field.signed) for field in kind.fields if field.unit}
     for kind in KINDS
@@ -319,22 +297,20 @@ class _Streams:
         self._streams: dict[tuple[int, int], _Stream] = {}
 
     def update(self, rows: RowBatch) -> None:
-        of_port = rows.port.astype(np.int64) * (_NO_STREAM + 1)
-        keys = of_port + _STREAM_CODES[rows.kinds, rows.nums]
-        # A small integer type makes numpy use a radix sort.
-        order = np.argsort(keys.astype(np.min_scalar_type(int(keys.max()))), kind="stable")
+        keys = stream_keys(rows)
+        order = by_stream(keys)
         ordered, t_ns = keys[order], rows.t_ns[order]
         starts = np.flatnonzero(np.diff(ordered, prepend=-1))
         ranges = _ranges(rows, order, starts)
         stops = [*starts[1:].tolist(), len(order)]
         for group, (start, stop) in enumerate(zip(starts.tolist(), stops, strict=True)):
-            port, code = divmod(int(ordered[start]), _NO_STREAM + 1)
-            if code == _NO_STREAM:
+            port, code = divmod(int(ordered[start]), KEYS_PER_PORT)
+            if code == NO_STREAM:
                 continue
             stream = self._streams.setdefault((port, code), _Stream())
             times = t_ns[start:stop]
             stream.update(stop - start, times[times != NO_TIME])
-            for name, layout in _QUANTITIES[_STREAMS[code][0]].items():
+            for name, layout in _QUANTITIES[STREAMS[code][0]].items():
                 lows, highs = ranges[layout]
                 stream.update_range(name, lows[group], highs[group])
 
@@ -348,8 +324,8 @@ class _Streams:
         return [
             StreamStats(
                 port=ports[port],
-                kind=KINDS[_STREAMS[code][0]],
-                motor=_STREAMS[code][1],
+                kind=KINDS[STREAMS[code][0]],
+                motor=STREAMS[code][1],
                 count=stream.count,
                 per_s=stream.per_s,
                 lately_per_s=None if now_ns is None else stream.recent.per_second(now_ns),

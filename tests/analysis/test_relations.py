@@ -1,0 +1,167 @@
+"""The frame before of the same stream, and the answers of commands, against simple loops."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.analysis.relations import (
+    MOST_SEARCHED,
+    AnswerState,
+    CommandAnswer,
+    RowRelations,
+    answer_pairs,
+)
+from fte_sniff.analysis.row_store import RowStore
+from fte_sniff.analysis.streams import UNCHANGED, change_ages, frames_before, stream_keys
+from fte_sniff.protocol import (
+    KIND_BY_NAME,
+    KINDS,
+    MOTORS,
+    Damage,
+    Direction,
+    Fault,
+    Frame,
+    Row,
+    encode,
+)
+from fte_sniff.row_batch import RowBatch
+
+PORTS = ("host", "controller")
+VALUES = st.integers(-2, 2)
+
+
+@st.composite
+def some_row(draw: st.DrawFn) -> Row:
+    """A frame of any kind with few different values, or damage; without offset and time."""
+    port = draw(st.sampled_from(PORTS))
+    kind = draw(st.sampled_from([None, *KINDS]))
+    if kind is None:
+        return Damage(port, 0, b"\x01\x02", None, (Fault.NOISE,))
+    values = {field.name: draw(VALUES) for field in kind.fields if field.unit}
+    if kind.names_motor:
+        values["motor"] = draw(st.sampled_from(MOTORS))
+    return Frame(port, 0, encode(kind, values, draw(st.sampled_from(kind.cmds))), None)
+
+
+ROWS = st.lists(some_row(), max_size=60).map(
+    lambda rows: [replace(row, offset=10 * n, t_ns=1000 * n) for n, row in enumerate(rows)]
+)
+
+
+def stream_of(row: Row) -> tuple[object, ...] | None:
+    kind = row.kind if isinstance(row, Frame) else None
+    if kind is None:
+        return None
+    return row.port, kind.name, row.raw[2] if kind.names_motor else None
+
+
+def before_of(rows: list[Row], number: int) -> int:
+    stream = stream_of(rows[number])
+    same = [n for n in range(number) if stream and stream_of(rows[n]) == stream]
+    return same[-1] if same else -1
+
+
+@given(ROWS)
+def test_the_frame_before_is_the_last_one_of_its_stream(rows: list[Row]) -> None:
+    found = frames_before(stream_keys(RowBatch.from_rows(rows)))
+    assert found.tolist() == [before_of(rows, number) for number in range(len(rows))]
+
+
+@given(ROWS)
+def test_the_age_of_a_byte_counts_the_frames_since_it_changed(rows: list[Row]) -> None:
+    batch = RowBatch.from_rows(rows)
+    ages = change_ages(batch.raw, frames_before(stream_keys(batch)))
+    for number, row in enumerate(rows):
+        for at in range(min(10, len(row.raw))):
+            here, age = number, 0
+            while age < UNCHANGED:
+                earlier = before_of(rows, here)
+                if earlier < 0:
+                    age = UNCHANGED
+                elif rows[earlier].raw[at] != rows[here].raw[at]:
+                    break
+                else:
+                    here, age = earlier, age + 1
+            assert ages[number, at] == age
+
+
+def is_to(row: Row, motor: int) -> bool:
+    kind = row.kind if isinstance(row, Frame) else None
+    named = kind is not None and kind.names_motor
+    is_command = kind is not None and kind.direction is Direction.CONTROL
+    return is_command and (not named or row.raw[2] == motor)
+
+
+def is_from(row: Row, motor: int) -> bool:
+    kind = row.kind if isinstance(row, Frame) else None
+    return kind is not None and kind.direction is Direction.FEEDBACK and row.raw[2] == motor
+
+
+def simple_answer(rows: list[Row], number: int, motor: int, end: int) -> CommandAnswer:
+    for n in range(number + 1, end):
+        if is_to(rows[n], motor):
+            return CommandAnswer(motor, AnswerState.UNANSWERED, number)
+        if is_from(rows[n], motor) and rows[n].raw[1] == rows[number].raw[1]:
+            state, delay_ns = AnswerState.ANSWERED, 1000 * (n - number)
+            return CommandAnswer(motor, state, number, n, delay_ns)
+    state = AnswerState.WAITING if end == len(rows) else AnswerState.UNKNOWN
+    return CommandAnswer(motor, state, number)
+
+
+@given(ROWS, st.lists(st.integers(1, 60), unique=True, max_size=3).map(sorted))
+def test_answers_are_those_of_a_search_row_by_row(rows: list[Row], gaps: list[int]) -> None:
+    store = RowStore(block_rows=7)
+    store.append(rows)
+    relations = RowRelations(store)
+    relations.gaps = [gap for gap in gaps if gap < len(rows)]
+    answered: dict[int, CommandAnswer] = {}
+    for number, row in enumerate(rows):
+        end = next((gap for gap in relations.gaps if gap > number), len(rows))
+        wanted = [
+            simple_answer(rows, number, motor, end)
+            for motor in MOTORS
+            if is_to(row, motor) and row.raw[1] != 0
+        ]
+        assert relations.answers(number) == wanted
+        answered |= {one.answer: one for one in wanted if one.answer is not None}
+    for number in range(len(rows)):
+        assert relations.command(number) == answered.get(number)
+
+
+@given(ROWS)
+def test_pairs_of_a_batch_are_the_answers_of_its_commands(rows: list[Row]) -> None:
+    store = RowStore()
+    store.append(rows)
+    relations, pairs = RowRelations(store), answer_pairs(RowBatch.from_rows(rows))
+    found = [one for number in range(len(rows)) for one in relations.answers(number)]
+    wanted = {(one.command, one.answer) for one in found if one.answer is not None}
+    assert set(zip(pairs.commands.tolist(), pairs.answers.tolist(), strict=True)) == wanted
+
+
+def test_a_search_ends_after_many_rows() -> None:
+    store = RowStore()
+    command = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
+    answer = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": 5})
+    other = Damage("p", 10, b"\x01", 0, (Fault.NOISE,))
+    store.append([Frame("p", 0, command, 0), *[other] * MOST_SEARCHED, Frame("p", 0, answer, 1)])
+    [found] = RowRelations(store).answers(0)
+    assert found.state is AnswerState.UNKNOWN
+    assert RowRelations(store).command(store.next - 1) is None
+
+
+@pytest.mark.parametrize("index", [-1, 5])
+def test_a_row_that_is_not_in_the_store_has_no_relation(index: int) -> None:
+    relations = RowRelations(RowStore())
+    assert (relations.answers(index), relations.command(index)) == ([], None)
+
+
+def test_no_rows_have_no_relations() -> None:
+    none = RowBatch.from_rows([])
+    before = frames_before(stream_keys(none))
+    assert len(before) == len(change_ages(none.raw, before)) == len(answer_pairs(none).answers) == 0
+    assert change_ages(np.zeros((1, 10), np.uint8), np.array([-1])).tolist() == [[UNCHANGED] * 10]
