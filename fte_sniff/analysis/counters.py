@@ -10,8 +10,9 @@ octave 22    4.2 ms ... 8.4 ms           bins of 4,096 ns
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -64,6 +65,30 @@ class Durations:
         if len(old):
             self._bins[at : at + len(old)] = old
         self._first = first
+
+    def merge(self, later: Durations) -> None:
+        """Add durations that ended later."""
+        if later.longest_ns is None:
+            return
+        shortest = later._shortest_ns
+        self._shortest_ns = min(self._shortest_ns, shortest) if self.count else shortest
+        self.count += later.count
+        if self.longest_ns is None or later.longest_ns > self.longest_ns:
+            self.longest_ns, self.longest_at_ns = later.longest_ns, later.longest_at_ns
+        self._cover(later._first, later._first + len(later._bins) - 1)
+        at = later._first - self._first
+        self._bins[at : at + len(later._bins)] += later._bins
+
+    def __getstate__(self) -> dict[str, object]:
+        """The state with only the bins that are not empty, which are few in a short recording."""
+        filled = np.flatnonzero(self._bins)
+        return {**self.__dict__, "_bins": (len(self._bins), filled, self._bins[filled])}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        size, filled, counts = state["_bins"]
+        self._bins = np.zeros(size, np.int64)
+        self._bins[filled] = counts
 
     def percentile_ns(self, percent: float) -> float | None:
         """The percentile (above 0, to 100) with an error of 0.05 %; None without durations."""
@@ -135,6 +160,14 @@ class CountsOverTime:
         added = np.bincount(cells, counts, self._table.size)
         self._table += added.astype(np.int64).reshape(self._table.shape)
 
+    def merge(self, other: CountsOverTime, categories: Sequence[int]) -> None:
+        """Add the counts of another object; `categories` are those of its rows here."""
+        while self.slot_ns < other.slot_ns:
+            self._merge_pairs()
+        starts_ns = other.start_ns + np.arange(other._table.shape[1]) * other.slot_ns
+        for category, counts in zip(categories, other._table, strict=False):
+            self.update(np.full(len(starts_ns), category), starts_ns, counts)
+
     def _cover(self, category: int, low_ns: int, high_ns: int) -> None:
         if not self._table.shape[1]:
             self._first = low_ns // self.slot_ns
@@ -191,6 +224,10 @@ class RecentValues:
         """Append values."""
         if len(values):
             self.values = np.concatenate((self.values, values[-self._size :]))[-self._size :]
+
+    def merge(self, later: RecentValues) -> None:
+        """Append the values of another buffer."""
+        self.update(later.values)
 
     def percentile(self, percent: float) -> int | None:
         """A percentile (0 to 100) of the values, itself one of them; None without values."""

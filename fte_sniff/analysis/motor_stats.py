@@ -28,13 +28,34 @@ class FlagStats:
     times_lost: int = 0
     """Number of times that the bit changed from 1 to 0."""
 
+    def include(self, other: FlagStats) -> None:
+        """Add the frames of other statistics of the same motor."""
+        for bit, count in other.error_bits.items():
+            self.error_bits.setdefault(bit, RowCount()).include(count)
+        self.offline.include(other.offline)
+        self.times_lost += other.times_lost
+
 
 class FlagCounts:
     """The flags of all motors so far."""
 
     def __init__(self) -> None:
         self._motors = {number: FlagStats(number) for number in MOTORS}
+        self._first_online: int | None = None
         self._online: int | None = None
+        """The ONLINE byte of the last feedback."""
+
+    def merge(self, later: FlagCounts) -> None:
+        """Add the flags of the rows that follow."""
+        lost = (self._online or 0) & ~(later._first_online or 0)
+        for number, motor in self._motors.items():
+            motor.include(later._motors[number])
+            if later._first_online is not None:
+                motor.times_lost += lost >> (number - MOTORS[0]) & 1
+        if self._first_online is None:
+            self._first_online = later._first_online
+        if later._online is not None:
+            self._online = later._online
 
     def observe(self, rows: RowBatch, found: MotorRows) -> None:
         """Add the next rows, in order of time."""
@@ -52,6 +73,8 @@ class FlagCounts:
                 _count(motor.error_bits.setdefault(bit, RowCount()), t_ns[having])
 
     def _count_online(self, online: Ints, t_ns: Ints) -> None:
+        if self._first_online is None:
+            self._first_online = int(online[0])
         before = online[0] if self._online is None else self._online
         lost = np.concatenate(([before], online[:-1])) & ~online
         always = int(np.bitwise_and.reduce(online))
@@ -161,6 +184,16 @@ class Answers:
             motor.feedback += len(feedback)
             frames = MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback)
             motor.delays.update(*motor.pairing.update(*frames))
+
+    def merge(self, later: Answers) -> None:
+        """Add the rows that follow."""
+        for motor, other in zip(self._motors, later._motors, strict=True):
+            motor.commands += other.commands
+            motor.feedback += other.feedback
+            answer = motor.pairing.merge(other.pairing)
+            if answer is not None:
+                motor.delays.update(*answer.measured)
+            motor.delays.merge(other.delays)
 
     def interrupt(self) -> None:
         """Rows are missing here: a command before the gap has no answer after it."""

@@ -93,6 +93,28 @@ class MotorFrames:
         )
 
 
+_COMMAND: Final = "command"
+_GAP: Final = "gap"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What became of a command."""
+
+    asked_ns: int
+    """Time of the command, nanoseconds since 1970 UTC, or `NO_TIME`."""
+    answered_ns: int | None
+    """Time of the answer, or `NO_TIME`; None if there was no answer before the next command."""
+
+    @property
+    def measured(self) -> tuple[Ints, Ints]:
+        """The answer time and the time of the answer, nanoseconds; empty if they are unknown."""
+        if self.answered_ns is None or NO_TIME in (self.asked_ns, self.answered_ns):
+            return _NONE, _NONE
+        delay_ns = np.array([self.answered_ns - self.asked_ns])
+        return delay_ns[delay_ns >= 0], np.array([self.answered_ns])[delay_ns >= 0]
+
+
 class Pairing:
     """Matches the commands to one motor with its feedback.
 
@@ -106,15 +128,54 @@ class Pairing:
         """Latest answer times, nanoseconds."""
         self._waiting: tuple[int, int] | None = None
         """CMD and time of the last command, if it may still be answered."""
+        self._early: dict[int, int] = {}
+        """By CMD, the time of the first feedback before `_begins_with`."""
+        self._begins_with: str | None = None
+        """Whether the first command or gap is a `command` or a `gap`; None before it."""
 
     def interrupt(self) -> None:
         """Frames are missing here: whether the last command was answered remains unknown."""
         self._waiting = None
+        self._begins_with = self._begins_with or _GAP
+
+    def merge(self, later: Pairing) -> Answer | None:
+        """Add the frames that follow; returns what became of the command that was open here."""
+        answer = None
+        if self._waiting is not None:
+            cmd, asked_ns = self._waiting
+            if cmd in later._early:
+                answer = Answer(asked_ns, later._early[cmd])
+                self.delays.update(answer.measured[0])
+                self.answered += 1
+                self._waiting = None
+            elif later._begins_with == _COMMAND:
+                answer = Answer(asked_ns, None)
+                self.unanswered += 1
+        if self._begins_with is None:
+            self._early = {**later._early, **self._early}
+            self._begins_with = later._begins_with
+        if later._begins_with is not None:
+            self._waiting = later._waiting
+        self.delays.merge(later.delays)
+        self.answered += later.answered
+        self.unanswered += later.unanswered
+        return answer
+
+    def _observe_early(self, commands: MotorFrames, feedback: MotorFrames) -> None:
+        """Note feedback before the first command: it may answer a command before all rows."""
+        stop = commands.indices[0] if len(commands.indices) else _NEVER
+        early = feedback.cmds[feedback.indices < stop]
+        for cmd in ANSWERABLE.tolist():
+            same = np.flatnonzero(early == cmd)
+            if len(same):
+                self._early.setdefault(cmd, int(feedback.t_ns[same[0]]))
+        if len(commands.indices):
+            self._begins_with = _COMMAND
 
     def copy(self) -> Pairing:
         """An independent copy."""
         other = copy(self)
-        other.delays = copy(self.delays)
+        other.delays, other._early = copy(self.delays), self._early.copy()
         return other
 
     @property
@@ -134,6 +195,8 @@ class Pairing:
 
         Returns the known answer times and times of the answers, nanoseconds.
         """
+        if self._begins_with is None:
+            self._observe_early(commands, feedback)
         if self._waiting is not None:
             commands = commands.after(*self._waiting)
         if not len(commands.indices):

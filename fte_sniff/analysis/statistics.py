@@ -82,6 +82,11 @@ class FaultCounts:
             times = extent(rows.t_ns[own & rows.timed])
             count.count(int(own.sum()), int(lengths[own].sum()), times)
 
+    def merge(self, other: FaultCounts) -> None:
+        """Add the rows of other counts."""
+        for name, count in other._counts.items():
+            self._counts.setdefault(name, RowCount()).include(count)
+
     def by_fault(self, port: str | None = None) -> dict[Fault, RowCount]:
         """By fault that occurred; a row counts once for each of its faults."""
         found = {fault: RowCount() for fault in Fault}
@@ -119,13 +124,22 @@ class EventStats:
     total: int = 0
     """Sum of what the events count: line errors, bytes of an overrun."""
 
+    def include(self, later: EventStats) -> None:
+        """Add later events of the same kind."""
+        self.count += later.count
+        self.total += later.total
+        self.last_ns = later.last_ns
+
 
 class PortStats:
     """Statistics of one port so far."""
 
-    def __init__(self, port: str, baud: int) -> None:
+    def __init__(self, port: str, baud: int, *, interrupted: bool = False) -> None:
+        """`interrupted` is whether rows are missing before its first row."""
         self.port = port
         self.baud = baud
+        self._opens = not interrupted
+        """Whether its first row with a time would follow an earlier row without a gap."""
         self.rows = self.bytes = 0
         self.frames = dict.fromkeys(Direction, 0)
         """Rows whose framing holds, by direction."""
@@ -197,6 +211,40 @@ class PortStats:
     def interrupt(self) -> None:
         """Rows are missing here."""
         self._continues = False
+        self._opens = self._opens and self.first_ns is not None
+
+    def merge(self, later: PortStats) -> None:
+        """Add the rows that follow; both ended and began with the same baud."""
+        self.baud = later.baud
+        self.rows += later.rows
+        self.bytes += later.bytes
+        for direction, count in later.frames.items():
+            self.frames[direction] += count
+        for kind, events in later._events.items():
+            self._events.setdefault(kind, EventStats(kind, events.first_ns)).include(events)
+        if not later._opens:
+            self.interrupt()
+        if later.first_ns is not None:
+            self._merge_times(later, later.first_ns)
+
+    def _merge_times(self, later: PortStats, first_ns: int) -> None:
+        if self._continues:
+            idle = np.array([first_ns - self._end_ns])
+            self.silences.update(idle[idle > 0], np.array([first_ns])[idle > 0])
+            self._runs -= 1
+        elif self.first_ns is None or self.last_ns is None:
+            self.first_ns = first_ns
+        else:
+            self._gap_starts_ns += first_ns - self.last_ns
+            self._gap_idle_ns += first_ns - self._end_ns
+        self.silences.merge(later.silences)
+        self._timed += later._timed
+        self._busy_ns += later._busy_ns
+        self._runs += later._runs
+        self._gap_starts_ns += later._gap_starts_ns
+        self._gap_idle_ns += later._gap_idle_ns
+        self.last_ns, self._end_ns = later.last_ns, later._end_ns
+        self._continues = later._continues
 
     def on_event(self, event: PortEvent) -> None:
         """Count an event."""
@@ -242,7 +290,11 @@ class StreamStats:
 
 
 class _Stream:
-    def __init__(self) -> None:
+    def __init__(self, *, interrupted: bool) -> None:
+        """`interrupted` is whether frames are missing before the first one."""
+        self._interrupted = interrupted
+        self._first_ns: int | None = None
+        """Time of the first frame, if there is no gap before it."""
         self.count = 0
         self.periods = Durations()
         self.recent = RecentValues()
@@ -256,6 +308,8 @@ class _Stream:
         self.count += count
         if not len(t_ns):
             return
+        if self._first_ns is None and not self._interrupted:
+            self._first_ns = int(t_ns[0])
         times = t_ns if self._last_ns is None else np.concatenate(([self._last_ns], t_ns))
         periods, ends = np.diff(times), times[1:]
         self.periods.update(periods[periods >= 0], ends[periods >= 0])
@@ -271,7 +325,29 @@ class _Stream:
 
     def interrupt(self) -> None:
         """Frames are missing here: no period and no rate spans the gap."""
-        self._last_ns, self.recent = None, RecentValues()
+        self._last_ns, self.recent, self._interrupted = None, RecentValues(), True
+
+    def merge(self, later: _Stream) -> None:
+        """Add the frames that follow."""
+        first_ns = later._first_ns
+        if first_ns is not None and self._last_ns is not None:
+            period = np.array([first_ns - self._last_ns])
+            self.periods.update(period[period >= 0], np.array([first_ns])[period >= 0])
+            self._measured += 1
+            self._measured_ns += int(period[0])
+        if not self._interrupted and self._first_ns is None:
+            self._first_ns = first_ns
+        if later._interrupted:
+            self.interrupt()
+        if later._last_ns is not None:
+            self._last_ns = later._last_ns
+        self.recent.merge(later.recent)
+        self.count += later.count
+        self.periods.merge(later.periods)
+        self._measured += later._measured
+        self._measured_ns += later._measured_ns
+        for name, (low, high) in later.ranges.items():
+            self.update_range(name, low, high)
 
     @property
     def per_s(self) -> float | None:
@@ -291,10 +367,23 @@ def _ranges(
 
 
 class _Streams:
-    """Models of all streams, by code of the port and number of the stream."""
+    """Models of all streams, by port and number of the stream."""
 
     def __init__(self) -> None:
-        self._streams: dict[tuple[int, int], _Stream] = {}
+        self._streams: dict[tuple[str, int], _Stream] = {}
+        self._interrupted: set[str | None] = set()
+        """Ports with a gap so far; None for a gap of all ports."""
+
+    def has_gap(self, port: str) -> bool:
+        """Whether rows of a port are missing somewhere so far."""
+        return not self._interrupted.isdisjoint((port, None))
+
+    def _stream(self, port: str, code: int) -> _Stream:
+        found = self._streams.get((port, code))
+        if found is None:
+            found = _Stream(interrupted=self.has_gap(port))
+            self._streams[port, code] = found
+        return found
 
     def update(self, rows: RowBatch) -> None:
         keys = stream_keys(rows)
@@ -307,23 +396,34 @@ class _Streams:
             port, code = divmod(int(ordered[start]), KEYS_PER_PORT)
             if code == NO_STREAM:
                 continue
-            stream = self._streams.setdefault((port, code), _Stream())
+            stream = self._stream(rows.codebook.ports[port], code)
             times = t_ns[start:stop]
             stream.update(stop - start, times[times != NO_TIME])
             for name, layout in _QUANTITIES[STREAMS[code][0]].items():
                 lows, highs = ranges[layout]
                 stream.update_range(name, lows[group], highs[group])
 
-    def interrupt(self, port: int | None) -> None:
-        """Rows of a port, by its code, or of all ports are missing here."""
-        for (code, _), stream in self._streams.items():
-            if port in (None, code):
+    def interrupt(self, port: str | None) -> None:
+        """Rows of a port, or of all ports, are missing here."""
+        self._interrupted.add(port)
+        for (name, _), stream in self._streams.items():
+            if port in (None, name):
                 stream.interrupt()
 
+    def merge(self, later: _Streams) -> None:
+        """Add the frames that follow."""
+        for (port, code), stream in later._streams.items():
+            self._stream(port, code).merge(stream)
+        for (port, code), stream in self._streams.items():
+            if (port, code) not in later._streams and later.has_gap(port):
+                stream.interrupt()
+        self._interrupted |= later._interrupted
+
     def stats(self, ports: Sequence[str], now_ns: int | None) -> list[StreamStats]:
+        """By port, in the given order, and number of the stream."""
         return [
             StreamStats(
-                port=ports[port],
+                port=port,
                 kind=KINDS[STREAMS[code][0]],
                 motor=STREAMS[code][1],
                 count=stream.count,
@@ -332,7 +432,9 @@ class _Streams:
                 periods=stream.periods,
                 ranges=stream.ranges,
             )
-            for (port, code), stream in sorted(self._streams.items(), key=lambda one: one[0])
+            for (port, code), stream in sorted(
+                self._streams.items(), key=lambda one: (ports.index(one[0][0]), one[0][1])
+            )
         ]
 
 
@@ -355,7 +457,6 @@ class Statistics:
     def __init__(self, setup: LineSetup) -> None:
         """`setup` has the baud of ports for which no `BaudChange` comes."""
         self._baud = setup.baud
-        self._names: list[str] = []
         self._streams = _Streams()
         self._ports: dict[str, PortStats] = {}
         self.fault_counts = FaultCounts()
@@ -363,10 +464,9 @@ class Statistics:
         self._busy_over_time = CountsOverTime()
 
     def observe(self, rows: RowBatch) -> None:
-        """Add the next rows; all batches share a codebook."""
+        """Add the next rows."""
         if not len(rows):
             return
-        self._names = rows.codebook.ports
         self._observe_ports(rows)
         self._streams.update(rows)
         self._observe_faults(rows)
@@ -380,29 +480,49 @@ class Statistics:
         """Apply a change before the next rows: no period, silence or rate spans a gap."""
         if isinstance(change, BaudChange):
             self._port(change.port).baud = change.baud
-        elif change.port is None:
-            self._streams.interrupt(None)
-            for port in self._ports.values():
-                port.interrupt()
-        elif change.port in self._ports:
-            if change.port in self._names:
-                self._streams.interrupt(self._names.index(change.port))
-            self._ports[change.port].interrupt()
+        else:
+            self._streams.interrupt(change.port)
+            for name, port in self._ports.items():
+                if change.port in (None, name):
+                    port.interrupt()
 
-    def _port(self, name: str) -> PortStats:
+    def merge(self, later: Statistics) -> None:
+        """Add the statistics of the rows that follow, as if they had been observed here.
+
+        Each port must begin there with the baud that it has here.
+        """
+        for name, port in self._ports.items():
+            if name not in later._ports and later._streams.has_gap(name):
+                port.interrupt()
+        for name, port in later._ports.items():
+            self._port(name, port.baud).merge(port)
+        self._streams.merge(later._streams)
+        self.fault_counts.merge(later.fault_counts)
+        self._faults_over_time.merge(later._faults_over_time, range(len(_FAULTS)))
+        self._busy_over_time.merge(
+            later._busy_over_time, [self._number_of(name) for name in later._ports]
+        )
+
+    def _port(self, name: str, baud: int | None = None) -> PortStats:
         if name not in self._ports:
-            self._ports[name] = PortStats(name, self._baud)
+            interrupted = self._streams.has_gap(name)
+            self._ports[name] = PortStats(name, baud or self._baud, interrupted=interrupted)
         return self._ports[name]
+
+    def _number_of(self, name: str) -> int:
+        """The position of a port in order of first occurrence."""
+        return list(self._ports).index(name)
 
     def _observe_ports(self, rows: RowBatch) -> None:
         codes, lengths = rows.port, rows.length.astype(np.int64)
         framed = rows.framed
         for code in np.flatnonzero(np.bincount(codes)).tolist():
-            own, port = codes == code, self._port(self._names[code])
+            own, port = codes == code, self._port(rows.codebook.ports[code])
             port.update(lengths[own], rows.t_ns[own], rows.raw[own & framed, 0])
             known = own & rows.timed
             busy = lengths[known] * byte_time_ns(port.baud)
-            self._busy_over_time.update(np.full(len(busy), code, np.int64), rows.t_ns[known], busy)
+            numbers = np.full(len(busy), self._number_of(port.port), np.int64)
+            self._busy_over_time.update(numbers, rows.t_ns[known], busy)
 
     def _observe_faults(self, rows: RowBatch) -> None:
         self.fault_counts.update(rows)
@@ -415,18 +535,14 @@ class Statistics:
 
     def streams(self, now_ns: int | None) -> list[StreamStats]:
         """By port, kind and motor; `now_ns` is not before the last row."""
-        return self._streams.stats(self._names, now_ns)
+        return self._streams.stats(list(self._ports), now_ns)
 
     def ports(self) -> list[PortStats]:
         """By port, in order of first occurrence."""
-        for name, port in self._ports.items():
-            port.share_over_time = self._share_over_time(name)
-        return list(self._ports.values())
-
-    def _share_over_time(self, name: str) -> TimeSeries:
         busy = self._busy_over_time
-        code = self._names.index(name) if name in self._names else len(self._names)
-        return busy.series(code, busy.slot_ns)
+        for number, port in enumerate(self._ports.values()):
+            port.share_over_time = busy.series(number, busy.slot_ns)
+        return list(self._ports.values())
 
     def faults(self) -> list[FaultStats]:
         """By fault that occurred."""

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from fte_sniff.analysis.counters import extent
-from fte_sniff.analysis.feed import StreamChange
+from fte_sniff.analysis.feed import BaudChange, StreamChange
 from fte_sniff.analysis.motor_stats import Answers, FlagCounts
 from fte_sniff.analysis.motors import motor_rows
 from fte_sniff.analysis.statistics import (
@@ -18,7 +18,7 @@ from fte_sniff.analysis.statistics import (
 )
 from fte_sniff.analysis.tally import RowCount
 from fte_sniff.protocol import Gap, PortEvent, Row
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.row_batch import RowBatch
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,6 @@ class StatisticsSummary:
     def __init__(self, setup: LineSetup) -> None:
         """`setup` has the baud of ports for which no input has one."""
         self.sources: list[RowSource] = []
-        self._codebook = Codebook()
         self.statistics = Statistics(setup)
         """By port, kind, motor and fault."""
         self.answers = Answers()
@@ -55,16 +54,27 @@ class StatisticsSummary:
         changes: Sequence[StreamChange] = (),
     ) -> None:
         """Add the next rows, and the port events and changes among them."""
-        batch = RowBatch.from_rows(rows, self._codebook)
+        batch = RowBatch.from_rows(rows)
         start = 0
         for change in changes:
             self._observe(batch[start : change.index])
-            self.statistics.observe_change(change.what)
-            if isinstance(change.what, Gap):
-                self.answers.interrupt()
+            self.observe_change(change.what)
             start = change.index
         self._observe(batch[start:])
         self.statistics.observe_events(events)
+
+    def observe_change(self, change: Gap | BaudChange) -> None:
+        """Apply a change before the next rows."""
+        self.statistics.observe_change(change)
+        if isinstance(change, Gap):
+            self.answers.interrupt()
+
+    def merge(self, later: StatisticsSummary) -> None:
+        """Add the inputs that follow, as if they had been observed here."""
+        self.sources += later.sources
+        self.statistics.merge(later.statistics)
+        self.answers.merge(later.answers)
+        self.flags.merge(later.flags)
 
     def _observe(self, rows: RowBatch) -> None:
         if not len(rows):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,6 +34,7 @@ from fte_sniff.protocol import (
     encode,
 )
 from fte_sniff.row_batch import Codebook, RowBatch
+from tests.analysis.pieces import Step, bauds_after, captures, observe, pieces_of, state_of
 
 SECOND = 1_000_000_000
 ROWS = st.lists(st.from_type(Frame) | st.from_type(Damage), max_size=15)
@@ -381,3 +383,25 @@ def test_a_summary_without_rows() -> None:
     assert summary.statistics.streams(None) == []
     counts = summary.statistics.fault_counts.by_status()
     assert {status: count.rows for status, count in counts.items()} == dict.fromkeys(Status, 0)
+
+
+@given(captures(), st.lists(st.integers(0, 25), max_size=4), st.integers(0, 25))
+def test_any_pieces_of_a_capture_merge_to_a_single_pass(
+    steps: list[Step], cuts: list[int], batch: int
+) -> None:
+    whole = summary_of([])
+    observe(whole, steps)
+    merged, before = summary_of([]), list[Step]()
+    for piece in pieces_of(steps, cuts):
+        part = StatisticsSummary(LineSetup(115_200))
+        part.begin("part")
+        for some in pieces_of([*bauds_after(before), *piece], [batch]):
+            observe(part, some)
+        merged.merge(pickle.loads(pickle.dumps(part)))
+        before += piece
+    assert merged.total == whole.total
+    for name in ("statistics", "answers", "flags"):
+        assert state_of(getattr(merged, name)) == state_of(getattr(whole, name))
+    assert state_of(merged.statistics.ports()) == state_of(whole.statistics.ports())
+    assert state_of(merged.statistics.streams(None)) == state_of(whole.statistics.streams(None))
+    assert state_of(merged.statistics.faults()) == state_of(whole.statistics.faults())
