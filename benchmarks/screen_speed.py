@@ -1,11 +1,15 @@
 """Benchmark of the screen: frame rate, CPU, memory and delay over millions of rows.
 
 python -m benchmarks.screen_speed [--rows 1 5 10] [--seconds 5]
+python -m benchmarks.screen_speed --idle samples/damaged.mcap [--seconds 30]
 
 The screen runs in another process on a pseudo-terminal of 80 by 24, and is measured at its other
 end: a frame ends with the end of synchronized output, and the delay is the age of the newest time
 of day in it. 2,300 rows a second, twice the rate of a wire, are added to the given millions of
 rows, without and with a filter. At the end the whole program runs on a simulated wire.
+
+With `--idle`, `view` shows a file, and the CPU is measured while nothing happens, without a pane and
+with each.
 """
 
 from __future__ import annotations
@@ -32,6 +36,8 @@ FILTER = "motor = 1 AND rpm > -2000"
 ASKS_FOR_SYNC = b"\x1b[?2026$p"
 HAS_SYNC = b"\x1b[?2026;2$y"
 FRAME_END = b"\x1b[?2026l"
+PANE_KEYS = {"detail": b"i", "bytes": b"b", "motors": b"M", "statistics": b"S"}
+"""By name of a pane, the key that opens it."""
 _CLOCK = re.compile(rb"([0-9]{2}):([0-9]{2}):([0-9]{2})\.([0-9]{3})")
 _DAY_MS = 86_400_000
 
@@ -124,10 +130,14 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--rows", type=int, nargs="+", default=[1, 5, 10], help="millions")
     parser.add_argument("--seconds", type=float, default=5)
+    parser.add_argument("--idle", type=Path, metavar="FILE")
     parser.add_argument("--screen", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.screen:
         _screen(int(options.screen[0]), options.screen[1])
+        return
+    if options.idle:
+        _print_idle(options.idle, options.seconds)
         return
     print(f"80x24, {PER_SECOND} rows/s, {options.seconds:g} s each")
     print("rows        filter  frames/s   CPU  delay p50/p99 ms    MB  bytes/row  jump ms")
@@ -188,6 +198,25 @@ def _percentile(values: list[float], percent: int) -> float:
     if not values:
         return float("nan")
     return sorted(values)[min(len(values) - 1, len(values) * percent // 100)]
+
+
+def _print_idle(file: Path, seconds: float) -> None:
+    """Print the CPU seconds of a screen at rest, with each pane of `PANES`."""
+    terminals = {}
+    for name, keys in {"no pane": b"", **PANE_KEYS}.items():
+        terminal = Terminal([sys.executable, "-m", "fte_sniff", "view", f"{file}"])
+        terminal.wait_for(lambda drawn: b"FILE" in drawn, 60)
+        terminal.read(1)
+        terminal.press(keys)
+        terminal.read(4)
+        terminals[name] = terminal, terminal.usage()[0], time.monotonic()
+    for name, (terminal, cpu, start) in terminals.items():
+        while (left := start + seconds - time.monotonic()) > 0:
+            time.sleep(left)
+        took = (terminal.usage()[0] - cpu) / (time.monotonic() - start) * 30
+        print(f"{name:<12}{took:>6.2f} s of CPU in 30 s", flush=True)
+    for terminal, *_ in terminals.values():
+        terminal.end()
 
 
 def _live_line(seconds: float) -> str:

@@ -35,7 +35,7 @@ class LiveModels:
     ) -> None:
         self._store = store
         self._checkpoint_rows = checkpoint_rows
-        self._observed = 0
+        self.observed = 0
         """Index after the last observed row."""
         self._checkpoints: deque[tuple[int, Motors]] = deque([(0, Motors())])
         self._changes: list[StreamChange] = []
@@ -50,24 +50,24 @@ class LiveModels:
     @property
     def pending(self) -> int:
         """Rows in the store that were not observed yet."""
-        return self._store.next - max(self._observed, self._store.first)
+        return self._store.next - max(self.observed, self._store.first)
 
     def step(self, budget_rows: int) -> bool:
         """Observe the next rows, at most `budget_rows`; True if none is left."""
         self._skip_missed()
-        end = min(self._observed + budget_rows, self._store.next)
-        while self._observed < end:
+        end = min(self.observed + budget_rows, self._store.next)
+        while self.observed < end:
             self._apply_changes()
-            stop = min(end, (self._observed // self._checkpoint_rows + 1) * self._checkpoint_rows)
+            stop = min(end, (self.observed // self._checkpoint_rows + 1) * self._checkpoint_rows)
             if self._applied < len(self._changes):
                 stop = min(stop, self._changes[self._applied].index)
-            for rows in self._store.batches(self._observed, stop):
+            for rows in self._store.batches(self.observed, stop):
                 found = motor_rows(rows)
                 self.motors.observe(rows, found)
                 self.flags.observe(rows, found)
                 self.traces.observe(rows)
                 self.statistics.observe(rows)
-            self._observed = stop
+            self.observed = stop
             if stop % self._checkpoint_rows == 0:
                 self._checkpoints.append((stop, self.motors.copy()))
         self._drop_old()
@@ -80,7 +80,7 @@ class LiveModels:
     def _apply_changes(self) -> None:
         while self._applied < len(self._changes):
             change = self._changes[self._applied]
-            if change.index > self._observed:
+            if change.index > self.observed:
                 break
             self.statistics.observe_change(change.what)
             if isinstance(change.what, Gap):
@@ -88,11 +88,11 @@ class LiveModels:
             self._applied += 1
 
     def _skip_missed(self) -> None:
-        missed = self._store.first - self._observed
+        missed = self._store.first - self.observed
         if missed > 0:
             self.missed += missed
-            self._observed += missed
-            gap = StreamChange(self._observed, Gap(GapKind.NOT_SHOWN, missed))
+            self.observed += missed
+            gap = StreamChange(self.observed, Gap(GapKind.NOT_SHOWN, missed))
             insort(self._changes, gap, key=_index)
 
     def _drop_old(self) -> None:
@@ -107,9 +107,9 @@ class LiveModels:
     def motors_at(self, index: int) -> Motors | None:
         """The motors right after the row with that index; None if it was not observed yet."""
         end = index + 1
-        if end > self._observed:
+        if end > self.observed:
             return None
-        if end == self._observed:
+        if end == self.observed:
             return self.motors
         start, state = next(one for one in reversed(self._checkpoints) if one[0] <= end)
         motors = state.copy()

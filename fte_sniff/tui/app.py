@@ -16,7 +16,7 @@ from textual.binding import BindingType
 from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
-from textual.events import Event, Key
+from textual.events import Event, InputEvent, Key, Resize
 from textual.filter import LineFilter
 
 from fte_sniff.analysis.feed import Feed
@@ -202,12 +202,15 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         return monotonic_ns()
 
     def _on_clock(self) -> None:
-        if self._poll_interval.on_clock():
+        at_rest = self._model.at_rest and not self._panes.models_pending
+        if self._poll_interval.on_clock(at_rest=at_rest):
             self.tick()
 
     async def on_event(self, event: Event) -> None:
         """Let keys come before a file's rows."""
         state = self._model.state
+        if isinstance(event, InputEvent | Resize):
+            self._poll_interval.on_input()
         if isinstance(event, Key) and state.running and not state.live:
             self._panes.postpone_models()
             self._poll_interval.on_key()

@@ -102,6 +102,11 @@ class ViewModel:
             self._frames_per_s = self.tally.frames * 1e9 / self.tally.duration_ns
 
     @property
+    def at_rest(self) -> bool:
+        """Whether no more rows come, and the filter has been applied to all."""
+        return not self.state.running and not self.store.view.pending
+
+    @property
     def ports(self) -> tuple[str, ...]:
         """Ports of the rows, in order of appearance."""
         return tuple(self.tally.by_port)
@@ -223,6 +228,12 @@ WAKE_INTERVAL_S: Final = 1 / 25
 TICK_S: Final = 1 / 20
 """Interval at which the clock polls the feed, seconds."""
 
+REST_TICKS: Final = 10
+"""Ticks of the clock in one poll of a feed that has ended, while the user does nothing."""
+
+INPUT_PAUSE_NS: Final = 1_000_000_000
+"""How long after a key or a move of the mouse every tick polls."""
+
 KEY_PAUSE_NS: Final = 250_000_000
 """How long a file's rows and the models wait after a key, since reading delays the next keys."""
 
@@ -233,6 +244,9 @@ class PollInterval:
     def __init__(self, feed: Feed) -> None:
         self._feed = feed
         self._woken = False
+        self._skipped = 0
+        """Ticks of the clock since the last poll, at rest."""
+        self._last_input_ns = monotonic_ns()
         self._last_key_ns = monotonic_ns() - KEY_PAUSE_NS
         self._stop_listening: Callable[[], object] = lambda: None
 
@@ -259,10 +273,20 @@ class PollInterval:
         """Make no more calls; may be called again."""
         self._stop_listening()
 
-    def on_clock(self) -> bool:
-        """Whether to poll at this tick of the clock: not where the feed woke the screen since."""
+    def on_clock(self, *, at_rest: bool = False) -> bool:
+        """Whether to poll at this tick of the clock: not where the feed woke the screen since.
+
+        Where nothing can change without the user, `at_rest`, most ticks are skipped.
+        """
         woken, self._woken = self._woken, False
+        if at_rest and monotonic_ns() - self._last_input_ns > INPUT_PAUSE_NS:
+            self._skipped = (self._skipped + 1) % REST_TICKS
+            return self._skipped == 0
         return not woken
+
+    def on_input(self) -> None:
+        """Note a key or a move of the mouse."""
+        self._last_input_ns = monotonic_ns()
 
     def on_key(self) -> None:
         """Note a key press; a file stops reading for a moment."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -167,6 +168,26 @@ def test_a_key_opens_a_pane_and_the_table_stays(feed: Any, key: str, size: tuple
         assert app.is_running
 
     play(feed, scenario, size)
+
+
+@pytest.mark.parametrize("key", PANES)
+def test_a_pane_about_rows_that_stay_is_drawn_once(feed: Any, key: str) -> None:
+    refreshed = []
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(feedback_rows(400))
+        feed.state = replace(feed.state, live=False, running=False)
+        await settle(app, pilot)
+        await press(app, pilot, key)
+        await settle(app, pilot)
+        pane = app.query_one(PANES[key])
+        pane.refresh = lambda *_args, **_options: refreshed.append(pane)  # type: ignore[method-assign]
+        for _ in range(20):
+            app._panes._drawn_at_ns = 0
+            await settle(app, pilot)
+        assert not refreshed
+
+    play(feed, scenario)
 
 
 def test_one_pane_takes_the_place_of_another(feed: Any) -> None:

@@ -70,6 +70,17 @@ def test_a_feed_that_cannot_wake_nor_rest_is_looked_at_by_the_clock() -> None:
     assert interval.on_clock()
 
 
+@pytest.mark.parametrize(("pause_ns", "polls"), [(0, 10), (3_600_000_000_000, 100)])
+def test_a_feed_at_rest_is_polled_seldom_unless_the_user_acts(
+    monkeypatch: pytest.MonkeyPatch, pause_ns: int, polls: int
+) -> None:
+    monkeypatch.setattr(view_model, "INPUT_PAUSE_NS", pause_ns)
+    interval = PollInterval(ListFeed())
+    interval.on_input()
+    assert sum(interval.on_clock(at_rest=True) for _ in range(100)) == polls
+    assert all(interval.on_clock() for _ in range(100))
+
+
 BOUND_S = 60.0
 
 

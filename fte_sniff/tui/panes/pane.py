@@ -68,6 +68,7 @@ class Pane(VerticalScroll, can_focus=False):
     def __init__(self) -> None:
         super().__init__()
         self._page = Static()
+        self._title: str | None = None
         self._drawn: Text | None = None
         self._wanted: tuple[object, ...] = ()
         self.display = False
@@ -95,7 +96,10 @@ class Pane(VerticalScroll, can_focus=False):
         """Set the first title that fits, or else the last."""
         width = self.size.width - _CORNERS
         title = first_fitting(titles, width)
-        self.border_title = Text(first_fitting((f"{title}   {_(self.HINT)}", title), width))
+        text = first_fitting((f"{title}   {_(self.HINT)}", title), width)
+        if text != self._title:
+            self._title = text
+            self.border_title = Text(text)
 
     def set_page_of(self, draw: Callable[P, Text], *args: P.args, **kwargs: P.kwargs) -> bool:
         """Show `draw(...)`, where it is not shown already; returns whether it is new."""

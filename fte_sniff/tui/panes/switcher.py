@@ -46,6 +46,8 @@ class PaneSwitcher:
         self._open: Pane | None = None
         self._step_pending = self._postponed = False
         self._drawn_at_ns = 0
+        self._drawn: tuple[object, ...] | None = None
+        """What the open pane shows."""
         self._newest = 0
         self._newest_at_ns = self._clock_ns = 0
 
@@ -92,6 +94,8 @@ class PaneSwitcher:
 
     def on_update(self, update: ViewUpdate) -> None:
         """Forward port events, and gaps and baud changes between rows, to the models."""
+        if update.events:
+            self._drawn = None
         self._models.statistics.observe_events(update.events)
         self._models.add_changes(update.stream_changes)
 
@@ -107,7 +111,7 @@ class PaneSwitcher:
         if self._open or self._models.pending >= CLOSED_BATCH_ROWS or self.models_late:
             self._update_models()
         if self._open and now_ns - self._drawn_at_ns >= self._open.REDRAW_S * 1e9:
-            self.redraw()
+            self._redraw_changed()
 
     def postpone_models(self) -> None:
         """Update the models no more before the next tick."""
@@ -127,6 +131,11 @@ class PaneSwitcher:
             self._update_models()
 
     @property
+    def models_pending(self) -> bool:
+        """Whether the models will observe more rows although none comes."""
+        return bool(self._models.pending) and (self._open is not None or self.models_late)
+
+    @property
     def models_late(self) -> bool:
         """Whether rows could leave memory before the models have seen them.
 
@@ -137,9 +146,19 @@ class PaneSwitcher:
 
     def redraw(self) -> None:
         """Draw the open pane, where it has a size."""
-        if self._open is not None and self._open.scrollable_content_region:
-            self._drawn_at_ns = self._clock_ns
-            self._open.draw(self._context())
+        self._drawn = None
+        self._redraw_changed()
+
+    def _redraw_changed(self) -> None:
+        """Draw the open pane, unless it shows the same already."""
+        if self._open is None or not self._open.scrollable_content_region:
+            return
+        context = self._context()
+        sizes = self._open.page_size, self._table.app.size
+        drawn = (self._open, sizes, context, self._models.observed, self._models.pending)
+        if drawn != self._drawn:
+            self._drawn, self._drawn_at_ns = drawn, self._clock_ns
+            self._open.draw(context)
 
     def _context(self) -> PaneContext:
         table, row = self._table, self._table.cursor_row
