@@ -8,8 +8,8 @@ end: a frame ends with the end of synchronized output, and the delay is the age 
 of day in it. 2,300 rows a second, twice the rate of a wire, are added to the given millions of
 rows, without and with a filter. At the end the whole program runs on a simulated wire.
 
-With `--idle`, `view` shows a file, and the CPU is measured while nothing happens, without a pane and
-with each.
+With `--idle`, `view` shows a file, and the CPU is measured while nothing happens, without a pane
+and with each.
 """
 
 from __future__ import annotations
