@@ -13,7 +13,7 @@ from fte_sniff.cli.output import exit_if_unreadable, format_option, print_notes,
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
-from fte_sniff.session.inputs import InputReading
+from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 
 
@@ -37,8 +37,8 @@ def command(
 ) -> None:
     """Decode recordings (.mcap), raw bytes (.bin .raw) and hex text (.hex .txt .log).
 
-    '-' reads standard input; a folder means the recordings in it, in order of time. Rows go to
-    standard output, a summary to standard error.
+    '-' reads standard input; a folder means the recordings in it. The rows of several files are
+    merged by time. Rows go to standard output, a summary to standard error.
 
     \b
     fte-sniff decode samples/clean.mcap

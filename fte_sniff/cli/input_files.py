@@ -38,10 +38,10 @@ from fte_sniff.formats.input_kind import (
 from fte_sniff.formats.logs.clock import day_of, zone_of
 from fte_sniff.formats.logs.reader import LogOptions, LogReader, pattern_of
 from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import (
     STDIN_NAME,
     Input,
-    InputReading,
     LogInput,
     RecordingInput,
 )
@@ -197,8 +197,6 @@ class InputQuery:
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
 
-        If all inputs are recordings, they are sorted by their first times.
-
         Raises:
             FileError: no file can be read; one of several is reported, and the others are read.
             UsageError: the content of a file is unknown, or does not fit the options.
@@ -214,12 +212,6 @@ class InputQuery:
                 unreadable.append(error)
         if not inputs:
             raise unreadable[0]
-        recordings = [one for one in inputs if isinstance(one, RecordingInput)]
-        if len(recordings) == len(inputs):
-            from fte_sniff.recording.reader import start_of
-
-            recordings.sort(key=lambda one: start_of(one.reader))
-            inputs = [*recordings]
         times = (one.times for one in inputs)
         span = time_range(self.since, self.until, times, self.zone_given())
         return InputReading(inputs, span, row_filter, limit, baud, unreadable)
@@ -257,7 +249,8 @@ def _opened(path: Path, query: InputQuery) -> Input:
 
         return RecordingInput(RecordingReader(path))
     if chosen is InputKind.RAW:
-        return LogInput(clocked(raw_chunks(path), query.start_ns()), str(path))
+        chunks = clocked(raw_chunks(path), query.start_ns())
+        return LogInput(chunks, str(path), first_ns=query.start_ns)
     return LogInput(LogReader(str(path), query.log_options()), str(path))
 
 
@@ -266,7 +259,10 @@ def _topic(path: Path, topic: str) -> Input:
         raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
     from fte_sniff.recording.foreign_topic import topic_chunks
 
-    return LogInput(topic_chunks(path, topic), topic)
+    def first_ns() -> int | None:
+        return next((chunk.t_ns for chunk in topic_chunks(path, topic)), None)
+
+    return LogInput(topic_chunks(path, topic), topic, first_ns=first_ns)
 
 
 def _stdin(query: InputQuery) -> Input:

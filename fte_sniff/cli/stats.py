@@ -15,7 +15,7 @@ from fte_sniff.cli.stats_json import statistics_json
 from fte_sniff.cli.streams import print_err
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import DEFAULT_BAUD
-from fte_sniff.session.inputs import InputReading
+from fte_sniff.session.input_reading import InputReading
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.summary import StatisticsSummary

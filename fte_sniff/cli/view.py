@@ -43,7 +43,7 @@ def command(
 ) -> None:
     """Show recordings, raw bytes or hex text on the screen of `live`.
 
-    A folder means the recordings in it, in order of time.
+    A folder means the recordings in it. The rows of several files are merged by time.
 
     \b
     fte-sniff view samples/damaged.mcap

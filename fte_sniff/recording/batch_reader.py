@@ -257,6 +257,7 @@ class BatchReader:
         span: TimeRange,
         *,
         count_sequences: bool = False,
+        share: int = 1,
     ) -> None:
         """Begin a pass.
 
@@ -265,13 +266,15 @@ class BatchReader:
             codebook: that of the batches.
             span: only rows in it.
             count_sequences: whether to fill in `sequences`.
+            share: divides the size of batches, and what is decoded ahead.
         """
         keep_freed_memory()
         self._channels, self._codebook, self._span = channels, codebook, span
         self._count_sequences = count_sequences
         self._definitions: tuple[int, Definitions] = -1, {}
         self._jobs: deque[_Job] = deque()
-        self._most_jobs = cores() + 1
+        self._most_jobs, self._most_under_way = cores() + 1, _MOST_UNDER_WAY // share
+        self._enough = max(JOB // share, _FIRST_JOB)
         self._split_count = 0
         self.lost: list[LostBytes] = []
         """Chunks that could not be read."""
@@ -323,7 +326,7 @@ class BatchReader:
 
     def _has_room(self, size: int) -> bool:
         under_way = sum(job.size for job in self._jobs)
-        return len(self._jobs) < self._most_jobs and under_way + size <= _MOST_UNDER_WAY
+        return len(self._jobs) < self._most_jobs and under_way + size <= self._most_under_way
 
     def _sections_of_jobs(self, records: Iterable[RawRecord]) -> Iterator[list[_Section]]:
         """The sections of each job; after a loss a new job begins."""
@@ -348,7 +351,7 @@ class BatchReader:
             # A definition outside of chunks describes no earlier messages.
             if has_messages and (size >= enough or ((after_loss or defines) and self._splits())):
                 yield sections
-                sections, size, enough, has_messages = [], 0, JOB, False
+                sections, size, enough, has_messages = [], 0, self._enough, False
             if opcode == Opcode.CHUNK:
                 sections.append(_Section(record, ranges=[(record.position, record.stop)]))
                 size += sections[-1].load

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Final
+from typing import Final, NamedTuple
 
 from fte_sniff.protocol import Gap, GapKind, iso_time
 
@@ -61,12 +61,27 @@ def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dic
     return found
 
 
-def is_next_part(before: Mapping[str, str], facts: Mapping[str, str]) -> bool:
-    """Whether the file with `facts` follows the file with the facts `before` in one capture."""
-    if not facts.get("start") or any(before.get(n) != facts.get(n) for n in ("start", "host")):
-        return False
-    numbers = before.get("part", "1"), facts.get("part", "1")
-    return all(map(_is_number, numbers)) and int(numbers[0]) + 1 == int(numbers[1])
+class Part(NamedTuple):
+    """One file of a capture."""
+
+    start: str
+    """When the capture began."""
+    host: str
+    number: int
+    """From 1."""
+
+    @property
+    def next(self) -> Part:
+        """The file after it."""
+        return self._replace(number=self.number + 1)
+
+
+def part_of(facts: Mapping[str, str]) -> Part | None:
+    """Which file of a capture has these facts; None if they do not show it."""
+    start, number = facts.get("start"), facts.get("part", "1")
+    if not start or not _is_number(number):
+        return None
+    return Part(start, facts.get("host", ""), int(number))
 
 
 GAP_NAME: Final = f"{PROGRAM}.gap"

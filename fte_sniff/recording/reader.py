@@ -168,12 +168,16 @@ class RecordingReader:
         return (rows for _, rows in self.ranges(codebook, span))
 
     def ranges(
-        self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING
+        self, codebook: Codebook | None = None, span: TimeRange = EVERYTHING, share: int = 1
     ) -> Iterator[tuple[RowRange, RowBatch]]:
-        """The same batches, each with the range with which `read` reads it again."""
+        """The same batches, each with the range with which `read` reads it again.
+
+        `share` divides the memory: batches are smaller, and fewer are decoded ahead.
+        """
         channels = self._known_channels()
         counted = self._summary is not None
-        reader = BatchReader(channels, codebook or Codebook(), span, count_sequences=not counted)
+        codebook = codebook or Codebook()
+        reader = BatchReader(channels, codebook, span, count_sequences=not counted, share=share)
         wanted = None if span.everything else span.overlaps
         with self._open() as stream:
             records = RecordStream(stream, self._summary, wanted, self._found)

@@ -7,12 +7,14 @@ Modules:
                      them.
     doctor           The checks of `doctor`: machine, ports, line.
     framer_hash      Hash of the framer's sources, for setup.py and doctor.
-    inputs           Recordings, logs, raw bytes and standard input, read
-                     through a filter, with the gaps found.
+    input_reading    InputReading: rows of inputs through a filter, merged by
+                     time, with the gaps found.
+    inputs           Recordings, logs, raw bytes and standard input.
     live_session     LiveSession: start, poll, stop.
     port_merge       Order rows of several ports; detect swapped wiring.
     replay           ReplaySession over files with paging.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().
+    time_merge       Merge the batches of several inputs by time.
     worker_process   Start another process of this program, with a pipe to it.
 """

@@ -1,4 +1,4 @@
-"""Recordings, logs, raw bytes and standard input, read as batches of rows that match a filter."""
+"""Recordings, logs, raw bytes and standard input, read as batches of rows."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import IO, TYPE_CHECKING, Final
 
-from fte_sniff.analysis.feed import GapDetector, StreamChange
+from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError, FteSniffError, UsageError
 from fte_sniff.formats.logs.reader import LogReader
@@ -19,18 +19,16 @@ from fte_sniff.protocol import (
     Fault,
     Framer,
     Gap,
-    GapKind,
     PortEvent,
     PortEventKind,
     iso_time,
 )
 from fte_sniff.protocol.framer.segments import DecidedSpan
-from fte_sniff.session.save import ExportSource
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.recording.batch_reader import TimeRange
-    from fte_sniff.recording.metadata import PortFacts, Selection
+    from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
     from fte_sniff.row_batch import RowBatch, Rows
 
@@ -68,6 +66,16 @@ class InputBatch:
         times = [row.t_ns for row in self.rows if row.t_ns is not None]
         return (times[0], max(times)) if times and len(times) == len(self.rows) else None
 
+    @property
+    def latest_ns(self) -> int | None:
+        """The latest time of its rows and events; None if none of them has one."""
+        times = [event.t_ns for event in self.events]
+        if isinstance(self.rows, list):
+            times += [row.t_ns for row in self.rows if row.t_ns is not None]
+        elif len(self.rows):
+            times.append(int(self.rows.t_ns.max()))
+        return max(times, default=None)
+
     def select(self, row_filter: RowFilter) -> InputBatch:
         """The same with only the rows that match the filter."""
         rows = self.rows
@@ -79,7 +87,8 @@ class InputBatch:
         """The same with at most `count` rows."""
         if count >= len(self.rows):
             return self
-        return replace(self, rows=self.rows[:count], reload=None)
+        changes = [change for change in self.changes if change.index <= count]
+        return replace(self, rows=self.rows[:count], reload=None, changes=changes)
 
 
 def decided_spans(
@@ -174,6 +183,19 @@ class Input(ABC):
         return None
 
     @property
+    def first_ns(self) -> int | None:
+        """The time of its first row or event, nanoseconds since 1970 UTC; None without times.
+
+        None too if it is not known before reading, because the input can be read only once.
+        """
+        return None
+
+    @property
+    def part(self) -> Part | None:
+        """Which file of a capture it is; None if it is none."""
+        return None
+
+    @property
     def count(self) -> int | None:
         """Number of rows and events; None if it is unknown before reading."""
         return None
@@ -208,12 +230,15 @@ class Input(ABC):
         return ()
 
     @abstractmethod
-    def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
+    def batches(
+        self, span: TimeRange | None, note: Note, open_inputs: int = 0
+    ) -> Iterator[InputBatch]:
         """Read its rows.
 
         Args:
             span: only rows in it; None for all.
             note: called after the last row with what is wrong with the input.
+            open_inputs: the number of other inputs that are read at the same time.
 
         Raises:
             FileError: it cannot be read, or has another format.
@@ -239,6 +264,23 @@ class RecordingInput(Input):
         from fte_sniff.recording.reader import row_times
 
         return row_times(self.reader)
+
+    @property
+    def first_ns(self) -> int | None:
+        """The first time in the summary; without one, that of the first row that can be read."""
+        if self.reader.times is not None:
+            return self.reader.times[0]
+        try:
+            return next((int(rows.t_ns[0]) for rows in self.reader.batches() if len(rows)), None)
+        except FileError:
+            return None  # raised again by `batches`
+
+    @cached_property
+    def part(self) -> Part | None:
+        """Which file of a capture it is."""
+        from fte_sniff.recording.metadata import part_of
+
+        return part_of(self.facts)
 
     @property
     def count(self) -> int | None:
@@ -268,11 +310,9 @@ class RecordingInput(Input):
 
         The other must have been read.
         """
-        from fte_sniff.recording.metadata import is_next_part
-
         if not isinstance(before, RecordingInput):
             return False
-        if is_next_part(before.facts, self.facts):
+        if self.part is not None and before.part is not None and before.part.next == self.part:
             return True
         first = next(iter(self.reader), None) if before._ends else None
         return first is not None and before._ends.get(first.port) == first.offset
@@ -286,13 +326,15 @@ class RecordingInput(Input):
         """The filters of the commands that wrote it."""
         return self.reader.selections()
 
-    def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
+    def batches(
+        self, span: TimeRange | None, note: Note, open_inputs: int = 0
+    ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`."""
         from fte_sniff.recording.batch_reader import EVERYTHING
 
         troubles: Counter[PortEventKind] = Counter()
         some = False
-        for passage, rows in self.reader.ranges(span=span or EVERYTHING):
+        for passage, rows in self.reader.ranges(span=span or EVERYTHING, share=open_inputs + 1):
             troubles.update(event.kind for event in rows.events)
             some = some or bool(len(rows))
             self._ends.update(rows.end_offsets())
@@ -318,10 +360,28 @@ class LogInput(Input):
         source: Iterable[Chunk] | LogReader,
         name: str,
         drained: Callable[[], bool] = lambda: False,
+        first_ns: Callable[[], int | None] = lambda: None,
     ) -> None:
-        """Read nothing yet; `drained` is whether the next chunk has to be waited for."""
+        """Read nothing yet.
+
+        Args:
+            source: the log, or the chunks of one port.
+            name: for display.
+            drained: whether the next chunk has to be waited for.
+            first_ns: the time of the first chunk; may read it separately.
+        """
         super().__init__(name)
-        self._source, self._drained = source, drained
+        self._source, self._drained, self._first_ns = source, drained, first_ns
+
+    @property
+    def first_ns(self) -> int | None:
+        """The time of the first row that has one; reads the start of a text log."""
+        try:
+            if isinstance(self._source, LogReader):
+                return self._source.first_ns
+            return self._first_ns()
+        except FteSniffError:
+            return None  # raised again by `batches`
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -340,7 +400,9 @@ class LogInput(Input):
         """Where a text log has its bytes, times and directions, one line each."""
         return self._source.explain() if isinstance(self._source, LogReader) else ["raw bytes"]
 
-    def batches(self, span: TimeRange | None, note: Note) -> Iterator[InputBatch]:
+    def batches(
+        self, span: TimeRange | None, note: Note, open_inputs: int = 0
+    ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`. They are yielded at once if the next chunk is waited for."""
         if isinstance(self._source, LogReader):
             rows = self._source.rows(note)
@@ -371,115 +433,3 @@ def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
         f"none of its {held} lies between --from and --to;"
         f" they go from {iso_time(first_ns)} to {iso_time(last_ns)}"
     )
-
-
-DAMAGED: Final = GapKind.DAMAGE, "the recording was damaged here"
-ANOTHER: Final = GapKind.OTHER_RECORDING, "another recording begins here"
-
-
-class InputReading:
-    """Reads the rows of inputs once; counts them and collects what is known about them."""
-
-    def __init__(
-        self,
-        inputs: Sequence[Input],
-        span: TimeRange | None = None,
-        row_filter: RowFilter | None = None,
-        limit: int | None = None,
-        baud: int | None = None,
-        unreadable: Sequence[FileError] = (),
-    ) -> None:
-        """Read nothing yet.
-
-        Args:
-            inputs: what to read, in this order.
-            span: only rows in it; None for all.
-            row_filter: only rows that it matches; None for all.
-            limit: largest number of those rows; None for all.
-            baud: the baud of every port; None for that of the inputs.
-            unreadable: errors of inputs that could not be opened.
-        """
-        self.inputs, self.unreadable = inputs, unreadable
-        self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
-        self.tally = Tally()
-        """Counts of all rows that were read."""
-        self.notes = [str(error) for error in unreadable]
-        """What is wrong with the inputs, one line each."""
-        self.written = 0
-        """Rows that match, up to the limit."""
-        self.reported_gaps = [gap for one in inputs for gap in one.gaps(span)]
-        """The gaps in the span that the inputs report."""
-        self._detector = GapDetector()
-        self._before: Input | None = None
-        self._last_ns: int | None = None
-        """Latest time of the rows that match, with a limit."""
-        self._gaps = list(self.reported_gaps)
-        self._selections = [selection for one in inputs for selection in one.selections()]
-        ports = [port.name for one in inputs for port in one.ports]
-        self.source = ExportSource(
-            ports,
-            dict.fromkeys(ports, baud) if baud else _bauds_of(inputs),
-            self._gaps,
-            self._selections,
-            {name: fact for one in inputs for name, fact in one.facts.items()},
-        )
-        """What is known about the rows; complete once `__iter__` has ended."""
-        self._clip_gaps()
-
-    def _clip_gaps(self) -> None:
-        """Limit the gaps to the times of the rows; the filter makes no gaps."""
-        first_ns = None if self.span is None else self.span.first_ns
-        last_ns = None if self.span is None else self.span.end_ns - 1
-        if self.written == self.limit:
-            last_ns = self._last_ns or 0
-        self._gaps[:] = self.source.within(first_ns, last_ns).gaps
-
-    def __iter__(self) -> Iterator[InputBatch]:
-        """The rows that match, up to the limit."""
-        for one in self.inputs:
-            yield from self.batches_of(one)
-            if self.written == self.limit:
-                break
-        self._clip_gaps()
-        if self.row_filter is not None:
-            from fte_sniff.recording.metadata import Selection
-
-            self._selections.append(Selection(self.row_filter.text, self.tally.rows))
-
-    def batches_of(self, one: Input) -> Iterator[InputBatch]:
-        """The rows of one input, which is the next."""
-        changes = self._detector.begin({} if self._baud else _bauds_of([one]), one.gaps(self.span))
-        if not one.follows(self._before):
-            changes.append(self._detector.interrupt(*ANOTHER))
-        self._before = one
-        for batch in one.batches(self.span, self.notes.append):
-            if batch.after_gap:
-                changes.append(self._detector.interrupt(*DAMAGED))
-            if gap := self._detector.observe(batch.times):
-                self._gaps.append(gap)
-            self.tally.update(batch.rows)
-            found = self._matching(batch)
-            changes += self._detector.changes(found.rows, found.events)
-            yield replace(found, changes=changes)
-            if self.written == self.limit:
-                return
-            changes = []
-        if one.losses:
-            changes.append(self._detector.interrupt(*DAMAGED))
-        if changes:
-            yield InputBatch([], changes=changes, losses=one.losses)
-
-    def _matching(self, batch: InputBatch) -> InputBatch:
-        """The rows of a batch that match, up to the limit."""
-        found = batch if self.row_filter is None else batch.select(self.row_filter)
-        if self.limit is not None:
-            found = found.first(self.limit - self.written)
-            if found.times is not None:
-                self._last_ns = max(self._last_ns or 0, found.times[1])
-        self.written += len(found.rows)
-        return found
-
-
-def _bauds_of(inputs: Sequence[Input]) -> dict[str, int]:
-    """Bits per second by port, as the inputs report them."""
-    return {port.name: port.baud for one in inputs for port in one.ports if port.baud}

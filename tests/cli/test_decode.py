@@ -39,7 +39,8 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.recording.retention import RecordingOptions, TriggerWindow
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session.inputs import InputReading, RecordingInput
+from fte_sniff.session.input_reading import InputReading
+from fte_sniff.session.inputs import RecordingInput
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM
 

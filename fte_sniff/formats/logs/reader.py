@@ -117,13 +117,28 @@ class LogReader:
         return form.ports(self.name)
 
     @property
+    def first_ns(self) -> int | None:
+        """The time of the first row that has one, for which its start is read once more.
+
+        None if no row near the start has one, or the log can be read only once.
+        """
+        if not self._can_be_read_again:
+            return None
+        rows = next(LogReader(self.name, self.options).rows(lambda _note: None), [])
+        return next((row.t_ns for row in rows if row.t_ns is not None), None)
+
+    @property
+    def _can_be_read_again(self) -> bool:
+        return self._stream is None and Path(self.name).is_file()
+
+    @property
     def times(self) -> tuple[int, int] | None:
         """The earliest and latest time of its rows, for which it is read once more.
 
         Raises:
             UsageError: it can be read only once.
         """
-        if self._stream is not None or not Path(self.name).is_file():
+        if not self._can_be_read_again:
             raise UsageError(
                 f"{self.name} can be read only once, so its first and last time are not known"
                 " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"

@@ -1,0 +1,199 @@
+"""InputReading: the rows of inputs, once, merged by time; counts and gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from fte_sniff.analysis.feed import GapDetector, StreamChange
+from fte_sniff.analysis.tally import Tally
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import Gap, GapKind
+from fte_sniff.session.inputs import Input, InputBatch
+from fte_sniff.session.save import ExportSource
+from fte_sniff.session.time_merge import TimedInput, merged_by_time
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.recording.batch_reader import TimeRange
+    from fte_sniff.recording.metadata import Part
+
+DAMAGED: Final = GapKind.DAMAGE, "the recording was damaged here"
+ANOTHER: Final = GapKind.OTHER_RECORDING, "another recording begins here"
+
+
+@dataclass(slots=True)
+class _Succession:
+    """Inputs that are read one after the other."""
+
+    detector: GapDetector = field(default_factory=GapDetector)
+    before: Input | None = None
+    """The last one."""
+
+
+class InputReading:
+    """Reads the rows of inputs once; counts them and collects what is known about them."""
+
+    def __init__(
+        self,
+        inputs: Sequence[Input],
+        span: TimeRange | None = None,
+        row_filter: RowFilter | None = None,
+        limit: int | None = None,
+        baud: int | None = None,
+        unreadable: Sequence[FileError] = (),
+    ) -> None:
+        """Read no rows yet; of several inputs, read their first times.
+
+        Args:
+            inputs: what to read.
+            span: only rows in it; None for all.
+            row_filter: only rows that it matches; None for all.
+            limit: largest number of those rows; None for all.
+            baud: the baud of every port; None for that of the inputs.
+            unreadable: errors of inputs that could not be opened.
+        """
+        self.inputs = inputs = _by_first_time(inputs)
+        self.unreadable = unreadable
+        self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
+        self.tally = Tally()
+        """Counts of all rows that were read."""
+        self.notes = [str(error) for error in unreadable]
+        """What is wrong with the inputs, one line each."""
+        self.written = 0
+        """Rows that match, up to the limit."""
+        self.reported_gaps = [gap for one in inputs for gap in one.gaps(span)]
+        """The gaps in the span that the inputs report."""
+        self._last = _Succession()
+        """That of the input that ended last."""
+        self._last_ns: int | None = None
+        """Latest time of the rows that match, with a limit."""
+        self._gaps = list(self.reported_gaps)
+        self._selections = [selection for one in inputs for selection in one.selections()]
+        ports = [port.name for one in inputs for port in one.ports]
+        self.source = ExportSource(
+            ports,
+            dict.fromkeys(ports, baud) if baud else _bauds_of(inputs),
+            self._gaps,
+            self._selections,
+            {name: fact for one in inputs for name, fact in one.facts.items()},
+        )
+        """What is known about the rows; complete once `__iter__` has ended."""
+        self._clip_gaps()
+
+    def _clip_gaps(self) -> None:
+        """Limit the gaps to the times of the rows; the filter makes no gaps."""
+        first_ns = None if self.span is None else self.span.first_ns
+        last_ns = None if self.span is None else self.span.end_ns - 1
+        if self.written == self.limit:
+            last_ns = self._last_ns or 0
+        self._gaps[:] = self.source.within(first_ns, last_ns).gaps
+
+    def __iter__(self) -> Iterator[InputBatch]:
+        """The rows that match, up to the limit, merged by time.
+
+        The rows of inputs without times come last. Inputs are opened when their first rows are due.
+        """
+        successions = [
+            TimedInput(chain[0].first_ns, partial(self._successive, chain))
+            for chain in _chains(self.inputs)
+        ]
+        for batch in merged_by_time(successions):
+            found = batch if self.limit is None else self._limited(batch, self.limit)
+            self.written += len(found.rows)
+            yield found
+            if self.written == self.limit:
+                break
+        self._clip_gaps()
+        if self.row_filter is not None:
+            from fte_sniff.recording.metadata import Selection
+
+            self._selections.append(Selection(self.row_filter.text, self.tally.rows))
+
+    def _limited(self, batch: InputBatch, limit: int) -> InputBatch:
+        found = batch.first(limit - self.written)
+        if found.times is not None:
+            self._last_ns = max(self._last_ns or 0, found.times[1])
+        return found
+
+    def batches_of(self, one: Input) -> Iterator[InputBatch]:
+        """The rows of one input that match, without a limit; for each input in order."""
+        for batch in self._read(one, self._last):
+            self.written += len(batch.rows)
+            yield batch
+
+    def _successive(self, chain: Sequence[Input], open_inputs: int) -> Iterator[InputBatch]:
+        """The rows of inputs that follow each other, beside those of other open inputs."""
+        own = _Succession() if open_inputs else self._last
+        for one in chain:
+            yield from self._read(one, own, open_inputs)
+            self._last = own
+
+    def _read(
+        self, one: Input, succession: _Succession, open_inputs: int = 0
+    ) -> Iterator[InputBatch]:
+        detector = succession.detector
+        changes = detector.begin({} if self._baud else _bauds_of([one]), one.gaps(self.span))
+        if open_inputs and succession.before is None:
+            kind, reason = ANOTHER
+            gaps = [Gap(kind, reason=reason, port=port) for port in _ports_of(one)]
+            changes += [StreamChange(0, gap) for gap in gaps]
+        elif not one.follows(succession.before):
+            changes.append(detector.interrupt(*ANOTHER))
+        succession.before = one
+        for batch in one.batches(self.span, self.notes.append, open_inputs):
+            if batch.after_gap:
+                changes.append(detector.interrupt(*DAMAGED))
+            if gap := detector.observe(batch.times):
+                self._gaps.append(gap)
+            self.tally.update(batch.rows)
+            found = batch if self.row_filter is None else batch.select(self.row_filter)
+            changes += detector.changes(found.rows, found.events)
+            yield replace(found, changes=changes)
+            changes = []
+        if one.losses:
+            changes.append(detector.interrupt(*DAMAGED))
+        if changes:
+            yield InputBatch([], changes=changes, losses=one.losses)
+
+
+def _ports_of(one: Input) -> list[str]:
+    return list(dict.fromkeys(port.name for port in one.ports))
+
+
+def _bauds_of(inputs: Sequence[Input]) -> dict[str, int]:
+    """Bits per second by port, as the inputs report them."""
+    return {port.name: port.baud for one in inputs for port in one.ports if port.baud}
+
+
+def _by_first_time(inputs: Sequence[Input]) -> list[Input]:
+    """The inputs by their first times; those without come last, in their order."""
+    if len(inputs) < 2:
+        return list(inputs)
+    times = {id(one): one.first_ns for one in inputs}
+
+    def place(one: Input) -> tuple[bool, int]:
+        first_ns = times[id(one)]
+        return first_ns is None, first_ns or 0
+
+    return sorted(inputs, key=place)
+
+
+def _chains(inputs: Sequence[Input]) -> list[list[Input]]:
+    """The inputs; the files of one capture that follow each other are in one list."""
+    chains: list[list[Input]] = []
+    chain_before: dict[Part, list[Input]] = {}
+    """The files before one that was not found yet."""
+    for one in sorted(inputs, key=lambda one: one.part.number if one.part else 0):
+        part = one.part
+        chain = chain_before.pop(part, None) if part else None
+        if chain is None:
+            chain = []
+            chains.append(chain)
+        chain.append(one)
+        if part:
+            chain_before[part.next] = chain
+    order = {id(one): place for place, one in enumerate(inputs)}
+    return sorted(chains, key=lambda chain: order[id(chain[0])])
