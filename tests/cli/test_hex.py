@@ -107,7 +107,7 @@ def test_a_dump_is_read_and_what_is_doubtful_told(run) -> None:
     assert "may be" not in run("hex", dump).stderr
     bare = run("hex", f"0000: {FRAME}")
     assert bare.stdout == run("hex", FRAME).stdout
-    assert bare.stderr == "fte-sniff: line 1: '0000' is not read as bytes\n"
+    assert bare.stderr == "fte-sniff: line 1 holds words that are not read as bytes: '0000'\n"
     way = run("hex", "-", stdin=f"RX: {FRAME}\n")
     assert way.stdout == bare.stdout
     assert "line 1 says received, header AA says control" in way.stderr
@@ -142,7 +142,7 @@ def test_words_between_frames_are_told_on_standard_error(run) -> None:
     assert done.returncode == 0
     raw = [json.loads(line)["raw"] for line in done.stdout.splitlines()]
     assert raw == [frame.replace(" ", "") for frame in frames]
-    assert done.stderr == "fte-sniff: line 1: '收到' is not read as bytes\n"
+    assert done.stderr == "fte-sniff: line 1 holds words that are not read as bytes: '收到'\n"
 
 
 @pytest.mark.parametrize(

@@ -108,13 +108,13 @@ def _read(
     (run,) = found
     pairs = [run.start + pair.start() for pair in _PAIR.finditer(line[run.start : run.stop])]
     cut = layout.cut_of(run.key)
-    pairs = pairs[cut.first : len(pairs) - cut.last] if cut else pairs
+    pairs = pairs[cut] if cut else pairs
     place = layout.stamp_of(line, run)
     if len(pairs) != len(run.data) or (place is None) != (layout.times.where != "before"):
         return None
     of_bytes, numbers = np.zeros((2, len(line)), np.bool_)
     of_bytes[pairs] = of_bytes[[at + 1 for at in pairs]] = True
-    for number in NUMBER_TOKEN.finditer(line, 0, run.start):
+    for number in re.finditer(NUMBER_TOKEN, line[: run.start]):
         numbers[number.start() : number.end()] = True
     numbers &= np.frombuffer(line, np.uint8) - np.uint8(ord("0")) < 10
     if place is not None and "zone" in place[2]:

@@ -19,9 +19,9 @@ _RECEIVED: Final = (
     r"|(?<![a-z])(?:on|serial)?_?(?:recv|receiv(?:e|es|ed|ing)|reads?|reading)(?![a-z]))"
     r"|on(?:New)?Data|[a-z](?:Recv|Receiv|Read)|接?收到?|读取?"
 )
-_WORD: Final = re.compile(rf"(?P<tx>{_SENT})|(?P<rx>{_RECEIVED})")
-_ARROW: Final = re.compile(r"(?P<tx>[→⇒►▶]|[=-]>|>+)|(?P<rx>[←⇐◄◀]|<[=-]|<+(?!\w))")
-_PORT: Final = re.compile(
+_WORD: Final = rf"(?P<tx>{_SENT})|(?P<rx>{_RECEIVED})"
+_ARROW: Final = r"(?P<tx>[→⇒►▶]|[=-]>|>+)|(?P<rx>[←⇐◄◀]|<[=-]|<+(?!\w))"
+_PORT: Final = (
     r"(?<![A-Za-z])(?:/dev/)?((?i:com\d+|tty[a-z]*\d+|cu\.[\w-]+|us?art[-_ ]?\d+|serial\d+"
     r"|ch(?:annel)?[-_ ]?\d+|port[-_ ]?\d+|peer\d+))(?![A-Za-z0-9])"
 )
@@ -42,21 +42,13 @@ class Label(NamedTuple):
 def label_of(text: bytes) -> Label:
     """The label in the text before the bytes; the one next to them counts."""
     readable = text.decode("utf-8", "replace")
-    ports = _PORT.findall(readable)
-    return Label(
-        _last(_WORD, readable), _last(_ARROW, readable), ports[-1].lower() if ports else None
-    )
-
-
-def _last(pattern: re.Pattern[str], text: str) -> str | None:
-    found = [match.lastgroup for match in pattern.finditer(text)]
-    return found[-1] if found else None
+    words = [found.lastgroup for found in re.finditer(_WORD, readable)]
+    arrows = [found.lastgroup for found in re.finditer(_ARROW, readable)]
+    ports = [name.lower() for name in re.findall(_PORT, readable)]
+    return Label(*(found[-1] if found else None for found in (words, arrows, ports)))
 
 
 @lru_cache(maxsize=4096)
 def without_labels(text: bytes) -> str:
     """The text without directions and ports."""
-    readable = text.decode("utf-8", "replace")
-    for pattern in (_PORT, _WORD, _ARROW):
-        readable = pattern.sub("", readable)
-    return readable
+    return re.sub(f"{_PORT}|{_SENT}|{_RECEIVED}|{_ARROW}", "", text.decode("utf-8", "replace"))

@@ -5,35 +5,24 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Final, NamedTuple
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.chance import frames_in
-from fte_sniff.formats.logs.evidence import (
-    AS_GOOD,
-    WHOLE,
-    Cut,
-    Hypothesis,
-    Lane,
-    folded,
-    hypotheses,
-)
-from fte_sniff.formats.logs.forms import BY_NAME, EXTRACTORS
+from fte_sniff.formats.logs.evidence import WHOLE, Hypothesis, Sample, alike, folded
+from fte_sniff.formats.logs.forms import EXTRACTORS, Extractor
 from fte_sniff.formats.logs.labels import label_of, without_labels
-from fte_sniff.formats.logs.times import (
-    Fields,
-    Stamp,
-    Text,
-    TimeRule,
-    masked,
-    time_rule,
-)
+from fte_sniff.formats.logs.times import Fields, Stamp, Text, TimeRule, masked, time_rule
 
-_CUT: Final = re.compile(rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)")
+AS_GOOD: Final = 0.9
+"""Two hypotheses whose scores differ less are ambiguous, if their frames differ."""
+
+_CUT: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
+_GIVEN: Final = b"\x01"
+"""Around the data of a line that a regular expression matches."""
 _MOST_HEADINGS: Final = 8
-_HEX_FORMS: Final = 13
-"""Of the table's first forms, those of hex without marks."""
 _MOST_STREAMS: Final = 8
 _COVERED: Final = 0.95
 _LIKE_BYTES: Final = 4
@@ -47,7 +36,7 @@ class Found(NamedTuple):
     stop: int
     key: bytes
     """Of its lane."""
-    cut: bool = False
+    cut: bool
     """Whether the log leaves out bytes after it."""
 
 
@@ -58,7 +47,7 @@ class Layout:
     hypothesis: Hypothesis
     times: TimeRule = field(default_factory=TimeRule)
     labels: str = "none"
-    """What separates the streams: `word`, `arrow`, `port` or `both`, or `lane`."""
+    """What separates the streams: `word`, `arrow`, `port`, `both`, `lane` or `given`."""
     labelled: str = "before"
     """Where: `before` the bytes, `above` them in a heading, or `after`."""
     streams: tuple[str, ...] = ()
@@ -67,77 +56,72 @@ class Layout:
     """The hypotheses with the best scores."""
     notes: list[str] = field(default_factory=list)
     """What is uncertain."""
-    _cuts: dict[bytes, Cut | None] = field(default_factory=dict)
-    _alike: dict[str, Cut] = field(default_factory=dict)
-    _lanes: dict[bytes, str] = field(default_factory=dict)
+    _cuts: dict[bytes, slice | None] = field(default_factory=dict)
+    _alike: dict[str, slice] = field(default_factory=dict)
+    _names: dict[bytes, str] = field(default_factory=dict)
     """By lane, the label of its stream."""
 
     def __post_init__(self) -> None:
-        self._cuts = dict(self.hypothesis.cuts)
-        self._alike = {without_labels(key): cut for key, cut in self.hypothesis.cuts.items()}
+        self._cuts = {lane.key: lane.cut for lane in self.hypothesis.lanes}
+        self._alike = {without_labels(lane.key): lane.cut for lane in self.hypothesis.lanes}
 
     def runs(self, line: bytes) -> list[Found]:
         """The bytes of a line, by its lanes."""
-        extractor = self.hypothesis.extractor
-        hidden = masked(line) if extractor.masks_times else line
         found = []
-        for run in extractor.runs(hidden):
+        hidden = self._hidden(line)
+        for run in self.hypothesis.extractor.runs(hidden):
             key = folded(hidden[: run.start])
             cut = self.cut_of(key)
             if cut is not None:
-                more = _CUT.match(line, run.stop) is not None
-                found.append(Found(cut.of(run), run.start, run.stop, key, more))
+                more = re.match(_CUT, line[run.stop : run.stop + 32]) is not None
+                found.append(Found(run.data[cut], run.start, run.stop, key, more))
         return found
 
-    def cut_of(self, key: bytes) -> Cut | None:
-        """How the runs of a lane are read; None if it holds no bytes."""
+    def _hidden(self, line: bytes) -> bytes:
+        return masked(line) if self.hypothesis.extractor.masks_times else line
+
+    def cut_of(self, key: bytes) -> slice | None:
+        """Which numbers of the runs of a lane are data; None if it holds no bytes."""
         if key not in self._cuts:
             self._cuts[key] = self._alike.get(without_labels(key))
         return self._cuts[key]
 
     def stamp_of(self, line: bytes, found: Found) -> tuple[int, int, Fields, Stamp] | None:
         """Where the time of a run is in its line, and the time."""
-        if self.times.where not in ("before", "after"):
-            return None
         before = self.times.where == "before"
         span = (0, found.start) if before else (found.stop, len(line))
-        place = self.times.find(line, *span)
+        return self._stamp(line, *span) if self.times.where in ("before", "after") else None
+
+    def _stamp(self, line: bytes, start: int, stop: int) -> tuple[int, int, Fields, Stamp] | None:
+        place = self.times.find(line, start, stop)
         if place is None:
             return None
-        begin, end, fields = place
-        return begin, end, fields, self.times.stamp(line, fields, lambda a, b: int(line[a:b]))
-
-    def heading_stamp(self, line: bytes) -> Stamp | None:
-        """The time of the bytes below a heading."""
-        if self.times.where != "above" or (place := self.times.find(line, 0, len(line))) is None:
-            return None
-        return self.times.stamp(line, place[2], lambda a, b: int(line[a:b]))
-
-    def heading_label(self, line: bytes) -> str | None:
-        """The label of the bytes below a heading."""
-        return _label(self.labels, line) if self.labelled == "above" else None
+        return *place, self.times.stamp(line, place[2], lambda a, b: int(line[a:b]))
 
     def label_of(self, line: bytes, found: Found) -> str | None:
         """The label of the stream that a run belongs to; None if only a heading has one."""
         if self.labels == "lane":
-            return self._lanes.get(found.key, "")
-        if self.labels == "none" or self.labelled == "above":
-            return None
-        before = self.labelled == "before"
-        return _label(self.labels, line[: found.start] if before else line[found.stop :])
+            return self._names.get(found.key, "")
+        around = line[: found.start] if self.labelled == "before" else line[found.stop :]
+        return _label(self.labels, around) if self.labelled != "above" else None
+
+    def heading(self, line: bytes) -> tuple[Stamp | None, str | None]:
+        """The time and the label that a line without bytes gives those below it."""
+        place = self._stamp(line, 0, len(line)) if self.times.where == "above" else None
+        label = _label(self.labels, line) if self.labelled == "above" else None
+        return (None if place is None else place[3]), label
 
     def any_stamp(self, line: bytes) -> Stamp | None:
         """The time of a line of the sample."""
         found = self.runs(line)
         if not found:
-            return self.heading_stamp(line)
+            return self.heading(line)[0]
         place = self.stamp_of(line, found[0])
         return None if place is None else place[3]
 
     def looks_like_bytes(self, line: bytes) -> bool:
         """Whether a line that is skipped has a run of several bytes in this form."""
-        hidden = masked(line) if self.hypothesis.extractor.masks_times else line
-        runs = self.hypothesis.extractor.runs(hidden)
+        runs = self.hypothesis.extractor.runs(self._hidden(line))
         return any(len(run.data) >= _LIKE_BYTES for run in runs)
 
     def unread_words(self, line: bytes, found: Sequence[Found]) -> str:
@@ -145,10 +129,9 @@ class Layout:
         rest = bytearray(masked(line).replace(b"~", b" "))
         for run in found:
             rest[run.start : run.stop] = b" " * (run.stop - run.start)
-        before = bytes(rest[: found[0].start])
-        known = re.findall(r"\w+", without_labels(before))
-        between = bytes(rest[found[0].stop : found[-1].stop]).decode("utf-8", "replace")
-        return " ".join([*known, *re.findall(r"\w+", between)])
+        before, between = rest[: found[0].start], rest[found[0].stop : found[-1].stop]
+        text = without_labels(bytes(before)) + " " + between.decode("utf-8", "replace")
+        return " ".join(re.findall(r"\w+", text))
 
     @property
     def columnar(self) -> bool:
@@ -157,151 +140,61 @@ class Layout:
 
     def explain(self) -> list[str]:
         """The form, lanes, times and directions, one line each."""
-        lanes = [
-            f"lane {lane.key.decode('utf-8', 'replace')!r}: {len(lane.runs)} runs"
-            + (f", without the first {lane.cut.first}" if lane.cut.first else "")
-            + (f", without the last {lane.cut.last}" if lane.cut.last else "")
-            for lane in self.hypothesis.lanes
-        ]
-        what = f"{self.times.kind} {self.times.where} the bytes"
-        times = "none" if self.times.where == "none" else what
+        extractor = self.hypothesis.extractor
+        times = f"{self.times.kind} {self.times.where} the bytes"
         streams = f"{', '.join(self.streams)}, by {self.labels} {self.labelled} the bytes"
         return [
-            f'form "{self.hypothesis.extractor.name}"',
-            *lanes,
-            f"times: {times}",
+            f'form "{extractor.name}", as of {extractor.tools}',
+            *(
+                f"lane {lane.key.decode('utf-8', 'replace')!r}: {len(lane.runs)} runs"
+                + (f", without {_left_out(lane.cut)}" if lane.cut != WHOLE else "")
+                for lane in self.hypothesis.lanes
+            ),
+            f"times: {'none' if self.times.where == 'none' else times}",
             f"streams: {streams if self.streams else 'one'}",
             *(f"score {number}: {text}" for number, text in enumerate(self.explained, 1)),
         ]
 
-    def separate_lanes(self, names: dict[bytes, str]) -> None:
-        """Let each lane be a stream."""
-        self._lanes = names
+    def settle(self, lines: Sequence[bytes], *, given: bool) -> None:
+        """Decide times and labels; a regular expression may have `given` the labels."""
+        sampled = _sampled(self, lines)
+        texts, runs = [text for text, _ in sampled], [run for _, run in sampled]
+        self.times = time_rule(texts)
+        bytewise = all(len(run.data) == 1 for run in runs)
+        self.times.first_byte = self.times.kind == "since" and bytewise
+        least = len(frames_in(b"".join(run.data for run in runs)))
+        rules = product(("before", "above", "after"), ("both", "word", "arrow", "port"))
+        for where, kind in [("after", "given")] if given else rules:
+            labels = [_label(kind, _around(text, where)) for text in texts]
+            above = {text.above for text in texts} if where == "above" else None
+            if _plausible(kind, labels, above) and _frames(runs, labels).total() >= least:
+                self.labels, self.labelled = kind, where
+                self.streams = tuple(sorted({label for label in labels if label}))
+                return
+        self._separate_lanes(runs, texts[0].headings if texts else (), least)
+
+    def _separate_lanes(self, runs: Sequence[Found], headings: Sequence[bytes], least: int) -> None:
+        """Let lanes be streams if no frame is lost and each has frames of one header."""
+        keys = sorted({run.key for run in runs})
+        if not 2 <= len(keys) <= _MOST_STREAMS:
+            return
+        found = _frames(runs, [run.key for run in runs])
+        pure = len(found) == len(keys) and len({header for _, header in found}) > 1
+        if found.total() > least or (pure and found.total() == least):
+            self.labels, self._names = "lane", _lane_names(keys, headings)
+            self.streams = tuple(sorted(set(self._names.values())))
 
 
-class _Sampled(NamedTuple):
-    line: int
-    text: Text
-    found: Found
-
-
-def _label(kind: str, text: bytes) -> str | None:
-    label = label_of(text)
-    if kind == "both":
-        direction = label.word or label.arrow
-        return f"{label.port}-{direction}" if label.port and direction else None
-    return {"word": label.word, "arrow": label.arrow, "port": label.port}.get(kind)
-
-
-def decide(lines: Sequence[bytes], form: str | None = None) -> Layout | None:
-    """The layout of a log, by a sample of its lines; None if there are not enough frames.
-
-    Args:
-        lines: the sample, in the order of the log.
-        form: the name of the extractor, if it is given.
-
-    Raises:
-        InputTextError: two hypotheses are as good, or there is no such form.
-    """
-    if form is not None and form not in BY_NAME:
-        names = ", ".join(BY_NAME)
-        raise InputTextError(f"--form: there is no form {form!r}; the forms are: {names}")
-    ranked = hypotheses(lines, EXTRACTORS if form is None else (BY_NAME[form],))
-    good = [one for one in ranked if one.accepted]
-    if not good:
-        return None
-    best = good[0]
-    for other in good[1:]:
-        if other.score >= AS_GOOD * best.score and _differ(best, other):
-            raise InputTextError(
-                f"two readings are as good: {_named(best)} and {_named(other)};"
-                f' choose one with --form "{best.extractor.name}"'
-            )
-    layout = Layout(best, explained=[str(one) for one in ranked[:3]])
-    layout.notes = [
-        f"{cut.first} numbers before and {cut.last} after the bytes of a line are no data"
-        for cut in set(best.cuts.values())
-        if cut != WHOLE
-    ]
-    _settle(layout, lines)
-    return layout
-
-
-def decide_paste(lines: Sequence[bytes]) -> Layout | None:
-    """The layout of a paste without whole frames: the longest run of hex is taken for bytes."""
-    found = [
-        (len(run.data), -number, extractor, folded(masked(line)[: run.start]))
-        for number, extractor in enumerate(EXTRACTORS[:_HEX_FORMS])
-        for line in lines
-        for run in extractor.runs(masked(line))
-        if len(run.data) > 1
-    ]
-    if not found:
-        return None
-    _, _, extractor, key = max(found, key=lambda one: one[:2])
-    layout = Layout(Hypothesis(extractor, [Lane(key)]))
-    layout.notes = [f'no whole frame in it; what is read as "{extractor.name}" may be no bytes']
-    _settle(layout, lines)
-    return layout
-
-
-def _settle(layout: Layout, lines: Sequence[bytes]) -> None:
-    """Decide times and labels."""
-    sampled = _sampled(layout, lines)
-    layout.times = time_rule([one.text for one in sampled])
-    layout.times.first_byte = layout.times.kind == "since" and all(
-        len(one.found.data) == 1 for one in sampled
-    )
-    _decide_labels(layout, sampled)
-
-
-def _differ(best: Hypothesis, other: Hypothesis) -> bool:
-    """Whether frames of one are in no way those of the other."""
-    missing = Counter(other.frames) - Counter(best.frames)
-    return missing.total() > 0.1 * len(other.frames)
-
-
-def _named(one: Hypothesis) -> str:
-    return f'"{one.extractor.name}" (first frame {one.frames[0].hex(" ").upper()})'
-
-
-def _sampled(layout: Layout, lines: Sequence[bytes]) -> list[_Sampled]:
+def _sampled(layout: Layout, lines: Sequence[bytes]) -> list[tuple[Text, Found]]:
     sampled, above, headings = [], b"", list[bytes]()
-    for number, line in enumerate(lines):
+    for line in lines:
         found = layout.runs(line)
         if not found and line.strip():
             above = line
-            if len(headings) < _MOST_HEADINGS:
-                headings.append(line)
+            headings = [*headings, line][:_MOST_HEADINGS]
         for run in found:
-            text = Text(line, run.start, run.stop, above, tuple(headings))
-            sampled.append(_Sampled(number, text, run))
+            sampled.append((Text(line, run.start, run.stop, above, tuple(headings)), run))
     return sampled
-
-
-def _decide_labels(layout: Layout, sampled: Sequence[_Sampled]) -> None:
-    """Choose what separates streams: most frames, then a direction, a port, or lanes."""
-    best = len(frames_in(b"".join(one.found.data for one in sampled)))
-    for where in ("before", "above", "after"):
-        for kind in ("both", "word", "arrow", "port"):
-            labels = [_label(kind, _around(one.text, where)) for one in sampled]
-            known = [label for label in labels if label is not None]
-            if len(known) < _COVERED * len(labels) or len(set(known)) > _MOST_STREAMS:
-                continue
-            if kind == "both" and len({label.partition("-")[0] for label in known}) < 2:
-                continue
-            if kind == "port" and len(set(known)) < 2:
-                continue
-            if where == "above" and len({one.text.above for one in sampled}) < 2:
-                continue
-            if kind == "arrow" and where != "above" and len(set(known)) < 2:
-                continue
-            frames = _frames(sampled, labels)
-            if frames >= best:
-                layout.labels, layout.labelled = kind, where
-                layout.streams = tuple(sorted(set(known)))
-                return
-    _try_lanes(layout, sampled, best)
 
 
 def _around(text: Text, where: str) -> bytes:
@@ -310,113 +203,140 @@ def _around(text: Text, where: str) -> bytes:
     return text.line[: text.start] if where == "before" else text.line[text.stop :]
 
 
-def _frames(sampled: Sequence[_Sampled], labels: Sequence[str | None]) -> int:
-    streams: dict[str | None, list[bytes]] = {}
-    for one, label in zip(sampled, labels, strict=True):
-        streams.setdefault(label, []).append(one.found.data)
-    return sum(len(frames_in(b"".join(pieces))) for pieces in streams.values())
-
-
-def _try_lanes(layout: Layout, sampled: Sequence[_Sampled], best: int) -> None:
-    """Let lanes be streams if no frame is lost and each has frames of one header."""
-    keys = sorted({one.found.key for one in sampled})
-    if not 2 <= len(keys) <= _MOST_STREAMS:
-        return
-    headers = []
-    total = 0
-    for key in keys:
-        frames = frames_in(b"".join(one.found.data for one in sampled if one.found.key == key))
-        total += len(frames)
-        headers.append({frame[0] for frame in frames})
-    pure = all(len(own) == 1 for own in headers) and len(set().union(*headers)) > 1
-    if total < best or not (pure or total > best):
-        return
-    names = _names_of(keys, sampled[0].text.headings)
-    layout.labels = "lane"
-    layout.separate_lanes(names)
-    layout.streams = tuple(sorted(set(names.values())))
-
-
-def _names_of(keys: Sequence[bytes], headings: Sequence[bytes]) -> dict[bytes, str]:
-    """A name for each lane: the heading of its column, or the words that no other lane has."""
-    words = [re.findall(r"[^\W\d][\w/.-]*", key.decode("utf-8", "replace")) for key in keys]
-    common = set(words[0]).intersection(*map(set, words[1:]))
-    names = {}
-    for number, (key, own) in enumerate(zip(keys, words, strict=True)):
-        cells = next(
-            (
-                cells
-                for cells in (heading.decode("utf-8", "replace").split(",") for heading in headings)
-                if len(cells) > 1 and len(cells) > key.count(b",")
-            ),
-            [],
+def _label(kind: str, text: bytes) -> str | None:
+    label = label_of(text)
+    direction = label.word or label.arrow
+    if kind == "given":
+        text = text.partition(_GIVEN)[2].strip()
+        return (
+            label_of(text).word or label_of(text).arrow or text.decode("utf-8", "replace").lower()
         )
-        different = [word for word in own if word not in common]
-        name = different[-1] if different else ""
-        if not name and cells:
-            name = cells[key.count(b",")].strip().strip('"')
-        names[key] = name.lower() or str(number + 1)
-    if len(set(names.values())) < len(names):
-        names = {key: str(number + 1) for number, key in enumerate(keys)}
-    return names
+    if kind == "both":
+        return f"{label.port}-{direction}" if label.port and direction else None
+    return {"word": label.word, "arrow": label.arrow, "port": label.port}.get(kind)
 
 
-class PatternLayout(Layout):
-    """A layout that a regular expression gives, with the groups `data`, `time` and `dir`."""
-
-    pattern: re.Pattern[bytes]
-
-    @classmethod
-    def by_sample(
-        cls, lines: Sequence[bytes], pattern: re.Pattern[bytes], form: str | None
-    ) -> PatternLayout | None:
-        """The layout, if a line of the sample matches."""
-        contents = [found["data"] for line in lines if (found := pattern.search(line))]
-        if not contents:
-            return None
-        ranked = hypotheses(contents, EXTRACTORS if form is None else (BY_NAME[form],))
-        layout = cls(ranked[0] if ranked else Hypothesis(EXTRACTORS[0]))
-        layout.pattern = pattern
-        layout.labels = "word" if "dir" in pattern.groupindex else "none"
-        if "time" in pattern.groupindex:
-            layout.times = time_rule(
-                [
-                    Text(found["time"] + b" ", len(found["time"]), len(found["time"]), b"")
-                    for line in lines
-                    if (found := pattern.search(line))
-                ]
-            )
-        directions = {layout.label_of(line, run) for line in lines for run in layout.runs(line)}
-        layout.streams = tuple(sorted(label for label in directions if label))
-        return layout
-
-    def runs(self, line: bytes) -> list[Found]:
-        """The bytes of the group `data`."""
-        found = self.pattern.search(line)
-        if found is None:
-            return []
-        data = b"".join(run.data for run in self.hypothesis.extractor.runs(found["data"]))
-        return [Found(data, *found.span("data"), b"")] if data else []
-
-    def stamp_of(self, line: bytes, found: Found) -> tuple[int, int, Fields, Stamp] | None:
-        """The time in the group `time`."""
-        match = self.pattern.search(line)
-        if match is None or "time" not in match.groupdict() or match["time"] is None:
-            return None
-        place = self.times.find(line, *match.span("time"))
-        if place is None:
-            return None
-        return *place, self.times.stamp(line, place[2], lambda a, b: int(line[a:b]))
-
-    def label_of(self, line: bytes, found: Found) -> str | None:
-        """The direction in the group `dir`, or its text."""
-        match = self.pattern.search(line)
-        if match is None or "dir" not in match.groupdict() or match["dir"] is None:
-            return None
-        label = label_of(match["dir"])
-        return label.word or label.arrow or match["dir"].decode("utf-8", "replace").lower()
-
-    @property
-    def columnar(self) -> bool:
-        """False: lines are matched one by one."""
+def _plausible(kind: str, labels: Sequence[str | None], above: set[bytes] | None) -> bool:
+    """Whether almost all runs have a label, and the labels are like those of streams."""
+    known = Counter(label for label in labels if label)
+    if known.total() < _COVERED * len(labels) or len(known) > _MOST_STREAMS:
         return False
+    if above is not None and len(above) < 2:
+        return False
+    ports = {label.rpartition("-")[0] for label in known} if kind == "both" else known
+    return len(ports) > 1 or kind in ("word", "given") or (kind == "arrow" and above is not None)
+
+
+def _frames(runs: Sequence[Found], labels: Sequence[object]) -> Counter[tuple[object, int]]:
+    """The number of frames by label and header."""
+    streams: dict[object, list[bytes]] = {}
+    for run, label in zip(runs, labels, strict=True):
+        streams.setdefault(label, []).append(run.data)
+    return Counter(
+        (label, frame[0])
+        for label, pieces in streams.items()
+        for frame in frames_in(b"".join(pieces))
+    )
+
+
+def _lane_names(keys: Sequence[bytes], headings: Sequence[bytes]) -> dict[bytes, str]:
+    """A name for each lane: a word that no other lane has, or the heading of its column."""
+    words = [re.findall(r"[^\W\d][\w/.-]*", key.decode("utf-8", "replace")) for key in keys]
+    common = set(words[0]).intersection(*words)
+    columns = [key.count(b",") for key in keys]
+    tables = (heading.decode("utf-8", "replace").split(",") for heading in headings)
+    cells = next((cells for cells in tables if len(cells) > max(1, *columns)), None)
+    names = []
+    for own, column in zip(words, columns, strict=True):
+        name = next((word for word in reversed(own) if word not in common), "")
+        names.append((name or (cells[column].strip(' "') if cells else "")).lower())
+    if len(set(filter(None, names))) < len(names):
+        names = [str(number) for number in range(1, len(names) + 1)]
+    return dict(zip(keys, names, strict=True))
+
+
+def marked(line: bytes, pattern: re.Pattern[bytes]) -> bytes:
+    """The time, data and direction that a regular expression finds in a line; else the line."""
+    found = pattern.search(line)
+    if found is None:
+        return line
+    groups = found.groupdict()
+    time, way = groups.get("time") or b"", groups.get("dir") or b""
+    return b" %b ".join([b"%b", b"%b", b"%b"]) % (time, _GIVEN, found["data"], _GIVEN, way)
+
+
+def decide(
+    lines: Sequence[bytes],
+    form: str | None = None,
+    pattern: re.Pattern[bytes] | None = None,
+    *,
+    paste: bool = False,
+) -> Layout | None:
+    """The layout of a log, by a sample of its lines; None if there are not enough frames.
+
+    Args:
+        lines: the sample, in the order of the log.
+        form: the name of an extractor, or of a form with any separator, if it is given.
+        pattern: a regular expression that gives the data of a line.
+        paste: whether the text is what somebody pasted, which need not have a whole frame.
+
+    Raises:
+        InputTextError: two hypotheses are as good, or there is no such form.
+    """
+    extractors = [one for one in EXTRACTORS if form in (None, one.name, one.name.partition(",")[0])]
+    if not extractors:
+        names = ", ".join(one.name for one in EXTRACTORS)
+        raise InputTextError(f"--form: there is no form {form!r}; the forms are: {names}")
+    if pattern is not None:
+        lines = [line for line in lines if pattern.search(line)]
+    sample = Sample(lines if pattern is None else [marked(line, pattern) for line in lines])
+    ranked = sample.hypotheses(extractors)
+    good = [one for one in ranked if one.accepted]
+    forced = paste or form is not None or pattern is not None
+    notes = []
+    if good:
+        _refuse_ambiguous(good)
+    elif forced and (good := ranked or _longest(sample, extractors, named=form is not None)):
+        notes.append(
+            f'no whole frame in it; what is read as "{good[0].extractor.name}" may be no bytes'
+        )
+    if not good:
+        return None
+    layout = Layout(good[0], explained=[str(one) for one in ranked[:3]], notes=notes)
+    layout.notes += [
+        f"{_left_out(cut)} of the bytes of a line are no data"
+        for cut in {(lane.cut.start, lane.cut.stop): lane.cut for lane in good[0].lanes}.values()
+        if cut != WHOLE
+    ]
+    layout.settle(sample.lines, given=pattern is not None and "dir" in pattern.groupindex)
+    return layout
+
+
+def _left_out(cut: slice) -> str:
+    return f"the first {cut.start or 0} and the last {-(cut.stop or 0)}"
+
+
+def _refuse_ambiguous(good: Sequence[Hypothesis]) -> None:
+    best = good[0]
+    for other in good[1:]:
+        missing = Counter(other.frames) - Counter(best.frames)
+        if other.score >= AS_GOOD * best.score and missing.total() > 0.1 * len(other.frames):
+            named = (
+                f'"{one.extractor.name}" (first frame {one.frames[0].hex(" ").upper()})'
+                for one in (best, other)
+            )
+            raise InputTextError(
+                f"two readings are as good: {' and '.join(named)};"
+                f' choose one with --form "{best.extractor.name}"'
+            )
+
+
+def _longest(sample: Sample, extractors: Sequence[Extractor], *, named: bool) -> list[Hypothesis]:
+    """The lane with the most bytes, in a form that is named or in hexadecimal digits."""
+    found = []
+    for extractor in extractors:
+        if named or extractor.columnar:
+            lanes = sample.lanes(replace(extractor, masks_times=True))
+            found += [Hypothesis(extractor, [lane, *alike([lane], lanes)]) for lane in lanes]
+    sizes = [sum(len(data) for _, data in one.lanes[0].runs) for one in found]
+    return [found[sizes.index(max(sizes))]] if max(sizes, default=0) > 1 else []

@@ -218,4 +218,4 @@ def test_a_form_and_a_regular_expression_say_where_the_bytes_are() -> None:
 def test_lines_that_a_dump_leaves_out_are_reported() -> None:
     lines = LAYOUTS["hexdump -C"](a_log(2)).splitlines()
     _, notes = rows_of("\n".join([*lines[:6], "*", *lines[6:]]).encode())
-    assert "log.txt: line 7: the log leaves out bytes here: '*'" in notes
+    assert "log.txt: line 7 leaves out bytes: '*'" in notes

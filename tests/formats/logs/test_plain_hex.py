@@ -151,4 +151,4 @@ def test_words_beside_frames_are_no_bytes_and_reported(text: str, words: str) ->
     reader = LogReader("x", LogOptions(whole=False), BytesIO(text.encode()))
     rows = [row for rows in reader.rows(notes.append) for row in rows]
     assert [row.raw for row in rows] == [bytes.fromhex(A), bytes.fromhex(F)]
-    assert notes == [f"x: line 1: {words!r} is not read as bytes"]
+    assert notes == [f"x: line 1 holds words that are not read as bytes: {words!r}"]
