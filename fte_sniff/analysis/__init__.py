@@ -12,10 +12,12 @@ Modules:
                   columns.
     live_models   Models that follow a growing store, with checkpoints of the
                   motors' state.
+    measures      Measures of rows, which rules compare with numbers.
     motor_stats   Statistics of motors: flags and answer times.
     motors        State of the motors, from commands and feedback.
     relations     Commands and their answers.
     row_store     Append-only store of rows in blocks, with a filtered view.
+    rules         Rules of a check: a measure of the rows, compared with a number.
     search        Search in a store: the next matching row, and a counter.
     search_frame  Text search in the displayed cells of many rows (polars).
     statistics    Statistics of ports, streams and faults.
@@ -24,4 +26,5 @@ Modules:
     tally         Counts of rows by status, kind, fault and port.
     time_text     Times and durations that a user types.
     traces        Targets and feedback of the motors over time, for plots.
+    verdicts      Verdicts of rules about rows: pass, fail, or not covered.
 """

@@ -190,9 +190,7 @@ class Answers:
         for motor, other in zip(self._motors, later._motors, strict=True):
             motor.commands += other.commands
             motor.feedback += other.feedback
-            answer = motor.pairing.merge(other.pairing)
-            if answer is not None:
-                motor.delays.update(*answer.measured)
+            motor.delays.update(*motor.pairing.merge(other.pairing).measured)
             motor.delays.merge(other.delays)
 
     def interrupt(self) -> None:

@@ -6,7 +6,7 @@ any row can be computed from an earlier copy and the rows between.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -64,6 +64,7 @@ ANSWERABLE: Final = np.array(
 )
 """The CMDs of feedback: commands with another CMD have no answer."""
 
+_NO_CMD: Final = -1
 _BEFORE_BATCH: Final = -1
 _NEVER: Final = 2**62
 _NONE: Final[Ints] = np.empty(0, np.int64)
@@ -93,26 +94,36 @@ class MotorFrames:
         )
 
 
+def _frames(cmds_and_times: Sequence[tuple[int, int]]) -> MotorFrames:
+    """Frames at the beginning of a batch, by CMD and time."""
+    columns = np.array(cmds_and_times, np.int64).reshape(-1, 2)
+    return MotorFrames(np.arange(len(columns)), columns[:, 0], columns[:, 1])
+
+
 _COMMAND: Final = "command"
 _GAP: Final = "gap"
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """What became of a command."""
+class DecidedCommands:
+    """Commands to one motor that were answered, or followed by another command first."""
 
-    asked_ns: int
-    """Time of the command, nanoseconds since 1970 UTC, or `NO_TIME`."""
-    answered_ns: int | None
-    """Time of the answer, or `NO_TIME`; None if there was no answer before the next command."""
+    indices: Ints
+    """In the batch, rising; -1 for a command from before it."""
+    answered: Bools
+    delays_ns: Ints
+    """From the command to its answer, or `NO_TIME`."""
+    ends_ns: Ints
+    """Times of the answers, or `NO_TIME`."""
 
     @property
     def measured(self) -> tuple[Ints, Ints]:
-        """The answer time and the time of the answer, nanoseconds; empty if they are unknown."""
-        if self.answered_ns is None or NO_TIME in (self.asked_ns, self.answered_ns):
-            return _NONE, _NONE
-        delay_ns = np.array([self.answered_ns - self.asked_ns])
-        return delay_ns[delay_ns >= 0], np.array([self.answered_ns])[delay_ns >= 0]
+        """The known answer times, and the times of those answers."""
+        known = self.delays_ns != NO_TIME
+        return self.delays_ns[known], self.ends_ns[known]
+
+
+_NO_COMMANDS: Final = DecidedCommands(_NONE, _NONE.astype(np.bool_), _NONE, _NONE)
 
 
 class Pairing:
@@ -138,19 +149,15 @@ class Pairing:
         self._waiting = None
         self._begins_with = self._begins_with or _GAP
 
-    def merge(self, later: Pairing) -> Answer | None:
+    def merge(self, later: Pairing) -> DecidedCommands:
         """Add the frames that follow; returns what became of the command that was open here."""
-        answer = None
+        decided = _NO_COMMANDS
         if self._waiting is not None:
-            cmd, asked_ns = self._waiting
-            if cmd in later._early:
-                answer = Answer(asked_ns, later._early[cmd])
-                self.delays.update(answer.measured[0])
-                self.answered += 1
-                self._waiting = None
-            elif later._begins_with == _COMMAND:
-                answer = Answer(asked_ns, None)
-                self.unanswered += 1
+            answers = [(cmd, t_ns) for cmd, t_ns in later._early.items() if cmd == self._waiting[0]]
+            follows = later._begins_with == _COMMAND
+            decided = self.decide(
+                _frames([(_NO_CMD, NO_TIME)] if follows and not answers else []), _frames(answers)
+            )
         if self._begins_with is None:
             self._early = {**later._early, **self._early}
             self._begins_with = later._begins_with
@@ -159,7 +166,7 @@ class Pairing:
         self.delays.merge(later.delays)
         self.answered += later.answered
         self.unanswered += later.unanswered
-        return answer
+        return decided
 
     def _observe_early(self, commands: MotorFrames, feedback: MotorFrames) -> None:
         """Note feedback before the first command: it may answer a command before all rows."""
@@ -195,23 +202,33 @@ class Pairing:
 
         Returns the known answer times and times of the answers, nanoseconds.
         """
+        return self.decide(commands, feedback).measured
+
+    def decide(self, commands: MotorFrames, feedback: MotorFrames) -> DecidedCommands:
+        """The same, but returns what became of each command."""
         if self._begins_with is None:
             self._observe_early(commands, feedback)
         if self._waiting is not None:
             commands = commands.after(*self._waiting)
         if not len(commands.indices):
-            return _NONE, _NONE
+            return _NO_COMMANDS
         answers, answered = find_answers(commands, feedback)
-        asked_ns, answered_ns = commands.t_ns[answered], feedback.t_ns[answers[answered]]
-        measured = (asked_ns != NO_TIME) & (answered_ns != NO_TIME) & (answered_ns >= asked_ns)
-        delays_ns = (answered_ns - asked_ns)[measured]
-        self.delays.update(delays_ns)
+        ends_ns = np.full(len(answers), NO_TIME, np.int64)
+        ends_ns[answered] = feedback.t_ns[answers[answered]]
+        known = (commands.t_ns != NO_TIME) & (ends_ns != NO_TIME) & (ends_ns >= commands.t_ns)
+        delays_ns = np.where(known, ends_ns - commands.t_ns, NO_TIME)
+        self.delays.update(delays_ns[known])
         answerable = np.isin(commands.cmds, ANSWERABLE)
         waits = bool(answerable[-1] and not answered[-1])
         self._waiting = (int(commands.cmds[-1]), int(commands.t_ns[-1])) if waits else None
+        unanswered = answerable & ~answered
+        unanswered[-1] = False
         self.answered += int(answered.sum())
-        self.unanswered += int((answerable & ~answered).sum()) - waits
-        return delays_ns, answered_ns[measured]
+        self.unanswered += int(unanswered.sum())
+        decided = answered | unanswered
+        return DecidedCommands(
+            commands.indices[decided], answered[decided], delays_ns[decided], ends_ns[decided]
+        )
 
 
 def find_answers(commands: MotorFrames, feedback: MotorFrames) -> tuple[Ints, Bools]:

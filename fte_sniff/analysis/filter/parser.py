@@ -13,7 +13,7 @@ primary     number | 'text' | field | word | function(...) | ( or )
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
@@ -228,15 +228,20 @@ def _check_unicode(text: str, match: re.Match[str]) -> None:
         raise error_at(text, match.start() + error.start, what, fix) from None
 
 
-def parse(text: str) -> Term:
-    """The whole filter as one condition; raises FilterError with the position and the fix."""
-    return _Parser(text).parse()
+def parse(text: str, start: int = 0, end: int | None = None) -> Term:
+    """The filter from `start` to `end` of a text as one condition.
+
+    Raises FilterError with the position in the text, and the fix.
+    """
+    end = len(text) if end is None else end
+    inside = [token for token in tokens(text) if start <= token.start < end]
+    return _Parser(text, [*inside, Token(TokenType.END, "", end, end)]).parse()
 
 
 class _Parser:
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, found: Sequence[Token]) -> None:
         self._text = text
-        self._tokens = tokens(text)
+        self._tokens = found
         self._index = 0
         self._nesting = 0
         self._compiler = Compiler(text)

@@ -87,19 +87,24 @@ _LONGEST: Final = 160
 
 def error_at(text: str, at: int, what: str, fix: str = "") -> FilterError:
     """An error at an index of a filter: what is wrong, and what to write instead."""
-    before = text[max(0, at - _EXCERPT) : at]
-    after = text[at : at + _EXCERPT]
-    start = "..." if at > _EXCERPT else ""
-    end = "..." if at + _EXCERPT < len(text) else ""
     where = TranslatableText(
         'filter: {what} at character {number} of "{excerpt}"',
         what=_short(what),
         number=at + 1,
-        excerpt=f"{start}{printable(before)}-->{printable(after)}{end}",
+        excerpt=excerpt(text, at),
     )
     if not fix:
         return FilterError(where)
     return FilterError("{where}; {fix}", where=where, fix=_short(fix))
+
+
+def excerpt(text: str, at: int) -> str:
+    """The text around an index, which an arrow marks."""
+    before = text[max(0, at - _EXCERPT) : at]
+    after = text[at : at + _EXCERPT]
+    start = "..." if at > _EXCERPT else ""
+    end = "..." if at + _EXCERPT < len(text) else ""
+    return f"{start}{printable(before)}-->{printable(after)}{end}"
 
 
 def _short(text: str) -> str:

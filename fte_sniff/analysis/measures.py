@@ -1,0 +1,586 @@
+"""Measures of rows, which rules compare with numbers.
+
+A measure counts consecutive rows, and `merge` adds those of another measure that counted the rows
+after them: the result is that of a single pass. Times are integers in nanoseconds.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+
+from fte_sniff.analysis.counters import Durations
+from fte_sniff.analysis.motors import MotorFrames, Pairing, motor_rows
+from fte_sniff.analysis.rules import Rule
+from fte_sniff.analysis.tally import RowCount
+from fte_sniff.protocol import MOTORS, VALUE_FIELDS
+from fte_sniff.row_batch import NO_TIME, Array, Bools, Ints, RowBatch
+
+MOST_KEPT: Final = 1000
+"""Most rows that a measure keeps to find the first one beyond its limit."""
+
+_SECOND: Final = 1e9
+_MILLISECOND: Final = 1e6
+
+
+class RowPosition(NamedTuple):
+    """Where a row is; sorts by time."""
+
+    t_ns: int
+    """Nanoseconds since 1970 UTC, or `NO_TIME`."""
+    port: str
+    """Text from outside."""
+    offset: int
+    """Of its first byte in the port's stream."""
+
+    @classmethod
+    def of(cls, rows: RowBatch, at: int) -> Self:
+        """The position of a row of a batch."""
+        port = rows.codebook.ports[rows.port[at]]
+        return cls(int(rows.t_ns[at]), port, int(rows.offset[at]))
+
+
+class FirstRows:
+    """The first rows by time, at most `most`."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most if most <= MOST_KEPT else 0
+        self._rows: list[RowPosition] = []
+
+    def update(self, rows: RowBatch, found: Ints) -> None:
+        """Add the rows of a batch at these indices."""
+        if not self._most or not len(found):
+            return
+        t_ns = rows.t_ns[found]
+        if len(self._rows) == self._most and t_ns.min() > self._rows[-1].t_ns:
+            return
+        if len(found) > self._most:
+            earliest = np.partition(t_ns, self._most - 1)[self._most - 1]
+            found = found[t_ns <= earliest]
+        self.add([RowPosition.of(rows, at) for at in found.tolist()])
+
+    def add(self, positions: Sequence[RowPosition]) -> None:
+        """Add rows by their positions."""
+        self._rows = sorted([*self._rows, *positions])[: self._most]
+
+    def merge(self, other: FirstRows) -> None:
+        """Add the rows of another object with the same `most`."""
+        self.add(other._rows)
+
+    @property
+    def last(self) -> RowPosition | None:
+        """The last of them; None if there are fewer than `most`."""
+        return self._rows[-1] if self._rows and len(self._rows) == self._most else None
+
+
+class Measure(ABC):
+    """One measure of the rows so far."""
+
+    def __init__(self, rule: Rule) -> None:
+        self._too_large = rule.least_too_large
+        self._too_small = rule.greatest_too_small
+
+    def _exceeds(self, values: Array) -> Bools:
+        """Which values are larger than the rule allows."""
+        number, inclusive = self._too_large
+        found: Bools = values >= number if inclusive else values > number
+        return found
+
+    def _least_count_too_large(self) -> int:
+        """The smallest number of rows that is too large; more than `MOST_KEPT` for none."""
+        number, inclusive = self._too_large
+        if number > MOST_KEPT:
+            return MOST_KEPT + 1
+        return max(1, math.ceil(number) if inclusive else math.floor(number) + 1)
+
+    def _falls_below(self, values: Array) -> Bools:
+        """Which values are smaller than the rule allows."""
+        number, inclusive = self._too_small
+        found: Bools = values <= number if inclusive else values < number
+        return found
+
+    @abstractmethod
+    def observe(self, rows: RowBatch, matches: Bools) -> None:
+        """Add the next rows; `matches` is a mask of those that the rule's filter selects."""
+
+    @abstractmethod
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow."""
+
+    @abstractmethod
+    def value(self, total: RowCount) -> float | None:
+        """The measure, in its unit; None if it has no value. `total` counts all rows."""
+
+    def interrupt(self) -> None:  # noqa: B027
+        """Rows are missing here."""
+
+    @property
+    def row(self) -> RowPosition | None:
+        """The first row at which the rule was violated, if one row can show it."""
+        return None
+
+
+class Duration(Measure):
+    """`duration()`."""
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self._timed = 0
+
+    def observe(self, rows: RowBatch, matches: Bools) -> None:
+        """Add the next rows."""
+        self._timed += int(np.count_nonzero(rows.timed))
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow."""
+        self._timed += later._timed
+
+    def value(self, total: RowCount) -> float | None:
+        """Seconds from the first time to the last; None without two rows with times."""
+        return (total.duration_ns or 0) / _SECOND if self._timed > 1 else None
+
+
+class MatchCount(Measure):
+    """`count(FILTER)`."""
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self.count = 0
+        self._first = FirstRows(self._least_violating())
+
+    def _least_violating(self) -> int:
+        return self._least_count_too_large()
+
+    def observe(self, rows: RowBatch, matches: Bools) -> None:
+        """Add the next rows."""
+        found = np.flatnonzero(matches)
+        self.count += len(found)
+        self._first.update(rows, found)
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow."""
+        self.count += later.count
+        self._first.merge(later._first)
+
+    def value(self, total: RowCount) -> float | None:
+        """The number of matching rows."""
+        return self.count if total.rows else None
+
+    @property
+    def row(self) -> RowPosition | None:
+        """The first row beyond the allowed number."""
+        return self._first.last
+
+
+class MatchShare(MatchCount):
+    """`share(FILTER)`."""
+
+    def _least_violating(self) -> int:
+        return 1 if self._too_large[0] < math.inf else MOST_KEPT + 1
+
+    def value(self, total: RowCount) -> float | None:
+        """The share of matching rows, 0 to 1."""
+        return self.count / total.rows if total.rows else None
+
+
+class MatchRate(MatchShare):
+    """`rate(FILTER)`."""
+
+    def value(self, total: RowCount) -> float | None:
+        """Matching rows per second; None if the duration is unknown or 0, except without any."""
+        if not self.count:
+            return 0 if total.rows else None
+        return self.count * _SECOND / total.duration_ns if total.duration_ns else None
+
+
+class FieldValues(Measure):
+    """`min`, `max` and `mean` of a field."""
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self._which, self._field = rule.measure, rule.argument
+        self._count = self._sum = 0
+        self._least: int | None = None
+        self._greatest: int | None = None
+        self._first = FirstRows(1)
+
+    def observe(self, rows: RowBatch, matches: Bools) -> None:
+        """Add the next rows."""
+        values, known = _numbers(rows, self._field)
+        found = np.flatnonzero(matches & known)
+        if not len(found):
+            return
+        own = values[found]
+        self._count += len(own)
+        self._sum += int(own.sum())
+        self._extend(int(own.min()), int(own.max()))
+        if self._which == "max":
+            self._first.update(rows, found[self._exceeds(own)])
+        elif self._which == "min":
+            self._first.update(rows, found[self._falls_below(own)])
+
+    def _extend(self, least: int, greatest: int) -> None:
+        self._least = least if self._least is None else min(least, self._least)
+        self._greatest = greatest if self._greatest is None else max(greatest, self._greatest)
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow."""
+        self._count += later._count
+        self._sum += later._sum
+        if later._least is not None and later._greatest is not None:
+            self._extend(later._least, later._greatest)
+        self._first.merge(later._first)
+
+    def value(self, total: RowCount) -> float | None:
+        """The smallest or greatest value, or the mean."""
+        if self._which == "mean":
+            return self._sum / self._count if self._count else None
+        return self._least if self._which == "min" else self._greatest
+
+    @property
+    def row(self) -> RowPosition | None:
+        """The first row with a value beyond the limit."""
+        return self._first.last
+
+
+def _numbers(rows: RowBatch, name: str) -> tuple[Ints, Bools]:
+    """A column of numbers, and a mask of the rows that have it."""
+    if name in _VALUES:
+        values, known = rows.field(name)
+    elif name == "cmd":
+        values, known = rows.cmds, rows.framed
+    else:
+        values, known = getattr(rows, name), np.ones(len(rows), np.bool_)
+    return values.astype(np.int64), known
+
+
+_VALUES: Final = frozenset(field.name for field in VALUE_FIELDS)
+
+
+@dataclass(slots=True)
+class _Run:
+    """Rows with times without a gap between them."""
+
+    start: RowPosition
+    end: RowPosition
+    first_match: RowPosition | None
+    last_match: RowPosition | None
+
+    def edges(self) -> Iterator[tuple[RowPosition, RowPosition]]:
+        """The time without a matching row at the start and at the end."""
+        if self.first_match is None or self.last_match is None:
+            yield self.start, self.end
+        else:
+            yield self.start, self.first_match
+            yield self.last_match, self.end
+
+
+class MaxGap(Measure):
+    """`max_gap(FILTER)`.
+
+    Of the runs between gaps, the first and the last are kept: rows before the first, and after the
+    last, may continue them.
+    """
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self._matches = 0
+        self._longest_ns = 0
+        self._row: RowPosition | None = None
+        self._runs: list[_Run] = []
+        self._opens = True
+        """Whether the first run would continue rows before it."""
+        self._continues = False
+        """Whether the next rows continue the last run."""
+
+    def observe(self, rows: RowBatch, matches: Bools) -> None:
+        """Add the next rows."""
+        timed = np.flatnonzero(rows.timed)
+        if not len(timed):
+            return
+        found = timed[matches[timed]]
+        self._matches += len(found)
+        first = last = None
+        if len(found):
+            first, last = RowPosition.of(rows, found[0]), RowPosition.of(rows, found[-1])
+            gaps_ns = np.diff(rows.t_ns[found])
+            self._longest_ns = max(self._longest_ns, int(gaps_ns.max(initial=0)))
+            for at in np.flatnonzero(self._exceeds(gaps_ns / _SECOND))[:1]:
+                self._include(RowPosition.of(rows, found[at]))
+        start, end = RowPosition.of(rows, timed[0]), RowPosition.of(rows, timed[-1])
+        self._append(_Run(start, end, first, last), continues=self._continues)
+
+    def _include(self, row: RowPosition) -> None:
+        self._row = row if self._row is None else min(self._row, row)
+
+    def _measure(self, start: RowPosition, end: RowPosition) -> None:
+        gap_ns = end.t_ns - start.t_ns
+        self._longest_ns = max(self._longest_ns, gap_ns)
+        if self._exceeds(np.array([gap_ns / _SECOND]))[0]:
+            self._include(start)
+
+    def _append(self, run: _Run, *, continues: bool) -> None:
+        self._continues = True
+        if not continues or not self._runs:
+            if len(self._runs) == 2:
+                self._measure_edges(self._runs.pop())
+            self._runs.append(run)
+            return
+        last = self._runs[-1]
+        if run.first_match is not None and last.last_match is not None:
+            self._measure(last.last_match, run.first_match)
+        last.first_match = last.first_match or run.first_match
+        last.last_match = run.last_match or last.last_match
+        last.end = run.end
+
+    def _measure_edges(self, run: _Run) -> None:
+        for start, end in run.edges():
+            self._measure(start, end)
+
+    def interrupt(self) -> None:
+        """Rows are missing here: the time until the next one is not counted."""
+        self._continues = False
+        self._opens = self._opens and bool(self._runs)
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow."""
+        self._matches += later._matches
+        self._longest_ns = max(self._longest_ns, later._longest_ns)
+        if later._row is not None:
+            self._include(later._row)
+        if not later._opens:
+            self.interrupt()
+        for number, run in enumerate(later._runs):
+            self._append(run, continues=self._continues and not number)
+        if later._runs:
+            self._continues = later._continues
+
+    def _whole(self) -> MaxGap:
+        """The same with the runs at both ends, if no rows precede and follow."""
+        whole = MaxGap.__new__(MaxGap)
+        whole.__dict__.update(self.__dict__)
+        for run in self._runs:
+            whole._measure_edges(run)
+        return whole
+
+    def value(self, total: RowCount) -> float | None:
+        """Seconds; None without two matching rows that have times."""
+        return self._whole()._longest_ns / _SECOND if self._matches > 1 else None
+
+    @property
+    def row(self) -> RowPosition | None:
+        """The row after which no matching row came for too long."""
+        return self._whole()._row
+
+
+class CommandAnswers(Measure):
+    """`unanswered([FILTER])`, and the base of `delay`: the filter selects commands."""
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self._pairings = {motor: Pairing() for motor in MOTORS}
+        self._open: dict[int, tuple[RowPosition, bool]] = {}
+        """By motor, the position of the last command, and whether it matches."""
+        self.unanswered = 0
+        self.delays = Durations()
+        self._first = FirstRows(self._least_violating())
+
+    def _least_violating(self) -> int:
+        return self._least_count_too_large()
+
+    def observe(self, rows: RowBatch, matches: Bools) -> None:
+        """Add the next rows."""
+        found = motor_rows(rows)
+        for motor, pairing in self._pairings.items():
+            commands, feedback = found.commands[motor], found.feedback[motor]
+            decided = pairing.decide(MotorFrames.of(rows, commands), MotorFrames.of(rows, feedback))
+            early = decided.indices < 0
+            if early.any():
+                position, matched = self._open[motor]
+                if matched:
+                    self._decide(
+                        [position],
+                        decided.answered[early],
+                        decided.delays_ns[early],
+                        decided.ends_ns[early],
+                    )
+            own = ~early
+            own[own] = matches[decided.indices[own]]
+            self._count(decided.answered[own], decided.delays_ns[own], decided.ends_ns[own])
+            shown = self._shown(decided.answered[own], decided.delays_ns[own])
+            self._first.update(rows, decided.indices[own][shown])
+            if not pairing.waiting:
+                self._open.pop(motor, None)
+            elif len(commands):
+                at = int(commands[-1])
+                self._open[motor] = RowPosition.of(rows, at), bool(matches[at])
+
+    def _decide(
+        self, positions: Sequence[RowPosition], answered: Bools, delays_ns: Ints, ends_ns: Ints
+    ) -> None:
+        """Count commands that match, by their positions."""
+        self._count(answered, delays_ns, ends_ns)
+        shown = np.flatnonzero(self._shown(answered, delays_ns))
+        self._first.add([positions[at] for at in shown.tolist()])
+
+    def _count(self, answered: Bools, delays_ns: Ints, ends_ns: Ints) -> None:
+        known = delays_ns != NO_TIME
+        self.delays.update(delays_ns[known], ends_ns[known])
+        self.unanswered += int(np.count_nonzero(~answered))
+
+    def _shown(self, answered: Bools, delays_ns: Ints) -> Bools:
+        """Which of the commands count towards the first violation."""
+        return ~answered
+
+    def interrupt(self) -> None:
+        """Rows are missing here: whether the last command was answered remains unknown."""
+        self._open.clear()
+        for pairing in self._pairings.values():
+            pairing.interrupt()
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow."""
+        for motor, pairing in self._pairings.items():
+            decided = pairing.merge(later._pairings[motor])
+            if len(decided.indices) and self._open[motor][1]:
+                position = self._open[motor][0]
+                self._decide([position], decided.answered, decided.delays_ns, decided.ends_ns)
+            if not pairing.waiting:
+                self._open.pop(motor, None)
+        self._open |= later._open
+        self.unanswered += later.unanswered
+        self.delays.merge(later.delays)
+        self._first.merge(later._first)
+
+    def value(self, total: RowCount) -> float | None:
+        """The number of commands without an answer before the next command."""
+        return self.unanswered if total.rows else None
+
+    @property
+    def row(self) -> RowPosition | None:
+        """The first command beyond the allowed number, or with too long a delay."""
+        return self._first.last
+
+
+class AnswerDelay(CommandAnswers):
+    """`delay(PERCENTILE [, FILTER])`."""
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self._percentile = rule.argument
+
+    def _least_violating(self) -> int:
+        return 1
+
+    def _shown(self, answered: Bools, delays_ns: Ints) -> Bools:
+        shown: Bools = (delays_ns != NO_TIME) & self._exceeds(delays_ns / _MILLISECOND)
+        return shown
+
+    def value(self, total: RowCount) -> float | None:
+        """Milliseconds; None without an answer time."""
+        if self._percentile == "max":
+            delay_ns: float | None = self.delays.longest_ns
+        else:
+            delay_ns = self.delays.percentile_ns(int(self._percentile[1:]))
+        return None if delay_ns is None else delay_ns / _MILLISECOND
+
+
+class OnlineShare(Measure):
+    """`online(MOTOR)`: each ONLINE byte holds until the next feedback of any motor."""
+
+    def __init__(self, rule: Rule) -> None:
+        super().__init__(rule)
+        self._motor = int(rule.argument)
+        self._own = self._frames = self._frames_on = 0
+        self._known_ns = self._on_ns = 0
+        self._interrupted = False
+        self._first: tuple[int, bool] | None = None
+        """Time and bit of the first feedback, if no gap is before it."""
+        self._last: tuple[int, bool] | None = None
+        """Time and bit of the last feedback, if no gap is after it."""
+        lower = self._too_small[0] > -math.inf
+        self._rows = FirstRows(1 if lower else 0)
+
+    def observe(self, rows: RowBatch, matches: Bools) -> None:
+        """Add the next rows."""
+        found = motor_rows(rows)
+        self._own += len(found.feedback[self._motor])
+        feedback = found.any_feedback
+        bits = (rows.values("online", feedback) >> (self._motor - MOTORS[0]) & 1).astype(np.bool_)
+        self._frames += len(feedback)
+        self._frames_on += int(np.count_nonzero(bits))
+        self._rows.update(rows, feedback[~bits])
+        timed = rows.t_ns[feedback] != NO_TIME
+        t_ns, bits = rows.t_ns[feedback][timed], bits[timed]
+        if not len(t_ns):
+            return
+        first, last = (int(t_ns[0]), bool(bits[0])), (int(t_ns[-1]), bool(bits[-1]))
+        self._continue(first)
+        held_ns = np.maximum(np.diff(t_ns), 0)
+        self._known_ns += int(held_ns.sum())
+        self._on_ns += int(held_ns[bits[:-1]].sum())
+        self._last = last
+
+    def _continue(self, first: tuple[int, bool] | None) -> None:
+        """Feedback follows, without a gap before it."""
+        if first is None:
+            return
+        if self._last is not None:
+            held_ns = max(first[0] - self._last[0], 0)
+            self._known_ns += held_ns
+            self._on_ns += held_ns * self._last[1]
+        if self._first is None and not self._interrupted:
+            self._first = first
+
+    def interrupt(self) -> None:
+        """Rows are missing here: what the motor was until the next one is unknown."""
+        self._last, self._interrupted = None, True
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow."""
+        self._continue(later._first)
+        if later._interrupted:
+            self.interrupt()
+        self._last = later._last or self._last
+        self._own += later._own
+        self._frames += later._frames
+        self._frames_on += later._frames_on
+        self._known_ns += later._known_ns
+        self._on_ns += later._on_ns
+        self._rows.merge(later._rows)
+
+    def value(self, total: RowCount) -> float | None:
+        """The share of time, 0 to 1; of the frames if there is no time between them."""
+        if not self._own:
+            return None
+        return self._on_ns / self._known_ns if self._known_ns else self._frames_on / self._frames
+
+    @property
+    def row(self) -> RowPosition | None:
+        """The first feedback without the motor's bit."""
+        return self._rows.last
+
+
+_CLASSES: Final[Mapping[str, type[Measure]]] = {
+    "count": MatchCount,
+    "share": MatchShare,
+    "rate": MatchRate,
+    "max_gap": MaxGap,
+    "delay": AnswerDelay,
+    "unanswered": CommandAnswers,
+    "online": OnlineShare,
+    "min": FieldValues,
+    "max": FieldValues,
+    "mean": FieldValues,
+    "duration": Duration,
+}
+
+
+def measure_of(rule: Rule) -> Measure:
+    """A new measure for a rule."""
+    return _CLASSES[rule.measure](rule)

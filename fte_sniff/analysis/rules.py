@@ -1,0 +1,308 @@
+"""Rules of a check: a measure of the rows, compared with a number.
+
+rule      measure ( == | != | < | <= | > | >= ) number
+measure   count(FILTER) | share(FILTER) | rate(FILTER) | max_gap(FILTER)
+          | delay(p50 | p95 | p99 | max [, FILTER]) | unanswered([FILTER]) | online(MOTOR)
+          | min(FIELD [, FILTER]) | max(FIELD [, FILTER]) | mean(FIELD [, FILTER]) | duration()
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any, Final
+
+from fte_sniff.analysis.filter.parser import Token, TokenType, parse, tokens
+from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.filter.terms import excerpt, nearest
+from fte_sniff.errors import InputTextError, quoted
+from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, MOTORS, VALUE_FIELDS, ColumnType
+
+
+class Argument(Enum):
+    """What a measure takes first."""
+
+    FILTER = "a filter"
+    OPTIONAL_FILTER = "a filter, or nothing"
+    PERCENTILE = "p50, p95, p99 or max"
+    MOTOR = "a motor"
+    FIELD = "a field"
+    NOTHING = "nothing"
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureKind:
+    """A measure of the language."""
+
+    takes: Argument
+    """The first argument; PERCENTILE and FIELD may be followed by a filter."""
+    unit: str
+    """Of its value; empty for a field's own unit, and for shares."""
+    example: str
+
+
+MEASURES: Final = {
+    "count": MeasureKind(Argument.FILTER, "rows", "count(malformed) == 0"),
+    "share": MeasureKind(Argument.FILTER, "", "share(malformed) <= 0.001"),
+    "rate": MeasureKind(Argument.FILTER, "1/s", "rate(kind = 'speed_feedback') >= 30"),
+    "max_gap": MeasureKind(Argument.FILTER, "s", "max_gap(motor = 1) < 0.5"),
+    "delay": MeasureKind(Argument.PERCENTILE, "ms", "delay(p95) < 20"),
+    "unanswered": MeasureKind(Argument.OPTIONAL_FILTER, "commands", "unanswered() == 0"),
+    "online": MeasureKind(Argument.MOTOR, "", "online(1) >= 0.99"),
+    "min": MeasureKind(Argument.FIELD, "", "min(rpm, motor = 1) >= -300"),
+    "max": MeasureKind(Argument.FIELD, "", "max(rpm) <= 300"),
+    "mean": MeasureKind(Argument.FIELD, "", "mean(rpm, motor = 1) > 0"),
+    "duration": MeasureKind(Argument.NOTHING, "s", "duration() >= 60"),
+}
+"""The measures by name."""
+
+PERCENTILES: Final = ("p50", "p95", "p99", "max")
+"""The first arguments of `delay`."""
+
+FIELDS: Final = tuple(column.name for column in COLUMNS if column.type is ColumnType.INT)
+"""The fields that `min`, `max` and `mean` take."""
+
+OPERATORS: Final[Mapping[str, Callable[[float, float], bool]]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+}
+"""The comparisons by sign."""
+
+_UNITS: Final = {field.name: field.unit for field in VALUE_FIELDS}
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One comparison of a measure with a number; made by `Rule.parse`."""
+
+    name: str
+    """What the user calls it; text from outside."""
+    expect: str
+    """As written: `count(malformed) == 0`."""
+    measure: str
+    """A key of `MEASURES`."""
+    argument: str
+    """A percentile, a field, or a motor's number; empty if the measure takes none."""
+    filter_text: str | None
+    """The filter that selects rows, or commands; None for all."""
+    operator: str
+    """A key of `OPERATORS`."""
+    number: float
+    may_be_uncovered: bool = False
+    """Whether the check may succeed without a value of the measure."""
+
+    @classmethod
+    def parse(cls, expect: str, name: str = "", *, may_be_uncovered: bool = False) -> Rule:
+        """Parse a rule, by default named like its text.
+
+        Raises InputTextError with the mistake, its position, and what was probably meant.
+        """
+        rule = _Parser(expect).parse()
+        return replace(rule, name=name or expect, may_be_uncovered=may_be_uncovered)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the measured value and the number; empty without one."""
+        return _UNITS.get(self.argument) or MEASURES[self.measure].unit
+
+    def holds(self, value: float) -> bool:
+        """Whether a measured value is as expected."""
+        return OPERATORS[self.operator](value, self.number)
+
+    @property
+    def least_too_large(self) -> tuple[float, bool]:
+        """The number above which values are too large, and whether it is itself too large."""
+        upper = self.operator in ("<", "<=", "==")
+        return (self.number if upper else math.inf), self.operator == "<"
+
+    @property
+    def greatest_too_small(self) -> tuple[float, bool]:
+        """The number below which values are too small, and whether it is itself too small."""
+        lower = self.operator in (">", ">=", "==")
+        return (self.number if lower else -math.inf), self.operator == ">"
+
+
+class _Parser:
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._tokens = tokens(text)
+        self._index = 0
+
+    def parse(self) -> Rule:
+        name = self._take()
+        if name.type is not TokenType.NAME:
+            raise self._error(name, "a rule begins with a measure", _measures())
+        measure = name.text
+        if measure not in MEASURES:
+            what = f"'{measure}' is no measure"
+            raise self._error(name, what, nearest(measure, MEASURES) or _measures())
+        self._expect_symbol("(", f"write {MEASURES[measure].example}")
+        argument, filter_text = self._arguments(measure)
+        sign = self._operator()
+        number = self._number()
+        rest = self._peek()
+        if rest.type is not TokenType.END:
+            raise self._error(rest, "a rule is one comparison", "write another rule for the rest")
+        return Rule("", self._text, measure, argument, filter_text, sign, number)
+
+    def _peek(self) -> Token:
+        return self._tokens[self._index]
+
+    def _take(self) -> Token:
+        self._index += 1
+        return self._tokens[self._index - 1]
+
+    def _error(self, token: Token, what: str, fix: str) -> InputTextError:
+        if token.type is TokenType.END:
+            what = f"the rule ends too soon: {what}"
+        where = f'{what} at character {token.start + 1} of "{excerpt(self._text, token.start)}"'
+        return InputTextError(f"{where}; {fix}")
+
+    def _expect_symbol(self, symbol: str, fix: str) -> None:
+        token = self._peek()
+        if token.operator != symbol:
+            raise self._error(token, f"a '{symbol}' is missing", fix)
+        self._index += 1
+
+    def _arguments(self, measure: str) -> tuple[str, str | None]:
+        """The first argument, unless it is a filter, and the filter; after the closing bracket."""
+        takes = MEASURES[measure].takes
+        argument = ""
+        if takes in (Argument.PERCENTILE, Argument.FIELD, Argument.MOTOR):
+            argument = self._first_argument(takes, measure)
+            if takes is not Argument.MOTOR and self._peek().operator == ",":
+                self._index += 1
+                takes = Argument.FILTER
+        if takes is Argument.FILTER or (
+            takes is Argument.OPTIONAL_FILTER and self._peek().operator != ")"
+        ):
+            return argument, self._filter(measure)
+        self._expect_symbol(")", f"write {MEASURES[measure].example}")
+        return argument, None
+
+    def _first_argument(self, takes: Argument, measure: str) -> str:
+        token = self._take()
+        choices = {
+            Argument.PERCENTILE: PERCENTILES,
+            Argument.MOTOR: tuple(map(str, MOTORS)),
+            Argument.FIELD: FIELDS,
+        }[takes]
+        if token.text in choices and token.type in (TokenType.NAME, TokenType.NUMBER):
+            return token.text
+        what = f"{measure} needs {takes.value}"
+        column = COLUMN_BY_NAME.get(token.text)
+        if takes is Argument.FIELD and column is not None:
+            what = f"{token.text} is a {column.type.value}, no number"
+        elif token.type is not TokenType.END:
+            what += f", and {quoted(self._text[token.start : token.end])} is none"
+        raise self._error(
+            token, what, nearest(token.text, choices) or f"there are {', '.join(choices)}"
+        )
+
+    def _filter(self, measure: str) -> str:
+        """The filter up to the closing bracket, which is taken too."""
+        start, depth = self._index, 0
+        while depth or self._peek().operator != ")":
+            token = self._take()
+            depth += (token.operator == "(") - (token.operator == ")")
+            if token.type is TokenType.END:
+                raise self._error(token, f"the ')' of {measure} is missing", "close it")
+        first, end = self._tokens[start], self._take()
+        if first is end:
+            fix = f"write {MEASURES[measure].example}"
+            raise self._error(end, f"{measure} needs a filter", fix)
+        parse(self._text, first.start, end.start)
+        text = self._text[first.start : end.start].strip()
+        RowFilter.parse(text)
+        return text
+
+    def _operator(self) -> str:
+        token = self._take()
+        if token.operator in OPERATORS:
+            return token.operator
+        meant = {"=": "write ==", "<>": "write !=", "=>": "write >=", "=<": "write <="}
+        fix = meant.get(token.operator, f"compare it with a number: {' '.join(OPERATORS)}")
+        raise self._error(token, "a comparison is missing", fix)
+
+    def _number(self) -> float:
+        sign = -1 if self._peek().operator == "-" else 1
+        self._index += self._peek().operator in ("-", "+")
+        token = self._take()
+        if token.word == "NAN":
+            fix = "every comparison with NaN is false; write a number"
+            raise self._error(token, "NaN is no number", fix)
+        if token.type is not TokenType.NUMBER:
+            raise self._error(token, "a number is missing", "compare the measure with a number")
+        if not math.isfinite(token.number):
+            raise self._error(token, "this number is too large", "write a smaller one")
+        return sign * token.number
+
+
+def _measures() -> str:
+    return f"the measures are {', '.join(MEASURES)}"
+
+
+_KEYS: Final[Mapping[str, type]] = {"name": str, "expect": str, "may_be_uncovered": bool}
+_TYPE_NAMES: Final = {str: "a text in quotes", bool: "true or false"}
+
+
+def rules_of_toml(text: str, source: str) -> list[Rule]:
+    """The rules of a TOML text with `[[rule]]` tables; `source` names it in errors.
+
+    Raises InputTextError: which rule is invalid, where, and what was probably meant.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputTextError(f"{source}: is no valid TOML: {error}") from error
+    for key in document:
+        if key != "rule":
+            near = nearest(key, ["rule"]) or "rules are [[rule]] tables"
+            raise InputTextError(f"{source}: unknown key {quoted(key)}; {near}")
+    tables = document.get("rule")
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise InputTextError(
+            f"{source}: has no rules; a rule is a table [[rule]] with name and expect"
+        )
+    return list(_rules_of(tables, source))
+
+
+def _rules_of(tables: Sequence[Mapping[str, Any]], source: str) -> Iterator[Rule]:
+    names: set[str] = set()
+    for number, table in enumerate(tables, 1):
+        name = table.get("name")
+        where = f"{source}: rule {number}" + (f" {quoted(name)}" if isinstance(name, str) else "")
+        _check_keys(table, where)
+        if name in names:
+            raise InputTextError(f"{where}: another rule has this name; give each its own")
+        names.add(table["name"])
+        allowed = table.get("may_be_uncovered", False)
+        yield rule_at(where, table["expect"], table["name"], may_be_uncovered=allowed)
+
+
+def _check_keys(table: Mapping[str, Any], where: str) -> None:
+    for key, value in table.items():
+        if key not in _KEYS:
+            near = nearest(key, _KEYS) or f"the keys are {', '.join(_KEYS)}"
+            raise InputTextError(f"{where}: unknown key {quoted(key)}; {near}")
+        if not isinstance(value, _KEYS[key]):
+            raise InputTextError(f"{where}: {key} must be {_TYPE_NAMES[_KEYS[key]]}")
+    for key in ("name", "expect"):
+        if not table.get(key):
+            raise InputTextError(f'{where}: {key} is missing; write {key} = "..."')
+
+
+def rule_at(where: str, expect: str, name: str = "", *, may_be_uncovered: bool = False) -> Rule:
+    """`Rule.parse` with errors that begin with the rule's place."""
+    try:
+        return Rule.parse(expect, name, may_be_uncovered=may_be_uncovered)
+    except InputTextError as error:
+        raise InputTextError(f"{where}: {error}") from error

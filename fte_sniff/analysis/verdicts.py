@@ -1,0 +1,144 @@
+"""Verdicts of rules about rows: pass, fail, or not covered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Final
+
+import numpy as np
+
+from fte_sniff.analysis.counters import extent
+from fte_sniff.analysis.dataframe import row_frame
+from fte_sniff.analysis.feed import BaudChange, StreamChange
+from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.measures import RowPosition, measure_of
+from fte_sniff.analysis.rules import Rule
+from fte_sniff.analysis.tally import RowCount
+from fte_sniff.protocol import Gap, GapKind, PortEvent, Row
+from fte_sniff.row_batch import Bools, RowBatch
+
+
+class RuleResult(StrEnum):
+    """The result of a rule."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    NOT_COVERED = "not covered"
+    """The measure has no value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a rule found."""
+
+    rule: Rule
+    value: float | None
+    """The measure, in the rule's unit; None if it has no value."""
+    result: RuleResult
+    row: RowPosition | None = None
+    """The first row that violates a failed rule, if one row can show it."""
+
+    @property
+    def refuses(self) -> bool:
+        """Whether the check does not succeed because of this rule."""
+        if self.result is RuleResult.NOT_COVERED:
+            return not self.rule.may_be_uncovered
+        return self.result is RuleResult.FAIL
+
+
+_ORDERED: Final = ("delay", "unanswered")
+"""Measures without a value if inputs overlap in time: what answered what is not known."""
+
+
+class RuleCheck:
+    """Measures consecutive rows and judges rules about them."""
+
+    def __init__(self, rules: Sequence[Rule]) -> None:
+        self.rules = rules
+        self.total = RowCount()
+        """All rows so far."""
+        self.in_order = True
+        """Whether the inputs follow each other in time without overlap."""
+        self._another = False
+        """Whether the rows so far are followed by those of another capture."""
+        self._measures = [measure_of(rule) for rule in rules]
+        self._filters: dict[str, RowFilter] = {}
+        self._names: frozenset[str] = frozenset()
+
+    def __getstate__(self) -> Mapping[str, Any]:
+        """Everything but the compiled filters."""
+        return {**self.__dict__, "_filters": {}, "_names": frozenset()}
+
+    def begin(self, name: str) -> None:
+        """Start the next input; its name is not needed."""
+
+    def observe(
+        self,
+        rows: Sequence[Row],
+        events: Sequence[PortEvent] = (),
+        changes: Sequence[StreamChange] = (),
+    ) -> None:
+        """Add the next rows and the changes between them."""
+        batch, start = RowBatch.from_rows(rows), 0
+        for change in changes:
+            self._observe(batch[start : change.index])
+            self.observe_change(change.what)
+            start = change.index
+        self._observe(batch[start:])
+
+    def observe_change(self, change: Gap | BaudChange) -> None:
+        """Apply a change before the next rows."""
+        if isinstance(change, Gap):
+            self._another = change.kind is GapKind.OTHER_RECORDING
+            for measure in self._measures:
+                measure.interrupt()
+
+    def _observe(self, rows: RowBatch) -> None:
+        if not len(rows):
+            return
+        self.total.count(
+            len(rows), int(rows.length.sum(dtype=np.int64)), extent(rows.t_ns[rows.timed])
+        )
+        masks = self._masks(rows)
+        for rule, measure in zip(self.rules, self._measures, strict=True):
+            measure.observe(rows, masks[rule.filter_text])
+
+    def _masks(self, rows: RowBatch) -> dict[str | None, Bools]:
+        """Masks of the rows that each filter selects."""
+        if not self._filters:
+            texts = {rule.filter_text for rule in self.rules if rule.filter_text is not None}
+            self._filters = {text: RowFilter.parse(text) for text in texts}
+            self._names = frozenset().union(*(one.names for one in self._filters.values()))
+        masks: dict[str | None, Bools] = {None: np.ones(len(rows), np.bool_)}
+        if self._filters:
+            frame = row_frame(rows, self._names or ("offset",))
+            masks |= {text: one.mask(frame).to_numpy() for text, one in self._filters.items()}
+        return masks
+
+    def merge(self, later: RuleCheck) -> None:
+        """Add the rows that follow, as if they had been observed here."""
+        if self._another and self.total.rows and later.total.rows:
+            before, after = self.total.times, later.total.times
+            follows = before is not None and after is not None and before[1] <= after[0]
+            self.in_order = self.in_order and follows
+        self.in_order = self.in_order and later.in_order
+        self._another = later._another
+        self.total.include(later.total)
+        for measure, other in zip(self._measures, later._measures, strict=True):
+            measure.merge(other)
+
+    def verdicts(self) -> list[Verdict]:
+        """By rule, in their order."""
+        found = []
+        for rule, measure in zip(self.rules, self._measures, strict=True):
+            known = self.in_order or rule.measure not in _ORDERED
+            value = measure.value(self.total) if known else None
+            if value is None:
+                found.append(Verdict(rule, None, RuleResult.NOT_COVERED))
+            elif rule.holds(value):
+                found.append(Verdict(rule, value, RuleResult.PASS))
+            else:
+                found.append(Verdict(rule, value, RuleResult.FAIL, measure.row))
+        return found

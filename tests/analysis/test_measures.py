@@ -1,0 +1,266 @@
+"""Measures, against a count by hand; any pieces of a capture give the verdicts of a single pass."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import pickle
+from collections.abc import Iterator, Sequence
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.analysis.measures import RowPosition
+from fte_sniff.analysis.rules import Rule
+from fte_sniff.analysis.verdicts import RuleCheck, RuleResult, Verdict
+from fte_sniff.protocol import Direction, Frame, Gap, GapKind, Row
+from fte_sniff.row_batch import NO_TIME
+from tests.analysis.pieces import MS, Step, captures, observe, pieces_of, state_of
+from tests.analysis.test_statistics import SECOND, frame
+
+EXPECTED = [
+    "count(malformed) == 0",
+    "count(malformed) < 3",
+    "count(motor = 1) <= 4",
+    "count(motor = 1) > 4",
+    "share(motor = 1) <= 0.25",
+    "rate(motor = 2) < 2",
+    "max_gap(motor = 1) < 0.05",
+    "max_gap(malformed) >= 3600",
+    "max_gap(port = 'a') == 0.003",
+    "delay(max) < 3",
+    "delay(p50, motor = 1) < 0.001",
+    "delay(p95, rpm > 0) <= 1",
+    "unanswered() == 0",
+    "unanswered(motor = 1) <= 1",
+    "online(1) == 1",
+    "online(2) > 0.5",
+    "online(4) >= 2",
+    "min(rpm) >= 0",
+    "max(rpm, motor = 2) < 5",
+    "mean(offset) == -1",
+    "max(error) == 0",
+    "duration() <= 0.1",
+]
+
+
+def checked(*parts: Sequence[Step], rules: Sequence[str] = EXPECTED) -> RuleCheck:
+    check = RuleCheck([Rule.parse(text) for text in rules])
+    for part in parts:
+        observe(check, part)
+    return check
+
+
+@given(captures(), st.lists(st.integers(0, 25), max_size=4), st.integers(0, 25))
+def test_any_pieces_of_a_capture_give_the_verdicts_of_a_single_pass(
+    steps: list[Step], cuts: list[int], batch: int
+) -> None:
+    whole, merged = checked(steps), checked()
+    for piece in pieces_of(steps, cuts):
+        part = checked(*pieces_of(piece, [batch]))
+        merged.merge(pickle.loads(pickle.dumps(part)))
+    assert merged.verdicts() == whole.verdicts()
+    assert state_of(merged._measures) == state_of(whole._measures)
+
+
+def measured(steps: Sequence[Step], text: str) -> float | None:
+    (verdict,) = checked(steps, rules=[f"{text} == 0"]).verdicts()
+    return verdict.value
+
+
+def rows_of(steps: Sequence[Step]) -> list[Row]:
+    return [step for step in steps if isinstance(step, Row)]
+
+
+def runs_of(steps: Sequence[Step]) -> Iterator[list[Row]]:
+    """The rows between gaps."""
+    run: list[Row] = []
+    for step in steps:
+        if isinstance(step, Gap):
+            yield run
+            run = []
+        elif isinstance(step, Row):
+            run.append(step)
+    yield run
+
+
+@given(captures())
+def test_counts_shares_rates_and_fields_equal_a_count_by_hand(steps: list[Step]) -> None:
+    rows = rows_of(steps)
+    own = [row for row in rows if isinstance(row, Frame) and row.values.get("motor") == 1]
+    times = [row.t_ns for row in rows if row.t_ns is not None]
+    duration = (max(times) - min(times)) / SECOND if len(times) > 1 else None
+    assert measured(steps, "duration()") == duration
+    assert measured(steps, "count(motor = 1)") == (len(own) if rows else None)
+    assert measured(steps, "share(motor = 1)") == (len(own) / len(rows) if rows else None)
+    rate = measured(steps, "rate(motor = 1)")
+    if own:
+        assert rate == (pytest.approx(len(own) / duration) if duration else None)
+    else:
+        assert rate == (0 if rows else None)
+    rpm = [row.values["rpm"] for row in rows if isinstance(row, Frame) and "rpm" in row.values]
+    assert measured(steps, "min(rpm)") == min(rpm, default=None)
+    assert measured(steps, "max(rpm)") == max(rpm, default=None)
+    assert measured(steps, "mean(rpm)") == (sum(rpm) / len(rpm) if rpm else None)
+    assert measured(steps, "max(offset)") == max((row.offset for row in rows), default=None)
+    cmds = [row.raw[1] for row in rows if isinstance(row, Frame)]
+    assert measured(steps, "min(cmd)") == min(cmds, default=None)
+
+
+def _silences(run: Sequence[Row], kind: str) -> Iterator[int]:
+    timed = [row for row in run if row.t_ns is not None]
+    if timed:
+        marks = [row.t_ns for row in timed if isinstance(row, Frame) and row.kind.name == kind]
+        marks = [timed[0].t_ns, *marks, timed[-1].t_ns]
+        yield from (after - before for before, after in itertools.pairwise(marks))
+
+
+@given(captures())
+def test_the_longest_gap_includes_both_ends_of_each_run(steps: list[Step]) -> None:
+    expected = None
+    matching = [
+        row for row in rows_of(steps) if isinstance(row, Frame) and row.kind.name == "speed"
+    ]
+    if sum(row.t_ns is not None for row in matching) > 1:
+        gaps = [gap for run in runs_of(steps) for gap in _silences(run, "speed")]
+        expected = max(0, *gaps, 0) / SECOND
+    assert measured(steps, "max_gap(kind = 'speed')") == expected
+
+
+@given(captures(), st.sampled_from([None, 1, 2]))
+def test_answers_equal_a_count_by_hand(steps: list[Step], only: int | None) -> None:
+    delays, unanswered, rows = [], 0, rows_of(steps)
+    for run in runs_of(steps):
+        for motor in (1, 2, 3, 4):
+            waiting: Frame | None = None
+            for row in run:
+                if not isinstance(row, Frame) or row.values.get("motor", motor) != motor:
+                    continue
+                if row.direction is Direction.CONTROL:
+                    unanswered += waiting is not None and only in (None, motor)
+                    waiting = row if row.raw[1] in (1, 2) else None
+                elif waiting is not None and row.raw[1] == waiting.raw[1]:
+                    if None not in (row.t_ns, waiting.t_ns) and row.t_ns >= waiting.t_ns:
+                        delays += [row.t_ns - waiting.t_ns] if only in (None, motor) else []
+                    waiting = None
+    chosen = "" if only is None else f"motor = {only}"
+    assert measured(steps, f"unanswered({chosen})") == (unanswered if rows else None)
+    text = f"delay(max, {chosen})" if chosen else "delay(max)"
+    assert measured(steps, text) == (max(delays) / MS if delays else None)
+    half = measured(steps, text.replace("max", "p50"))
+    assert (half is None) is (not delays)
+    if delays:
+        assert half == pytest.approx(sorted(delays)[math.ceil(len(delays) / 2) - 1] / MS, rel=5e-4)
+
+
+@given(captures(), st.integers(1, 4))
+def test_the_online_share_equals_a_count_by_hand(steps: list[Step], motor: int) -> None:
+    on = known = 0
+    frames = []
+    for run in runs_of(steps):
+        own = [row for row in run if isinstance(row, Frame) and "online" in row.values]
+        frames += own
+        timed = [row for row in own if row.t_ns is not None]
+        for before, after in itertools.pairwise(timed):
+            held = max(0, after.t_ns - before.t_ns)
+            known += held
+            on += held * (before.values["online"] >> (motor - 1) & 1)
+    share = None
+    if any(row.values["motor"] == motor for row in frames):
+        bits = [row.values["online"] >> (motor - 1) & 1 for row in frames]
+        share = on / known if known else sum(bits) / len(bits)
+    assert measured(steps, f"online({motor})") == share
+
+
+def verdict(text: str, *rows: Row) -> Verdict:
+    (found,) = checked(rows, rules=[text]).verdicts()
+    return found
+
+
+def speeds(*rpm_at_ms: tuple[int, int]) -> list[Row]:
+    return [
+        Frame("p", 10 * at, frame("speed", 0, motor=1, rpm=rpm).raw, ms * MS)
+        for at, (ms, rpm) in enumerate(rpm_at_ms)
+    ]
+
+
+THREE = speeds((0, 5), (10, 50), (500, 20))
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "result", "row"),
+    [
+        ("count(rpm > 0) == 0", 3, "fail", 0),
+        ("count(rpm > 0) <= 2", 3, "fail", 2),
+        ("count(rpm > 0) < 2", 3, "fail", 1),
+        ("count(rpm > 0) >= 4", 3, "fail", None),
+        ("count(rpm > 0) != 3", 3, "fail", None),
+        ("count(rpm > 0) == 3", 3, "pass", None),
+        ("share(rpm > 10) <= 0.5", 2 / 3, "fail", 1),
+        ("rate(rpm > 10) < 1", 4, "fail", 1),
+        ("max_gap(rpm > 0) < 0.1", 0.49, "fail", 1),
+        ("max_gap(rpm < 60) <= 0.49", 0.49, "pass", None),
+        ("unanswered() == 0", 2, "fail", 0),
+        ("unanswered() <= 1", 2, "fail", 1),
+        ("max(rpm) < 50", 50, "fail", 1),
+        ("min(rpm) > 5", 5, "fail", 0),
+        ("mean(rpm) < 20", 25, "fail", None),
+        ("duration() > 1", 0.5, "fail", None),
+        ("delay(p95) < 20", None, "not covered", None),
+        ("online(1) > 0", None, "not covered", None),
+        ("max_gap(rpm = 5) < 9", None, "not covered", None),
+        ("max(pulses) < 9", None, "not covered", None),
+    ],
+)
+def test_a_verdict_and_the_first_row_that_violates_it(
+    text: str, value: float | None, result: str, row: int | None
+) -> None:
+    found = verdict(text, *THREE)
+    assert found.value == (pytest.approx(value) if value is not None else None)
+    assert found.result == result
+    expected = None
+    if row is not None:
+        expected = RowPosition(THREE[row].t_ns or 0, "p", THREE[row].offset)
+    assert found.row == expected
+    assert found.refuses is (result != "pass")
+
+
+@pytest.mark.parametrize("text", EXPECTED)
+def test_without_rows_nothing_is_covered(text: str) -> None:
+    found = verdict(text)
+    assert (found.value, found.result, found.refuses) == (None, RuleResult.NOT_COVERED, True)
+
+
+def test_a_rule_may_be_uncovered() -> None:
+    check = RuleCheck([Rule.parse("delay(p95) < 20", may_be_uncovered=True)])
+    check.observe(THREE)
+    (found,) = check.verdicts()
+    assert (found.result, found.refuses) == (RuleResult.NOT_COVERED, False)
+
+
+def test_a_row_without_a_time_is_named_by_its_offset() -> None:
+    found = verdict("count(rpm > 0) == 0", frame("speed", None, motor=1, rpm=5))
+    assert found.row == RowPosition(NO_TIME, "p", 0)
+
+
+def test_a_delay_and_an_offline_motor_name_their_rows() -> None:
+    rows = [
+        frame("speed", MS, motor=1, rpm=5),
+        frame("speed_feedback", 3 * MS, motor=1, rpm=5, error=0, online=15),
+        frame("speed_feedback", 4 * MS, motor=1, rpm=5, error=0, online=14),
+        frame("speed_feedback", 8 * MS, motor=1, rpm=5, error=0, online=15),
+    ]
+    slow = verdict("delay(p99) < 1", *rows)
+    assert slow.value == pytest.approx(2, rel=5e-4)
+    assert slow.row == RowPosition(MS, "p", 0)
+    gone = verdict("online(1) >= 0.9", *rows)
+    assert (gone.value, gone.row) == (pytest.approx(1 / 5), RowPosition(4 * MS, "p", 0))
+
+
+def test_captures_that_overlap_in_time_have_no_answers() -> None:
+    rules = ["unanswered() == 0", "delay(max) < 1", "count(rpm > 0) == 6"]
+    check = checked(THREE, rules=rules)
+    check.observe_change(Gap(GapKind.OTHER_RECORDING))
+    check.merge(checked(THREE, rules=rules))
+    assert [found.value for found in check.verdicts()] == [None, None, 6]

@@ -1,0 +1,185 @@
+"""The language of rules: what it takes, and what each mistake leads to."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fte_sniff.analysis.rules import MEASURES, OPERATORS, Rule, rules_of_toml
+from fte_sniff.errors import InputTextError
+
+
+@pytest.mark.parametrize(
+    ("text", "measure", "argument", "filter_text", "sign", "number"),
+    [
+        ("count(status = 'malformed') == 0", "count", "", "status = 'malformed'", "==", 0),
+        ("share( malformed OR (noise) )<=1e-3", "share", "", "malformed OR (noise)", "<=", 0.001),
+        (
+            "rate(kind IN ('speed', 'reset')) > 3.5",
+            "rate",
+            "",
+            "kind IN ('speed', 'reset')",
+            ">",
+            3.5,
+        ),
+        ("max_gap(port = ')') < 1", "max_gap", "", "port = ')'", "<", 1),
+        ("delay(p95) < 20", "delay", "p95", None, "<", 20),
+        ("delay(max, abs(rpm) > 5) < 0x14", "delay", "max", "abs(rpm) > 5", "<", 20),
+        ("unanswered() == 0", "unanswered", "", None, "==", 0),
+        ("unanswered(motor = 1) != 2", "unanswered", "", "motor = 1", "!=", 2),
+        ("online(4) >= 0.99", "online", "4", None, ">=", 0.99),
+        ("min(rpm) > -300", "min", "rpm", None, ">", -300),
+        ("mean(pulses, motor = 2) <= +7", "mean", "pulses", "motor = 2", "<=", 7),
+        ("duration() >= 60", "duration", "", None, ">=", 60),
+    ],
+)
+def test_a_rule(
+    text: str, measure: str, argument: str, filter_text: str | None, sign: str, number: float
+) -> None:
+    rule = Rule.parse(text)
+    assert (rule.name, rule.expect, rule.may_be_uncovered) == (text, text, False)
+    assert (rule.measure, rule.argument, rule.filter_text) == (measure, argument, filter_text)
+    assert (rule.operator, rule.number) == (sign, number)
+
+
+@pytest.mark.parametrize("name", MEASURES)
+def test_the_example_of_every_measure_is_a_rule(name: str) -> None:
+    assert Rule.parse(MEASURES[name].example).measure == name
+
+
+@pytest.mark.parametrize("sign", OPERATORS)
+@pytest.mark.parametrize("value", [-1, 0, 1])
+def test_signs_compare_as_in_python(sign: str, value: int) -> None:
+    assert Rule.parse(f"duration() {sign} 0").holds(value) is eval(f"{value} {sign} 0")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "cuont(malformed) == 0",
+            "'cuont' is no measure at character 1 of \"-->cuont(malformed) == 0\"; "
+            "did you mean count?",
+        ),
+        ("", "the rule ends too soon: a rule begins with a measure"),
+        ("0 == count(malformed)", "a rule begins with a measure at character 1"),
+        ("count", "a '(' is missing at character 6"),
+        ("count()", "count needs a filter at character 7"),
+        (
+            "count(statsu = 'ok') == 0",
+            "unknown name 'statsu' at character 7 of \"count(-->statsu = 'ok') == 0\"; "
+            "did you mean status?",
+        ),
+        ("count(status = 'malformd') == 0", "did you mean malformed?"),
+        ("count(malformed == 0", "the ')' of count is missing at character 21"),
+        ("count(rpm) == 0", "at character 7"),
+        (
+            "count(malformed) = 0",
+            'a comparison is missing at character 18 of "count(malformed) -->= 0"; write ==',
+        ),
+        ("count(malformed) <> 0", "write !="),
+        ("count(malformed) => 0", "write >="),
+        ("count(malformed)", "the rule ends too soon: a comparison is missing"),
+        ("count(malformed) ==", "the rule ends too soon: a number is missing"),
+        (
+            "count(malformed) == NaN",
+            'NaN is no number at character 21 of "count(malformed) == -->NaN"; '
+            "every comparison with NaN is false",
+        ),
+        ("count(malformed) == -nan", "NaN is no number"),
+        ("count(malformed) == 1e999", "this number is too large"),
+        ("count(malformed) == none", "a number is missing"),
+        ("delay(p95) < 20ms", "'20ms' is no number"),
+        (
+            "delay(p96) < 20",
+            "delay needs p50, p95, p99 or max, and 'p96' is none "
+            'at character 7 of "delay(-->p96) < 20"; did you mean p9',
+        ),
+        ("delay() < 20", "delay needs p50, p95, p99 or max"),
+        ("delay(p95 motor = 1) < 20", "a ')' is missing at character 11"),
+        ("delay(p95, ) < 20", "delay needs a filter"),
+        (
+            "online(5) > 0",
+            "online needs a motor, and '5' is none "
+            'at character 8 of "online(-->5) > 0"; there are 1, 2, 3, 4',
+        ),
+        ("min(kind) > 0", "kind is a word, no number at character 5"),
+        ("max(port) > 0", "port is a text, no number"),
+        ("mean(time) > 0", "time is a time, no number"),
+        ("max(faults) > 0", "faults is a words, no number"),
+        (
+            "max(rmp) < 3",
+            "max needs a field, and 'rmp' is none "
+            'at character 5 of "max(-->rmp) < 3"; did you mean rpm?',
+        ),
+        ("duration(1) > 0", "a ')' is missing at character 10"),
+        ("duration() > 0 AND duration() < 9", "a rule is one comparison at character 16"),
+        ("count(malformed; DROP) == 0", "';' is in no filter"),
+    ],
+)
+def test_a_mistake_is_named_with_its_place_and_the_fix(text: str, message: str) -> None:
+    with pytest.raises(InputTextError) as found:
+        Rule.parse(text)
+    assert message in str(found.value)
+
+
+@given(st.text() | st.text(alphabet="count(rpm,)=<>0p95'- ", max_size=30))
+def test_any_text_is_a_rule_or_a_mistake(text: str) -> None:
+    with suppress(InputTextError):
+        Rule.parse(text)
+
+
+GOOD = '[[rule]]\nname = "no damage"\nexpect = "count(malformed) == 0"\n'
+
+
+def test_rules_of_a_file() -> None:
+    more = '[[rule]]\nname = "fast"\nexpect = "delay(p95) < 20"\nmay_be_uncovered = true\n'
+    first, second = rules_of_toml(GOOD + more, "rules.toml")
+    assert (first.name, first.expect, first.may_be_uncovered) == (
+        "no damage",
+        "count(malformed) == 0",
+        False,
+    )
+    assert (second.name, second.may_be_uncovered) == ("fast", True)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[[rule]", "r.toml: is no valid TOML: "),
+        ("", "r.toml: has no rules; a rule is a table [[rule]] with name and expect"),
+        ("[rule]\nname = 'x'", "r.toml: has no rules"),
+        ("rule = [1]", "r.toml: has no rules"),
+        ("[[rules]]\nname = 'x'", "r.toml: unknown key 'rules'; did you mean rule?"),
+        (
+            GOOD + "expct = 'x'",
+            "r.toml: rule 1 'no damage': unknown key 'expct'; did you mean expect?",
+        ),
+        (GOOD + "level = 1", "unknown key 'level'; the keys are name, expect, may_be_uncovered"),
+        (
+            GOOD + "may_be_uncovered = 1",
+            "r.toml: rule 1 'no damage': may_be_uncovered must be true or false",
+        ),
+        (
+            GOOD + "[[rule]]\nexpect = 'duration() > 1'",
+            'r.toml: rule 2: name is missing; write name = "..."',
+        ),
+        (GOOD + "[[rule]]\nname = 'x'", "r.toml: rule 2 'x': expect is missing"),
+        (
+            GOOD + "[[rule]]\nname = 3\nexpect = 'x'",
+            "r.toml: rule 2: name must be a text in quotes",
+        ),
+        (GOOD + GOOD, "r.toml: rule 2 'no damage': another rule has this name"),
+        (
+            GOOD + "[[rule]]\nname = 'x'\nexpect = 'delay(p9) < 2'",
+            "r.toml: rule 2 'x': delay needs p50, p95, p99 or max",
+        ),
+    ],
+)
+def test_a_mistake_in_a_file_is_named(text: str, message: str) -> None:
+    with pytest.raises(InputTextError) as found:
+        rules_of_toml(text, "r.toml")
+    assert message in str(found.value)
