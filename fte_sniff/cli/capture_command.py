@@ -6,6 +6,7 @@ import os
 import shlex
 import signal
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -21,6 +22,8 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.cli.options import (
     FileName,
     Seconds,
+    alert_of,
+    alert_option,
     all_of,
     filter_option,
     keep_rows_option,
@@ -44,6 +47,7 @@ from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
 
 if TYPE_CHECKING:
+    from fte_sniff.analysis.filter.row_filter import Alert
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
@@ -72,6 +76,7 @@ capture_options = all_of(
     ),
     click.option("--plain", is_flag=True, help="Print one line a row instead of the screen."),
     filter_option,
+    alert_option,
     keep_rows_option(1_000_000),
     units_options,
     config_option,
@@ -102,6 +107,7 @@ def run_capture(
     plain: bool,
     lang: str | None,
     filter_text: str | None,
+    alert_text: str | None,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
@@ -129,10 +135,16 @@ def run_capture(
     elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
         if resolution is not None:
             print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
-        _print_lines(plan, filter_text)
+        _print_lines(plan, filter_text, alert_of(alert_text))
     else:
         start = _start_options(plan, setup, settings, lang)
-        _show_screen(plan, replace(start, row_filter=row_filter(filter_text), keep_rows=keep_rows))
+        start = replace(
+            start,
+            row_filter=row_filter(filter_text),
+            alert=alert_of(alert_text),
+            keep_rows=keep_rows,
+        )
+        _show_screen(plan, start)
 
 
 def _start_options(
@@ -172,12 +184,12 @@ def _ended_by_signals(
     return ending_signals(session.stop, _ending_signals(plan), session.hurry)
 
 
-def _print_lines(plan: CapturePlan, filter_text: str | None) -> None:
+def _print_lines(plan: CapturePlan, filter_text: str | None, alert: Alert | None) -> None:
     select = selection(filter_text)
     from fte_sniff.session.live_session import LiveSession
 
     session = LiveSession(plan)
-    lines = PlainLines(select, ports=len(plan.wiring.names) > 1)
+    lines = PlainLines(select, ports=len(plan.wiring.names) > 1, alert=alert)
     with _ended_by_signals(session, plan):
         session.begin()
         _report_device(session)
@@ -302,9 +314,14 @@ class PlainLines:
     """Prints and counts the rows and events of a capture."""
 
     def __init__(
-        self, select: Callable[[Sequence[Row]], list[Row]], *, ports: bool = False
+        self,
+        select: Callable[[Sequence[Row]], list[Row]],
+        *,
+        ports: bool = False,
+        alert: Alert | None = None,
     ) -> None:
         self._select = select
+        self._alert = alert
         self._writer = row_writer(OutputFormat.TABLE, sys.stdout, ports=ports)
         self._tally = Tally()
         self._events: Counter[PortEventKind] = Counter()
@@ -324,6 +341,10 @@ class PlainLines:
         self._not_shown = update.state.not_shown
         self._tally.update(update.rows)
         self._writer.write(self._select(update.rows))
+        rings = self._alert is not None and self._alert.observe(update.rows, time.monotonic())
+        if rings and sys.stderr.isatty():
+            sys.stderr.write("\a")
+            sys.stderr.flush()
         sys.stdout.flush()
 
     def close(self) -> None:

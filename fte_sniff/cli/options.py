@@ -27,7 +27,7 @@ from fte_sniff.errors import InputTextError, UsageError, quoted, shortened
 from fte_sniff.protocol import DEFAULT_BAUD, Row, iso_time
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.cli.settings import Settings
     from fte_sniff.recording.batch_reader import TimeRange
@@ -187,6 +187,16 @@ filter_option = click.option(
 """The `--filter` option."""
 
 
+alert_option = click.option(
+    "--alert",
+    "alert_text",
+    metavar="EXPR",
+    shell_complete=complete_filter,
+    help="Ring the bell, at most once per second, when rows match: error != 0.",
+)
+"""The `--alert` option; its value goes to `alert_of`."""
+
+
 def row_filter(text: str | None) -> RowFilter | None:
     """The filter of `--filter`, if it was given; raises FilterError if it is invalid."""
     if text is None:
@@ -194,6 +204,16 @@ def row_filter(text: str | None) -> RowFilter | None:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
     return RowFilter.parse(text)
+
+
+def alert_of(text: str | None) -> Alert | None:
+    """The alert of `--alert`, if it was given; raises FilterError if its filter is invalid."""
+    wanted = row_filter(text)
+    if wanted is None:
+        return None
+    from fte_sniff.analysis.filter.row_filter import Alert
+
+    return Alert(wanted)
 
 
 def selection(text: str | None) -> Callable[[Sequence[Row]], list[Row]]:

@@ -133,6 +133,7 @@ class Settings:
             screen = replace(
                 found.screen,
                 theme=choices.theme,
+                language=choices.language or found.screen.language,
                 columns=None if columns is None else columns.names,
                 widths=None if columns is None else dict(columns.widths) or None,
             )

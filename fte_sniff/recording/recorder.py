@@ -164,6 +164,17 @@ class Recorder:
         return 0 if writer is None else writer.rows - writer.flushed_rows
 
     @property
+    def size(self) -> int:
+        """Bytes in all files."""
+        writer = self._writer
+        return self._files.closed_bytes + (0 if writer is None else writer.size)
+
+    @property
+    def fired(self) -> int | None:
+        """How often the trigger fired; None without one."""
+        return None if self._trigger is None else self._trigger.events
+
+    @property
     def outcome(self) -> Outcome:
         """The files so far."""
         files, trigger = self._files, self._trigger

@@ -175,6 +175,11 @@ class FileRetention:
         self._closed.append(_ClosedFile(path, found.st_size, _identity(found), rows))
 
     @property
+    def closed_bytes(self) -> int:
+        """Size of the closed files that were not deleted."""
+        return sum(file.size for file in tuple(self._closed))
+
+    @property
     def oldest(self) -> Path | None:
         """The oldest closed file that was not deleted."""
         return self._closed[0].path if self._closed else None
@@ -182,7 +187,7 @@ class FileRetention:
     def limit_reached(self, size: int) -> str:
         """The limit that is reached, in words, if the current file has `size` bytes; else empty."""
         limit = self._options.max_bytes
-        if limit is not None and size + sum(file.size for file in self._closed) >= limit:
+        if limit is not None and size + self.closed_bytes >= limit:
             return TranslatableText(
                 "its files have reached {size} (--max-size)", size=size_text(limit)
             )

@@ -287,11 +287,13 @@ class CaptureLoop:
             self._outbox.put_recording(changes)
 
     def _progress(self) -> WriteProgress:
-        since_s = self._writing_since_s
+        since_s, recorder = self._writing_since_s, self._recorder
         return WriteProgress(
-            self._recorder.unflushed_rows if self._recorder is not None else 0,
+            recorder.unflushed_rows if recorder is not None else 0,
             since_s is not None and time.monotonic() - since_s >= SLOW_S,
             self._is_ending or self._source.end is not None,
+            recorder.size if recorder is not None else 0,
+            recorder.fired if recorder is not None else None,
         )
 
 

@@ -44,6 +44,10 @@ class WriteProgress:
     """Whether a write takes long."""
     is_end: bool = False
     """Whether reading has ended."""
+    bytes: int = 0
+    """Size of all files."""
+    fired: int | None = None
+    """How often the trigger fired; None without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +164,8 @@ class CaptureState:
             not_shown=self.not_shown,
             files=tuple(map(str, self.recordings)),
             leftover=self.leftover,
+            recorded_bytes=self.progress.bytes,
+            fired=self.progress.fired,
         )
 
     def _title(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -160,6 +160,9 @@ class RawSink:
 OVERWRITE: Final = "!"
 """After a file name, it allows the file to be replaced."""
 
+PICTURE_SUFFIXES: Final = (".svg", ".html")
+"""Formats of a picture of the screen."""
+
 DEFAULT_NAME: Final = "rows.csv"
 """File name for rows if the user gives none."""
 
@@ -182,11 +185,13 @@ class SaveTarget:
     """Files that rows come from or are recorded to; they are never replaced."""
 
     @classmethod
-    def parse(cls, line: str, in_use: Sequence[str] = ()) -> SaveTarget:
+    def parse(
+        cls, line: str, in_use: Sequence[str] = (), suffixes: Collection[str] = FORMAT_BY_SUFFIX
+    ) -> SaveTarget:
         """The file that a typed line names; `!` after the name allows an existing file.
 
         Raises:
-            UsageError: the suffix is not in `FORMAT_BY_SUFFIX`.
+            UsageError: the suffix is not in `suffixes`.
             FileError: see `check`.
         """
         name = line.strip()
@@ -194,8 +199,8 @@ class SaveTarget:
         path = Path(name.removesuffix(OVERWRITE).rstrip())
         with suppress(RuntimeError):  # no such user
             path = path.expanduser()
-        if path.suffix.lower() not in FORMAT_BY_SUFFIX:
-            forms = " ".join(FORMAT_BY_SUFFIX)
+        if path.suffix.lower() not in suffixes:
+            forms = " ".join(suffixes)
             raise UsageError("the name's end says what is written: {forms}", forms=forms)
         target = cls(path, replace, in_use)
         target.check()

@@ -19,13 +19,22 @@ from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.session.save import SaveJob
 from fte_sniff.tui.goto import GotoField, parse_goal, row_of, time_at, time_of
-from fte_sniff.tui.i18n import _, error_text, theme_after
-from fte_sniff.tui.keys import COMMANDS, key_names
+from fte_sniff.tui.i18n import LANGUAGES, _, error_text, switch_language, theme_after
+from fte_sniff.tui.keys import COMMANDS, SEARCH_WORDS, key_names, translate_keys
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
 from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.prompt import FilterField, SaveField, SearchField, parse_filter, preload_filter
+from fte_sniff.tui.prompt import (
+    FilterField,
+    PictureField,
+    PromptField,
+    PromptLine,
+    SaveField,
+    SearchField,
+    parse_filter,
+    preload_filter,
+)
 from fte_sniff.tui.table.columns import TimeStyle, column_of
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.view_model import ViewModel
@@ -43,6 +52,9 @@ class ScreenActions(App[None]):
     _goto_field: GotoField
     _search_field: SearchField
     _save_field: SaveField
+    _picture_field: PictureField
+    language: str
+    """A key of `i18n.LANGUAGES`."""
     _earlier_filters: list[str]
     """Filters before the current one, the latest last; an empty one shows all rows."""
     _save_job: SaveJob | None
@@ -64,7 +76,7 @@ class ScreenActions(App[None]):
 
 
 class ViewActions(ScreenActions):
-    """Pause, times, columns, theme, panes, help and the list of commands."""
+    """Pause, times, columns, theme, language, panes, help and the list of commands."""
 
     def action_pause(self) -> None:
         """Freeze the view, or resume it."""
@@ -104,6 +116,19 @@ class ViewActions(ScreenActions):
         self._table.sync()
         self._inform(_("theme {name}").format(name=self.theme))
 
+    def action_language(self) -> None:
+        """Switch to the next language."""
+        words = list(LANGUAGES)
+        self.language = words[(words.index(self.language) + 1) % len(words)]
+        switch_language(self.language)
+        for node in (self, *self.query(RowTable), *self.query(PromptLine)):
+            translate_keys(node)
+        for field in self.query(PromptField):
+            field.translate()
+        self._panes.forget_texts()
+        self._table.refresh()
+        self._inform(_("the language is English"))
+
     def action_pane(self, name: str) -> None:
         """Show or close a pane; one that explains a row stops following the end."""
         self._panes.toggle(name)
@@ -129,8 +154,16 @@ class ViewActions(ScreenActions):
 
     def action_palette(self) -> None:
         """Pick a command from a list."""
-        entries = [Entry(_(key.tooltip), key.action, key_names(key)) for key in COMMANDS]
-        self.push_screen(Picker(_("do"), entries), self._run_command)
+        entries = [
+            Entry(
+                _(key.tooltip),
+                key.action,
+                key_names(key),
+                f"{key.key_display} {key.tooltip} {SEARCH_WORDS.get(key.action, '')}",
+            )
+            for key in COMMANDS
+        ]
+        self.push_screen(Picker(_("commands"), entries), self._run_command)
 
     async def _run_command(self, action: str | None) -> None:
         if action is not None and not await self.run_action(action, self):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
+from math import inf
 from pathlib import Path
-from time import monotonic_ns
+from time import monotonic, monotonic_ns
 from typing import ClassVar
 
 from textual import on
@@ -24,6 +25,7 @@ from fte_sniff.analysis.row_store import BlockSource
 from fte_sniff.analysis.search import Search
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FteSniffError, printable
+from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.tui.actions import FindActions, NavigationActions, ViewActions
 from fte_sniff.tui.export_actions import ExportActions
 from fte_sniff.tui.goto import GotoField, parse_goal
@@ -38,10 +40,16 @@ from fte_sniff.tui.keys import (
     bindings,
     translate_keys,
 )
-from fte_sniff.tui.notices import NoticeLine
+from fte_sniff.tui.notices import INFO_S, NoticeLine
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.panes.switcher import PaneSwitcher
-from fte_sniff.tui.prompt import FilterField, PromptLine, SaveField, SearchField
+from fte_sniff.tui.prompt import (
+    FilterField,
+    PictureField,
+    PromptLine,
+    SaveField,
+    SearchField,
+)
 from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
 from fte_sniff.tui.table.columns import TableView, zone_at
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, NoColor
@@ -74,6 +82,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         """Build the widgets; with a `source`, which reads rows again, not all stay in memory."""
         super().__init__()
         set_language(options.language)
+        self.language = options.language
         translate_keys(self)
         for theme in CONTRAST_THEMES:
             self.register_theme(theme)
@@ -84,7 +93,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         """The feed's error that closed the screen."""
         self._options = options
         self._poll_interval = PollInterval(feed)
-        self._model = ViewModel(feed, options.row_filter, options.store(source))
+        self._model = ViewModel(feed, options.row_filter, options.store(source), options.alert)
         store = self._model.store
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(store, self._header, TableView(choice=options.choices.columns))
@@ -95,8 +104,11 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._search_field = SearchField(Search.parse, self._search)
         self._goto_field = GotoField(parse_goal, self._go)
         self._save_field = SaveField(self._target, self._save)
+        self._picture_field = PictureField(self._picture_target, self._save_picture)
         self._earlier_filters = []
         self._save_job = None
+        self._quit_asked_s = -inf
+        self._alerts = 0
         self._status_line = StatusLine()
         self._hit_status = HitStatus(store, self._table)
         self.first_choices = self.choices
@@ -112,6 +124,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         yield self._search_field
         yield self._goto_field
         yield self._save_field
+        yield self._picture_field
         yield self._status_line
         yield KeyLine()
 
@@ -144,7 +157,19 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             self._panes.close()
 
     def action_leave(self) -> None:
-        """Quit."""
+        """Close the open pane, else quit; while it is recorded, only when pressed again."""
+        if self._panes.close():
+            return
+        state, now_s = self._model.state, monotonic()
+        is_recording = state.recording is not None and state.running
+        if is_recording and now_s > self._quit_asked_s + INFO_S:
+            self._quit_asked_s = now_s
+            self._inform(_("press q again to stop recording and quit"))
+        else:
+            self.exit()
+
+    async def action_quit(self) -> None:
+        """Quit at once."""
         self.exit()
 
     def get_driver_class(self) -> type[Driver]:
@@ -186,7 +211,8 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     @property
     def choices(self) -> Choices:
         """What the user has chosen by now."""
-        return Choices(self.theme, self._table.view.choice)
+        switched = self.language if self.language != self._options.language else None
+        return Choices(self.theme, self._table.view.choice, switched)
 
     @property
     def tally(self) -> Tally:
@@ -252,6 +278,10 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         state = self._model.state
         for event in update.events if state.live else ():
             self._notice.on_port_event(event, self._table.view.shown_zone)
+        if update.rings:
+            self.bell()
+            self._title_line.flash()
+        self._report_alert()
         if update.trouble:
             self._notice.pin("recording", printable(_(update.trouble)))
         elif not state.trouble:
@@ -264,11 +294,24 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         elif update.ended and self._model.events_text:
             self._notice.inform(self._model.events_text)
 
+    def _report_alert(self) -> None:
+        """Count the rows that match the alert's filter."""
+        alert = self._model.alert
+        if alert is None or alert.last is None or alert.count == self._alerts:
+            return
+        self._alerts = alert.count
+        text = _("{count:,} rows match the alert")
+        if alert.last.t_ns is not None:
+            text = _("{count:,} rows match the alert, the last at {time}")
+        zone = self._table.view.shown_zone
+        time = clock_text(alert.last.t_ns or 0, 3, zone)
+        self._notice.pin("alert", text.format(count=alert.count, time=time))
+
     def _show_state(self) -> None:
         model, viewport = self._model, self._table.viewport
         mode = mode_of(model.state, viewport.paused, viewport.following)
         unseen = viewport.waiting if viewport.paused else viewport.below
-        self._title_line.show(model.state, mode, unseen)
+        self._title_line.show(model.state, mode, unseen, int(model.recorded_s))
         self._status_line.numbers = model.status_counters(viewport, self._hit_status.text)
         self._filter_field.set_count(model.filter_text)
         self._table.set_empty_text(model.empty_text)

@@ -1,4 +1,4 @@
-"""Copy and save actions."""
+"""Copy and save actions: rows to the clipboard and to files, and pictures of the screen."""
 
 from __future__ import annotations
 
@@ -12,14 +12,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from platformdirs import user_cache_path
+from rich.console import Console
+from rich.terminal_theme import SVG_EXPORT_THEME
 from textual.widgets import Input
 
 from fte_sniff.analysis.search import select_rows
-from fte_sniff.errors import FteSniffError, printable
+from fte_sniff.errors import FteSniffError, printable, unwritable
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import Row, spaced_hex
 from fte_sniff.recording.metadata import Selection
-from fte_sniff.session.save import ExportSource, SaveJob, SaveTarget, replace_text
+from fte_sniff.session.save import (
+    PICTURE_SUFFIXES,
+    ExportSource,
+    SaveJob,
+    SaveTarget,
+    replace_text,
+)
 from fte_sniff.tui.actions import ScreenActions
 from fte_sniff.tui.i18n import _, error_text
 
@@ -57,7 +65,7 @@ def _short_path(path: Path) -> str:
 
 
 class ExportActions(ScreenActions):
-    """Copy rows and typed text to the clipboard; save rows to files."""
+    """Copy rows and typed text to the clipboard; save rows and pictures to files."""
 
     def action_copy_text(self) -> None:
         """Copy the selected rows, or the cursor's, in the table format of `decode`."""
@@ -180,6 +188,44 @@ class ExportActions(ScreenActions):
             text = _("saved {count:,} rows to {file}")
             self._inform(text.format(count=job.rows, file=printable(str(job.path))))
             self._end_selection()
+
+    def action_picture(self) -> None:
+        """Keep the screen as it is now, and ask for the file to which it is saved."""
+        self._picture = self._record_screen()
+        self._picture_field.open()
+
+    def _record_screen(self) -> Console:
+        """The screen, as a console that can export it."""
+        width, height = self.size
+        console = Console(
+            width=width,
+            height=height,
+            file=StringIO(),
+            force_terminal=True,
+            color_system="truecolor",
+            record=True,
+            safe_box=False,
+        )
+        console.print(self.screen._compositor.render_update(full=True))
+        return console
+
+    def _picture_target(self, line: str) -> SaveTarget:
+        return SaveTarget.parse(line, self._model.state.files, PICTURE_SUFFIXES)
+
+    def _save_picture(self, line: str) -> None:
+        if not line:
+            return
+        path = self._picture_target(line).path
+        if path.suffix.lower() == ".svg":
+            text = self._picture.export_svg(title=self.title)
+        else:
+            text = self._picture.export_html(theme=SVG_EXPORT_THEME)
+        try:
+            path.write_text(text, "utf-8")
+        except OSError as error:
+            self._notice.warn(error_text(unwritable(path, error)))
+        else:
+            self._inform(_("saved the screen to {file}").format(file=printable(str(path))))
 
     def _show_progress(self, job: SaveJob, share: float) -> None:
         text = _("saving to {file}: {share:.0%}, esc ends it")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gettext
 from collections.abc import Mapping
 from contextvars import ContextVar
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Final, Self
@@ -23,8 +24,16 @@ LANGUAGES: Final[Mapping[str, str]] = {"en": "English", "zh": "中文"}
 AUTO: Final = "auto"
 """The language of the locale."""
 
-_translations: ContextVar[gettext.NullTranslations] = ContextVar("translations")
-_ENGLISH: Final = gettext.NullTranslations()
+
+@dataclass(slots=True)
+class _Catalogue:
+    """The catalogue in use; tasks of one screen share it, so that it can be switched."""
+
+    texts: gettext.NullTranslations
+
+
+_catalogue: ContextVar[_Catalogue] = ContextVar("catalogue")
+_ENGLISH: Final = _Catalogue(gettext.NullTranslations())
 
 
 def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
@@ -45,7 +54,16 @@ def language_of(wanted: str | None, environment: Mapping[str, str]) -> str:
 
 def set_language(language: str) -> None:
     """Translate to this language, in this context and in tasks that start in it."""
-    _translations.set(gettext.translation(DOMAIN, CATALOGUES, [language], fallback=True))
+    _catalogue.set(_Catalogue(_texts(language)))
+
+
+def switch_language(language: str) -> None:
+    """Translate to this language, in all tasks that share the one of `set_language`."""
+    _catalogue.get().texts = _texts(language)
+
+
+def _texts(language: str) -> gettext.NullTranslations:
+    return gettext.translation(DOMAIN, CATALOGUES, [language], fallback=True)
 
 
 def _(text: str) -> str:
@@ -57,7 +75,7 @@ def _(text: str) -> str:
         }
         return _(text.form).format(**values)
     # For gettext, the empty text is the key of a catalogue's header.
-    return _translations.get(_ENGLISH).gettext(text) if text else ""
+    return _catalogue.get(_ENGLISH).texts.gettext(text) if text else ""
 
 
 def error_text(error: FteSniffError) -> str:

@@ -7,6 +7,7 @@ opened.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import cast
 
@@ -45,18 +46,18 @@ FINDING: tuple[Binding, ...] = (
     _key("f", "filter", "Filter", "filter the rows: motor = 1 AND rpm > 500", "f"),
     _key("F", "unfilter", "", "show all rows again", "F"),
     _key("e", "fault(1)", "Fault", "the next row with a fault", "e"),
-    _key("E", "fault(-1)", "", "the fault before", "E"),
+    _key("E", "fault(-1)", "", "the previous row with a fault", "E"),
     _key("a", "raised(1)", "Flags", "the next row whose ERROR or ONLINE is not all in order", "a"),
-    _key("A", "raised(-1)", "", "the one before", "A"),
+    _key("A", "raised(-1)", "", "the previous row whose ERROR or ONLINE is not all in order", "A"),
     _key("slash", "search", "Search", "find rows that have a text or bytes (hex:AA ?? 03)", "/"),
     _key("n", "again(1)", "", "the next hit of the search", "n"),
-    _key("N", "again(-1)", "", "the hit before", "N"),
+    _key("N", "again(-1)", "", "the previous hit of the search", "N"),
     _key("x", "only", "", "show only rows that are like this one in a cell", "x"),
     _key("X", "without", "", "hide rows that are like this one in a cell", "X"),
-    _key("backspace", "filter_before", "", "the previous filter", "backspace"),
+    _key("backspace", "filter_before", "", "return to the previous filter", "backspace"),
     _key("m", "mark", "", "mark the row, or remove its mark", "m"),
     _key("u", "to_mark(1)", "", "the next marked row", "u"),
-    _key("U", "to_mark(-1)", "", "the marked row before", "U"),
+    _key("U", "to_mark(-1)", "", "the previous marked row", "U"),
     _key(
         "colon", "goto", "", "go to a row (1200), 50%, a time (12:00:03.5), away (+2s), @byte", ":"
     ),
@@ -69,14 +70,13 @@ HANDLING: tuple[Binding, ...] = (
     _key("y", "copy_text", "", "copy the row decoded (through the terminal, OSC 52)", "y"),
     _key("Y,c", "copy", "", "copy the row's bytes as hex", "Y c"),
     _key("w", "save", "Save", "save the selected rows, or all that are shown, to a file", "w"),
+    _key("P", "picture", "", "save a screenshot as SVG or HTML", "P"),
     _key("t", "times(1)", "", "times: UTC, local, from the first row, the row before, a mark", "t"),
     _key("T", "times(-1)", "", "the same the other way round", "T"),
     _key("C", "columns", "", "choose columns, their order and widths", "C"),
-    _key("ctrl+t", "theme", "", "other colours: dark, light, with more contrast", "^t"),
-    _key("ctrl+p", "palette", "", "pick what to do from a list", "^p"),
-    _key(
-        "escape", "dismiss", "", "end what was begun: save, selection, search, notice, pane", "esc"
-    ),
+    _key("ctrl+t", "theme", "", "switch the theme: dark, light, with more contrast", "^t"),
+    _key("ctrl+p", "palette", "", "find a command by its name", "^p"),
+    _key("escape", "dismiss", "", "cancel: a save, selection, search, notice or pane", "esc"),
 )
 """Change the view, copy and save."""
 
@@ -93,14 +93,19 @@ UNDERSTANDING: tuple[Binding, ...] = (
 """Panes; the key of the open pane closes it."""
 
 LEAVING: tuple[Binding, ...] = (
-    _key("question_mark", "help", "Help", "this page", "?"),
-    _key("q", "leave", "Quit", "quit, and print where the recording is", "q"),
+    _key("question_mark", "help", "Help", "all keys and signs", "?"),
+    _key("q", "leave", "Quit", "close the pane; quit; a recording is stopped by a second q", "q"),
+    _key("Q,ctrl+q", "quit", "", "quit at once, and print where the recording is", "Q ^q"),
     _key("ctrl+z", "suspend_process", "", "to the shell until `fg`; a capture goes on", "^z"),
 )
 """Help and quit."""
 
+UNBOUND: tuple[Binding, ...] = (_key("", "language", "", "switch the language: English, Chinese"),)
+"""Commands without a key."""
+
 TABLE_ACTIONS = frozenset(
-    binding.action.partition("(")[0] for binding in (*FINDING, *HANDLING, *UNDERSTANDING, *LEAVING)
+    binding.action.partition("(")[0]
+    for binding in (*FINDING, *HANDLING, *UNDERSTANDING, *UNBOUND, *LEAVING)
 )
 """Actions that are off while a field or the help page is open."""
 
@@ -122,9 +127,50 @@ SHOWN_FIRST: tuple[str, ...] = (
 """Actions in the key line, the most important first."""
 
 COMMANDS: tuple[Binding, ...] = tuple(
-    binding for binding in (*FINDING, *HANDLING, *MOVING, *LEAVING) if binding.action != "palette"
+    binding
+    for binding in (*FINDING, *UNDERSTANDING, *HANDLING, *UNBOUND, *MOVING, *LEAVING)
+    if binding.action != "palette"
 )
 """Bindings in the list of commands."""
+
+SEARCH_WORDS: Mapping[str, str] = {
+    "filter": "where query sql show only",
+    "unfilter": "clear remove reset filter",
+    "fault(1)": "next error damage malformed",
+    "fault(-1)": "error damage malformed",
+    "raised(1)": "next alarm flag",
+    "raised(-1)": "alarm flag",
+    "search": "find grep text hex bytes",
+    "only": "filter by cell include",
+    "without": "filter by cell exclude",
+    "filter_before": "undo back filter",
+    "mark": "bookmark flag",
+    "goto": "jump seek time row number offset",
+    "pause": "stop freeze hold play playback",
+    "select": "range block rows",
+    "copy_text": "clipboard yank",
+    "copy": "clipboard yank hex",
+    "save": "export write csv jsonl parquet mcap hex raw txt",
+    "picture": "screenshot image export svg html print",
+    "times": "clock timestamp utc local zone",
+    "columns": "fields width layout",
+    "theme": "colours colors dark light contrast appearance",
+    "language": "locale english chinese 中文 translation",
+    "dismiss": "escape close back",
+    "pane('detail')": "explain decode inspect row",
+    "pane('bytes')": "hex dump",
+    "pane('motors')": "plot curve chart graph rpm speed",
+    "pane('statistics')": "stats rates counters",
+    "zoom(-1)": "zoom in",
+    "zoom(1)": "zoom out",
+    "first": "top start beginning home",
+    "follow": "bottom end tail newest last live",
+    "help": "keys shortcuts manual",
+    "leave": "exit close end",
+    "quit": "exit close end",
+    "suspend_process": "background shell",
+}
+"""Further words by which the list of commands finds an action."""
 
 
 def _of_list(key: str, short: str, display: str) -> Binding:
@@ -147,7 +193,7 @@ CHOOSING = (
 """Keys of the column chooser."""
 
 INTERRUPT = Binding(
-    "ctrl+c", "interrupt", "Quit", show=False, priority=True, tooltip="copy a selection, or end"
+    "ctrl+c", "interrupt", "Quit", show=False, priority=True, tooltip="copy a selection, or quit"
 )
 """Quits, but copies where text is selected in a field."""
 
@@ -182,9 +228,9 @@ def bindings(*groups: tuple[Binding, ...]) -> list[BindingType]:
 
 def translate_keys(node: DOMNode) -> None:
     """Translate the descriptions of a widget's keys."""
-    keys = node._bindings.key_to_bindings
-    for key, known in keys.items():
+    english = type(node)._merge_bindings().key_to_bindings
+    for key, known in english.items():
         # A new list, since the old one belongs to the class.
-        keys[key] = [
+        node._bindings.key_to_bindings[key] = [
             replace(one, description=_(one.description), tooltip=_(one.tooltip)) for one in known
         ]

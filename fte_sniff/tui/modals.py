@@ -130,6 +130,8 @@ class Entry:
     value: str
     right: str = ""
     """Text at the right end, such as a key."""
+    words: str = ""
+    """Further words by which it is found."""
 
 
 class Picker(ListScreen[str | None]):
@@ -144,13 +146,18 @@ class Picker(ListScreen[str | None]):
 
     @property
     def shown(self) -> list[Entry]:
-        """The entries that contain every typed word; the sooner the first one, the higher."""
+        """The entries that contain every typed word; the sooner the first one, the higher.
+
+        A key that was typed comes first, and hits at the start of a word before others.
+        """
         words = self._typed.lower().split()
         found = []
         for entry in self._entries:
-            text = f"{entry.text} {entry.right}".lower()
+            text = f" {entry.text} {entry.right} {entry.words}".lower()
             if all(word in text for word in words):
-                found.append((text.find(words[0]) if words else 0, entry))
+                at = text.find(f" {words[0]}") if words else 0
+                is_key = self._typed in entry.right.split()
+                found.append(((not is_key, at < 0, at), entry))
         return [entry for _, entry in sorted(found, key=lambda pair: pair[0])]
 
     def on_mount(self) -> None:
@@ -162,7 +169,7 @@ class Picker(ListScreen[str | None]):
         self._typed = typed
         lines = [(entry.text, entry.right) for entry in self.shown]
         hint = f"{typed}_" if typed else _("type to find, enter picks, esc goes back")
-        self._show(self._heading, hint, lines or [(_("nothing is called that"), "")], cursor)
+        self._show(self._heading, hint, lines or [(_("no match"), "")], cursor)
 
     def _press(self, event: events.Key) -> None:
         match event.key:

@@ -14,7 +14,7 @@ from fte_sniff.session.save import UNKNOWN, ExportSource
 from fte_sniff.tui.table.columns import ColumnChoice
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +25,8 @@ class Choices:
     """One of `i18n.THEMES`; None for the default."""
     columns: ColumnChoice | None = None
     """None where the width of the window decides."""
+    language: str | None = None
+    """A key of `i18n.LANGUAGES`; None where it was not switched."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,8 @@ class StartOptions:
     """Whether the screen closes when its feed has ended."""
     row_filter: RowFilter | None = None
     """The first filter."""
+    alert: Alert | None = None
+    """Signals rows that match its filter."""
     keep_rows: int = DEFAULT_BOUND
     """Rows that are kept, or kept in memory, at least 1; the oldest are dropped first."""
     signals: tuple[signal.Signals, ...] = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)

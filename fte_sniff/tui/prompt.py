@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from importlib import import_module
 from threading import Thread
 from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias
@@ -19,7 +19,7 @@ from textual.widgets import Input, Static
 
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
-from fte_sniff.session.save import DEFAULT_NAME, free_path
+from fte_sniff.session.save import DEFAULT_NAME, PICTURE_SUFFIXES, free_path
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.keys import translate_keys
 from fte_sniff.tui.notices import WrappedText
@@ -142,14 +142,23 @@ class PromptField(Vertical):
         self._line = PromptLine(self, self.EXAMPLE, suggester)
         self._focused_before: Widget | None = None
         self._verdict = WrappedText(classes="verdict")
+        self._label = Static(self._label_text, classes="label")
         self.current = ""
         """The line in effect; shown while the field is closed."""
         self.display = False
 
+    @property
+    def _label_text(self) -> Text:
+        return Text(f" {_(self.LABEL)} ")
+
+    def translate(self) -> None:
+        """Show the label in the current language."""
+        self._label.update(self._label_text)
+
     def compose(self) -> ComposeResult:
         """The label, the input and, below, the verdict."""
         with Horizontal(classes="asked"):
-            yield Static(Text(f" {_(self.LABEL)} "), classes="label")
+            yield self._label
             yield self._line
         yield self._verdict
 
@@ -333,10 +342,11 @@ class SaveField(PromptField):
     LABEL = later("save to")
     EXAMPLE = DEFAULT_NAME
     HINT = later("enter saves, esc goes back; the name's end is the form: {forms}")
+    SUFFIXES: ClassVar[Collection[str]] = FORMAT_BY_SUFFIX
 
     def open(self) -> None:
         """Suggest a name that is free, and let the user type another."""
-        self._line.placeholder = str(free_path(DEFAULT_NAME))
+        self._line.placeholder = str(free_path(self.EXAMPLE))
         super().open()
 
     @property
@@ -347,4 +357,12 @@ class SaveField(PromptField):
     @property
     def hint(self) -> str:
         """With the names of all forms."""
-        return super().hint.format(forms=" ".join(FORMAT_BY_SUFFIX))
+        return super().hint.format(forms=" ".join(self.SUFFIXES))
+
+
+class PictureField(SaveField):
+    """Asks for the file name of a picture of the screen."""
+
+    LABEL = later("picture to")
+    EXAMPLE = "fte-sniff-screen.svg"
+    SUFFIXES = PICTURE_SUFFIXES

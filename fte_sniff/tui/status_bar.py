@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import timedelta
 from enum import StrEnum
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from rich.cells import cell_len
+from rich.style import Style
 from rich.text import Text
 from textual.binding import Binding
 from textual.events import Click
@@ -17,10 +19,17 @@ from textual.widget import Widget
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import fit, fit_path
+from fte_sniff.recording.retention import size_text
 from fte_sniff.tui.i18n import _
 from fte_sniff.tui.keys import SHOWN_FIRST, key_names
 
 NAME = "fte-sniff"
+
+WIDE = 72
+"""Cells from which on words are not abbreviated."""
+
+MIN_PATH, MIN_NAMES = 14, 14
+"""Cells that the path and the names have at least, where they are that long."""
 
 
 class Mode(StrEnum):
@@ -59,26 +68,94 @@ def badge_text(state: FeedState, mode: Mode, unseen: int) -> str:
     return f" {words} "
 
 
-def title_text(state: FeedState, mode: Mode, unseen: int, width: int) -> str:
-    """The title line in exactly `width` cells; names are cut before the mode is.
+class RecordingSign(StrEnum):
+    """What happens to the rows of a capture; the value is the sign before the words."""
 
-    `unseen` is the number of rows since a pause, or below the window.
+    RECORDING = "●"
+    ARMED = "◎"
+    NOT_RECORDING = "○"
+    STOPPED = "✗"
+    """Against the user's will."""
+    ENDED = "■"
+
+
+def recording_sign(state: FeedState) -> RecordingSign | None:
+    """What happens to the rows; None for files."""
+    if not state.live:
+        return None
+    if state.recording is None:
+        stopped = bool(state.files) and state.running
+        return RecordingSign.STOPPED if stopped else RecordingSign.NOT_RECORDING
+    if not state.running:
+        return RecordingSign.ENDED
+    return RecordingSign.ARMED if state.fired == 0 else RecordingSign.RECORDING
+
+
+def recording_text(state: FeedState, elapsed_s: float, *, short: bool = False) -> str:
+    """Whether rows are recorded, for how long, and how large the files are; empty for files.
+
+    `short` leaves only the first.
     """
-    badge = badge_text(state, mode, unseen)
+    sign = recording_sign(state)
+    words = {
+        None: "",
+        RecordingSign.RECORDING: _("REC"),
+        RecordingSign.ARMED: _("ARMED"),
+        RecordingSign.NOT_RECORDING: _("not recording") if state.running else _("not recorded"),
+        RecordingSign.STOPPED: _("NOT RECORDING"),
+        RecordingSign.ENDED: _("recorded"),
+    }[sign]
+    if state.recording is None or sign is None or short:
+        return f" {sign} {words} " if sign else ""
+    fired = "" if not state.fired else _("{count:,} events").format(count=state.fired) + " "
+    span = timedelta(seconds=int(elapsed_s))
+    return f" {sign} {words} {fired}{span} {size_text(state.recorded_bytes)} "
+
+
+def title_parts(
+    state: FeedState, mode: Mode, unseen: int, width: int, elapsed_s: float = 0
+) -> tuple[str, str, str, str]:
+    """Names, state of the recording, its path, and mode: the title line in `width` cells.
+
+    The path is cut first, then the names. `unseen` is the number of rows since a pause, or below
+    the window; `elapsed_s` the age of the recording.
+    """
+    badge, recording = (
+        badge_text(state, mode, unseen),
+        recording_text(state, elapsed_s, short=width < WIDE),
+    )
     left = max(0, width - cell_len(badge))
-    names = f" {printable(state.title)}"
-    if cell_len(names) + cell_len(NAME) + 2 < left:
+    recording = fit(recording, min(left, cell_len(recording)))
+    left -= cell_len(recording)
+    path = f" {printable(state.recording)}" if state.recording is not None and recording else ""
+    shortest = min(cell_len(path), MIN_PATH)
+    names = f" {printable(state.title)} "
+    if cell_len(names) + cell_len(NAME) + 1 + cell_len(path) <= left:
         names = f" {NAME} {names}"
-    if state.recording is not None:
-        lead = "  " + _("rec") + " "
-        rest = left - cell_len(names) - cell_len(lead) - 1
-        path = printable(state.recording)
-        shortest = min(cell_len(path), 16)
-        if rest < shortest:
-            names = fit(names, max(0, left - cell_len(lead) - 1 - shortest)).rstrip()
-            rest = left - cell_len(names) - cell_len(lead) - 1
-        names += f"{lead}{fit_path(path, rest)}"
-    return fit(names, left) + badge
+    if cell_len(names) + shortest > left:
+        names = fit(names, max(min(MIN_NAMES, left), left - shortest))
+    left -= cell_len(names)
+    path = fit(fit_path(path, left), left) if left >= shortest else " " * left
+    if not recording:
+        return fit(names, left + cell_len(names)), "", "", badge
+    return names, recording, path, badge
+
+
+def title_text(state: FeedState, mode: Mode, unseen: int, width: int, elapsed_s: float = 0) -> str:
+    """The title line in exactly `width` cells."""
+    return "".join(title_parts(state, mode, unseen, width, elapsed_s))
+
+
+RECORDING_STYLES: Final = {
+    RecordingSign.RECORDING: Style(color="#ffffff", bgcolor="#c01020", bold=True),
+    RecordingSign.ARMED: Style(color="#101010", bgcolor="#f0c030", bold=True),
+    RecordingSign.STOPPED: Style(color="#ffffff", bgcolor="#b84a00", bold=True, blink=True),
+}
+"""Styles of the state of the recording; other states have that of the line."""
+
+
+FLASH_S: Final = 0.5
+"""How long an alert changes the title's colours, seconds."""
 
 
 class TitleLine(Widget):
@@ -86,13 +163,18 @@ class TitleLine(Widget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._shown: tuple[FeedState, Mode, int] | None = None
+        self._shown: tuple[FeedState, Mode, int, float] | None = None
         self._line = ""
 
-    def show(self, state: FeedState, mode: Mode, unseen: int) -> None:
-        """Draw a changed state."""
-        self._shown = (state, mode, unseen)
-        line = title_text(state, mode, unseen, self.size.width)
+    def flash(self) -> None:
+        """Draw the line in other colours for a moment."""
+        self.add_class("-alert")
+        self.set_timer(FLASH_S, lambda: self.remove_class("-alert"))
+
+    def show(self, state: FeedState, mode: Mode, unseen: int, elapsed_s: float = 0) -> None:
+        """Draw a changed state; the arguments are those of `title_text`."""
+        self._shown = (state, mode, unseen, elapsed_s)
+        line = title_text(state, mode, unseen, self.size.width, elapsed_s)
         if line != self._line:
             self._line = line
             self.set_class(mode is Mode.PAUSED, "-paused")
@@ -100,18 +182,14 @@ class TitleLine(Widget):
             self.refresh()
 
     def render(self) -> Text:
-        """The line, with the mode highlighted at its end."""
+        """The line, with the recording and the mode highlighted."""
         if self._shown is None:
             return Text()
-        state, mode, unseen = self._shown
-        line = title_text(state, mode, unseen, self.size.width)
-        text = Text(line, no_wrap=True, overflow="crop")
-        text.stylize("bold reverse", max(0, len(line) - len(badge_text(state, mode, unseen))))
-        return text
-
-
-WIDE = 72
-"""Cells from which on words are not abbreviated."""
+        state, mode, unseen, elapsed_s = self._shown
+        names, recording, path, badge = title_parts(state, mode, unseen, self.size.width, elapsed_s)
+        style = RECORDING_STYLES.get(recording_sign(state) or RecordingSign.ENDED, "bold")
+        parts = (names, (recording, style), path, (badge, "bold reverse"))
+        return Text.assemble(*parts, no_wrap=True, overflow="crop")
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +215,8 @@ class StatusCounters:
     """Errors that UARTs reported."""
     hits: str = ""
     """Text about the hits of the search."""
+    is_mean: bool = False
+    """Whether the rate is that of all rows, not the current one."""
 
 
 def status_text(numbers: StatusCounters, width: int) -> str:
@@ -160,6 +240,9 @@ def status_text(numbers: StatusCounters, width: int) -> str:
     return fit(line, width)
 
 
+RATE, MEAN_RATE = "{rate:>5,.0f}/s", "ø {rate:>3,.0f}/s"
+
+
 def _parts(numbers: StatusCounters, *, abbreviated: bool) -> list[str]:
     """Rows, rate and malformed rows; abbreviated, the rate is the last."""
     malformed = _("{count:>6,} malformed {share:>6}")
@@ -170,10 +253,13 @@ def _parts(numbers: StatusCounters, *, abbreviated: bool) -> list[str]:
         _("{count:>9,} rows").format(count=numbers.rows),
         malformed.format(count=numbers.malformed, share=share),
     ]
-    if abbreviated and numbers.frames_per_s is not None:
-        parts.append(f"{numbers.frames_per_s:>5,.0f}/s")
-    elif numbers.frames_per_s is not None:
-        parts.insert(1, _("{rate:>6,.0f} frames/s").format(rate=numbers.frames_per_s))
+    rate = numbers.frames_per_s
+    if rate is not None and abbreviated:
+        form = MEAN_RATE if numbers.is_mean else RATE
+        parts.append(form.format(rate=rate))
+    elif rate is not None:
+        form = _("{rate:>6,.0f} frames/s mean") if numbers.is_mean else _("{rate:>6,.0f} frames/s")
+        parts.insert(1, form.format(rate=rate))
     return parts
 
 

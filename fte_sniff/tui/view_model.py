@@ -23,7 +23,7 @@ from fte_sniff.analysis.feed import (
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import HitCounter
 from fte_sniff.analysis.tally import Tally
-from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.notices import event_words
 from fte_sniff.tui.status_bar import StatusCounters
@@ -31,7 +31,7 @@ from fte_sniff.tui.table.viewport import Viewport
 from fte_sniff.tui.table.widget import RowTable
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 
 
 ROUTINE_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
@@ -49,6 +49,8 @@ class ViewUpdate:
     """Whether the feed ended since the poll before."""
     trouble: str | None
     """A problem that is new since the poll before, although the feed continues."""
+    rings: bool = False
+    """Whether the alert is due."""
     stream_changes: Sequence[StreamChange] = ()
     """Gaps and baud changes among the new rows, by indices in the store."""
 
@@ -56,8 +58,11 @@ class ViewUpdate:
 class ViewModel:
     """A feed, the store of its rows, and counts over them."""
 
-    def __init__(self, feed: Feed, row_filter: RowFilter | None, store: RowStore) -> None:
+    def __init__(
+        self, feed: Feed, row_filter: RowFilter | None, store: RowStore, alert: Alert | None = None
+    ) -> None:
         self.store = store
+        self.alert = alert
         self.store.view.set_filter(row_filter)
         self.state = FeedState("")
         self.tally = Tally()
@@ -68,6 +73,9 @@ class ViewModel:
         self._line_errors = 0
         self._events: Counter[PortEventKind] = Counter()
         self._frames_per_s: float | None = None
+        self._recording_since_ns: int | None = None
+        self.recorded_s = 0.0
+        """For how long the capture has been recorded, seconds."""
 
     def poll(self, now_ns: int, *, take_rows: bool = True) -> ViewUpdate:
         """Store the new rows and count them; raises FteSniffError if the feed failed.
@@ -82,6 +90,7 @@ class ViewModel:
         if update.rows:
             self.store.append(update.rows)
             self.tally.update(update.rows)
+        rings = bool(update.rows) and self._rings(update.rows, now_ns)
         for event in update.events:
             self._events[event.kind] += 1
             if event.kind is PortEventKind.LINE_ERROR:
@@ -89,7 +98,19 @@ class ViewModel:
         changed = bool(update.rows) or bool(self.store.view.pending)
         self.store.view.filter_step()
         self._update_rate(now_ns)
-        return ViewUpdate(changed, update.events, ended, trouble, stream_changes)
+        self._update_recording(now_ns)
+        return ViewUpdate(changed, update.events, ended, trouble, rings, stream_changes)
+
+    def _rings(self, rows: Sequence[Row], now_ns: int) -> bool:
+        return self.alert is not None and self.alert.observe(rows, now_ns / 1e9)
+
+    def _update_recording(self, now_ns: int) -> None:
+        """Measure the time for which the capture is recorded."""
+        state = self.state
+        if state.live and state.running and state.recording is not None:
+            if self._recording_since_ns is None:
+                self._recording_since_ns = now_ns
+            self.recorded_s = (now_ns - self._recording_since_ns) / 1e9
 
     def _update_rate(self, now_ns: int) -> None:
         """Frames per second: lately in a live capture, on average over a file."""
@@ -129,6 +150,7 @@ class ViewModel:
             below=viewport.below,
             line_errors=self._line_errors,
             hits=hits,
+            is_mean=not (self.state.running and self.state.live),
         )
 
     @property

@@ -650,7 +650,7 @@ def test_no_byte_from_a_screen_with_busy_keys(environment, tmp_path: Path):
                 shown += os.read(screen, 65536)
             # Typed ahead: into the table, into a prompt, and the keys that leave both.
             os.write(screen, b"jjkk G g /motor = 1\r \x1b[A\x1b[B\x1b[5~\x1b[6~")
-            os.write(screen, b"q")
+            os.write(screen, b"Q")
             _drain(screen)
         finally:
             os.close(screen)

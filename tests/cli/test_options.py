@@ -304,7 +304,7 @@ def test_positions_are_shown_in_turns_too(environment, tmp_path: Path) -> None:
         screen.until("speed_feed")
         screen.type("GM")
         screen.until(" turns")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
 

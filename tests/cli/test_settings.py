@@ -261,7 +261,7 @@ def test_what_is_chosen_on_the_screen_holds_the_next_time(
         screen.type("C")
         screen.until("[x] time")
         screen.type(" \r")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     kept = read_settings(settings_file).screen
     assert kept.theme == "textual-light"
@@ -273,7 +273,7 @@ def test_what_is_chosen_on_the_screen_holds_the_next_time(
         screen.until("reset")
         screen.type("\x14")
         screen.until("theme contrast-dark")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     assert b"time UTC" not in screen.drawn
 
@@ -281,7 +281,7 @@ def test_what_is_chosen_on_the_screen_holds_the_next_time(
 def test_nothing_chosen_writes_nothing(environment, settings_file: Path, tmp_path: Path) -> None:
     with terminal(environment, tmp_path, "view", CLEAN) as screen:
         screen.until("reset")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     assert not settings_file.exists()
 
@@ -294,7 +294,7 @@ def test_a_choice_that_cannot_be_kept_is_one_line(environment, tmp_path: Path) -
         screen.until("reset")
         screen.type("\x14")
         screen.until("theme textual-light")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     assert screen.drawn.count(b"are not saved") == 1
     assert b"Traceback" not in screen.drawn
@@ -328,7 +328,7 @@ def test_the_screen_tells_what_is_wrong_in_the_settings_file(
     settings_file.write_text('[screen]\ntheme = "pink"\n')
     with terminal(environment, tmp_path, "view", CLEAN, size=(200, 24)) as screen:
         screen.until("theme in [screen] must be one of")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
 
 
@@ -419,7 +419,7 @@ def test_turns_come_from_the_settings_of_the_port_in_a_recording(
         screen.until("speed_feed")
         screen.type("GM")
         screen.until(" turns")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
 
 
@@ -446,5 +446,5 @@ def test_the_screen_speaks_what_is_asked_for(
     environment = environment | {"LANG": locale}
     with terminal(environment, tmp_path, "view", CLEAN, *options) as screen:
         screen.until(shows)
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0

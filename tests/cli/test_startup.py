@@ -81,7 +81,7 @@ def test_a_screen_begins_with_what_its_first_rows_need(
         environment, tmp_path, *map(str, arguments), program=[sys.executable, "-c", program]
     ) as screen:
         screen.until("speed")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     assert needed == {name for name in told.read_text().splitlines() if name in HEAVY}
 

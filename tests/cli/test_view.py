@@ -27,7 +27,7 @@ def test_live_shows_rows_and_leaving_says_where_the_recording_lies(
 ) -> None:
     with terminal(environment, tmp_path, "live", "sim://?rate=500", size=size) as screen:
         screen.until("speed_feedback" if size[0] > 128 else "speed fb")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
     (recording,) = tmp_path.glob("*.mcap")
@@ -53,7 +53,7 @@ def test_standard_error_in_a_file_is_no_part_of_the_screen(environment, tmp_path
     with terminal(environment, tmp_path, *arguments, errors=told) as screen:
         screen.until("speed fb")
         assert told.read_bytes() == b""
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     count, where = told.read_text().splitlines()
     assert re.fullmatch(r"[0-9,]+ rows, nothing malformed, \d+\.\d{3} s from \S+Z", count)
@@ -65,7 +65,7 @@ def test_no_color(environment, tmp_path: Path) -> None:
     environment = environment | {"NO_COLOR": "1"}
     with terminal(environment, tmp_path, "live", "sim://?drop=0.3", "--no-record") as screen:
         screen.until("truncated")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     assert b"\x1b[38;2" not in screen.drawn
 
@@ -76,7 +76,7 @@ def test_a_port_that_is_lost_stays_on_the_screen_until_the_user_leaves(
     port = "sim://?rate=500&frames=40"
     with terminal(environment, tmp_path, "live", port, "--no-record", size=(200, 60)) as screen:
         screen.until("was lost")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 3
 
 
@@ -91,7 +91,7 @@ def test_a_killed_screen_leaves_a_file_that_opens(run, environment, tmp_path: Pa
 def test_view_shows_files(environment, tmp_path: Path, name: str) -> None:
     with terminal(environment, tmp_path, "view", str(SAMPLES / name), size=(200, 60)) as screen:
         screen.until("speed_feed")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
 
@@ -107,7 +107,7 @@ def test_view_shows_that_a_file_is_damaged(
     options = ("view", "cut.mcap", "--lang", language)
     with terminal(environment, tmp_path, *options, size=(200, 60)) as screen:
         screen.until(words)
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
 
 
@@ -164,7 +164,7 @@ def test_every_row_is_reached_and_found(environment, tmp_path: Path, recording: 
         screen.until("400 of 400,000 rows")
         screen.type("G")
         screen.until("12:06:39.777")
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
     assert b"Traceback" not in screen.drawn
 
@@ -184,7 +184,7 @@ def test_a_recording_that_vanishes_ends_the_screen_with_one_line(
     assert b"Traceback" not in screen.drawn
 
 
-@pytest.mark.parametrize("key", ["q", "\x03"])
+@pytest.mark.parametrize("key", ["Q", "\x03"])
 def test_it_can_be_left_while_it_loads(
     environment, tmp_path: Path, recording: Path, key: str
 ) -> None:
@@ -270,7 +270,7 @@ def test_a_terminal_that_stands_still_and_is_closed_ends_it(
         assert_all_is_well(run, screen, recording)
 
 
-@pytest.mark.parametrize("way", ["q", signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("way", ["Q", signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_terminal_that_stands_still_does_not_hold_up_the_end(
     run, environment, tmp_path: Path, way: str | signal.Signals
 ) -> None:
@@ -294,9 +294,9 @@ def test_a_terminal_that_goes_on_shows_what_is_true_now(run, environment, tmp_pa
         stands_still(recording)
         screen.type("?")
         screen.until("Keys and signs")
-        screen.type("q")
+        screen.type("Q")
         screen.until(ROWS_TERMINAL)
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
         assert b"recorded to x.mcap" in screen.drawn
         assert_all_is_well(run, screen, recording)
@@ -331,7 +331,7 @@ def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
             screen.process.send_signal(signal.SIGCONT)
             screen.until(NORMAL_SCREEN)
             screen.until(ROWS_TERMINAL)
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0
         assert screen.attributes == before
         assert_all_is_well(run, screen, recording)
@@ -353,7 +353,7 @@ def asked(screen: Terminal, keys: str) -> bytes:
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs a shell with jobs")
-@pytest.mark.parametrize("ends", ["q", "kill", "close"])
+@pytest.mark.parametrize("ends", ["Q", "kill", "close"])
 def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
     run, environment, tmp_path: Path, ends: str
 ) -> None:
@@ -371,8 +371,8 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
             assert b"\nicanon" in asked(screen, "stty -a | tr ' ' '\\n' | grep icanon\r")
             screen.type("fg\r")
             screen.until(ROWS_TERMINAL)
-        if ends == "q":
-            assert b"recorded to x.mcap" in asked(screen, "q")
+        if ends == "Q":
+            assert b"recorded to x.mcap" in asked(screen, "Q")
         else:
             asked(screen, "\x1a")
         if ends == "kill":
@@ -391,5 +391,5 @@ def test_where_nobody_could_continue_it_ctrl_z_does_not_stop_it(
         screen.type("\x1a")
         screen.until(NORMAL_SCREEN)
         screen.until(ROWS_TERMINAL)
-        screen.type("q")
+        screen.type("Q")
         assert screen.ended() == 0

@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import UTC
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -26,11 +27,13 @@ from textual import events
 from textual.pilot import Pilot
 
 from docs.picture import FOLDER, PICTURES, drawn
+from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.prompt import PromptField
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
@@ -57,7 +60,7 @@ def test_shows_the_newest_rows_and_follows(feed: Any, speed_rows: Rows) -> None:
         assert rpms(app) == list(range(130, 150))
         text = page(app)
         assert "/dev/ttyUSB0" in text
-        assert "rec /tmp/a.mcap" in text
+        assert "● REC 0:00:00 0 bytes  /tmp/a.mcap" in text
         assert "LIVE" in text
         assert "150 rows" in text
 
@@ -213,7 +216,34 @@ def test_a_file_begins_at_its_first_row_and_shows_how_far_it_is_read(
     play(feed, scenario)
 
 
-@pytest.mark.parametrize("key", ["q", "ctrl+q", "ctrl+c"])
+def test_q_closes_a_pane_then_asks_once_while_it_is_recorded(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(40))
+        await settle(app, pilot)
+        await press(app, pilot, "M", "q")
+        assert not app.query_one(MotorsPane).display
+        assert not app._exit
+        await press(app, pilot, "q")
+        assert "press q again to stop recording" in page(app)
+        assert not app._exit
+        await press(app, pilot, "q")
+        assert app._exit
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize("changes", [{"recording": None}, {"running": False}])
+def test_q_quits_at_once_where_nothing_is_recorded(feed: Any, changes: Any) -> None:
+    feed.state = replace(feed.state, **changes)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "q")
+        assert app._exit
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize("key", ["Q", "ctrl+q", "ctrl+c"])
 def test_quits(feed: Any, key: str) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         await press(app, pilot, key)
@@ -465,7 +495,7 @@ def terminal(program: str, asked: Mapping[str, str]) -> Iterator[Terminal]:
 
 
 @pytest.mark.parametrize(
-    "way", [b"q", b"\x11", b"\x03", signal.SIGTERM, signal.SIGHUP, signal.SIGINT]
+    "way", [b"Q", b"\x11", b"\x03", signal.SIGTERM, signal.SIGHUP, signal.SIGINT]
 )
 def test_the_terminal_is_left_as_it_was(tmp_path: Path, way: bytes | signal.Signals) -> None:
     stopped = tmp_path / "stopped"
@@ -513,3 +543,23 @@ def test_it_ends_where_the_terminal_goes_away(tmp_path: Path) -> None:
         here.process.kill()
         here.process.wait()
     assert stopped.exists()
+
+
+def test_rows_that_match_the_alert_ring_and_are_counted(feed: Any, speed_rows: Rows) -> None:
+    rings: list[None] = []
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        app.bell = lambda: rings.append(None)  # type: ignore[method-assign]
+        feed.give(speed_rows(7))
+        await settle(app, pilot)
+        assert rings == [None]
+        assert "2 rows match the alert, the last at 12:00:00.004" in page(app)
+        feed.give(speed_rows(9, start=7))
+        await settle(app, pilot)
+        assert len(rings) == 1
+        assert "4 rows match the alert" in page(app)
+        await press(app, pilot, "escape")
+        assert "alert" not in page(app)
+
+    alert = Alert(RowFilter.parse("motor = 1"))
+    play(feed, scenario, options=StartOptions(alert=alert, zone=UTC))

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import time, timedelta, timezone
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -519,6 +520,28 @@ def test_the_selected_rows_are_saved_and_nothing_else(
         await save_to(app, pilot, path)
         await until(app, pilot, path.exists)
         assert [line[12:14] for line in path.read_text().splitlines()] == ["64", "65", "66"]
+
+    play(feed, scenario)
+
+
+@pytest.mark.parametrize(("name", "start"), [("a.svg", "<svg"), ("a.html", "<!DOCTYPE html>")])
+def test_a_picture_of_the_screen_is_saved(
+    feed: Any, speed_rows: Rows, tmp_path: Path, name: str, start: str
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        await press(app, pilot, "P")
+        await type_line(app, pilot, str(tmp_path / name))
+        await press(app, pilot, "enter")
+        text = (tmp_path / name).read_text("utf-8")
+        assert text.startswith(start)
+        assert "motor=2" in unescape(text).replace("\xa0", " ")
+        assert "picture to" not in text
+        await press(app, pilot, "P")
+        await type_line(app, pilot, str(tmp_path / name))
+        await press(app, pilot, "enter")
+        assert "exists" in page(app)
 
     play(feed, scenario)
 

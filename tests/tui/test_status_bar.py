@@ -36,6 +36,7 @@ from fte_sniff.tui.status_bar import (
     StatusCounters,
     fitting_keys,
     mode_of,
+    recording_text,
     status_text,
     title_text,
 )
@@ -181,8 +182,37 @@ def test_the_title_fills_its_width(width: int, mode: Mode, title: str) -> None:
 
 def test_the_title_keeps_the_end_of_the_recordings_name() -> None:
     line = title_text(LIVE, Mode.LIVE, 0, 80)
-    assert line.startswith(" fte-sniff  /dev/ttyUSB0  rec …")
-    assert line.rstrip().endswith("120000Z.mcap  LIVE")
+    assert line.startswith(" /dev/ttyUSB0  ● REC 0:00:00 0 bytes …")
+    assert line.rstrip().endswith("120000Z.mcap LIVE")
+
+
+RECORDED = replace(LIVE, recorded_bytes=4_200_000)
+
+
+@pytest.mark.parametrize(
+    ("state", "shown"),
+    [
+        (RECORDED, " ● REC 0:12:03 4.2 MB "),
+        (replace(RECORDED, fired=0), " ◎ ARMED 0:12:03 4.2 MB "),
+        (replace(RECORDED, fired=3), " ● REC 3 events 0:12:03 4.2 MB "),
+        (replace(LIVE, recording=None), " ○ not recording "),
+        (replace(LIVE, recording=None, running=False), " ○ not recorded "),
+        (replace(LIVE, recording=None, files=("a.mcap",)), " ✗ NOT RECORDING "),
+        (replace(RECORDED, running=False), " ■ recorded 0:12:03 4.2 MB "),
+        (replace(LIVE, live=False, recording=None), ""),
+    ],
+)
+def test_whether_rows_are_recorded_is_unmistakable(state: FeedState, shown: str) -> None:
+    assert recording_text(state, 723.9) == shown
+    assert shown in title_text(state, Mode.LIVE, 0, 80, 723.9)
+    sign = shown[:6]
+    assert sign in title_text(state, Mode.SCROLLED, 48_160, 40, 723.9)
+
+
+def test_after_the_end_no_rate_is_shown_as_current() -> None:
+    for width, shown in ((60, "ø 1,152/s"), (80, "1,152 frames/s mean")):
+        assert shown in status_text(replace(NUMBERS, is_mean=True), width)
+        assert shown not in status_text(NUMBERS, width)
 
 
 def test_the_title_tells_how_many_rows_wait() -> None:

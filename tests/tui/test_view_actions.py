@@ -14,6 +14,7 @@ from textual.pilot import Pilot
 from fte_sniff.protocol import Damage, Fault, Frame, PortEvent, PortEventKind, Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.i18n import THEMES
+from fte_sniff.tui.keys import COMMANDS
 from fte_sniff.tui.modals import ColumnChooser, Picker
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.detail import DetailPane
@@ -327,6 +328,51 @@ def test_themes_are_switched_around(feed: Any, speed_rows: Rows, odd_rows: list[
             seen.append(app.theme)
             assert f"theme {app.theme}" in page(app)
         assert sorted(seen) == sorted(THEMES)
+
+    play(feed, scenario)
+
+
+TYPED = [
+    *(("quit", "leave"), ("exit", "leave"), ("theme", "theme"), ("dark", "theme")),
+    *(("save", "save"), ("export", "save"), ("csv", "save"), ("screenshot", "picture")),
+    *(("svg", "picture"), ("language", "language"), ("chinese", "language")),
+    *(("hex dump", "pane('bytes')"), ("plot", "pane('motors')"), ("jump", "goto")),
+    *(
+        (name, key.action)
+        for key in COMMANDS
+        for name in (key.key_display or "").split()
+        if key.key
+    ),
+]
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_commands_are_found_by_the_words_that_people_type(feed: Any, language: str) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "ctrl+p")
+        picker = app.screen
+        assert isinstance(picker, Picker)
+        for typed, action in TYPED:
+            picker._type(typed)
+            assert action in [entry.value for entry in picker.shown[:3]], typed
+
+    play(feed, scenario, options=StartOptions(language=language))
+
+
+def test_the_language_is_switched_while_the_screen_is_open(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(10))
+        await settle(app, pilot)
+        await rush(app, pilot, "ctrl+p", *"language", "enter")
+        await settle(app, pilot)
+        assert "退出" in page(app)
+        await press(app, pilot, "f")
+        assert "过滤 " in page(app)
+        await press(app, pilot, "escape")
+        assert app.choices.language == "zh"
+        await rush(app, pilot, "ctrl+p", *"language", "enter")
+        assert "Quit" in page(app)
+        assert app.choices.language is None
 
     play(feed, scenario)
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
+from math import inf
 from typing import Final
 
 import polars as pl
@@ -76,6 +77,34 @@ class RowFilter:
     def select(self, rows: Sequence[Row]) -> list[Row]:
         """The rows that pass, in order."""
         return list(compress(rows, self.matches(rows))) if rows else []
+
+
+ALERT_INTERVAL_S: Final = 1.0
+"""Shortest time between two signals of an alert, seconds."""
+
+
+class Alert:
+    """Counts the rows that match a filter, and decides when to signal them."""
+
+    def __init__(self, row_filter: RowFilter) -> None:
+        self._filter = row_filter
+        self._due_s = -inf
+        self.count = 0
+        """Matching rows so far."""
+        self.last: Row | None = None
+        """The latest of them."""
+
+    def observe(self, rows: Sequence[Row], now_s: float) -> bool:
+        """Count the next rows; returns whether to signal now, by any monotonic clock, seconds."""
+        matching = self._filter.select(rows)
+        if not matching:
+            return False
+        self.count += len(matching)
+        self.last = matching[-1]
+        is_due = now_s >= self._due_s
+        if is_due:
+            self._due_s = now_s + ALERT_INTERVAL_S
+        return is_due
 
 
 def _refused(error: BaseException) -> FilterError:

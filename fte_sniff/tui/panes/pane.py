@@ -85,6 +85,10 @@ class Pane(VerticalScroll, can_focus=False):
     def zoom(self, by: int) -> None:
         """Show more time (`by` 1) or less (-1), in panes over time."""
 
+    def forget_texts(self) -> None:
+        """Draw everything anew the next time."""
+        self._wanted, self._drawn = (), None
+
     @property
     def page_size(self) -> Size:
         """Cells for the page; one column is reserved for the scroll bar."""

@@ -65,11 +65,19 @@ class PaneSwitcher:
         # The pane has no size before the next layout.
         self._table.call_after_refresh(self.redraw)
 
-    def close(self) -> None:
-        """Show no pane."""
-        if self._open is not None:
-            self._open.display = False
-            self._open = None
+    def close(self) -> bool:
+        """Show no pane; returns whether one was open."""
+        if self._open is None:
+            return False
+        self._open.display = False
+        self._open = None
+        return True
+
+    def forget_texts(self) -> None:
+        """Draw all texts again, as the language has changed."""
+        for pane in self._panes.values():
+            pane.forget_texts()
+        self.redraw()
 
     @property
     def explains_row(self) -> bool:

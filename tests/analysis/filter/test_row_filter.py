@@ -12,7 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.dataframe import row_frame
-from fte_sniff.analysis.filter.row_filter import RowFilter
+from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, FILTER_HELP
 from fte_sniff.protocol import (
     COLUMNS,
@@ -354,3 +354,14 @@ def test_a_mask_is_never_null() -> None:
     mask = RowFilter.parse("rpm > 0").mask(row_frame(list(ROWS.values())))
     assert mask.dtype == pl.Boolean()
     assert mask.null_count() == 0
+
+
+def test_an_alert_counts_every_row_and_signals_once_per_second() -> None:
+    frames = [_frame(motor, "speed", motor=motor, rpm=1) for motor in (1, 2, 1)]
+    alert = Alert(RowFilter.parse("motor = 1"))
+    assert not alert.observe(frames[1:2], 0.0)
+    assert [alert.observe(frames, at_s) for at_s in (0.1, 0.5, 1.09, 1.11)] == [
+        *(True, False, False, True)
+    ]
+    assert alert.count == 8
+    assert alert.last is frames[2]
