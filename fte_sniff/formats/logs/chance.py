@@ -6,22 +6,19 @@ import re
 from functools import cache
 from typing import Final
 
-from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, TAIL
+from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, TAIL, FrameKind
 
 _WRONG_LENGTHS: Final = (7, 8, 9, 11, 12, 13)
 
 
+def _start(kind: FrameKind) -> bytes:
+    cmds = b"".join(b"\\x%02x" % cmd for cmd in kind.cmds)
+    return b"\\x%02x[%b]%b" % (kind.header, cmds, rb"[\1-\4]" if kind.names_motor else b".")
+
+
 @cache
 def _pattern(length: int) -> re.Pattern[bytes]:
-    starts = b"|".join(
-        b"\\x%02x[%b]%b"
-        % (
-            kind.header,
-            b"".join(b"\\x%02x" % cmd for cmd in kind.cmds),
-            rb"[\x01-\x04]" if kind.names_motor else b".",
-        )
-        for kind in KINDS
-    )
+    starts = b"|".join(map(_start, KINDS))
     return re.compile(rb"(?s)(?:%b).{%d}\x%02x" % (starts, length - 4, TAIL))
 
 
@@ -32,6 +29,5 @@ def frames_in(data: bytes) -> list[bytes]:
 
 def chance_level(data: bytes) -> float:
     """The mean number of patterns like frames, but of a wrong length."""
-    return sum(len(_pattern(length).findall(data)) for length in _WRONG_LENGTHS) / len(
-        _WRONG_LENGTHS
-    )
+    found = [len(_pattern(length).findall(data)) for length in _WRONG_LENGTHS]
+    return sum(found) / len(found)

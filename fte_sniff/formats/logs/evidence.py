@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import accumulate, product
 from typing import Final
@@ -20,24 +19,20 @@ from fte_sniff.formats.logs.labels import without_labels
 from fte_sniff.formats.logs.times import masked
 from fte_sniff.protocol.spec import FRAME_LENGTH, TAIL
 
-LEAST_SHARE: Final = 0.05
-"""Of the bytes of the chosen lanes, how many are in frames."""
-LEAST_SHARE_CUT: Final = 0.8
-"""The same for a lane of whose runs numbers are left out."""
 NUMBER_TOKEN: Final = (
     rb"(?<![A-Za-z])(?:0[xX])?[0-9A-Fa-f]*\d[0-9A-Fa-f]*(?:[.:\-][0-9A-Fa-f]*\d[0-9A-Fa-f]*)*"
     rb"|\b[0-9A-F]{2}\b|\b[0-9a-f]{2}\b"
 )
-WHOLE: Final = slice(None)
-
 _FRAME_SCORE: Final = 10.0
 _OUTSIDE_SCORE: Final = -0.05
 _LANE_SCORE: Final = -2.0
+_LEAST_SHARE: Final = 0.05
+"""Of the bytes of the chosen lanes, how many are in frames."""
+_LEAST_SHARE_CUT: Final = 0.8
+"""The same for a lane of whose runs numbers are left out."""
 _MOST_LANES: Final = 48
-_CUTS: Final = [
-    slice(first, -last or None) for first, last in product(range(4), range(3)) if first + last
-]
-"""Numbers of each run that are no data: an offset before the others, a count after them."""
+_CUTS: Final = [(first, last) for first, last in product(range(4), range(3)) if first + last]
+"""Numbers of each run that are no data: offsets before the others, a count or sum after them."""
 
 
 @lru_cache(maxsize=8192)
@@ -48,58 +43,71 @@ def folded(text: bytes) -> bytes:
     return re.sub(rb"\s+", b" ", re.sub(NUMBER_TOKEN, b"0", text))
 
 
-@dataclass(slots=True, eq=False)
 class Lane:
-    """Runs whose lines look the same before the run."""
+    """Runs whose lines look the same before the run; or several such lanes that make frames."""
 
-    key: bytes
-    runs: list[tuple[int, bytes]] = field(default_factory=list)
-    """The offset in the sample and the bytes of each."""
-    cut: slice = field(default_factory=lambda: WHOLE)
-    """Which numbers of each run are data."""
+    def __init__(self, cuts: Mapping[bytes, slice], pieces: list[tuple[int, bytes]]) -> None:
+        self.cuts = cuts
+        """By the text before the runs, which numbers of a run are data."""
+        self.pieces = pieces
+        """The offset of each run in the sample, and its data."""
+        self.data = b"".join(data for _, data in sorted(pieces))
+        self.frames = frames_in(self.data)
+        self.outside = len(self.data) - FRAME_LENGTH * len(self.frames)
+        self.score = (
+            _FRAME_SCORE * len(self.frames)
+            + _OUTSIDE_SCORE * self.outside
+            + _LANE_SCORE * len(cuts)
+        )
 
-    def pieces(self) -> list[tuple[int, bytes]]:
-        """The runs, with their data only."""
-        return [(start, data[self.cut]) for start, data in self.runs]
+    def joined(self, other: Lane) -> Lane:
+        """Both."""
+        return Lane({**self.cuts, **other.cuts}, self.pieces + other.pieces)
+
+    def without_numbers(self) -> Lane:
+        """The lane without numbers that are no data, if 80 % of the others are in frames."""
+        best, least = self, min(len(data) for _, data in self.pieces)
+        if len(self.pieces) < 2 or self.outside < 0.8 * len(self.pieces):
+            return self
+        for first, last in _CUTS:
+            if first + last < least:
+                cut = slice(first, -last or None)
+                lane = Lane(
+                    dict.fromkeys(self.cuts, cut), [(at, data[cut]) for at, data in self.pieces]
+                )
+                share = FRAME_LENGTH * len(lane.frames) / len(lane.data)
+                if share >= _LEAST_SHARE_CUT and lane.score > best.score:
+                    best = lane
+        return best
 
 
-def _joined(lanes: Iterable[Lane]) -> bytes:
-    return b"".join(data for _, data in sorted(piece for lane in lanes for piece in lane.pieces()))
-
-
-def _score(data: bytes, frames: int, lanes: int) -> float:
-    outside = len(data) - FRAME_LENGTH * frames
-    return _FRAME_SCORE * frames + _OUTSIDE_SCORE * outside + _LANE_SCORE * lanes
-
-
-@dataclass(slots=True)
 class Hypothesis:
     """An extractor with the lanes that hold bytes."""
 
-    extractor: Extractor
-    lanes: list[Lane] = field(default_factory=list)
-    frames: list[bytes] = field(default_factory=list)
-    score: float = 0.0
-    level: float = 0.0
-    """Frames to be expected by chance."""
-    size: int = 0
-
-    @property
-    def share(self) -> float:
+    def __init__(self, extractor: Extractor, lanes: Sequence[Lane]) -> None:
+        self.extractor, self.lanes = extractor, lanes
+        self.frames = [frame for lane in lanes for frame in lane.frames]
+        self.score = sum(lane.score for lane in lanes)
+        self.size = sum(len(lane.data) for lane in lanes)
+        self.share = FRAME_LENGTH * len(self.frames) / max(self.size, 1)
         """Of the bytes, how many are in frames."""
-        return FRAME_LENGTH * len(self.frames) / max(self.size, 1)
+        self.cuts: dict[str, slice] = {}
+        """By the text before the runs, without labels, which numbers of a run are data."""
+        for lane in lanes:
+            for key, cut in lane.cuts.items():
+                self.cuts.setdefault(without_labels(key), cut)
 
     @property
     def accepted(self) -> bool:
         """Whether there are more frames than by chance."""
-        enough = len(self.frames) >= max(2 * self.level, 1)
-        return enough and self.share >= LEAST_SHARE
+        level = sum(chance_level(lane.data) for lane in self.lanes)
+        return len(self.frames) >= max(2 * level, 1) and self.share >= _LEAST_SHARE
 
     def __str__(self) -> str:
         frames = "frame" if len(self.frames) == 1 else "frames"
         return (
             f'"{self.extractor.name}": {len(self.frames)} {frames} in {self.size:,} bytes of'
-            f" {len(self.lanes)} lanes, score {self.score:.1f}"
+            f" {sum(len(lane.cuts) for lane in self.lanes)} lanes, score {self.score:.1f}"
         )
 
 
@@ -108,92 +116,45 @@ class Sample:
 
     def __init__(self, lines: Sequence[bytes]) -> None:
         self.lines = lines
-        self._lines = b"\n".join(lines)
+        self._text = b"\n".join(lines)
         self._masked = b"\n".join(map(masked, lines))
         self._starts = list(accumulate((len(line) + 1 for line in lines), initial=0))
 
     def hypotheses(self, extractors: Iterable[Extractor]) -> list[Hypothesis]:
         """What the extractors find, the best score first; only those with frames."""
-        tail = bytes([TAIL])
-        found = [_chosen(extractor, self.lanes(extractor, tail)) for extractor in extractors]
+        found = [Hypothesis(one, _chosen(one, self.lanes(one, TAIL))) for one in extractors]
         return sorted((one for one in found if one.frames), key=lambda one: -one.score)
 
-    def lanes(self, extractor: Extractor, needed: bytes = b"") -> list[Lane]:
-        """The runs of an extractor by what is before them in their lines; none without a byte."""
-        text = self._masked if extractor.masks_times else self._lines
-        lanes: dict[bytes, Lane] = {}
+    def longest(self, extractors: Iterable[Extractor]) -> list[Hypothesis]:
+        """The lane with the most bytes, if it has more than one."""
+        found = [Hypothesis(one, [lane]) for one in extractors for lane in self.lanes(one)]
+        best = max(found, key=lambda one: one.size, default=None)
+        return [best] if best and best.size > 1 else []
+
+    def lanes(self, extractor: Extractor, needed: int | None = None) -> list[Lane]:
+        """The runs of an extractor by what is before them; none if no byte is the needed one."""
+        text = self._masked if extractor.masks_times else self._text
         runs = list(extractor.runs(text)) if re.search(extractor.needs, text) else []
-        if needed not in b"".join(run.data for run in runs):
+        if needed is not None and not any(needed in run.data for run in runs):
             return []
+        lanes: dict[bytes, list[tuple[int, bytes]]] = {}
         for run in runs:
             start = self._starts[bisect_right(self._starts, run.start) - 1]
-            key = folded(text[start : run.start])
-            lanes.setdefault(key, Lane(key)).runs.append((run.start, run.data))
-        return list(lanes.values())
+            lanes.setdefault(folded(text[start : run.start]), []).append((run.start, run.data))
+        return [Lane({key: slice(None)}, pieces) for key, pieces in lanes.items()]
 
 
-def _cut_of(lane: Lane) -> slice:
-    """The numbers of each run that are data; all unless 80 % of the others are in frames."""
-    data = _joined([lane])
-    best, most = WHOLE, len(frames_in(data))
-    least = min(len(data) for _, data in lane.runs)
-    if len(lane.runs) < 2 or len(data) - FRAME_LENGTH * most < 0.8 * len(lane.runs):
-        return best
-    for cut in _CUTS:
-        if len(bytes(least)[cut]) == 0:
-            continue
-        data = b"".join(data[cut] for _, data in lane.runs)
-        frames = len(frames_in(data))
-        more = frames > most or (frames == most and best is WHOLE)
-        if more and FRAME_LENGTH * frames >= LEAST_SHARE_CUT * len(data):
-            best, most = cut, frames
-    return best
-
-
-@dataclass(slots=True)
-class _Stream:
-    """Lanes whose bytes, in their order, make frames."""
-
-    lanes: list[Lane]
-    data: bytes = b""
-    frames: int = 0
-    score: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.data = _joined(self.lanes)
-        self.frames = len(frames_in(self.data))
-        self.score = _score(self.data, self.frames, len(self.lanes))
-
-
-def _chosen(extractor: Extractor, lanes: Sequence[Lane]) -> Hypothesis:
-    """Choose lanes greedily; a lane joins a stream if that makes frames whole."""
+def _chosen(extractor: Extractor, lanes: Iterable[Lane]) -> list[Lane]:
+    """Choose lanes greedily; a lane joins another if that makes frames whole."""
     if extractor.size == 1:
-        for lane in lanes:
-            lane.cut = _cut_of(lane)
-    streams: list[_Stream] = []
-    alone = sorted((_Stream([lane]) for lane in lanes), key=lambda one: -one.score)
-    for one in alone[:_MOST_LANES]:
-        joined = [_Stream([*stream.lanes, *one.lanes]) for stream in streams]
-        gains = [new.score - old.score for new, old in zip(joined, streams, strict=True)]
+        lanes = [lane.without_numbers() for lane in lanes]
+    chosen: list[Lane] = []
+    for lane in sorted(lanes, key=lambda one: -one.score)[:_MOST_LANES]:
+        joined = [one.joined(lane) for one in chosen]
+        gains = [new.score - old.score for new, old in zip(joined, chosen, strict=True)]
         best = max(gains, default=0.0)
-        if best > max(one.score, 0.0):
-            streams[gains.index(best)] = joined[gains.index(best)]
-        elif one.score > 0:
-            streams.append(one)
-    chosen = Hypothesis(extractor, [lane for stream in streams for lane in stream.lanes])
-    chosen.lanes += alike(chosen.lanes, lanes)
-    for stream in streams:
-        chosen.frames += frames_in(stream.data)
-        chosen.level += chance_level(stream.data)
-        chosen.size += len(stream.data)
-        chosen.score += stream.score
+        if best > max(lane.score, 0.0):
+            chosen[gains.index(best)] = joined[gains.index(best)]
+        elif lane.score > 0:
+            chosen.append(lane)
     return chosen
-
-
-def alike(chosen: Sequence[Lane], lanes: Iterable[Lane]) -> list[Lane]:
-    """The lanes that differ from a chosen one only by their label."""
-    cuts = {without_labels(lane.key): lane.cut for lane in chosen}
-    found = [lane for lane in lanes if lane not in chosen and without_labels(lane.key) in cuts]
-    for lane in found:
-        lane.cut = cuts[without_labels(lane.key)]
-    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final
 
 SENT: Final = "tx"
 RECEIVED: Final = "rx"
@@ -27,25 +27,25 @@ _PORT: Final = (
 )
 
 
-class Label(NamedTuple):
-    """What the text around the bytes of a line says of their wire."""
-
-    word: str | None = None
-    """`SENT` or `RECEIVED`, by a word."""
-    arrow: str | None = None
-    """The same, by an arrow."""
-    port: str | None = None
-    """The name of a port or channel."""
+_PATTERNS: Final = {"word": _WORD, "arrow": _ARROW, "port": _PORT}
 
 
 @lru_cache(maxsize=4096)
-def label_of(text: bytes) -> Label:
-    """The label in the text before the bytes; the one next to them counts."""
-    readable = text.decode("utf-8", "replace")
-    words = [found.lastgroup for found in re.finditer(_WORD, readable)]
-    arrows = [found.lastgroup for found in re.finditer(_ARROW, readable)]
-    ports = [name.lower() for name in re.findall(_PORT, readable)]
-    return Label(*(found[-1] if found else None for found in (words, arrows, ports)))
+def label_of(kind: str, text: bytes) -> str | None:
+    """The last label of a kind in a text: `word`, `arrow`, `port`, `both`, or all the text."""
+    readable = text.decode("utf-8", "replace").strip(" \x01").lower()
+    if kind == "given":
+        return direction_of(text) or readable
+    if kind == "both":
+        port, direction = label_of("port", text), direction_of(text)
+        return f"{port}-{direction}" if port and direction else None
+    found = list(re.finditer(_PATTERNS[kind], text.decode("utf-8", "replace")))
+    return (found[-1].lastgroup or found[-1][1].lower()) if found else None
+
+
+def direction_of(text: bytes) -> str | None:
+    """`SENT` or `RECEIVED`, by a word or an arrow."""
+    return label_of("word", text) or label_of("arrow", text)
 
 
 @lru_cache(maxsize=4096)

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from itertools import product
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import pairwise, product
 from typing import Final, NamedTuple
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.chance import frames_in
-from fte_sniff.formats.logs.evidence import WHOLE, Hypothesis, Sample, alike, folded
-from fte_sniff.formats.logs.forms import EXTRACTORS, Extractor
+from fte_sniff.formats.logs.evidence import Hypothesis, Sample, folded
+from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.formats.logs.labels import label_of, without_labels
-from fte_sniff.formats.logs.times import Fields, Stamp, Text, TimeRule, masked, time_rule
+from fte_sniff.formats.logs.times import Fields, Stamp, Text, masked, time_rule
 
-AS_GOOD: Final = 0.9
+_AS_GOOD: Final = 0.9
 """Two hypotheses whose scores differ less are ambiguous, if their frames differ."""
-
-_CUT: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
-_GIVEN: Final = b"\x01"
+_GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
+_MARK: Final = b"\x01"
 """Around the data of a line that a regular expression matches."""
 _MOST_HEADINGS: Final = 8
 _MOST_STREAMS: Final = 8
@@ -40,30 +39,37 @@ class Found(NamedTuple):
     """Whether the log leaves out bytes after it."""
 
 
-@dataclass(slots=True)
 class Layout:
     """How the lines of a log are read."""
 
-    hypothesis: Hypothesis
-    times: TimeRule = field(default_factory=TimeRule)
-    labels: str = "none"
-    """What separates the streams: `word`, `arrow`, `port`, `both`, `lane` or `given`."""
-    labelled: str = "before"
-    """Where: `before` the bytes, `above` them in a heading, or `after`."""
-    streams: tuple[str, ...] = ()
-    """The labels in the sample."""
-    explained: list[str] = field(default_factory=list)
-    """The hypotheses with the best scores."""
-    notes: list[str] = field(default_factory=list)
-    """What is uncertain."""
-    _cuts: dict[bytes, slice | None] = field(default_factory=dict)
-    _alike: dict[str, slice] = field(default_factory=dict)
-    _names: dict[bytes, str] = field(default_factory=dict)
-    """By lane, the label of its stream."""
+    def __init__(
+        self, hypothesis: Hypothesis, lines: Sequence[bytes], notes: list[str], *, given: bool
+    ) -> None:
+        """Decide times and labels.
 
-    def __post_init__(self) -> None:
-        self._cuts = {lane.key: lane.cut for lane in self.hypothesis.lanes}
-        self._alike = {without_labels(lane.key): lane.cut for lane in self.hypothesis.lanes}
+        Args:
+            hypothesis: where the bytes are.
+            lines: the sample.
+            notes: what is uncertain.
+            given: whether a regular expression gives the labels.
+        """
+        self.hypothesis, self.notes = hypothesis, notes
+        self.scores: list[str] = []
+        """The hypotheses with the best scores."""
+        self.labels, self.labelled = "none", "before"
+        """What separates the streams: a kind of label, or `lane`; `above`, `before` or `after`."""
+        self.streams: tuple[str, ...] = ()
+        """The labels in the sample."""
+        self._names: dict[bytes, str] = {}
+        """By lane, the label of its stream."""
+        texts, runs = self._sampled(lines)
+        self.times = time_rule(texts)
+        bytewise = all(len(run.data) == 1 for run in runs)
+        self.times.first_byte = self.times.kind == "since" and bytewise
+        kinds = product(("before", "above", "after"), ("both", "word", "arrow", "port"))
+        for where, kind in [("after", "given")] if given else [*kinds, ("before", "lane")]:
+            if self._separates(kind, where, texts, runs):
+                break
 
     def runs(self, line: bytes) -> list[Found]:
         """The bytes of a line, by its lanes."""
@@ -73,8 +79,8 @@ class Layout:
             key = folded(hidden[: run.start])
             cut = self.cut_of(key)
             if cut is not None:
-                more = re.match(_CUT, line[run.stop : run.stop + 32]) is not None
-                found.append(Found(run.data[cut], run.start, run.stop, key, more))
+                gap = re.match(_GAP, line[run.stop : run.stop + 32]) is not None
+                found.append(Found(run.data[cut], run.start, run.stop, key, gap))
         return found
 
     def _hidden(self, line: bytes) -> bytes:
@@ -82,15 +88,13 @@ class Layout:
 
     def cut_of(self, key: bytes) -> slice | None:
         """Which numbers of the runs of a lane are data; None if it holds no bytes."""
-        if key not in self._cuts:
-            self._cuts[key] = self._alike.get(without_labels(key))
-        return self._cuts[key]
+        return self.hypothesis.cuts.get(without_labels(key))
 
     def stamp_of(self, line: bytes, found: Found) -> tuple[int, int, Fields, Stamp] | None:
         """Where the time of a run is in its line, and the time."""
-        before = self.times.where == "before"
-        span = (0, found.start) if before else (found.stop, len(line))
-        return self._stamp(line, *span) if self.times.where in ("before", "after") else None
+        spans = {"before": (0, found.start), "after": (found.stop, len(line))}
+        span = spans.get(self.times.where)
+        return self._stamp(line, *span) if span else None
 
     def _stamp(self, line: bytes, start: int, stop: int) -> tuple[int, int, Fields, Stamp] | None:
         place = self.times.find(line, start, stop)
@@ -102,22 +106,22 @@ class Layout:
         """The label of the stream that a run belongs to; None if only a heading has one."""
         if self.labels == "lane":
             return self._names.get(found.key, "")
-        around = line[: found.start] if self.labelled == "before" else line[found.stop :]
-        return _label(self.labels, around) if self.labelled != "above" else None
+        if self.labels == "none" or self.labelled == "above":
+            return None
+        before = self.labelled == "before"
+        return label_of(self.labels, line[: found.start] if before else line[found.stop :])
 
     def heading(self, line: bytes) -> tuple[Stamp | None, str | None]:
         """The time and the label that a line without bytes gives those below it."""
-        place = self._stamp(line, 0, len(line)) if self.times.where == "above" else None
-        label = _label(self.labels, line) if self.labelled == "above" else None
-        return (None if place is None else place[3]), label
+        stamp = self._stamp(line, 0, len(line)) if self.times.where == "above" else None
+        label = label_of(self.labels, line) if self.labelled == "above" else None
+        return stamp and stamp[3], label
 
     def any_stamp(self, line: bytes) -> Stamp | None:
         """The time of a line of the sample."""
         found = self.runs(line)
-        if not found:
-            return self.heading(line)[0]
-        place = self.stamp_of(line, found[0])
-        return None if place is None else place[3]
+        stamp = self.stamp_of(line, found[0]) if found else None
+        return stamp[3] if stamp else None if found else self.heading(line)[0]
 
     def looks_like_bytes(self, line: bytes) -> bool:
         """Whether a line that is skipped has a run of several bytes in this form."""
@@ -126,11 +130,9 @@ class Layout:
 
     def unread_words(self, line: bytes, found: Sequence[Found]) -> str:
         """The words of a line that are neither bytes nor a time nor a direction."""
-        rest = bytearray(masked(line).replace(b"~", b" "))
-        for run in found:
-            rest[run.start : run.stop] = b" " * (run.stop - run.start)
-        before, between = rest[: found[0].start], rest[found[0].stop : found[-1].stop]
-        text = without_labels(bytes(before)) + " " + between.decode("utf-8", "replace")
+        hidden = masked(line).replace(b"~", b" ")
+        gaps = b" ".join(hidden[one.stop : two.start] for one, two in pairwise(found))
+        text = without_labels(hidden[: found[0].start]) + " " + gaps.decode("utf-8", "replace")
         return " ".join(re.findall(r"\w+", text))
 
     @property
@@ -140,61 +142,68 @@ class Layout:
 
     def explain(self) -> list[str]:
         """The form, lanes, times and directions, one line each."""
-        extractor = self.hypothesis.extractor
-        times = f"{self.times.kind} {self.times.where} the bytes"
-        streams = f"{', '.join(self.streams)}, by {self.labels} {self.labelled} the bytes"
+        extractor, where = self.hypothesis.extractor, self.times.where
         return [
             f'form "{extractor.name}", as of {extractor.tools}',
             *(
-                f"lane {lane.key.decode('utf-8', 'replace')!r}: {len(lane.runs)} runs"
-                + (f", without {_left_out(lane.cut)}" if lane.cut != WHOLE else "")
+                f"lane {key.decode('utf-8', 'replace')!r}{_left_out(cut)}"
                 for lane in self.hypothesis.lanes
+                for key, cut in lane.cuts.items()
             ),
-            f"times: {'none' if self.times.where == 'none' else times}",
-            f"streams: {streams if self.streams else 'one'}",
-            *(f"score {number}: {text}" for number, text in enumerate(self.explained, 1)),
+            f"times: {'none' if where == 'none' else f'{self.times.kind} {where} the bytes'}",
+            f"streams: {', '.join(self.streams)}, by {self.labels} {self.labelled} the bytes"
+            if self.streams
+            else "streams: one",
+            *self.scores,
         ]
 
-    def settle(self, lines: Sequence[bytes], *, given: bool) -> None:
-        """Decide times and labels; a regular expression may have `given` the labels."""
-        sampled = _sampled(self, lines)
-        texts, runs = [text for text, _ in sampled], [run for _, run in sampled]
-        self.times = time_rule(texts)
-        bytewise = all(len(run.data) == 1 for run in runs)
-        self.times.first_byte = self.times.kind == "since" and bytewise
-        least = len(frames_in(b"".join(run.data for run in runs)))
-        rules = product(("before", "above", "after"), ("both", "word", "arrow", "port"))
-        for where, kind in [("after", "given")] if given else rules:
-            labels = [_label(kind, _around(text, where)) for text in texts]
-            above = {text.above for text in texts} if where == "above" else None
-            if _plausible(kind, labels, above) and _frames(runs, labels).total() >= least:
-                self.labels, self.labelled = kind, where
-                self.streams = tuple(sorted({label for label in labels if label}))
-                return
-        self._separate_lanes(runs, texts[0].headings if texts else (), least)
+    def _sampled(self, lines: Sequence[bytes]) -> tuple[list[Text], list[Found]]:
+        texts, runs, above, headings = list[Text](), list[Found](), b"", list[bytes]()
+        for line in lines:
+            found = self.runs(line)
+            if not found and line.strip():
+                above = line
+                headings = [*headings, line][:_MOST_HEADINGS]
+            runs += found
+            texts += [Text(line, run.start, run.stop, above, tuple(headings)) for run in found]
+        return texts, runs
 
-    def _separate_lanes(self, runs: Sequence[Found], headings: Sequence[bytes], least: int) -> None:
-        """Let lanes be streams if no frame is lost and each has frames of one header."""
-        keys = sorted({run.key for run in runs})
-        if not 2 <= len(keys) <= _MOST_STREAMS:
-            return
-        found = _frames(runs, [run.key for run in runs])
-        pure = len(found) == len(keys) and len({header for _, header in found}) > 1
-        if found.total() > least or (pure and found.total() == least):
-            self.labels, self._names = "lane", _lane_names(keys, headings)
-            self.streams = tuple(sorted(set(self._names.values())))
+    def _separates(
+        self, kind: str, where: str, texts: Sequence[Text], runs: Sequence[Found]
+    ) -> bool:
+        """Separate streams by labels, if almost all runs have one and no frame is lost."""
+        labels = [
+            str(run.key) if kind == "lane" else label_of(kind, _around(text, where))
+            for text, run in zip(texts, runs, strict=True)
+        ]
+        known = sorted({label for label in labels if label is not None})
+        named = {label.rpartition("-")[0] for label in known} if kind == "both" else known
+        if (
+            not 0 < len(known) <= _MOST_STREAMS
+            or labels.count(None) > (1 - _COVERED) * len(labels)
+            or (where == "above" and len({text.above for text in texts}) < 2)
+            or (len(named) < 2 and where != "above" and kind not in ("word", "given"))
+        ):
+            return False
+        frames = [frames_in(b"".join(of_label)) for of_label in _separated(labels, runs)]
+        gain = sum(map(len, frames)) - len(frames_in(b"".join(run.data for run in runs)))
+        headers = [{frame[0] for frame in own} for own in frames]
+        pure = all(len(own) == 1 for own in headers) and len(set().union(*headers)) > 1
+        if gain < 0 or (kind == "lane" and not (gain or pure)):
+            return False
+        if kind == "lane":
+            self._names = _lane_names({run.key for run in runs}, texts[0].headings)
+            known = sorted(self._names.values())
+        self.labels, self.labelled, self.streams = kind, where, tuple(known)
+        return True
 
 
-def _sampled(layout: Layout, lines: Sequence[bytes]) -> list[tuple[Text, Found]]:
-    sampled, above, headings = [], b"", list[bytes]()
-    for line in lines:
-        found = layout.runs(line)
-        if not found and line.strip():
-            above = line
-            headings = [*headings, line][:_MOST_HEADINGS]
-        for run in found:
-            sampled.append((Text(line, run.start, run.stop, above, tuple(headings)), run))
-    return sampled
+def _separated(labels: Sequence[str | None], runs: Sequence[Found]) -> Iterable[list[bytes]]:
+    """The data of each label."""
+    found: dict[str | None, list[bytes]] = {}
+    for label, run in zip(labels, runs, strict=True):
+        found.setdefault(label, []).append(run.data)
+    return found.values()
 
 
 def _around(text: Text, where: str) -> bytes:
@@ -203,56 +212,23 @@ def _around(text: Text, where: str) -> bytes:
     return text.line[: text.start] if where == "before" else text.line[text.stop :]
 
 
-def _label(kind: str, text: bytes) -> str | None:
-    label = label_of(text)
-    direction = label.word or label.arrow
-    if kind == "given":
-        text = text.partition(_GIVEN)[2].strip()
-        return (
-            label_of(text).word or label_of(text).arrow or text.decode("utf-8", "replace").lower()
-        )
-    if kind == "both":
-        return f"{label.port}-{direction}" if label.port and direction else None
-    return {"word": label.word, "arrow": label.arrow, "port": label.port}.get(kind)
-
-
-def _plausible(kind: str, labels: Sequence[str | None], above: set[bytes] | None) -> bool:
-    """Whether almost all runs have a label, and the labels are like those of streams."""
-    known = Counter(label for label in labels if label)
-    if known.total() < _COVERED * len(labels) or len(known) > _MOST_STREAMS:
-        return False
-    if above is not None and len(above) < 2:
-        return False
-    ports = {label.rpartition("-")[0] for label in known} if kind == "both" else known
-    return len(ports) > 1 or kind in ("word", "given") or (kind == "arrow" and above is not None)
-
-
-def _frames(runs: Sequence[Found], labels: Sequence[object]) -> Counter[tuple[object, int]]:
-    """The number of frames by label and header."""
-    streams: dict[object, list[bytes]] = {}
-    for run, label in zip(runs, labels, strict=True):
-        streams.setdefault(label, []).append(run.data)
-    return Counter(
-        (label, frame[0])
-        for label, pieces in streams.items()
-        for frame in frames_in(b"".join(pieces))
-    )
-
-
-def _lane_names(keys: Sequence[bytes], headings: Sequence[bytes]) -> dict[bytes, str]:
+def _lane_names(keys: set[bytes], headings: Sequence[bytes]) -> dict[bytes, str]:
     """A name for each lane: a word that no other lane has, or the heading of its column."""
-    words = [re.findall(r"[^\W\d][\w/.-]*", key.decode("utf-8", "replace")) for key in keys]
-    common = set(words[0]).intersection(*words)
-    columns = [key.count(b",") for key in keys]
+    words = {key: re.findall(r"[^\W\d][\w/.-]*", key.decode("utf-8", "replace")) for key in keys}
     tables = (heading.decode("utf-8", "replace").split(",") for heading in headings)
-    cells = next((cells for cells in tables if len(cells) > max(1, *columns)), None)
-    names = []
-    for own, column in zip(words, columns, strict=True):
-        name = next((word for word in reversed(own) if word not in common), "")
-        names.append((name or (cells[column].strip(' "') if cells else "")).lower())
-    if len(set(filter(None, names))) < len(names):
-        names = [str(number) for number in range(1, len(names) + 1)]
-    return dict(zip(keys, names, strict=True))
+    most = max(key.count(b",") for key in keys)
+    cells = next((cells for cells in tables if len(cells) > max(1, most)), [""] * (most + 1))
+    common = set.intersection(*map(set, words.values()))
+    names = {
+        key: next(
+            (word for word in reversed(own) if word not in common),
+            cells[key.count(b",")].strip(' "'),
+        ).lower()
+        for key, own in words.items()
+    }
+    if len(set(names.values()) - {""}) < len(keys):
+        return {key: str(number) for number, key in enumerate(sorted(keys), 1)}
+    return names
 
 
 def marked(line: bytes, pattern: re.Pattern[bytes]) -> bytes:
@@ -262,7 +238,7 @@ def marked(line: bytes, pattern: re.Pattern[bytes]) -> bytes:
         return line
     groups = found.groupdict()
     time, way = groups.get("time") or b"", groups.get("dir") or b""
-    return b" %b ".join([b"%b", b"%b", b"%b"]) % (time, _GIVEN, found["data"], _GIVEN, way)
+    return b" ".join([time, _MARK, found["data"], _MARK, way])
 
 
 def decide(
@@ -278,7 +254,7 @@ def decide(
         lines: the sample, in the order of the log.
         form: the name of an extractor, or of a form with any separator, if it is given.
         pattern: a regular expression that gives the data of a line.
-        paste: whether the text is what somebody pasted, which need not have a whole frame.
+        paste: whether the text is pasted, and need not have a whole frame.
 
     Raises:
         InputTextError: two hypotheses are as good, or there is no such form.
@@ -288,55 +264,43 @@ def decide(
         names = ", ".join(one.name for one in EXTRACTORS)
         raise InputTextError(f"--form: there is no form {form!r}; the forms are: {names}")
     if pattern is not None:
-        lines = [line for line in lines if pattern.search(line)]
-    sample = Sample(lines if pattern is None else [marked(line, pattern) for line in lines])
+        lines = [marked(line, pattern) for line in lines if pattern.search(line)]
+    sample, notes = Sample(lines), list[str]()
     ranked = sample.hypotheses(extractors)
     good = [one for one in ranked if one.accepted]
-    forced = paste or form is not None or pattern is not None
-    notes = []
-    if good:
-        _refuse_ambiguous(good)
-    elif forced and (good := ranked or _longest(sample, extractors, named=form is not None)):
-        notes.append(
-            f'no whole frame in it; what is read as "{good[0].extractor.name}" may be no bytes'
-        )
+    _refuse_ambiguous(good)
+    if not good and (paste or form or pattern):
+        digits = [replace(one, masks_times=True) for one in extractors if form or one.columnar]
+        good = ranked or sample.longest(digits)
+        notes = [
+            f'no whole frame in it; what is read as "{one.extractor.name}" may be no bytes'
+            for one in good[:1]
+        ]
     if not good:
         return None
-    layout = Layout(good[0], explained=[str(one) for one in ranked[:3]], notes=notes)
-    layout.notes += [
-        f"{_left_out(cut)} of the bytes of a line are no data"
-        for cut in {(lane.cut.start, lane.cut.stop): lane.cut for lane in good[0].lanes}.values()
-        if cut != WHOLE
-    ]
-    layout.settle(sample.lines, given=pattern is not None and "dir" in pattern.groupindex)
+    cuts = {_left_out(cut) for cut in good[0].cuts.values()} - {""}
+    notes += [f"the bytes of a line are read{cut}, which are no data" for cut in sorted(cuts)]
+    layout = Layout(good[0], lines, notes, given=bool(pattern and "dir" in pattern.groupindex))
+    layout.scores = [f"score {number}: {one}" for number, one in enumerate(ranked[:3], 1)]
     return layout
 
 
 def _left_out(cut: slice) -> str:
-    return f"the first {cut.start or 0} and the last {-(cut.stop or 0)}"
+    if cut == slice(None):
+        return ""
+    return f" without the first {cut.start or 0} and the last {-(cut.stop or 0)}"
 
 
 def _refuse_ambiguous(good: Sequence[Hypothesis]) -> None:
-    best = good[0]
     for other in good[1:]:
+        best = good[0]
         missing = Counter(other.frames) - Counter(best.frames)
-        if other.score >= AS_GOOD * best.score and missing.total() > 0.1 * len(other.frames):
-            named = (
-                f'"{one.extractor.name}" (first frame {one.frames[0].hex(" ").upper()})'
+        if other.score >= _AS_GOOD * best.score and missing.total() > 0.1 * len(other.frames):
+            first = (
+                f'"{one.extractor.name}" ({one.frames[0].hex(" ").upper()})'
                 for one in (best, other)
             )
             raise InputTextError(
-                f"two readings are as good: {' and '.join(named)};"
+                f"two readings are as good, by their first frame: {' and '.join(first)};"
                 f' choose one with --form "{best.extractor.name}"'
             )
-
-
-def _longest(sample: Sample, extractors: Sequence[Extractor], *, named: bool) -> list[Hypothesis]:
-    """The lane with the most bytes, in a form that is named or in hexadecimal digits."""
-    found = []
-    for extractor in extractors:
-        if named or extractor.columnar:
-            lanes = sample.lanes(replace(extractor, masks_times=True))
-            found += [Hypothesis(extractor, [lane, *alike([lane], lanes)]) for lane in lanes]
-    sizes = [sum(len(data) for _, data in one.lanes[0].runs) for one in found]
-    return [found[sizes.index(max(sizes))]] if max(sizes, default=0) > 1 else []

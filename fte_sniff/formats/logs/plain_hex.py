@@ -12,7 +12,7 @@ from typing import Final
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.chance import frames_in
-from fte_sniff.formats.logs.labels import label_of
+from fte_sniff.formats.logs.labels import direction_of
 from fte_sniff.formats.logs.streams import BYTE_NS, LogStreams
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.protocol import FRAME_LENGTH
@@ -117,8 +117,7 @@ def is_plain(line: bytes) -> bool:
 
 def is_mistyped(line: bytes) -> bool:
     """Whether a line looks like plain hex with a typing error, and not like other text."""
-    label = label_of(line)
-    if label.word or label.arrow or _ADDRESS.match(line):
+    if direction_of(line) or _ADDRESS.match(line):
         return False
     wrong = [token for token in _TOKEN.findall(line) if not is_plain(token)]
     return bool(wrong) and all(len(token) <= _LONGEST_MISTAKE for token in wrong)
