@@ -15,6 +15,7 @@ Modules:
     options            Shared click options and parameter types.
     output             The format option, and the summary at the end.
     ports              `fte-sniff ports`: list the serial ports.
+    progress           Progress of reading files, as a line on standard error.
     recording_options  Options of a recording and the plan made of them.
     repair             `fte-sniff repair`: repair a damaged recording.
     settings           Settings file and environment.

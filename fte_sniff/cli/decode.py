@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import click
 
-from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
+from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
 from fte_sniff.cli.options import FileName
 from fte_sniff.cli.output import exit_if_unreadable, format_option, print_notes, summary
+from fte_sniff.cli.progress import ProgressLine, progress_line
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
@@ -48,8 +51,9 @@ def command(
     """
     check_inputs(query.files, output)
     form = form or _format_for(output)
-    reading = query.read(query.row_filter(), limit)
-    _write(form, output, reading, force=force)
+    with progress_line(reads_stdin=STDIN in query.files) as line:
+        reading = query.read(query.row_filter(), limit, progress=line.progress)
+        _write(form, output, reading, line, force=force)
     print_notes(reading)
     print_err(summary(reading.tally, reading))
     exit_if_unreadable(reading)
@@ -71,7 +75,9 @@ def _format_for(output: Path | None) -> OutputFormat:
     return FORMAT_BY_SUFFIX[end]
 
 
-def _write(form: OutputFormat, path: Path | None, reading: InputReading, *, force: bool) -> None:
+def _write(
+    form: OutputFormat, path: Path | None, reading: InputReading, line: ProgressLine, *, force: bool
+) -> None:
     """Write to standard output (None or `-`), or to a file that replaces `path` when complete.
 
     A command that fails leaves no file, and an old file stays until the new one is complete. After
@@ -85,7 +91,8 @@ def _write(form: OutputFormat, path: Path | None, reading: InputReading, *, forc
     is_text = form not in (OutputFormat.RAW, OutputFormat.MCAP, OutputFormat.PARQUET)
     if path is None or str(path) == "-":
         stdout = None if is_text else _binary_stdout(form, path)
-        _write_all(open_sink(form, stdout, reading.source), "standard output", reading)
+        sink = open_sink(form, stdout, reading.source)
+        _write_all(sink, "standard output", reading, line.hidden_by_stdout)
         return
     try:
         if is_text and path.exists() and not path.is_file() and not path.is_dir():
@@ -102,6 +109,7 @@ def _write(form: OutputFormat, path: Path | None, reading: InputReading, *, forc
         except KeyboardInterrupt:
             if is_text and reading.written:
                 export.commit()
+                line.end()
                 print_err(f"fte-sniff: interrupted; {path} holds the rows up to there")
             raise
         finally:
@@ -110,10 +118,16 @@ def _write(form: OutputFormat, path: Path | None, reading: InputReading, *, forc
         raise unwritable(path, error) from error
 
 
-def _write_all(sink: Sink, name: object, reading: InputReading) -> None:
+def _write_all(
+    sink: Sink,
+    name: object,
+    reading: InputReading,
+    writing: Callable[[], AbstractContextManager[object]] = nullcontext,
+) -> None:
     try:
         for batch in reading:
-            sink.write(batch.rows, batch.events)
+            with writing() if len(batch.rows) else nullcontext():
+                sink.write(batch.rows, batch.events)
         sink.close()
     except BaseException:
         sink.abandon()

@@ -45,6 +45,7 @@ from fte_sniff.session.inputs import (
     LogInput,
     RecordingInput,
 )
+from fte_sniff.session.progress import Progress
 from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:
@@ -193,7 +194,11 @@ class InputQuery:
         return [path for named in self.files for path in _expanded(named)]
 
     def read(
-        self, row_filter: RowFilter | None, limit: int | None = None, baud: int | None = None
+        self,
+        row_filter: RowFilter | None,
+        limit: int | None = None,
+        baud: int | None = None,
+        progress: Progress | None = None,
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
 
@@ -205,16 +210,23 @@ class InputQuery:
         self.log_options()  # an invalid option is an error even if no log is read
         inputs: list[Input] = []
         unreadable: list[FileError] = []
+        progress = progress or Progress()
         for path in self.paths():
+            progress.step = f"opening {path}"
             try:
                 inputs.append(_opened(path, self))
             except FileError as error:
                 unreadable.append(error)
         if not inputs:
             raise unreadable[0]
-        times = (one.times for one in inputs)
+        times = (_times_of(one, progress) for one in inputs)
         span = time_range(self.since, self.until, times, self.zone_given())
-        return InputReading(inputs, span, row_filter, limit, baud, unreadable)
+        return InputReading(inputs, span, row_filter, limit, baud, unreadable, progress)
+
+
+def _times_of(one: Input, progress: Progress) -> tuple[int, int] | None:
+    progress.step = f"looking for the first and last time in {one.name}"
+    return one.times
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:

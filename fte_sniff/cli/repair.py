@@ -9,8 +9,10 @@ import click
 
 from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import FileName
+from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError
+from fte_sniff.session.progress import size_of
 
 if TYPE_CHECKING:
     from fte_sniff.recording.repair import FileDamage
@@ -45,11 +47,14 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     target = output or file.with_name(f"{file.stem}-repaired{file.suffix}")
     if target.exists() and file.exists() and target.samefile(file):
         raise UsageError(f"{target} is the damaged file itself; name another with -o")
-    repair = Repair(file)
+    with progress_line() as line:
+        line.progress.files, line.progress.size = 1, 2 * (size_of(file) or 0)
+        repair = Repair(file, line.progress.advance)
+        if not repair.is_whole:
+            repair.write(target, Existing.REPLACE if force else Existing.REFUSE)
     if repair.is_whole:
         print_err(f"{file} is whole; there is nothing to repair")
         return
-    repair.write(target, Existing.REPLACE if force else Existing.REFUSE)
     damage = repair.damage
     _report_damage(damage)
     kept = f"{damage.messages} rows and port events in {damage.chunks} chunks"

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
+from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
 from fte_sniff.cli.options import line_speed_option
 from fte_sniff.cli.output import exit_if_unreadable, explain_no_frames, print_notes
+from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.stats_json import statistics_json
 from fte_sniff.cli.streams import print_err
 from fte_sniff.formats.writers import printable_json
@@ -45,17 +46,16 @@ def command(query: InputQuery, form: str, baud: int | None) -> None:
     fte-sniff stats samples/clean.mcap --format json
     """
     check_inputs(query.files)
-    reading = query.read(query.row_filter(), baud=baud)
-    summary = _summarize(reading, baud)
+    with progress_line(reads_stdin=STDIN in query.files) as line:
+        reading = query.read(query.row_filter(), baud=baud, progress=line.progress)
+        summary = _summarize(reading, baud)
     if form == "json":
         numbers = statistics_json(summary, reading)
         click.echo(printable_json(json.dumps(numbers, ensure_ascii=False, indent=2)))
     else:
         _show(summary, reading)
     print_notes(reading)
-    if reading.span is not None and not reading.tally.rows:
-        print_err("fte-sniff: no row is between --from and --to")
-    elif advice := explain_no_frames(reading.tally, reading):
+    if advice := explain_no_frames(reading.tally, reading):
         print_err(f"fte-sniff: {advice}")
     exit_if_unreadable(reading)
 

@@ -18,6 +18,7 @@ from fte_sniff.cli.options import (
     units_options,
 )
 from fte_sniff.cli.output import exit_if_unreadable, print_notes
+from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.settings import config_option, lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals
 from fte_sniff.errors import UsageError
@@ -62,15 +63,17 @@ def command(
     from fte_sniff.tui.options import StartOptions
 
     wanted = query.row_filter()
-    reading = query.read(None, baud=baud)
+    with progress_line() as line:
+        reading = query.read(None, baud=baud, progress=line.progress)
+        batches = iter(reading)
+        # The first batch is read now, so that its error comes before the screen.
+        opening_rows = [*islice(batches, 1)]
     ports = reading.source.ports
     setup = line_setup(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
     only_recordings = all(isinstance(one, RecordingInput) for one in reading.inputs)
     pages = RecordingPages() if only_recordings else None
-    batches = iter(reading)
     session = ReplaySession(
-        # The first batch is read now, so that its error comes before the screen.
-        chain([*islice(batches, 1)], batches),
+        chain(opening_rows, batches),
         " ".join(map(str, query.files)),
         None if reading.span else _row_count(reading.inputs),
         list(map(str, query.paths())),

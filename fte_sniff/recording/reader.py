@@ -91,6 +91,8 @@ class RecordingReader:
         self._copy = self._copy_of_pipe()
         with self._open() as stream:
             self._identity = _identity(stream)
+            self.size = os.fstat(stream.fileno()).st_size
+            """Bytes of the file when it was opened."""
             self._read_start(stream)
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -55,12 +55,13 @@ def lost_text(gap: Gap) -> str:
 class Repair:
     """The repair of one file, which is never changed."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, on_read: Callable[[int], None] = lambda _bytes: None) -> None:
         """Read the file and find its damage.
 
-        Raises FileError if the file cannot be read, or nothing in it is intact.
+        `on_read` is called with the number of bytes of each part that was read; `write` reads the
+        file again. Raises FileError if the file cannot be read, or nothing in it is intact.
         """
-        self._path = path
+        self._path, self._on_read = path, on_read
         try:
             self._reader = RecordingReader(path)
         except FileError as error:
@@ -114,8 +115,13 @@ class Repair:
         damage.least_lost_messages = reader.least_lost_messages
 
     def _ranges(self) -> Iterator[tuple[RowRange, RowBatch]]:
+        before = 0
         try:
-            yield from self._reader.ranges()
+            for found, rows in self._reader.ranges():
+                end = found.records[-1][1]
+                self._on_read(end - before)
+                before = end
+                yield found, rows
         except FileError as error:
             raise FileError(f"{error}; there is nothing to repair") from error
 
@@ -125,7 +131,7 @@ class Repair:
         facts = {name: fact for name, fact in own.items() if not name.startswith("port.")}
         writer = BulkWriter(descriptor, reader.ports, facts)
         try:
-            for rows in reader.batches():
+            for _, rows in self._ranges():
                 writer.write(rows)
             kept = [(one.name, one.metadata) for one in reader.all_metadata]
             others = [(name, items) for name, items in kept if (name, items) != (PROGRAM, own)]

@@ -12,6 +12,7 @@ Modules:
     inputs           Recordings, logs, raw bytes and standard input.
     live_session     LiveSession: start, poll, stop.
     port_merge       Order rows of several ports; detect swapped wiring.
+    progress         Progress: how far the reading of files has come.
     replay           ReplaySession over files with paging.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().

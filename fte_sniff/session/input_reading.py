@@ -12,6 +12,7 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.session.inputs import Input, InputBatch
+from fte_sniff.session.progress import Progress
 from fte_sniff.session.save import ExportSource
 from fte_sniff.session.time_merge import TimedInput, merged_by_time
 
@@ -44,6 +45,7 @@ class InputReading:
         limit: int | None = None,
         baud: int | None = None,
         unreadable: Sequence[FileError] = (),
+        progress: Progress | None = None,
     ) -> None:
         """Read no rows yet; of several inputs, read their first times.
 
@@ -54,6 +56,7 @@ class InputReading:
             limit: largest number of those rows; None for all.
             baud: the baud of every port; None for that of the inputs.
             unreadable: errors of inputs that could not be opened.
+            progress: shows how far reading has come.
         """
         self.inputs = inputs = _by_first_time(inputs)
         self.unreadable = unreadable
@@ -66,6 +69,11 @@ class InputReading:
         """Rows that match, up to the limit."""
         self.reported_gaps = [gap for one in inputs for gap in one.gaps(span)]
         """The gaps in the span that the inputs report."""
+        self.progress = progress or Progress()
+        """How far reading has come."""
+        sizes = [one.size for one in inputs]
+        self.progress.files, self.progress.step = len(inputs), ""
+        self.progress.size = 0 if None in sizes else sum(size or 0 for size in sizes)
         self._last = _Succession()
         """That of the input that ended last."""
         self._last_ns: int | None = None
@@ -142,17 +150,21 @@ class InputReading:
             changes += [StreamChange(0, gap) for gap in gaps]
         elif not one.follows(succession.before):
             changes.append(detector.interrupt(*ANOTHER))
-        succession.before = one
+        succession.before, read = one, 0
         for batch in one.batches(self.span, self.notes.append, open_inputs):
             if batch.after_gap:
                 changes.append(detector.interrupt(*DAMAGED))
             if gap := detector.observe(batch.times):
                 self._gaps.append(gap)
             self.tally.update(batch.rows)
+            self.progress.advance(one.position - read, len(batch.rows))
+            read = one.position
             found = batch if self.row_filter is None else batch.select(self.row_filter)
             changes += detector.changes(found.rows, found.events)
             yield replace(found, changes=changes)
             changes = []
+        self.progress.files_done += 1
+        self.progress.advance((one.size or read) - read)
         if one.losses:
             changes.append(detector.interrupt(*DAMAGED))
         if changes:

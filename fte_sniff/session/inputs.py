@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
 from fte_sniff.analysis.feed import StreamChange
@@ -24,6 +25,7 @@ from fte_sniff.protocol import (
     iso_time,
 )
 from fte_sniff.protocol.framer.segments import DecidedSpan
+from fte_sniff.session.progress import size_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -176,6 +178,10 @@ class Input(ABC):
     def __init__(self, name: str) -> None:
         self.name = name
         """For display; may hold text from outside, so escape it."""
+        self.size: int | None = None
+        """Bytes of its file; None if unknown."""
+        self.position = 0
+        """Bytes of its file that were read so far; 0 if unknown."""
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -254,6 +260,7 @@ class RecordingInput(Input):
         """Read nothing yet; `copy` is the temporary file that holds standard input."""
         super().__init__(str(reader.path) if copy is None else STDIN_NAME)
         self.reader = reader
+        self.size = reader.size
         self._copy = copy
         self._ends: dict[str, int] = {}
         """By port, the offset after the last row that was read."""
@@ -338,6 +345,7 @@ class RecordingInput(Input):
             troubles.update(event.kind for event in rows.events)
             some = some or bool(len(rows))
             self._ends.update(rows.end_offsets())
+            self.position = passage.records[-1][1]
             if len(rows) or rows.events or passage.after_loss:
                 reload = partial(self.reader.read, passage)
                 yield InputBatch(rows, rows.events, passage.after_loss, reload)
@@ -372,6 +380,7 @@ class LogInput(Input):
         """
         super().__init__(name)
         self._source, self._drained, self._first_ns = source, drained, first_ns
+        self.size = size_of(Path(name))
 
     @property
     def first_ns(self) -> int | None:
@@ -407,8 +416,17 @@ class LogInput(Input):
         if isinstance(self._source, LogReader):
             rows = self._source.rows(note)
         else:
-            rows = rows_of_spans(decided_spans(self._source, self.name, note, self._drained))
-        yield from map(InputBatch, rows if span is None else self._within(span, rows, note))
+            chunks = self._counted(self._source)
+            rows = rows_of_spans(decided_spans(chunks, self.name, note, self._drained))
+        for found in rows if span is None else self._within(span, rows, note):
+            if isinstance(self._source, LogReader):
+                self.position = self._source.position
+            yield InputBatch(found)
+
+    def _counted(self, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
+        for chunk in chunks:
+            self.position += len(chunk.data)
+            yield chunk
 
     def _within(self, span: TimeRange, batches: Iterable[Rows], note: Note) -> Iterator[Rows]:
         """Only rows of the span; if there are none, note the times of the input."""

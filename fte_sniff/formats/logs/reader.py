@@ -109,6 +109,12 @@ class LogReader:
         self._where = f"{name}: " if where is None else where
         self._blocks: Iterator[TextBlock] | None = None
         self._form: LogForm | None = None
+        self._file: BinaryIO | None = None
+
+    @property
+    def position(self) -> int:
+        """Bytes of its file that were read so far; 0 of a stream, and after the end."""
+        return 0 if self._file is None or self._file.closed else self._file.tell()
 
     @property
     def ports(self) -> list[str]:
@@ -198,8 +204,8 @@ class LogReader:
         if self._blocks is not None:
             yield self._blocks
             return
-        with Path(self.name).open("rb") as file:
-            yield iter(TextBlocks(file))
+        with Path(self.name).open("rb") as self._file:
+            yield iter(TextBlocks(self._file))
 
     def _prepared(self) -> LogForm:
         if self._form is None:
