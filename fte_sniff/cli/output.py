@@ -73,7 +73,7 @@ def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
     """Why there are no rows or no frames, or what to check; empty otherwise."""
     if reading is not None:
         if not tally.rows and reading.span is not None:
-            return "none is between --from and --to"
+            return "no row is between --from and --to"
         if not tally.rows and reading.notes:
             return ""  # the notes name the reason
         if tally.rows and not reading.written and reading.row_filter is not None:

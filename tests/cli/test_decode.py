@@ -450,7 +450,7 @@ def test_rows_that_no_filter_or_span_lets_through_are_not_missed_on_the_wire(
     *_, told, total = later.stderr.splitlines()
     assert "clean.mcap: none of its 1,20" in told
     assert "they go from 2026-01-31T12:00:00.000000000Z to 2026-01-31T12:00:" in told
-    assert total == "0 rows; none is between --from and --to"
+    assert total == "0 rows; no row is between --from and --to"
 
 
 SSCOM = (
