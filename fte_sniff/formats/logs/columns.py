@@ -103,14 +103,17 @@ def _read(
     """The lines that are like the first in all but digits of bytes, time and numbers."""
     layout = log.layout
     found = layout.runs(line)
-    if len(found) != 1 or found[0].cut:
+    if not found or any(run.gap for run in found):
         return None
-    (run,) = found
-    pairs = [run.start + pair.start() for pair in _PAIR.finditer(line[run.start : run.stop])]
-    cut = layout.cut_of(run.key)
-    pairs = pairs[cut] if cut else pairs
+    run, pairs = found[0], list[int]()
+    for one in found:
+        of_run = [pair.start() for pair in _PAIR.finditer(line, one.start, one.stop)]
+        pairs += of_run[one.cut]
     place = layout.stamp_of(line, run)
-    if len(pairs) != len(run.data) or (place is None) != (layout.times.where != "before"):
+    labels = {layout.label_of(line, one) for one in found}
+    if len(pairs) != sum(len(one.data) for one in found) or len(labels) > 1:
+        return None
+    if (place is None) != (layout.times.where != "before"):
         return None
     of_bytes, numbers = np.zeros((2, len(line)), np.bool_)
     of_bytes[pairs] = of_bytes[[at + 1 for at in pairs]] = True

@@ -37,9 +37,10 @@ _CUTS: Final = [(first, last) for first, last in product(range(4), range(3)) if 
 
 @lru_cache(maxsize=8192)
 def folded(text: bytes) -> bytes:
-    """The text with each number as 0, and white space as one space."""
+    """The text with each number as 0, and white space as one space; a column is apart."""
     if not text.strip(b" "):
         return b""
+    text = re.sub(rb"(?<=\S) {8,}", b" | ", text)
     return re.sub(rb"\s+", b" ", re.sub(NUMBER_TOKEN, b"0", text))
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from time import time_ns
 from typing import TYPE_CHECKING, Final
 
+from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.clock import LogClock
-from fte_sniff.formats.logs.layout import Layout, decide, marked
+from fte_sniff.formats.logs.evidence import Hypothesis, Sample
+from fte_sniff.formats.logs.forms import EXTRACTORS
+from fte_sniff.formats.logs.layout import Layout, left_out
 from fte_sniff.formats.logs.streams import BYTE_NS, LogStream, LogStreams
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.formats.logs.times import Stamp, TimeRule
@@ -18,25 +23,46 @@ if TYPE_CHECKING:
     from fte_sniff.formats.logs.columns import Array
     from fte_sniff.formats.logs.reader import LogOptions
 
+_AS_GOOD: Final = 0.9
+"""Two hypotheses whose scores differ less are ambiguous, if their frames differ."""
 _CERTAIN: Final = 0.95
 """Share of the bytes in frames from which on nothing else is plausible."""
-_LIKE: Final = "look like bytes but are not read"
 _COLUMNAR: Final = 256
 """Lines of a block from which on numpy reads them."""
+_MARK: Final = b"\x01"
+"""Around the data of a line that a regular expression matches."""
+_LIKE: Final = "look like bytes but are not read"
 
 
 class EvidenceLog:
     """A log with a layout."""
 
-    def __init__(self, layout: Layout, clock: LogClock, options: LogOptions) -> None:
-        self.layout, self.clock = layout, clock
-        self.resolution_ns = layout.times.resolution_ns
-        self.frames = len(layout.hypothesis.frames)
+    def __init__(
+        self, lines: Sequence[bytes], found: Sequence[Hypothesis], options: LogOptions
+    ) -> None:
+        """A log.
+
+        Args:
+            lines: a sample.
+            found: what it may be, the best first.
+            options: what the user says of it.
+        """
         self._pattern, self._paste = options.pattern, not options.whole
+        given = options.pattern is not None and "dir" in options.pattern.groupindex
+        self.layout = Layout(found[0], lines, given=given)
+        self.clock = LogClock(options.day, options.zone, options.start_ns)
+        self.resolution_ns = self.layout.times.resolution_ns
+        self.frames = len(found[0].frames)
+        self._scores = [f"score {rank}: {one}" for rank, one in enumerate(found[:3], 1)]
+        cuts = {left_out(cut) for cut in found[0].cuts.values()} - {""}
+        self._notes = [f"lines are read{cut}, which are no data" for cut in sorted(cuts)]
+        if not self.frames:
+            form = found[0].extractor.name
+            self._notes = [f'no whole frame in it; what is read as "{form}" may be no bytes']
         self._t_ns: int | None = None
         self._label: str | None = None
-        self._size = 0
         self._stream: LogStream | None = None
+        self._size = 0
         self._seen: dict[str, tuple[int, int, str]] = {}
         """By what they do, how many lines, and number and text of the first."""
 
@@ -47,32 +73,39 @@ class EvidenceLog:
         """The log, if a sample has frames.
 
         Raises:
-            InputTextError: two layouts are as good, or an option is wrong.
+            InputTextError: two hypotheses are as good, or there is no such form.
         """
-        layout = decide(lines, options.form, options.pattern, paste=not options.whole)
-        if layout is None:
+        if options.pattern is not None:
+            matching = filter(options.pattern.search, lines)
+            lines = [_rearranged(line, options.pattern) for line in matching]
+        found = _hypotheses(lines, options)
+        if not found:
             return None
-        near = options.day or datetime.fromtimestamp((written_ns or time_ns()) / 1e9, UTC).date()
-        note = layout.times.settle_order(near, given=options.day is not None)
-        layout.notes += [note] if note else []
-        clock = LogClock(options.day, options.zone, options.start_ns)
-        log = cls(layout, clock, options)
-        stamps = [stamp for line in lines if (stamp := layout.any_stamp(log.marked(line)))]
-        if stamps and not options.whole and stamps[0].kind not in ("date", "epoch"):
-            layout.times = TimeRule()  # nobody asks when a pasted line was
-        elif stamps:
-            clock.settle(stamps, name, written_ns)
+        log = cls(lines, found, options)
+        log.settle_times(lines, options, name, written_ns)
         return log
+
+    def settle_times(
+        self, lines: Sequence[bytes], options: LogOptions, name: str, written_ns: int | None
+    ) -> None:
+        """Decide what the times of a log count from."""
+        near = options.day or datetime.fromtimestamp((written_ns or time_ns()) / 1e9, UTC).date()
+        note = self.layout.times.settle_order(near, given=options.day is not None)
+        self._notes += [note] if note else []
+        found = (
+            self.layout.stamp_of(line, next(iter(self.layout.runs(line)), None)) for line in lines
+        )
+        stamps = [one[3] for one in found if one is not None]
+        if stamps and self._paste and stamps[0].kind not in ("date", "epoch"):
+            self.layout.times = TimeRule()  # nobody asks when a pasted line was
+        elif stamps:
+            self.clock.settle(stamps, name, written_ns)
 
     def better_than(self, frames: int, size: int) -> bool:
         """Whether it explains more than plain hex with these frames and bytes."""
         share = self.layout.hypothesis.share
         more_certain = share > _CERTAIN > FRAME_LENGTH * frames / max(size, 1)
         return self.frames > frames or (self.frames == frames > 0 and more_certain)
-
-    def marked(self, line: bytes) -> bytes:
-        """The line, as a regular expression rearranges it."""
-        return line if self._pattern is None else marked(line, self._pattern)
 
     def ports(self, name: str) -> list[str]:
         """One for each label."""
@@ -84,9 +117,11 @@ class EvidenceLog:
         if block.column or block.unfinished:
             self._skip(block.first, block.text[:80])
             return
-        lines = block.lines if self._pattern is None else list(map(self.marked, block.lines))
+        lines = block.lines
+        if self._pattern is not None:
+            lines = [_rearranged(line, self._pattern) for line in lines]
         timed = self.layout.times.where == "before" or self.clock.start_ns is None
-        if len(lines) >= _COLUMNAR and self.layout.columnar and timed:
+        if len(lines) >= _COLUMNAR and self.layout.hypothesis.extractor.columnar and timed:
             from fte_sniff.formats.logs.columns import read_columns
 
             if read_columns(self, lines, block.first, streams, name):
@@ -96,31 +131,33 @@ class EvidenceLog:
 
     def read_line(self, line: bytes, number: int, streams: LogStreams, name: str) -> None:
         """Append the bytes of a line to the streams."""
-        layout = self.layout
-        found = layout.runs(line)
-        if self._paste and found and (words := layout.unread_words(line, found)):
+        found = self.layout.runs(line)
+        if self._paste and found and (words := self.layout.unread_words(line, found)):
             self._count("hold words that are not read as bytes", number, words)
-        if not found and line.strip():
-            self._read_heading(line, number)
-        for run in found:
-            stamp = layout.stamp_of(line, run)
+        for run in (*found,) or (None,):
+            stamp, label = self.layout.stamp_of(line, run), self.layout.label_of(line, run)
             if stamp is not None:
                 self._t_ns = self.clock.t_ns(stamp[3], number)
-            stream = self.stream_of(streams, name, layout.label_of(line, run))
+            if run is None:
+                self._label = label or self._label
+                if stamp is None and label is None and line.strip():
+                    self._skip(number, line)
+                continue
             self._size += len(run.data)
             t_ns = self._t_ns
-            if layout.times.where == "none" and self.clock.start_ns is not None:
+            if self.layout.times.where == "none" and self.clock.start_ns is not None:
                 t_ns = self.clock.start_ns + self._size * BYTE_NS
-            stream.append(run.data, number, t_ns, first=layout.times.first_byte)
-            if run.cut:
+            stream = self.stream_of(streams, name, label)
+            stream.append(run.data, number, t_ns, first=self.layout.times.first_byte)
+            if run.gap:
                 self._leave_gap(number, line[run.stop :])
 
     def stream_of(self, streams: LogStreams, name: str, label: str | None) -> LogStream:
         """The stream of a label; without one, that of the lines before."""
         self._label = label or self._label
         labels = self.layout.streams
-        one = not self._label or (len(labels) < 2 and self._label in (*labels, None)) or not labels
-        port = name if self._paste or one else f"{name}:{self._label}"
+        several = len(labels) > 1 or (labels and self._label not in labels)
+        port = f"{name}:{self._label}" if several and self._label and not self._paste else name
         self._stream = streams.labelled(port, self._label)
         return self._stream
 
@@ -132,22 +169,15 @@ class EvidenceLog:
         self._t_ns = int(t_ns[-1])
         return t_ns
 
-    def _read_heading(self, line: bytes, number: int) -> None:
-        stamp, label = self.layout.heading(line)
-        if stamp is not None:
-            self._t_ns = self.clock.t_ns(stamp, number)
-        self._label = label or self._label
-        if line.strip() == b"*":  # a dump leaves out lines like the one before
-            self._leave_gap(number, line)
-        elif stamp is None and label is None:
-            self._skip(number, line)
-
-    def _leave_gap(self, number: int, line: bytes) -> None:
+    def _leave_gap(self, number: int, text: bytes) -> None:
         if self._stream is not None:
             self._stream.cut()
-        self._count("leave out bytes", number, line.decode("utf-8", "replace"))
+        self._count("leave out bytes", number, text.decode("utf-8", "replace"))
 
     def _skip(self, number: int, line: bytes) -> None:
+        if line.strip() == b"*":  # a dump leaves out lines like the one before
+            self._leave_gap(number, line)
+            return
         text = line[:120].decode("utf-8", "replace")
         self._count("hold no bytes", number, text)
         if self.layout.looks_like_bytes(line):
@@ -159,9 +189,9 @@ class EvidenceLog:
 
     def notes(self) -> list[str]:
         """How the log was read, one line each."""
-        notes = list(self.layout.notes)
+        notes = list(self._notes)
         for what, (count, number, text) in self._seen.items():
-            shown = " ".join(text.replace("\x01", " ").split())
+            shown = " ".join(text.replace(_MARK.decode(), " ").split())
             shown = repr(shown if len(shown) <= 60 else shown[:59] + "…")
             one = f"line {number} {what.replace(' ', 's ', 1)}: {shown}"
             many = f"{count:,} lines {what}, for example line {number}: {shown}"
@@ -171,5 +201,43 @@ class EvidenceLog:
         return notes if self._paste else [*notes, *self.clock.notes]
 
     def explain(self) -> list[str]:
-        """The form, lanes, times and directions, one line each."""
-        return self.layout.explain()
+        """The form, lanes, times and directions, one line each; the best three scores."""
+        return [*self.layout.explain(), *self._scores]
+
+
+def _rearranged(line: bytes, pattern: re.Pattern[bytes]) -> bytes:
+    """The time, data and direction that a regular expression finds in a line; else the line."""
+    found = pattern.search(line)
+    if found is None:
+        return line
+    groups = found.groupdict()
+    time, way = groups.get("time") or b"", groups.get("dir") or b""
+    return b" ".join([time, _MARK, found["data"], _MARK, way])
+
+
+def _hypotheses(lines: Sequence[bytes], options: LogOptions) -> list[Hypothesis]:
+    """Where the bytes may be, the best first; none if there are not enough frames."""
+    forms = [
+        one for one in EXTRACTORS if options.form in (None, one.name, one.name.partition(",")[0])
+    ]
+    if not forms:
+        names = ", ".join(one.name for one in EXTRACTORS)
+        raise InputTextError(f"--form: there is no form {options.form!r}; the forms are: {names}")
+    sample = Sample(lines)
+    ranked = sample.hypotheses(forms)
+    good = [one for one in ranked if one.accepted]
+    for other in good[1:]:
+        missing = Counter(other.frames) - Counter(good[0].frames)
+        if other.score >= _AS_GOOD * good[0].score and missing.total() > 0.1 * len(other.frames):
+            raise InputTextError(
+                f"two readings are as good: {_first(good[0])} and {_first(other)};"
+                f' choose one with --form "{good[0].extractor.name}"'
+            )
+    if good or not (options.form or options.pattern or not options.whole):
+        return good
+    digits = [one._replace(masks_times=True) for one in forms if options.form or one.columnar]
+    return ranked or sample.longest(digits)
+
+
+def _first(one: Hypothesis) -> str:
+    return f'"{one.extractor.name}" (first frame {one.frames[0].hex(" ").upper()})'

@@ -12,7 +12,6 @@ from base64 import b64decode
 from binascii import unhexlify
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal, NamedTuple
 
@@ -25,8 +24,7 @@ class Run(NamedTuple):
     data: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Extractor:
+class Extractor(NamedTuple):
     """One form with one separator."""
 
     name: str
@@ -37,12 +35,10 @@ class Extractor:
     decode: Callable[[bytes], bytes]
     size: int = 1
     """Bytes of each number; 0 if the runs have no numbers."""
+    needs: bytes = b""
+    """What a text with such runs has."""
     masks_times: bool = True
     """Whether the first date or time of a line cannot be bytes."""
-    text_beside: bool = False
-    """Whether a column of characters may follow the bytes."""
-    needs: bytes = b""
-    """What a text with such runs has, if single bytes are not enough to tell them from others."""
 
     @property
     def columnar(self) -> bool:
@@ -52,28 +48,9 @@ class Extractor:
     def runs(self, text: bytes) -> Iterator[Run]:
         """The runs of a line, or of several lines."""
         for found in re.finditer(self.pattern, text):
-            start, stop = found.span()
-            try:
-                if self.text_beside and b"  " in found[0]:
-                    stop = self._before_text(text, start, stop)
-                data = self.decode(text[start:stop])
-            except (ValueError, OverflowError):
-                continue
-            if data:
-                yield Run(start, stop, data)
-
-    def _before_text(self, text: bytes, start: int, stop: int) -> int:
-        """Where a run ends: before a column that shows its bytes as characters."""
-        end = text.find(b"\n", stop)
-        line = text[start : len(text) if end < 0 else end]
-        for gap in re.finditer(rb"  ", line[: stop - start]):
-            data, shown = self.decode(line[: gap.start()]), line[gap.end() :].strip(b" |\r\t")
-            if len(data) - 2 <= len(shown) <= len(data) + 2 and all(
-                character == byte or not 0x21 <= byte <= 0x7E
-                for character, byte in zip(shown, data, strict=False)
-            ):
-                return start + gap.start()
-        return stop
+            with suppress(ValueError, OverflowError):
+                if data := self.decode(found[0]):
+                    yield Run(*found.span(), data)
 
 
 def _hex(run: bytes) -> bytes:
@@ -117,6 +94,14 @@ def _base64(run: bytes) -> bytes:
     return b64decode(run.translate(bytes.maketrans(b"-_", b"+/")), validate=True)
 
 
+def _expanded(pattern: bytes) -> bytes:
+    return pattern.replace(b"@", b"[0-9A-Fa-f]")
+
+
+def _unnamed(pattern: bytes) -> bytes:
+    return re.sub(rb"\?P<\w+>", b"?:", pattern)
+
+
 _NO_HEX: Final = bytes(set(range(256)) - set(b"0123456789ABCDEFabcdef"))
 _NAMES: Final = (
     b"NUL SOH STX ETX EOT ENQ ACK BEL BS HT LF VT FF CR SO SI DLE DC1 DC2 DC3 DC4 NAK SYN ETB "
@@ -127,37 +112,27 @@ _NAMED: Final = {name: bytes([code]) for code, name in enumerate(_NAMES)} | {
     b"t": b"\t", b"n": b"\n", b"v": b"\v", b"f": b"\f", b"r": b"\r", b"e": b"\x1b", b"0": b"\0",
 }  # fmt: skip
 """Bytes of the names of control characters, and of the letters after a backslash."""
+_NAME: Final = b"NULL|TAB|NL|DEL|" + b"|".join(_NAMES)
 
-
-def _with_digits(pattern: bytes) -> bytes:
-    return pattern.replace(b"@", b"[0-9A-Fa-f]")
-
-
-_EDGES: Final = (rb"(?<![0-9A-Za-z])", rb"(?![0-9A-Za-z])")
-_DECIMAL_EDGES: Final = (rb"(?<![\w.])(?<!\d[:-])", rb"(?!\w|[.:]\d)")
-_NO_EDGES: Final = (b"", b"")
+_WORD: Final = (rb"(?<![0-9A-Za-z])", rb"(?![0-9A-Za-z])")
+"""What is not before and after a run."""
+_NUMBER: Final = (rb"(?<![\w.])(?<!\d[:-])", rb"(?!\w|[.:]\d)")
+_ANYWHERE: Final = (b"", b"")
 _GROUP: Final = rb"(?:(?:[0-9A-F]{2})++(?![0-9a-f])|(?:[0-9a-f]{2})++(?![0-9A-F]))"
 """Pairs of digits in one case; mixed case is a word."""
-_PAIR: Final = rb"[0-9A-Fa-f]{2}"
 _ANY: Final = rb"[^0-9A-Za-z\\$%&#\r\n]{0,4}+"
-_SHORT: Final = rb"(@{1,2})"
 _BYTE: Final = rb"(?<!\d)(-?\d{1,3})(?!\d|\"\s*:)"
-_ESCAPE: Final = _with_digits(
+_STRING: Final = rb"\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'"
+_ESCAPE: Final = _expanded(
     rb"\\(?:x\{?|u00)(?P<x>@@)(?:(?<=\{..)\})?|\\(?P<o>[0-3]?[0-7]{1,2})|\\(?P<n>.)"
 )
-_LONE_ESCAPE: Final = _with_digits(rb"\\(?:x@@|[0-3][0-7]{2}|u00@@)")
-_STRING: Final = rb"\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'"
-_STRINGS: Final = rb"(?<!\w)[bu]?(?:" + _STRING + rb")(?: ?(?:" + _STRING + rb"))*+"
-_CELL: Final = _with_digits(
+_CODE: Final = _expanded(rb"\\(?:x@@|[0-3][0-7]{2}|u00@@)")
+_CELL: Final = _expanded(
     rb"'?\\x(?P<x>@@)'?|[\[<](?P<x1>@@)[\]>]|'0x(?P<x2>@@)'|'?\\(?P<n>[abtnvfr0])'?|'(?P<c>.)'"
 )
 _OD_CELL: Final = rb" (?P<o>[0-3][0-7]{2})|  \\(?P<n>[0abtnvfr])|   (?P<c>[ -~])"
-_NAME: Final = b"NULL|TAB|NL|DEL|" + b"|".join(_NAMES)
-_LETTERS: Final = rb"(?<![\w+/=-])(?=[\w+/-])(?:[\w+/-]{4})*+(?:@{2}==|@{3}=)?(?![\w+/=-])".replace(
-    b"@", rb"[\w+/-]"
-)
 
-SEPARATORS: Final = (
+_PAIRS: Final = (
     ("spaces", rb" {1,2}", "SSCOM, CoolTerm, Docklight, hexdump -C, socat -x, most terminals"),
     ("tabs", rb"\t", "spreadsheets, LabVIEW"),
     ("commas", rb" ?, ?", "Modbus tools, Serial Studio, CSV exports"),
@@ -169,43 +144,42 @@ SEPARATORS: Final = (
     ("underscores", rb"_", "Verilog test benches"),
     ("slashes", rb"/", "PLC consoles"),
 )
-"""Between two pairs of digits: name, pattern, programs."""
+"""Pairs of hexadecimal digits: what is between two, its pattern, programs."""
 
 _NUMBERS: Final = (
-    ("unpadded hex, spaces", _SHORT, 16, 1, rb" {1,2}", _EDGES, "HTerm, AccessPort, Arduino print"),
-    ("unpadded hex, commas", _SHORT, 16, 1, rb" ?, ?", _EDGES, "JavaScript toString(16)"),
-    ("unpadded hex, dashes", _SHORT, 16, 1, rb" ?- ?", _EDGES, "Java toHexString"),
-    ("0x before each byte", rb"0[xX](@{1,2})(?!@)[}'\"#]?+", 16, 1, _ANY, _EDGES,
+    ("unpadded hex, spaces", rb"(@{1,2})", 16, rb" {1,2}", _WORD, "HTerm, AccessPort, Arduino"),
+    ("unpadded hex, commas", rb"(@{1,2})", 16, rb" ?, ?", _WORD, "JavaScript toString(16)"),
+    ("unpadded hex, dashes", rb"(@{1,2})", 16, rb" ?- ?", _WORD, "Java toHexString"),
+    ("0x before each byte", rb"0[xX](@{1,2})(?!@)[}'\"#]?+", 16, _ANY, _WORD,
      "C, Rust, Saleae Logic, Wireshark C arrays, CoolTerm"),
-    ("\\x before each byte", rb"\\+x\{?(@@)\}?+", 16, 1, _ANY, _NO_EDGES, "shells, jq, printf"),
-    ("$ before each byte", rb"\$(@{1,2})(?!@)", 16, 1, _ANY, _EDGES, "Pascal, HTerm"),
-    ("% before each byte", rb"%(@{1,2})(?!@)", 16, 1, _ANY, _EDGES, "URLs"),
-    ("&H before each byte", rb"&[hH](@{1,2})(?!@)", 16, 1, _ANY, _EDGES, "Visual Basic"),
-    ("# before each byte", rb"(?:16)?#(@{1,2})(?!@)#?+", 16, 1, _ANY, _EDGES,
+    ("\\x before each byte", rb"\\+x\{?(@@)\}?+", 16, _ANY, _ANYWHERE, "shells, jq, printf"),
+    ("$ before each byte", rb"\$(@{1,2})(?!@)", 16, _ANY, _WORD, "Pascal, HTerm"),
+    ("% before each byte", rb"%(@{1,2})(?!@)", 16, _ANY, _WORD, "URLs"),
+    ("&H before each byte", rb"&[hH](@{1,2})(?!@)", 16, _ANY, _WORD, "Visual Basic"),
+    ("# before each byte", rb"(?:16)?#(@{1,2})(?!@)#?+", 16, _ANY, _WORD,
      "Docklight scripts, IEC 61131, Erlang"),
-    ("8'h before each byte", rb"8'h(@{1,2})(?!@)", 16, 1, _ANY, _EDGES, "Verilog"),
-    ("x before each byte", rb"[xX]['\"]?(@{1,2})(?!@)['\"]?+", 16, 1, _ANY, _EDGES, "VHDL, SQL"),
-    ("U+00 before each byte", rb"(?:U\+|\\u)00(@@)(?!@)", 16, 1, _ANY, _EDGES, "JavaScript, JSON"),
-    ("h after each byte", rb"0?(@@)[hH]", 16, 1, rb"[ ,;]{0,3}", _EDGES, "assemblers, YAT, HTerm"),
-    ("hex in []", rb"\[(?:0[xX])?(@{1,2})\]", 16, 1, rb"[ ,;]{0,2}", _NO_EDGES, "RealTerm"),
-    ("hex in <>", rb"<(?:0[xX])?(@{1,2})>", 16, 1, rb"[ ,;]{0,2}", _NO_EDGES, "Termite, CuteCom"),
-    ("hex in ()", rb"\((?:0[xX])?(@{1,2})\)", 16, 1, rb"[ ,;]{0,2}", _NO_EDGES, "Hercules"),
-    ("hex in {}", rb"\{(?:0[xX])?(@{1,2})\}", 16, 1, rb"[ ,;]{0,2}", _NO_EDGES, "Hercules, Tcl"),
-    ('hex in ""', rb"\"(?:0[xX])?(@{1,2})\"", 16, 1, rb"[ ,;]{0,2}", _NO_EDGES, "JSON of strings"),
-    ("hex in ''", rb"'(?:0[xX])?(@{1,2})'", 16, 1, rb"[ ,;]{0,2}", _NO_EDGES, "Python's lists"),
-    ("decimal, spaces", _BYTE, 10, 1, rb"[ \t]+", _DECIMAL_EDGES, "MATLAB, Go, NumPy, RealTerm"),
-    ("decimal, commas", _BYTE, 10, 1, rb"[ \t]*,[ \t]*", _DECIMAL_EDGES,
-     "Java (signed), Python, ROS messages, Node-RED"),
-    ("decimal, semicolons", _BYTE, 10, 1, rb" ?; ?", _DECIMAL_EDGES, "spreadsheets"),
-    ("decimal, dashes", _BYTE, 10, 1, rb"-", _DECIMAL_EDGES, "Docklight"),
-    ("decimal, keys", _BYTE, 10, 1, rb" ?, ?\"\d+\" ?: ?", _DECIMAL_EDGES, "JSON of a Uint8Array"),
-    ("octal", rb"([0-3][0-7]{2})", 8, 1, rb"[ ,]{1,2}", _EDGES, "od -b, hexdump -b"),
-    ("binary", rb"(?:0b)?([01]{4}_?[01]{4})", 2, 1, rb"[ ,;]{0,2}", _EDGES, "xxd -b, FPGA logs"),
-    ("octal words", rb"([0-7]{6})", 8, 2, rb" {1,5}", _EDGES, "od"),
-    ("decimal words", rb"(-?\d{1,5})", 10, 2, rb" {1,5}", _EDGES, "od -d, hexdump -d"),
-    ("0x words", rb"0[xX](@{4})", 16, 2, rb"[ ,;]{1,2}", _EDGES, "debuggers, arrays of uint16_t"),
+    ("8'h before each byte", rb"8'h(@{1,2})(?!@)", 16, _ANY, _WORD, "Verilog"),
+    ("x before each byte", rb"[xX]['\"]?(@{1,2})(?!@)['\"]?+", 16, _ANY, _WORD, "VHDL, SQL"),
+    ("U+00 before each byte", rb"(?:U\+|\\u)00(@@)(?!@)", 16, _ANY, _WORD, "JavaScript, JSON"),
+    ("h after each byte", rb"0?(@@)[hH]", 16, rb"[ ,;]{0,3}", _WORD, "assemblers, YAT, HTerm"),
+    ("hex in []", rb"\[(?:0[xX])?(@{1,2})\]", 16, rb"[ ,;]{0,2}", _ANYWHERE, "RealTerm"),
+    ("hex in <>", rb"<(?:0[xX])?(@{1,2})>", 16, rb"[ ,;]{0,2}", _ANYWHERE, "Termite, CuteCom"),
+    ("hex in ()", rb"\((?:0[xX])?(@{1,2})\)", 16, rb"[ ,;]{0,2}", _ANYWHERE, "YAT"),
+    ("hex in {}", rb"\{(?:0[xX])?(@{1,2})\}", 16, rb"[ ,;]{0,2}", _ANYWHERE, "Hercules, Tcl"),
+    ("hex in quotes", rb"[\"'](?:0[xX])?(@{1,2})[\"']", 16, rb"[ ,;]{0,2}", _ANYWHERE,
+     "lists of strings in JSON and Python"),
+    ("decimal, spaces", _BYTE, 10, rb"[ \t]+", _NUMBER, "MATLAB, Go, NumPy, RealTerm"),
+    ("decimal, commas", _BYTE, 10, rb"[ \t]*,[ \t]*", _NUMBER, "Java, Python, ROS, Node-RED"),
+    ("decimal, semicolons", _BYTE, 10, rb" ?; ?", _NUMBER, "spreadsheets"),
+    ("decimal, dashes", _BYTE, 10, rb"-", _NUMBER, "Docklight"),
+    ("decimal, keys", _BYTE, 10, rb" ?, ?\"\d+\" ?: ?", _NUMBER, "JSON of a Uint8Array"),
+    ("octal", rb"([0-3][0-7]{2})", 8, rb"[ ,]{1,2}", _WORD, "od -b, hexdump -b"),
+    ("binary", rb"(?:0b)?([01]{4}_?[01]{4})", 2, rb"[ ,;]{0,2}", _WORD, "xxd -b, FPGA logs"),
+    ("octal words", rb"([0-7]{6})", 8, rb" {1,5}", _WORD, "od"),
+    ("decimal words", rb"(-?\d{1,5})", 10, rb" {1,5}", _WORD, "od -d, hexdump -d"),
+    ("0x words", rb"0[xX](@{4})", 16, rb"[ ,;]{1,2}", _WORD, "debuggers, arrays of uint16_t"),
 )  # fmt: skip
-"""Name, unit, base, bytes, separator, what is not before and after a run, programs."""
+"""Name, unit, base, separator, edges, programs."""
 
 _BRACKETS: Final = (
     ("[ ]", rb"\[", rb"\]", "minicom, interceptty, DSView"),
@@ -215,74 +189,61 @@ _BRACKETS: Final = (
 )
 """Around the codes in a text: name, opening, closing, programs."""
 
-_TEXTS: Final = (
-    ("quoted escapes", _STRINGS, _strings, "Python, C, Qt, strace, JSON"),
+_TEXTS: Final[tuple[tuple[str, bytes, Callable[[bytes], bytes], str], ...]] = (
+    ("quoted escapes", rb"(?<!\w)[bu]?(?:%b)(?: ?(?:%b))*+" % (_STRING, _STRING), _strings,
+     "Python, C, Qt, strace, JSON"),
     ("a character in each line",
-     rb"(?m)(?<=[,;\t])(?:" + re.sub(rb"\?P<\w+>", b"?:", _CELL) + rb"|[ -~])(?=[,;\t]|$)",
-     partial(_text, _CELL), "DSView, Saleae Logic in ASCII"),
+     rb"(?m)(?<=[,;\t])(?:%b|[ -~])(?=[,;\t]|$)" % _unnamed(_CELL), partial(_text, _CELL),
+     "DSView, Saleae Logic in ASCII"),
     ("text with escapes",
-     rb"(?<![!-\[\]-~])[!-\[\]-~]*+" + _LONE_ESCAPE
-     + rb"(?:" + _LONE_ESCAPE + rb"|\\[abtnvfr0\\]|[ -\[\]-~])*+",
-     partial(_text, _ESCAPE), "journalctl, cat of a log of C strings"),
-    ("characters of od -c",
-     rb"(?m)(?<=\d)(?: [0-3][0-7]{2}|  \\[0abtnvfr]|   [ -~])+(?= *$)",
+     rb"(?<![!-\[\]-~])[!-\[\]-~]*+%b(?:%b|\\[abtnvfr0\\]|[ -\[\]-~])*+" % (_CODE, _CODE),
+     partial(_text, _ESCAPE), "journalctl, logs of C strings without quotes"),
+    ("characters of od -c", rb"(?m)(?<=\d)(?:%b)+(?= *$)" % _unnamed(_OD_CELL),
      partial(_text, _OD_CELL), "od -c, hexdump -c"),
-    ("base64", _LETTERS, _base64, "JSON of MQTT and of clouds"),
+    ("base64", rb"(?<![\w+/=-])(?=[\w+/-])(?:@{4})*+(?:@{2}==|@{3}=)?(?![\w+/=-])".replace(
+        b"@", rb"[\w+/-]"), _base64, "JSON of MQTT and of clouds"),
 )  # fmt: skip
 """Name, pattern, decoder, programs."""
 
 
-def _units(unit: bytes, separator: bytes, edges: tuple[bytes, bytes], least: bytes) -> bytes:
-    return edges[0] + unit + rb"(?:" + separator + unit + rb")" + least + edges[1]
-
-
-def _needs(name: str, unit: bytes, separator: bytes) -> bytes:
-    """Two bytes; nothing for the first separator of a form, which finds single bytes."""
-    return b"" if name.endswith("spaces") or "," not in name else unit + separator + unit
-
-
 def _hex_forms() -> Iterator[Extractor]:
-    for name, separator, tools in SEPARATORS:
-        pattern = _units(_PAIR, separator, _EDGES, rb"*+")
-        yield Extractor(
-            f"hex pairs, {name}", tools, pattern, _hex,
-            masks_times=name != "colons", text_beside=True,
-            needs=_needs(f", {name}", _PAIR, separator),
-        )  # fmt: skip
-    alone = rb"(?:" + _EDGES[0] + rb"|(?<=[^0-9A-Za-z]0[xX]))" + _GROUP + _EDGES[1]
+    for name, separator, tools in _PAIRS:  # the same between all: a text beside is after two spaces
+        pattern = rb"%b@@(?:(%b)@@(?:\1@@)*+)?+%b" % (_WORD[0], separator, _WORD[1])
+        needs = b"" if name == "spaces" else _expanded(rb"@@%b@@" % separator)
+        masks = name != "colons"
+        yield Extractor(f"hex pairs, {name}", tools, _expanded(pattern), _hex, 1, needs, masks)
+    alone = rb"(?:%b|(?<=[^0-9A-Za-z]0[xX]))%b%b" % (_WORD[0], _GROUP, _WORD[1])
     yield Extractor("hex digits", "Tasmota, logcat, candump, MQTT", alone, _hex)
-    groups = _units(_GROUP, rb" ", _EDGES, rb"++")
-    yield Extractor("hex groups", "xxd, LabVIEW", groups, _hex, text_beside=True)
-    words = _units(_GROUP, rb" {1,5}", _EDGES, rb"++")
-    yield Extractor(
-        "hex words, little endian", "od -x, hexdump, xxd -e", words, _reversed_words, size=2,
-        text_beside=True,
-    )  # fmt: skip
+    groups = rb"%b%b(?:(%%b)%b(?:\1%b)*+)%b" % (_WORD[0], _GROUP, _GROUP, _GROUP, _WORD[1])
+    yield Extractor("hex groups", "xxd, LabVIEW", groups % b" ", _hex)
+    words = groups % rb" {1,5}"
+    yield Extractor("hex words, little endian", "od -x, hexdump, xxd -e", words, _reversed_words, 2)
 
 
 def _number_forms() -> Iterator[Extractor]:
-    for name, unit, base, size, separator, edges, tools in _NUMBERS:
-        unit = _with_digits(unit)
-        least = rb"++" if name.startswith("unpadded") else rb"*+"
-        pattern = _units(unit, separator, edges, least)
+    for name, unit, base, separator, (before, after), tools in _NUMBERS:
+        unit, size = _expanded(unit), 2 if "words" in name else 1
+        least = b"++" if name.startswith("unpadded") else b"*+"
+        pattern = before + unit + rb"(?:" + separator + unit + rb")" + least + after
+        several = "," in name and "spaces" not in name
+        needs = unit + separator + unit if several else b""
         orders: tuple[Literal["little", "big"], ...] = ("little", "big")
-        for order in orders if size > 1 else orders[:1]:
-            full = f"{name}, {order} endian" if size > 1 else name
+        for order in orders[:size]:
+            full = name if size == 1 else f"{name}, {order} endian"
             decode = partial(_numbers, unit, base, size, order)
-            needs = _needs(name, unit, separator)
-            yield Extractor(full, tools, pattern, decode, size, needs=needs)
+            yield Extractor(full, tools, pattern, decode, size, needs)
 
 
 def _text_forms() -> Iterator[Extractor]:
     for brackets, opening, closing, tools in _BRACKETS:
-        code = opening + rb"(?:(?:0x)?(?P<x>@@)|(?P<n>" + _NAME + rb"))" + closing
-        code = _with_digits(code)
-        bare = re.sub(rb"\?P<\w+>", b"?:", code)
-        word, plain = (rb"(?:(?!" + bare + rb")[%b-~])*+" % first for first in (b"!", b" "))
+        code = rb"%b(?:(?:0x)?(?P<x>@@)|(?P<n>%b))%b" % (opening, _NAME, closing)
+        bare = _unnamed(_expanded(code))
+        decode: Callable[[bytes], bytes] = partial(_text, _expanded(code))
+        word, plain = (rb"(?:(?!%b)[%b-~])*+" % (bare, first) for first in (b"!", b" "))
         pattern = rb"(?<![!-~])" + word + bare + rb"(?:" + plain + bare + rb")*+"
         name = f"text with codes in {brackets}"
-        yield Extractor(name, tools, pattern, partial(_text, code))
-        yield Extractor(f"{name} to the end", tools, pattern + plain, partial(_text, code))
+        yield Extractor(name, tools, pattern, decode)
+        yield Extractor(f"{name} to the end", tools, pattern + plain, decode)
     for name, pattern, decode, tools in _TEXTS:
         yield Extractor(name, tools, pattern, decode, 0)
 
