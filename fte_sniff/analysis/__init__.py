@@ -25,6 +25,7 @@ Modules:
     summary       Statistics of all rows of one or more inputs.
     tally         Counts of rows by status, kind, fault and port.
     time_text     Times and durations that a user types.
+    timeline      Commands, feedback, flags and faults over time, for reports.
     traces        Targets and feedback of the motors over time, for plots.
     verdicts      Verdicts of rules about rows: pass, fail, or not covered.
 """

@@ -18,6 +18,8 @@ Modules:
     progress           Progress of reading files, as a line on standard error.
     recording_options  Options of a recording and the plan made of them.
     repair             `fte-sniff repair`: repair a damaged recording.
+    report             `fte-sniff report`: one HTML page with plots.
+    report_page        The page of a report.
     settings           Settings file and environment.
     simulate           `fte-sniff simulate`: a controller on a pseudo-terminal, for development.
     stats              `fte-sniff stats`: statistics over files, as text or JSON.

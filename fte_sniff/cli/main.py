@@ -28,7 +28,7 @@ from fte_sniff.errors import FteSniffError, unwritable
 PROGRAM = "fte-sniff"
 
 COMMANDS = (
-    *("live", "view", "decode", "stats", "hex", "encode"),
+    *("live", "view", "decode", "stats", "report", "hex", "encode"),
     *("bridge", "simulate", "repair", "ports", "doctor", "completion"),
 )
 """The commands, the most used first; the module of this name in this package defines `command`."""

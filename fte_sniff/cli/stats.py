@@ -20,6 +20,7 @@ from fte_sniff.session.input_reading import InputReading
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.analysis.timeline import Timeline
 
 
 @click.command(name="stats", short_help="Statistics over files: rates, faults, silences, answers.")
@@ -48,7 +49,7 @@ def command(query: InputQuery, form: str, baud: int | None) -> None:
     check_inputs(query.files)
     with progress_line(reads_stdin=STDIN in query.files) as line:
         reading = query.read(query.row_filter(), baud=baud, progress=line.progress)
-        summary = _summarize(reading, baud)
+        summary = summarize(reading, baud)
     if form == "json":
         numbers = statistics_json(summary, reading)
         click.echo(printable_json(json.dumps(numbers, ensure_ascii=False, indent=2)))
@@ -60,15 +61,21 @@ def command(query: InputQuery, form: str, baud: int | None) -> None:
     exit_if_unreadable(reading)
 
 
-def _summarize(reading: InputReading, baud: int | None) -> StatisticsSummary:
+def summarize(
+    reading: InputReading, baud: int | None, timeline: Timeline | None = None
+) -> StatisticsSummary:
+    """Read the inputs, one after the other; returns their statistics, and fills the timeline."""
     from fte_sniff.analysis.statistics import LineSetup
     from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.row_batch import RowBatch
 
     summary = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD))
     for one in reading.inputs:
         summary.begin(one.name)
         for batch in reading.batches_of(one):
             summary.observe(batch.rows, batch.events, batch.changes)
+            if timeline is not None:
+                timeline.observe(RowBatch.from_rows(batch.rows))
     return summary
 
 

@@ -300,6 +300,23 @@ def temporary_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.part")
 
 
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file that has its name only when it is complete.
+
+    Raises:
+        FileError: another program records to `path`.
+        OSError: the file cannot be written.
+    """
+    temporary, lock = temporary_path(path), _locked(path)
+    try:
+        temporary.write_bytes(content)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+        if lock is not None:
+            os.close(lock)
+
+
 def replace_text(path: Path, text: str) -> None:
     """Replace a small file atomically; only the user may read it.
 

@@ -1,0 +1,177 @@
+"""Commands, feedback, flags and faults over time: the data of the plots of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from fte_sniff.analysis.motors import motor_rows
+from fte_sniff.protocol import KINDS, MOTORS, Fault, FrameKind, Row
+from fte_sniff.row_batch import Ints, RowBatch
+
+MOST_POINTS: Final = 2_000_000
+"""Rows with a time up to which every point is kept."""
+
+BINS: Final = 5_000
+"""Bins of each series after it was thinned; a bin keeps at most four of its points."""
+
+MOST_DAMAGED: Final = 2_000
+"""Rows of each fault that are kept with their bytes: the first ones."""
+
+ALL_MOTORS: Final = 0
+"""The motor number of commands to all motors."""
+
+
+@dataclass(slots=True)
+class Series:
+    """One value over time."""
+
+    _times: list[Ints] = field(default_factory=list)
+    _values: list[Ints] = field(default_factory=list)
+
+    def append(self, t_ns: Ints, values: Ints) -> None:
+        """Append points: nanoseconds since 1970 UTC, and 32-bit integers."""
+        if len(t_ns):
+            self._times.append(t_ns)
+            self._values.append(values.astype(np.int64))
+
+    def points(self) -> tuple[Ints, Ints]:
+        """Times and values, by rising time."""
+        empty = [np.empty(0, np.int64)]
+        t_ns, values = np.concatenate(self._times or empty), np.concatenate(self._values or empty)
+        if (t_ns[1:] < t_ns[:-1]).any():
+            order = np.argsort(t_ns, kind="stable")
+            t_ns, values = t_ns[order], values[order]
+        self._times, self._values = [t_ns], [values]
+        return t_ns, values
+
+    def thin(self, most: int = BINS) -> None:
+        """Keep of each of `most` bins of time the first, last, lowest and highest point."""
+        t_ns, values = self.points()
+        if len(t_ns) <= 4 * most:
+            return
+        width = (int(t_ns[-1]) - int(t_ns[0])) // most + 1
+        bins = (t_ns - t_ns[0]) // width
+        starts = np.flatnonzero(np.diff(bins, prepend=-1))
+        by_value = np.lexsort((values, bins))
+        ends = np.append(starts[1:], len(bins)) - 1
+        kept = np.unique(np.concatenate((starts, ends, by_value[starts], by_value[ends])))
+        self._times, self._values = [t_ns[kept]], [values[kept]]
+
+    def thin_changes(self) -> None:
+        """Keep the points whose value is another than before."""
+        t_ns, values = self.points()
+        kept = np.flatnonzero(np.diff(values, prepend=-1))
+        self._times, self._values = [t_ns[kept]], [values[kept]]
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """What a series shows: a field of one kind of frame, to or from one motor."""
+
+    kind: FrameKind
+    motor: int
+    """`ALL_MOTORS` for kinds without a motor."""
+    field: str
+    """Column name; empty for a kind without a quantity."""
+
+
+def _fields(kind: FrameKind) -> list[str]:
+    """What is traced: the main value; of commands to all motors every quantity."""
+    if kind.names_motor:
+        return [kind.subject or ""]
+    return [one.name for one in kind.fields if one.unit] or [""]
+
+
+class Timeline:
+    """The rows that have a time, by what they say.
+
+    Above `most_points` rows each series keeps the minimum and maximum of bins of time.
+    """
+
+    def __init__(self, most_points: int = MOST_POINTS) -> None:
+        self._most_points = most_points
+        self.traces: dict[Trace, Series] = {}
+        self.errors = {motor: Series() for motor in MOTORS}
+        """By motor, its ERROR byte where it changes."""
+        self.online = {motor: Series() for motor in MOTORS}
+        """By motor, its bit of the ONLINE byte of any feedback, 0 or 1, where it changes."""
+        self.faults: dict[Fault, Series] = {}
+        """By fault, its rows; the value is the index in `damaged`, or -1."""
+        self.damaged: list[Row] = []
+        """The first rows of each fault."""
+        self.first_ns: int | None = None
+        self.last_ns: int | None = None
+        self.thinned = False
+        """Whether not every point was kept."""
+        self._points = 0
+        self._kept_of: dict[Fault, int] = {}
+
+    def observe(self, rows: RowBatch) -> None:
+        """Add the next rows; their times may be earlier than those before."""
+        timed = rows if rows.timed.all() else rows.select(rows.timed)
+        if not len(timed):
+            return
+        first, last = int(timed.t_ns.min()), int(timed.t_ns.max())
+        self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
+        self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
+        self._observe_traces(timed)
+        self._observe_flags(timed)
+        self._observe_faults(timed)
+        self._points += len(timed)
+        if self._points > self._most_points:
+            self._thin()
+
+    def _observe_traces(self, rows: RowBatch) -> None:
+        for code, kind in enumerate(KINDS):
+            own = np.flatnonzero(rows.kinds == code)
+            if not len(own):
+                continue
+            for motor in MOTORS if kind.names_motor else [ALL_MOTORS]:
+                at = own[rows.nums[own] == motor] if kind.names_motor else own
+                for name in _fields(kind) if len(at) else ():
+                    values = rows.values(name, at) if name else np.zeros(len(at), np.int64)
+                    trace = Trace(kind, motor, name)
+                    self.traces.setdefault(trace, Series()).append(rows.t_ns[at], values)
+
+    def _observe_flags(self, rows: RowBatch) -> None:
+        found = motor_rows(rows)
+        anyone = found.any_feedback
+        online, t_ns = rows.values("online", anyone), rows.t_ns[anyone]
+        for number, motor in enumerate(MOTORS):
+            own = found.feedback[motor]
+            self.errors[motor].append(rows.t_ns[own], rows.values("error", own))
+            self.online[motor].append(t_ns, online >> number & 1)
+            self.errors[motor].thin_changes()
+            self.online[motor].thin_changes()
+
+    def _observe_faults(self, rows: RowBatch) -> None:
+        kept: dict[int, int] = {}
+        for at, fault in self._faulty(rows):
+            series = self.faults.setdefault(fault, Series())
+            values = np.full(len(at), -1, np.int64)
+            room = MOST_DAMAGED - self._kept_of.get(fault, 0)
+            for place, row in enumerate(at[:room].tolist()):
+                if row not in kept:
+                    kept[row] = len(self.damaged)
+                    self.damaged.append(rows[row])
+                values[place] = kept[row]
+            self._kept_of[fault] = MOST_DAMAGED - max(0, room - len(at))
+            series.append(rows.t_ns[at], values)
+
+    @staticmethod
+    def _faulty(rows: RowBatch) -> Iterator[tuple[Ints, Fault]]:
+        for fault in Fault:
+            having = np.array([fault in faults for faults in rows.codebook.faults])
+            if having.any() and len(at := np.flatnonzero(having[rows.faults])):
+                yield at, fault
+
+    def _thin(self) -> None:
+        self.thinned = True
+        every = [*self.traces.values(), *self.faults.values()]
+        for series in every:
+            series.thin()
+        self._points = sum(len(series.points()[0]) for series in every)

@@ -1,0 +1,103 @@
+"""`fte-sniff report`: files as one HTML page with plots, for a browser."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
+from fte_sniff.cli.options import FileName, line_speed_option
+from fte_sniff.cli.output import exit_if_unreadable, explain_no_frames, print_notes
+from fte_sniff.cli.progress import progress_line
+from fte_sniff.cli.settings import lang_option, load_settings
+from fte_sniff.cli.stats import summarize
+from fte_sniff.cli.streams import print_err
+from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.session.save import replace_file
+
+if TYPE_CHECKING:
+    from fte_sniff.analysis.summary import StatisticsSummary
+
+_DELAY_BINS = 60
+
+
+@click.command(name="report", short_help="One HTML page with plots, to send to a colleague.")
+@input_options
+@click.option(
+    "-o", "--output", type=FileName(), required=True, help="The HTML file, such as report.html."
+)
+@click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
+@line_speed_option
+@lang_option
+def command(
+    query: InputQuery, output: Path, force: bool, baud: int | None, lang: str | None
+) -> None:
+    """Write a page about recordings, raw bytes or hex text; it needs no network.
+
+    Per motor, target and actual speed and position over time with ERROR, ONLINE and commands;
+    faults over time; answer delays; the numbers of `stats`; the first rows of each fault. Drag
+    over a plot to zoom in.
+
+    \b
+    fte-sniff report samples/damaged.mcap -o report.html
+    fte-sniff report logs/ --from -10m -o last.html
+    """
+    check_inputs(query.files, output)
+    try:
+        from fte_sniff.cli.report_page import ReportFacts, page, title_of
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"report needs {error.name}, which is not installed; install it with"
+            " `pip install 'fte-sniff[report]'`"
+        ) from error
+    from fte_sniff.analysis.timeline import Timeline
+    from fte_sniff.cli.stats_json import statistics_json
+    from fte_sniff.tui.i18n import set_language
+
+    language = load_settings(None).language(lang)
+    set_language(language)
+    if output.exists() and not force:
+        raise unwritable(output, FileExistsError())
+    timeline = Timeline()
+    with progress_line(reads_stdin=STDIN in query.files) as line:
+        reading = query.read(query.row_filter(), baud=baud, progress=line.progress)
+        summary = summarize(reading, baud, timeline)
+    facts = ReportFacts(
+        title_of([one.name for one in reading.inputs]),
+        reading.source.gaps,
+        reading.source.facts,
+        reading.notes,
+        _delays(summary),
+        language,
+    )
+    text = page(timeline, statistics_json(summary, reading), facts)
+    try:
+        replace_file(output, text.encode())
+    except OSError as error:
+        raise unwritable(output, error) from error
+    print_notes(reading)
+    if advice := explain_no_frames(reading.tally, reading):
+        print_err(f"fte-sniff: {advice}")
+    print_err(f"fte-sniff: {output}: {reading.written:,} rows, {len(text) / 1e6:,.1f} MB")
+    exit_if_unreadable(reading)
+
+
+def _delays(summary: StatisticsSummary) -> dict[int, list[tuple[float, float, int]]]:
+    """By motor, the histogram of its answer delays: from and to, nanoseconds, and how many."""
+    import numpy as np
+
+    found: dict[int, list[tuple[float, float, int]]] = {}
+    motors = summary.answers.stats() if summary.in_order else []
+    known = [one for one in motors if one.delays.longest_ns]
+    if not known:
+        return found
+    low = min(one.delays.percentile_ns(0.001) or 1.0 for one in known)
+    high = max(one.delays.longest_ns or 1 for one in known)
+    edges = np.geomspace(max(low * 0.95, 1.0), max(high * 1.05, 2.0), _DELAY_BINS + 1).tolist()
+    for one in known:
+        bins = [(start, end, one.delays.between(start, end)) for start, end in pairwise(edges)]
+        found[one.motor] = [each for each in bins if each[2]]
+    return found

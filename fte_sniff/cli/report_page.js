@@ -1,0 +1,315 @@
+// Unpacks the data of the page and draws the plots: for every pixel of the visible range the first,
+// lowest, highest and last point, so that no spike of a single row is lost.
+"use strict";
+
+(async () => {
+  const page = document.documentElement;
+  const packed = document.getElementById("data");
+  if (!packed || !packed.textContent.trim()) return;
+  if (!("DecompressionStream" in window)) {
+    document.getElementById("old").hidden = false;
+    return;
+  }
+
+  // ---- Data -------------------------------------------------------------------------------------
+
+  const text = atob(packed.textContent.trim());
+  const deflated = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) deflated[i] = text.charCodeAt(i);
+  packed.remove();
+  const stream = new Blob([deflated]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const data = new Uint8Array(await new Response(stream).arrayBuffer());
+  const length = new DataView(data.buffer).getUint32(0, true);
+  const meta = JSON.parse(new TextDecoder().decode(data.subarray(4, 4 + length)));
+  let at = 4 + length;
+
+  // A column: the differences of its numbers, first all lowest bytes, then the next.
+  function column(size) {
+    const numbers = new Uint32Array(size);
+    let sum = 0;
+    for (let i = 0; i < size; i++) {
+      const step = data[at + i] | (data[at + size + i] << 8) |
+        (data[at + 2 * size + i] << 16) | (data[at + 3 * size + i] << 24);
+      sum = (sum + step) >>> 0;
+      numbers[i] = sum;
+    }
+    at += 4 * size;
+    return numbers;
+  }
+
+  const all = meta.sizes.map((size) => {
+    const units = column(size);
+    const x = new Float64Array(size);
+    for (let i = 0; i < size; i++) x[i] = meta.first + units[i] * meta.unit;
+    return { x, y: new Int32Array(column(size).buffer) };
+  });
+  const motors = 4;
+  const errors = all.slice(meta.traces, meta.traces + motors);
+  const online = all.slice(meta.traces + motors, meta.traces + 2 * motors);
+  const faults = all.slice(meta.traces + 2 * motors);
+
+  function merged(numbers) {
+    const parts = numbers.map((number) => all[number]);
+    if (parts.length === 1) return parts[0];
+    const points = parts.flatMap((one) => Array.from(one.x, (x, i) => [x, one.y[i]]));
+    points.sort((a, b) => a[0] - b[0]);
+    return { x: Float64Array.from(points, (p) => p[0]), y: Float64Array.from(points, (p) => p[1]) };
+  }
+
+  // A line that ends at each of the other times (NaN is drawn as a gap); one that holds its value
+  // goes on to the end of the capture.
+  function broken(line, others, holds) {
+    const breaks = others.slice().sort((a, b) => a - b);
+    const x = new Float64Array(line.x.length + breaks.length + 1);
+    const y = new Float64Array(x.length);
+    let n = 0, b = 0, open = false;
+    const interrupt = (until) => {
+      for (; b < breaks.length && breaks[b] <= until; b++) {
+        if (open) { x[n] = breaks[b]; y[n++] = NaN; }
+        open = false;
+      }
+    };
+    for (let i = 0; i < line.x.length; i++) {
+      interrupt(line.x[i]);
+      x[n] = line.x[i]; y[n++] = line.y[i]; open = true;
+    }
+    interrupt(Infinity);
+    if (open && holds) { x[n] = meta.last; y[n++] = line.y[line.y.length - 1]; }
+    return { x: x.subarray(0, n), y: y.subarray(0, n) };
+  }
+
+  // Intervals [left, right] in which the value of a series is not `sound`.
+  function intervals(series, sound) {
+    const found = [];
+    for (let i = 0; i < series.x.length; i++) {
+      if (series.y[i] !== sound) {
+        const end = i + 1 < series.x.length ? series.x[i + 1] : meta.last;
+        const before = found[found.length - 1];
+        if (before && before[1] === series.x[i]) before[1] = end;
+        else found.push([series.x[i], end]);
+      }
+    }
+    return found;
+  }
+
+  // ---- What is drawn of a range ---------------------------------------------------------------------
+
+  function firstAfter(x, value) {
+    let low = 0, high = x.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (x[middle] < value) low = middle + 1; else high = middle;
+    }
+    return low;
+  }
+
+  function envelope(line, low, high, pixels) {
+    const { x, y } = line;
+    const start = Math.max(0, firstAfter(x, low) - 1);
+    const end = Math.min(x.length, firstAfter(x, high) + 1);
+    if (end - start <= 4 * pixels) return { x: x.slice(start, end), y: y.slice(start, end) };
+    const xs = [], ys = [], width = (high - low) / pixels;
+    for (let i = start; i < end;) {
+      const bin = Math.floor((x[i] - low) / width);
+      const until = low + (bin + 1) * width;
+      let least = -1, most = -1, nan = -1, j = i;
+      for (; j < end && (x[j] < until || j === i); j++) {
+        const value = y[j];
+        if (value !== value) { nan = j; continue; }
+        if (least < 0 || value < y[least]) least = j;
+        if (most < 0 || value > y[most]) most = j;
+      }
+      let before = -1;
+      for (const k of [i, least, most, nan, j - 1].sort((a, b) => a - b)) {
+        if (k >= 0 && k !== before) { xs.push(x[k]); ys.push(y[k]); before = k; }
+      }
+      i = j;
+    }
+    return { x: xs, y: ys };
+  }
+
+  // Intervals that are less than a pixel apart become one; none is narrower than a pixel.
+  function bands(found, low, high, pixel) {
+    const left = [], right = [];
+    for (const [start, end] of found) {
+      if (end < low || start > high) continue;
+      const last = right.length - 1;
+      if (last >= 0 && start - right[last] < pixel) right[last] = Math.max(end, right[last]);
+      else { left.push(start); right.push(Math.max(end, start + pixel)); }
+    }
+    return { left, right };
+  }
+
+  // At most one time for each pixel.
+  function sparse(x, low, high, pixel) {
+    const found = [];
+    for (let i = firstAfter(x, low); i < x.length && x[i] <= high;) {
+      found.push(x[i]);
+      i = Math.max(i + 1, firstAfter(x, x[i] + pixel));
+    }
+    return found;
+  }
+
+  // ---- Plots ------------------------------------------------------------------------------------
+
+  while (!window.Bokeh || !Bokeh.documents.length || !Bokeh.documents[0].is_idle) {
+    await new Promise((resolve) => setTimeout(resolve, 10));
+  }
+  const models = Bokeh.documents[0];
+  const source = (name) => models.get_model_by_name(name);
+  const range = models.get_model_by_name("time");
+  const whole = [range.start, range.end];
+  const figures = models.roots().filter((root) => root.x_range === range);
+
+  const plots = meta.plots.filter((plot) => plot.name !== "faults").map((plot) => {
+    if (plot.lines) {
+      const lines = Object.entries(plot.lines).map(([name, number]) => [`chassis-${name}`, all[number]]);
+      return { ...plot, lines, times: null };
+    }
+    const target = merged(plot.target), actual = merged(plot.actual);
+    const others = plot.others.flatMap((number) => Array.from(all[number].x));
+    const times = Float64Array.from(others.concat(Array.from(target.x))).sort();
+    const gaps = meta.gaps.map((gap) => gap[0]);
+    return {
+      name: plot.name,
+      lines: [
+        [`${plot.name}-target`, broken(target, others, true)],
+        [`${plot.name}-actual`, broken(actual, gaps, false)],
+      ],
+      error: intervals(errors[plot.motor - 1], 0),
+      offline: intervals(online[plot.motor - 1], 1),
+      times,
+    };
+  });
+  const damage = meta.plots.find((plot) => plot.name === "faults");
+  const figureOf = Object.fromEntries(figures.map((one) => [one.name, one]));
+
+  function drawLines(plot, low, high, pixels) {
+    let least = Infinity, most = -Infinity;
+    for (const [name, line] of plot.lines) {
+      const drawn = envelope(line, low, high, pixels);
+      for (let i = 0; i < drawn.y.length; i++) {
+        if (drawn.y[i] < least) least = drawn.y[i];
+        if (drawn.y[i] > most) most = drawn.y[i];
+      }
+      source(name).data = drawn;
+    }
+    const pad = Math.max(1, (most - least) * 0.06);
+    if (least <= most) figureOf[plot.name].y_range.setv({ start: least - 1.5 * pad, end: most + pad });
+  }
+
+  function drawFaults(low, high, pixel) {
+    const drawn = { x: [], y: [], size: [], colour: [], first: [], last: [] };
+    damage.colours.forEach((colour, number) => {
+      const { x } = faults[number];
+      for (let i = firstAfter(x, low); i < x.length && x[i] <= high;) {
+        const next = Math.max(i + 1, firstAfter(x, x[i] + 3 * pixel));
+        drawn.x.push(x[i]);
+        drawn.y.push(number);
+        drawn.size.push(Math.min(14, 6 + 2 * Math.log2(next - i)));
+        drawn.colour.push(colour);
+        drawn.first.push([number, i]);
+        drawn.last.push(next);
+        i = next;
+      }
+    });
+    source("faults-rows").data = drawn;
+  }
+
+  function draw() {
+    const low = range.start, high = range.end;
+    const width = Math.max(200, document.getElementById("plots").clientWidth - 90);
+    const pixel = (high - low) / width;
+    for (const figure of figures) {
+      const gaps = source(`${figure.name}-gap`);
+      if (gaps) gaps.data = bands(meta.gaps, low, high, pixel);
+    }
+    if (damage) drawFaults(low, high, pixel);
+    for (const plot of plots) {
+      drawLines(plot, low, high, width);
+      if (!plot.times) continue;
+      for (const flag of ["error", "offline"]) {
+        const drawn = source(`${plot.name}-${flag}`);
+        if (drawn) drawn.data = bands(plot[flag], low, high, pixel);
+      }
+      source(`${plot.name}-commands`).data = { x: sparse(plot.times, low, high, 8 * pixel) };
+    }
+  }
+
+  let waiting = false;
+  function schedule() {
+    if (waiting) return;
+    waiting = true;
+    requestAnimationFrame(() => {
+      waiting = false;
+      draw();
+      page.dataset.drawn = Number(page.dataset.drawn || 0) + 1;
+    });
+  }
+
+  // ---- Rows of a fault ----------------------------------------------------------------------------
+
+  const MOST_SHOWN = 20;
+
+  function showRows(indices) {
+    const body = document.querySelector("#rows tbody");
+    body.replaceChildren();
+    const drawn = source("faults-rows").data;
+    for (const index of indices) {
+      const [number, start] = drawn.first[index];
+      const end = Math.min(drawn.last[index], start + MOST_SHOWN);
+      for (let i = start; i < end; i++) {
+        const row = meta.damaged[faults[number].y[i]];
+        if (!row) continue;
+        const line = document.createElement("tr");
+        for (const cell of row) {
+          const made = document.createElement("td");
+          made.textContent = cell;
+          line.append(made);
+        }
+        body.append(line);
+      }
+    }
+    document.getElementById("rows").hidden = !body.children.length;
+  }
+
+  // ---- Colours ----------------------------------------------------------------------------------
+
+  function paint(dark) {
+    const ink = dark ? "#d5d9e0" : "#24292f", faint = dark ? "#3a414c" : "#e1e4e8";
+    const ground = dark ? "#161a20" : "#ffffff";
+    for (const figure of models.roots()) {
+      figure.setv({
+        background_fill_color: ground, border_fill_color: ground, outline_line_color: faint,
+      });
+      figure.title.text_color = ink;
+      for (const place of ["left", "below", "center", "above"]) {
+        for (const part of figure[place]) {
+          const wanted = {
+            axis_label_text_color: ink, major_label_text_color: ink, axis_line_color: faint,
+            major_tick_line_color: faint, minor_tick_line_color: faint, grid_line_color: faint,
+            label_text_color: ink, background_fill_color: ground, border_line_color: null,
+            inactive_fill_color: ground,
+          };
+          for (const [name, value] of Object.entries(wanted)) {
+            if (name in part.properties) part[name] = value;
+          }
+        }
+      }
+    }
+  }
+
+  const preference = matchMedia("(prefers-color-scheme: dark)");
+  preference.addEventListener("change", () => paint(preference.matches));
+  addEventListener("beforeprint", () => paint(false));
+  addEventListener("afterprint", () => paint(preference.matches));
+  paint(preference.matches);
+
+  const showAll = () => range.setv({ start: whole[0], end: whole[1] });
+  document.getElementById("whole").addEventListener("click", showAll);
+  document.getElementById("plots").addEventListener("dblclick", showAll);
+  if (damage) source("faults-rows").selected.change.connect(() => showRows(source("faults-rows").selected.indices));
+  range.change.connect(schedule);
+  addEventListener("resize", schedule);
+  schedule();
+})();

@@ -1,0 +1,460 @@
+"""The page of a report: plots by Bokeh, tables, and their data in one HTML file.
+
+The page has the columns of a `Timeline`, deflated. Its script (`report_page.js`) unpacks them with
+`DecompressionStream` and draws for every pixel the minimum and maximum of the visible range. All
+texts from files reach the page through Jinja's escaping, or as text nodes that the script makes.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from bokeh.embed import components
+from bokeh.models import (
+    BoxZoomTool,
+    ColumnDataSource,
+    DataRange1d,
+    DatetimeTicker,
+    DatetimeTickFormatter,
+    HoverTool,
+    NumeralTickFormatter,
+    Range1d,
+    TapTool,
+    WheelZoomTool,
+)
+from bokeh.plotting import figure
+from bokeh.resources import Resources
+from jinja2 import Environment
+
+from fte_sniff import __version__
+from fte_sniff.analysis.timeline import ALL_MOTORS, MOST_DAMAGED, Series, Timeline, Trace
+from fte_sniff.errors import printable
+from fte_sniff.formats.cell_text import UNKNOWN, rate_text, share_text, span_text
+from fte_sniff.protocol import (
+    MOTORS,
+    VALUE_FIELDS,
+    Direction,
+    Fault,
+    Status,
+    faults_text,
+    iso_time,
+    spaced_hex,
+    status_of,
+)
+from fte_sniff.tui.i18n import _, later
+
+if TYPE_CHECKING:
+    from fte_sniff.protocol import Gap, Row
+    from fte_sniff.row_batch import Ints
+
+Json = dict[str, Any]
+Intervals = Sequence[Sequence[float]]
+
+FIRST_ROWS: Final = 5
+"""Rows of each fault in the table of damage."""
+
+_LONGEST_SHOWN: Final = 32
+"""Bytes of a row that the page has."""
+
+_TARGET, _ACTUAL, _BAD, _OFF = "#d9822b", "#3a7bd5", "#d03b3b", "#8a8f98"
+_CHASSIS: Final = (_ACTUAL, _TARGET, "#3c9d5b")
+_STATUS_COLOUR: Final = {Status.SUSPECT: _TARGET, Status.MALFORMED: _BAD, Status.OK: _ACTUAL}
+
+TEXTS: Final = {
+    "report": later("Report"),
+    "captured": later("What was captured"),
+    "numbers": later("Numbers"),
+    "over_time": later("Over time"),
+    "damage": later("First rows of each fault"),
+    "delays": later("Answer delays"),
+    "file": later("File"),
+    "rows": later("Rows"),
+    "bytes": later("Bytes"),
+    "first": later("First row"),
+    "last": later("Last row"),
+    "duration": later("Duration"),
+    "filter": later("Filter"),
+    "port": later("Port"),
+    "baud": later("Baud"),
+    "use": later("Line in use"),
+    "silence": later("Longest silence"),
+    "events": later("Port events"),
+    "gaps": later("Rows that are missing"),
+    "from": later("From"),
+    "to": later("To"),
+    "reason": later("Reason"),
+    "facts": later("Recorded with"),
+    "fault": later("Fault"),
+    "share": later("Share"),
+    "kind": later("Kind"),
+    "motor": later("Motor"),
+    "frames": later("Frames"),
+    "rate": later("Rate"),
+    "period": later("Period"),
+    "jitter": later("Jitter"),
+    "longest": later("Longest"),
+    "values": later("Values"),
+    "commands": later("Commands"),
+    "feedback": later("Feedback"),
+    "answered": later("Answered"),
+    "unanswered": later("Unanswered"),
+    "delay": later("Delay"),
+    "lost": later("Times offline"),
+    "error_bits": later("ERROR bits"),
+    "time": later("Time"),
+    "offset": later("Offset"),
+    "raw": later("Bytes of the row"),
+    "whole": later("Whole capture"),
+    "zoom": later("Drag over a plot to zoom in; double-click to see the whole capture."),
+    "click": later("Click a mark of a fault to see its rows."),
+    "old": later("This browser is too old to draw the plots: it lacks DecompressionStream."),
+    "no_rows": later("There are no rows, so there is nothing to plot."),
+    "no_times": later("The rows have no times, so there is nothing to plot."),
+    "times_utc": later("Times are UTC."),
+}
+"""Headings and notes of the template."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportFacts:
+    """What the page says besides the statistics."""
+
+    title: str
+    gaps: Sequence[Gap]
+    facts: Mapping[str, str]
+    notes: Sequence[str]
+    """What is wrong with the inputs, one line each."""
+    delays_ns: Mapping[int, Sequence[tuple[float, float, int]]]
+    """By motor, the histogram of its answer delays: from, to, and how many."""
+    language: str = "en"
+
+    version = __version__
+
+    @property
+    def made(self) -> str:
+        """The time at which the page is made, UTC."""
+        return f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S}"
+
+
+def page(timeline: Timeline, numbers: Json, facts: ReportFacts) -> str:
+    """The HTML of the report.
+
+    Args:
+        timeline: what the plots show.
+        numbers: the statistics, as `stats --format json` prints them.
+        facts: everything else.
+    """
+    gaps = [
+        [gap.start_ns / 1e6, gap.end_ns / 1e6]
+        for gap in facts.gaps
+        if gap.start_ns is not None and gap.end_ns is not None
+    ]
+    plots = _Plots(timeline, gaps)
+    delays = _delay_plot(facts.delays_ns)
+    parts = [*plots.figures.values(), *([delays] if delays else [])]
+    script, divs = components(tuple(parts)) if parts else ("", ())
+    names = [*plots.figures, *(["delays"] if delays else [])]
+    resources = Resources(mode="inline", components=["bokeh"])
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(
+        span=lambda seconds: span_text(None if seconds is None else seconds * 1e9),
+        rate=rate_text,
+        share=share_text,
+        printable=printable,
+        count=lambda number: UNKNOWN if number is None else f"{number:,}",
+        moment=lambda time: UNKNOWN if time is None else time.replace("T", " ")[:23],
+    )
+    own = files("fte_sniff.cli")
+    return environment.from_string((own / "report_page.html").read_text("utf-8")).render(
+        t={name: _(text) for name, text in TEXTS.items()},
+        numbers=numbers,
+        facts=facts,
+        gaps=[(_moment(gap.start_ns), _moment(gap.end_ns), gap) for gap in facts.gaps],
+        notes=[*facts.notes, *_notes(timeline)],
+        damage=_first_of_each(timeline),
+        plots=dict(zip(names, divs, strict=True)),
+        library=resources.render_js() if parts else "",
+        style=(own / "report_page.css").read_text("utf-8"),
+        script=(own / "report_page.js").read_text("utf-8"),
+        models=script,
+        data=_packed(timeline, plots.meta, gaps) if plots.figures else "",
+    )
+
+
+def _notes(timeline: Timeline) -> Iterator[str]:
+    if timeline.thinned:
+        yield _("the plots show the minimum and maximum of bins of time, not every row")
+    if any(len(series.points()[0]) >= MOST_DAMAGED for series in timeline.faults.values()):
+        yield _("the page has the bytes of the first rows of each fault only")
+
+
+def _moment(t_ns: int | None) -> str:
+    return UNKNOWN if t_ns is None else iso_time(t_ns).replace("T", " ")[:23]
+
+
+def _row_cells(row: Row) -> list[str]:
+    raw = spaced_hex(row.raw[:_LONGEST_SHOWN])
+    more = len(row.raw) - _LONGEST_SHOWN
+    return [
+        UNKNOWN if row.t_ns is None else iso_time(row.t_ns).replace("T", " ")[:26],
+        printable(row.port),
+        f"{row.offset:,}",
+        faults_text(row.faults).replace(",", ", "),
+        f"{raw} … +{more:,}" if more > 0 else raw,
+    ]
+
+
+def _first_of_each(timeline: Timeline) -> list[tuple[Fault, list[list[str]]]]:
+    found = []
+    for fault in Fault:
+        rows = [row for row in timeline.damaged if fault in row.faults]
+        rows.sort(key=lambda row: row.t_ns or 0)
+        if rows:
+            found.append((fault, [_row_cells(row) for row in rows[:FIRST_ROWS]]))
+    return found
+
+
+class _Plots:
+    """The figures, whose sources the script fills, and what it needs to know of them."""
+
+    def __init__(self, timeline: Timeline, gaps: Intervals) -> None:
+        self._gaps = gaps
+        self.figures: dict[str, Any] = {}
+        self.meta: list[Json] = []
+        self._numbers = {trace: number for number, trace in enumerate(timeline.traces)}
+        self._timeline = timeline
+        if timeline.first_ns is None or timeline.last_ns is None:
+            return
+        first, last = timeline.first_ns / 1e6, timeline.last_ns / 1e6
+        pad = max(1.0, (last - first) * 0.01)
+        ends = (first - pad, last + pad)
+        self._range = Range1d(
+            start=ends[0], end=ends[1], bounds=ends, min_interval=0.05, name="time"
+        )
+        if timeline.faults:
+            self._add_faults()
+        for motor in MOTORS:
+            for name in dict.fromkeys(
+                trace.field for trace in timeline.traces if trace.motor == motor
+            ):
+                self._add_motor(motor, name)
+        self._add_chassis()
+
+    def _figure(self, name: str, title: str, height: int, **options: Any) -> Any:
+        made = figure(
+            x_axis_type="datetime",
+            x_range=self._range,
+            height=height,
+            sizing_mode="stretch_width",
+            name=name,
+            title=title,
+            tools=[BoxZoomTool(dimensions="width")],
+            toolbar_location=None,
+            min_border_left=115,
+            **options,
+        )
+        wheel = WheelZoomTool(dimensions="width", modifiers="ctrl")
+        made.add_tools(wheel)
+        made.toolbar.active_scroll = wheel
+        made.xaxis.ticker = DatetimeTicker(desired_num_ticks=5)
+        made.xaxis.formatter = DatetimeTickFormatter(
+            microseconds="%H:%M:%S.%f", milliseconds="%H:%M:%S.%3N", seconds="%H:%M:%S",
+            minsec="%H:%M:%S", minutes="%H:%M", hourmin="%H:%M",
+        )  # fmt: skip
+        made.extra_y_ranges = {"share": Range1d(start=0, end=1)}
+        if self._gaps:
+            self._bands(made, f"{name}-gap", _OFF, _("rows are missing"))
+        self.figures[name] = made
+        return made
+
+    def _bands(self, made: Any, name: str, colour: str, label: str, **options: Any) -> None:
+        made.quad(
+            left="left", right="right", bottom=0, top=1, y_range_name="share", source=_empty(name,
+            "left", "right"), fill_color=colour, fill_alpha=0.2, line_color=colour, line_alpha=0.4,
+            legend_label=label, **options,
+        )  # fmt: skip
+
+    def _add_faults(self) -> None:
+        words = [str(fault) for fault in Fault if fault in self._timeline.faults]
+        made = self._figure(
+            "faults",
+            _("Faults"),
+            90 + 22 * len(words),
+            y_range=Range1d(start=len(words) - 0.5, end=-0.5),
+        )
+        made.yaxis.ticker = list(range(len(words)))
+        made.yaxis.major_label_overrides = dict(enumerate(words))
+        made.ygrid.visible = False
+        made.add_tools(TapTool())
+        made.scatter(
+            "x", "y", size="size", marker="square", fill_color="colour", line_color=None,
+            fill_alpha=0.8,
+            source=_empty("faults-rows", "x", "y", "size", "colour", "first", "last"),
+        )  # fmt: skip
+        self.meta.append({
+            "name": "faults",
+            "colours": [_STATUS_COLOUR[status_of((Fault(word),))] for word in words],
+        })  # fmt: skip
+
+    def _add_motor(self, motor: int, name: str) -> None:
+        field = next((one for one in VALUE_FIELDS if one.name == name), None)
+        if field is None:
+            return
+        traces = [one for one in self._timeline.traces if one.motor in (motor, ALL_MOTORS)]
+        commands = [one for one in traces if one.kind.direction is Direction.CONTROL]
+        plot = f"{name}-{motor}"
+        title = _("Motor {motor}: {name}").format(motor=motor, name=f"{name} [{field.unit}]")
+        made = self._figure(plot, title, 230, y_range=Range1d(start=0, end=1))
+        if self._timeline.errors[motor].points()[1].any():
+            self._bands(made, f"{plot}-error", _BAD, "ERROR")
+        if not self._timeline.online[motor].points()[1].all():
+            self._bands(made, f"{plot}-offline", _OFF, _("not ONLINE"), hatch_pattern="/")
+        made.step(
+            "x", "y", mode="after", source=_empty(f"{plot}-target", "x", "y"), line_width=1.5,
+            line_color=_TARGET, legend_label=_("target"),
+        )  # fmt: skip
+        actual = made.line(
+            "x", "y", source=_empty(f"{plot}-actual", "x", "y"), line_width=1.5,
+            line_color=_ACTUAL, legend_label=_("actual"),
+        )  # fmt: skip
+        made.scatter(
+            "x", 0.02, size=6, marker="triangle", source=_empty(f"{plot}-commands", "x"),
+            fill_color=_TARGET, line_color=None, y_range_name="share",
+            legend_label=_("commands"),
+        )  # fmt: skip
+        self._finish(made, [actual])
+        self.meta.append({
+            "name": plot,
+            "motor": motor,
+            "target": self._numbered(one for one in commands if one.field == name),
+            "others": self._numbered(one for one in commands if one.field != name),
+            "actual": self._numbered(
+                one for one in traces if one not in commands and one.field == name
+            ),
+        })  # fmt: skip
+
+    def _add_chassis(self) -> None:
+        traces = [one for one in self._timeline.traces if one.motor == ALL_MOTORS and one.field]
+        if not traces:
+            return
+        made = self._figure("chassis", _("Chassis commands"), 230, y_range=Range1d(start=0, end=1))
+        units = {one.name: one.unit for one in VALUE_FIELDS}
+        for trace, colour in zip(traces, _CHASSIS, strict=False):
+            made.step(
+                "x", "y", mode="after", source=_empty(f"chassis-{trace.field}", "x", "y"),
+                line_width=1.5, line_color=colour,
+                legend_label=f"{trace.field.rpartition('_')[0]} [{units[trace.field]}]",
+            )  # fmt: skip
+        self._finish(made, [])
+        self.meta.append(
+            {"name": "chassis", "lines": {one.field: self._numbers[one] for one in traces}}
+        )
+
+    def _finish(self, made: Any, hovered: Sequence[Any]) -> None:
+        made.yaxis.formatter = NumeralTickFormatter(format="0,0")
+        made.legend.click_policy = "hide"
+        made.legend.orientation = "horizontal"
+        made.legend.label_text_font_size = "11px"
+        made.legend.spacing = made.legend.padding = made.legend.margin = 4
+        made.add_layout(made.legend[0], "above")
+        if hovered:
+            made.add_tools(
+                HoverTool(
+                    renderers=list(hovered),
+                    tooltips=[("", "@x{%H:%M:%S.%3N}  @y{0,0}")],
+                    formatters={"@x": "datetime"},
+                )
+            )
+
+    def _numbered(self, traces: Iterator[Trace]) -> list[int]:
+        return [self._numbers[trace] for trace in traces]
+
+
+def _empty(name: str, *columns: str) -> ColumnDataSource:
+    return ColumnDataSource({column: [] for column in columns}, name=name)
+
+
+def _delay_plot(delays: Mapping[int, Sequence[tuple[float, float, int]]]) -> Any:
+    """Answer delays of all motors; None without any."""
+    if not any(delays.values()):
+        return None
+    made = figure(
+        height=230, sizing_mode="stretch_width", toolbar_location=None, tools="",
+        title=_("Answer delays [ms]"), x_axis_type="log", y_axis_label=_("answers"),
+        min_border_left=115, y_range=DataRange1d(start=0),
+    )  # fmt: skip
+    for number, (motor, bins) in enumerate(delays.items()):
+        if bins:
+            made.quad(
+                left=[low / 1e6 for low, _high, _count in bins],
+                right=[high / 1e6 for _low, high, _count in bins],
+                bottom=0,
+                top=[count for _low, _high, count in bins],
+                fill_color=(*_CHASSIS, _BAD)[number % 4],
+                fill_alpha=0.35,
+                line_color=(*_CHASSIS, _BAD)[number % 4],
+                legend_label=_("motor {motor}").format(motor=motor),
+            )
+    made.legend.click_policy = "hide"
+    made.legend.orientation = "horizontal"
+    made.add_layout(made.legend[0], "above")
+    return made
+
+
+def _packed(timeline: Timeline, plots: Sequence[Json], gaps: Intervals) -> str:
+    """The data of the plots: the length of a JSON text, the text, and the columns; in base64.
+
+    Times are in units since the first one, so that 32 bits hold them. Each column has the
+    differences of its numbers, first all lowest bytes, then the next, which deflate best.
+    """
+    first, last = timeline.first_ns or 0, timeline.last_ns or 0
+    unit = max(1000, (last - first) // (2**32 - 1) + 1)
+    columns: list[bytes] = []
+    sizes: list[int] = []
+
+    def append(series: Series) -> None:
+        t_ns, values = series.points()
+        sizes.append(len(t_ns))
+        columns.extend((_column((t_ns - first) // unit), _column(values)))
+
+    words = [fault for fault in Fault if fault in timeline.faults]
+    for series in (
+        *timeline.traces.values(),
+        *(timeline.errors[motor] for motor in MOTORS),
+        *(timeline.online[motor] for motor in MOTORS),
+        *(timeline.faults[fault] for fault in words),
+    ):
+        append(series)
+    meta = {
+        "first": first / 1e6,
+        "last": last / 1e6,
+        "unit": unit / 1e6,
+        "sizes": sizes,
+        "plots": plots,
+        "traces": len(timeline.traces),
+        "gaps": gaps,
+        "damaged": [_row_cells(row) for row in timeline.damaged],
+    }
+    text = json.dumps(meta, separators=(",", ":")).encode()
+    packed = zlib.compress(len(text).to_bytes(4, "little") + text + b"".join(columns), 9)
+    return b64encode(packed).decode()
+
+
+def _column(numbers: Ints) -> bytes:
+    differences = np.diff(numbers, prepend=0).astype(np.uint32)
+    return np.ascontiguousarray(differences.view(np.uint8).reshape(-1, 4).T).tobytes()
+
+
+def title_of(names: Sequence[str]) -> str:
+    """The title of the page: the input's name, or how many there are."""
+    if len(names) == 1:
+        return printable(names[0])
+    return _("{count:,} files").format(count=len(names))

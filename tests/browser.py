@@ -1,0 +1,41 @@
+"""Headless Chromium, driven through ChromeDriver, for the tests of HTML pages."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.support.ui import WebDriverWait
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+
+WAIT_S = 60
+
+
+@contextmanager
+def open_browser(
+    width: int = 1200, height: int = 1600, *arguments: str
+) -> Iterator[webdriver.Chrome]:
+    """A browser of this size, in pixels."""
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM or ""
+    for argument in ("--headless=new", "--no-sandbox", f"--window-size={width},{height}"):
+        options.add_argument(argument)
+    for argument in arguments:
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    browser = webdriver.Chrome(options, Service(DRIVER))
+    try:
+        yield browser
+    finally:
+        browser.quit()
+
+
+def drawn(browser: webdriver.Chrome, times: int = 1) -> None:
+    """Wait until the plots were drawn this often."""
+    script = f"return Number(document.documentElement.dataset.drawn || 0) >= {times}"
+    WebDriverWait(browser, WAIT_S, 0.02).until(lambda one: one.execute_script(script))

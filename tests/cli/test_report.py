@@ -1,0 +1,296 @@
+"""`report`: the page in a real browser, what it shows of the rows, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.by import By
+
+from benchmarks.recorded_rows import START_NS, write_recording
+from fte_sniff.protocol import KIND_BY_NAME, Frame, encode
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.row_batch import RowBatch
+from tests.browser import CHROMIUM, DRIVER, drawn, open_browser
+
+MS = 1_000_000
+HOSTILE = "<script>window.hit=1</script>\"'><img src=x onerror=window.hit=1>"
+
+needs_browser = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason="Chromium and ChromeDriver are not installed"
+)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[webdriver.Chrome]:
+    with open_browser() as browser:
+        yield browser
+
+
+def feedback(number: int, rpm: int, port: str = "a") -> Frame:
+    raw = encode(KIND_BY_NAME["speed_feedback"], {"motor": 1, "rpm": rpm})
+    return Frame(port, 10 * number, raw, START_NS + number * MS, (), 0)
+
+
+def recorded(path: Path, frames: list[Frame], facts: dict[str, str] | None = None) -> Path:
+    ports = [PortFacts(port) for port in dict.fromkeys(frame.port for frame in frames)]
+    write_recording(path, ports or [PortFacts("a")], [RowBatch.from_rows(frames)], facts)
+    return path
+
+
+def made(run, tmp_path: Path, *arguments: str | Path) -> Path:
+    done = run("report", *arguments, "-o", "report.html", "--force")
+    assert done.returncode == 0, done.stderr
+    return tmp_path / "report.html"
+
+
+def source(browser: webdriver.Chrome, name: str) -> dict[str, list]:
+    script = """
+        const data = Bokeh.documents[0].get_model_by_name(arguments[0]).data;
+        return Object.fromEntries(Object.entries(data).map(([k, v]) => [k, Array.from(v)]));
+    """
+    return browser.execute_script(script, name)
+
+
+def rows_of(run, path: Path, asked: str) -> list[dict]:
+    done = run("decode", path, "--format", "jsonl", "--filter", asked)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def zoomed(browser: webdriver.Chrome, start_ms: float, end_ms: float) -> None:
+    count = int(browser.execute_script("return document.documentElement.dataset.drawn"))
+    script = """
+        const range = Bokeh.documents[0].get_model_by_name("time");
+        range.setv({start: arguments[0], end: arguments[1]});
+    """
+    browser.execute_script(script, start_ms, end_ms)
+    drawn(browser, count + 1)
+
+
+def shown(browser: webdriver.Chrome, page: Path) -> None:
+    browser.get(page.as_uri())
+    drawn(browser)
+    assert [one for one in browser.get_log("browser") if one["level"] == "SEVERE"] == []
+
+
+@needs_browser
+def test_a_spike_of_one_row_is_visible_at_every_zoom(run, tmp_path, browser) -> None:
+    frames = [feedback(number, 3000 if number == 31_234 else 100) for number in range(50_000)]
+    page = made(run, tmp_path, recorded(tmp_path / "a.mcap", frames))
+    shown(browser, page)
+    spike_ms = (START_NS + 31_234 * MS) / 1e6
+    for width in (None, 20_000, 500, 20):
+        if width is not None:
+            zoomed(browser, spike_ms - width / 3, spike_ms + width)
+        found = source(browser, "rpm-1-actual")
+        assert max(found["y"]) == 3000
+        assert min(found["y"]) == 100
+        at = found["x"][found["y"].index(3000)]
+        assert abs(at - spike_ms) < 0.01
+
+
+@needs_browser
+def test_a_narrow_range_has_exactly_the_rows(run, tmp_path, browser, samples) -> None:
+    shown(browser, made(run, tmp_path, samples / "damaged.mcap"))
+    asked = "kind = 'speed_feedback' AND motor = 2"
+    rows = rows_of(run, samples / "damaged.mcap", asked)
+    found = source(browser, "rpm-2-actual")
+    assert found["y"] == [row["rpm"] for row in rows]
+    commands = rows_of(
+        run, samples / "damaged.mcap", "direction = 'control' AND (motor = 2 OR motor IS NULL)"
+    )
+    assert 0 < len(source(browser, "rpm-2-commands")["x"]) <= len(commands)
+    targets = [value for value in source(browser, "rpm-2-target")["y"] if value is not None]
+    speeds = [row["rpm"] for row in commands if row["kind"] == "speed"]
+    assert targets[: len(speeds)] == speeds
+
+
+def at(browser: webdriver.Chrome, place: str) -> tuple[int, int]:
+    """Scroll to a plot, and return a place of it in the window: `return [x, y]` in its view."""
+    script = f"""
+        const named = (name) => Bokeh.documents[0].get_model_by_name(name);
+        const viewOf = (name) => Bokeh.index.find_one(named(name));
+        const inside = (() => {{ {place} }})();
+        const view = viewOf(inside[0]);
+        view.el.scrollIntoView({{block: "center"}});
+        const box = view.el.getBoundingClientRect();
+        return [Math.round(box.x + inside[1]), Math.round(box.y + inside[2])];
+    """
+    x, y = browser.execute_script(script)
+    return x, y
+
+
+def pointer(browser: webdriver.Chrome, *steps: str | tuple[int, int]) -> None:
+    """Move the mouse to places, and press, release or click it."""
+    actions = ActionBuilder(browser)
+    for step in steps:
+        if isinstance(step, str):
+            getattr(actions.pointer_action, step)()
+        else:
+            actions.pointer_action.move_to_location(*step)
+    actions.perform()
+
+
+@needs_browser
+def test_dragging_zooms_all_plots_and_a_double_click_shows_everything(
+    run, tmp_path, browser, samples
+) -> None:
+    shown(browser, made(run, tmp_path, samples / "clean.mcap"))
+    ends = 'const r = Bokeh.documents[0].get_model_by_name("time"); return [r.start, r.end]'
+    whole = browser.execute_script(ends)
+    x, y = at(browser, 'return ["rpm-1", 500, 120]')
+    pointer(browser, (x, y), "pointer_down", (x + 100, y), (x + 200, y), "pointer_up")
+    drawn(browser, 2)
+    start, end = browser.execute_script(ends)
+    assert whole[0] < start < end < whole[1]
+    actual = source(browser, "rpm-3-actual")["x"]
+    assert actual[1] >= start
+    assert actual[-2] <= end
+    pointer(browser, (x, y), "double_click")
+    drawn(browser, 3)
+    assert browser.execute_script(ends) == whole
+
+
+@needs_browser
+def test_a_click_on_a_fault_shows_its_bytes(run, tmp_path, browser, samples) -> None:
+    shown(browser, made(run, tmp_path, samples / "damaged.mcap"))
+    place = """
+        const {frame} = viewOf("faults"), data = named("faults-rows").data;
+        return ["faults", frame.x_scale.compute(data.x[0]), frame.y_scale.compute(data.y[0])];
+    """
+    pointer(browser, at(browser, place), "click")
+    cells = [one.text for one in browser.find_elements(By.CSS_SELECTOR, "#rows tbody tr td")]
+    assert len(cells) == 5
+    rows = rows_of(run, samples / "damaged.mcap", f"offset = {cells[2].replace(',', '')}")
+    assert [(row["raw"], ", ".join(row["faults"])) for row in rows] == [
+        (cells[4].replace(" ", ""), cells[3])
+    ]
+
+
+@needs_browser
+def test_the_legend_toggles_a_series(run, tmp_path, browser, samples) -> None:
+    shown(browser, made(run, tmp_path, samples / "clean.mcap"))
+    place = """
+        const legend = named("rpm-1").above.find((one) => one.type === "Legend");
+        const {bbox} = Bokeh.index.find_one(legend);
+        return ["rpm-1", bbox.right - 25, (bbox.top + bbox.bottom) / 2];
+    """
+    pointer(browser, at(browser, place), "click")
+    hidden = """
+        return Bokeh.documents[0].get_model_by_name("rpm-1").renderers
+            .filter((one) => !one.visible).map((one) => one.data_source.name);
+    """
+    assert browser.execute_script(hidden) == ["rpm-1-commands"]
+
+
+@needs_browser
+def test_text_from_files_executes_nothing(run, tmp_path, browser) -> None:
+    name = HOSTILE.replace("/", "_")
+    frames = [feedback(number, 5, HOSTILE) for number in range(9)]
+    broken = Frame(HOSTILE, 90, bytes.fromhex("55 01 09 00 00 00 00 00 0F EE"), START_NS, (), 0)
+    path = recorded(tmp_path / f"{name}.mcap", [*frames, broken], {HOSTILE: HOSTILE})
+    page = made(run, tmp_path, path, "--filter", "port != '<script>window.hit=1</script>'")
+    shown(browser, page)
+    assert browser.execute_script("return window.hit") is None
+    assert HOSTILE in browser.find_element(By.TAG_NAME, "body").text
+    assert browser.execute_script("return document.images.length") == 0
+
+
+@needs_browser
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_needs_no_network_and_fits_a_phone(run, tmp_path, samples, language, scheme) -> None:
+    page = made(run, tmp_path, samples / "damaged.mcap", "--lang", language)
+    dark = ["--blink-settings=preferredColorScheme=0"] if scheme == "dark" else []
+    with open_browser(500, 900, *dark) as browser:
+        size = {"width": 400, "height": 900, "deviceScaleFactor": 1, "mobile": True}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        shown(browser, page)
+        entries = "return performance.getEntriesByType('resource').map(one => one.name)"
+        assert [
+            name
+            for name in browser.execute_script(entries)
+            if not name.startswith(("data:", "blob:"))
+        ] == []
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 400
+        heading = browser.find_elements(By.TAG_NAME, "h2")[0].text
+        assert heading == {"en": "What was captured", "zh": "采集信息"}[language]
+        ground = browser.execute_script(
+            'return Bokeh.documents[0].get_model_by_name("faults").background_fill_color'
+        )
+        assert ground == {"light": "#ffffff", "dark": "#161a20"}[scheme]
+
+
+def test_the_numbers_are_those_of_stats(run, tmp_path, samples) -> None:
+    text = made(run, tmp_path, samples / "damaged.mcap").read_text("utf-8")
+    numbers = json.loads(run("stats", samples / "damaged.mcap", "--format", "json").stdout)
+    for fault in numbers["ports"][0]["faults"]:
+        assert re.search(rf">{fault['fault']}</td><td class=\"number\">{fault['rows']:,}<", text)
+    for stream in numbers["ports"][0]["streams"]:
+        assert f"<tr><td>{stream['kind']}</td>" in text
+
+
+def test_rows_without_times_have_no_plots(run, tmp_path, samples) -> None:
+    text = made(run, tmp_path, samples / "damaged.raw").read_text("utf-8")
+    assert "The rows have no times" in text
+    assert 'id="data"></script>' in text
+    assert "truncated" in text
+
+
+def test_a_report_of_no_rows_says_so(run, tmp_path, samples) -> None:
+    done = run("report", samples / "clean.mcap", "--filter", "motor = 9", "-o", "r.html")
+    assert done.returncode == 0
+    assert "none of them matches the filter: motor = 9" in done.stderr
+    assert "There are no rows" in (tmp_path / "r.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["clean.mcap", "-o", "old.html"], 4, "old.html exists already"),
+        (["clean.mcap", "-o", "none/r.html"], 4, "its folder does not exist"),
+        (["clean.mcap", "-o", "clean.mcap", "--force"], 2, "is an input, and would be lost"),
+        (["none.mcap", "-o", "r.html"], 4, "there is no such file"),
+        (["clean.mcap"], 2, "Missing option '-o'"),
+    ],
+)
+def test_one_line_says_what_is_wrong(run, tmp_path, samples, arguments, code, message) -> None:
+    (tmp_path / "clean.mcap").write_bytes((samples / "clean.mcap").read_bytes())
+    (tmp_path / "old.html").write_text("old")
+    done = run("report", *arguments)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "old.html").read_text() == "old"
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_file_that_cannot_be_read_is_reported_and_the_others_are_in_the_page(
+    run, tmp_path, samples
+) -> None:
+    (tmp_path / "junk.mcap").write_bytes(b"junk")
+    done = run("report", "junk.mcap", samples / "clean.mcap", "-o", "r.html")
+    assert done.returncode == 4
+    assert "junk.mcap" in done.stderr
+    assert "clean.mcap" in (tmp_path / "r.html").read_text("utf-8")
+
+
+def test_without_bokeh_a_line_names_the_command_that_installs_it(tmp_path, samples) -> None:
+    missing = "raise ModuleNotFoundError(\"No module named 'bokeh'\", name='bokeh')"
+    (tmp_path / "bokeh.py").write_text(missing)
+    code = "import sys; sys.path.insert(0, sys.argv.pop(1)); from fte_sniff.cli import main; main()"
+    words = [sys.executable, "-P", "-c", code, str(tmp_path), "report"]
+    done = subprocess.run(
+        [*words, str(samples / "clean.mcap"), "-o", str(tmp_path / "r.html")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "pip install 'fte-sniff[report]'" in done.stderr
+    assert done.stderr.count("\n") == 1
