@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
@@ -13,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from fte_sniff.analysis.row_store import Block, Offsets, RowStore
 from fte_sniff.errors import InputTextError, printable
-from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, Row
+from fte_sniff.protocol import COLUMN_BY_NAME, FRAME_LENGTH, ColumnType, Row
 from fte_sniff.row_batch import Bools, Codes, RowBatch
 
 if TYPE_CHECKING:
@@ -231,8 +232,8 @@ class HitPosition:
 class HitCounter:
     """Counts the matching rows under the current filter, without rows that are not in memory."""
 
-    def __init__(self, store: RowStore, test: RowTest) -> None:
-        self._store, self._test = store, test
+    def __init__(self, store: RowStore, test: RowTest, step_rows: int = STEP_ROWS) -> None:
+        self._store, self._test, self._step_rows = store, test, step_rows
         self._hits: dict[int, _BlockHits] = {}
 
     def step(self) -> bool:
@@ -245,13 +246,16 @@ class HitCounter:
         return False
 
     def _count(self, block: Block, hits: _BlockHits) -> None:
-        stop = min(self._countable(block), hits.counted + STEP_ROWS)
-        offsets = self._store.view.offsets(block)
+        stop = min(self._countable(block), hits.counted + self._step_rows)
+        offsets = self._offsets(block)
         offsets = offsets[(offsets >= hits.counted) & (offsets < stop)]
         if len(offsets):
             found = offsets[self._test(block.rows.select(offsets))]
             hits.offsets = np.concatenate((hits.offsets, found))
         hits.counted = stop
+
+    def _offsets(self, block: Block) -> Offsets:
+        return self._store.view.offsets(block)
 
     def _countable(self, block: Block) -> int:
         """Rows of the block that the filter was applied to."""
@@ -271,3 +275,49 @@ class HitCounter:
                 number = total + at + 1
             total += len(offsets)
         return HitPosition(number, total)
+
+
+class MatchCounter(HitCounter):
+    """Counts the rows in memory that match, also those that the current filter hides."""
+
+    def _offsets(self, block: Block) -> Offsets:
+        return np.arange(max(0, self._store.first - block.start), block.count)
+
+    def _countable(self, block: Block) -> int:
+        return block.count
+
+
+MOST_VALUES: Final = 10_000
+"""Different values of a column after which the others are not counted."""
+
+
+class ValueCounter:
+    """Counts the values of one column of the rows in memory, for suggestions."""
+
+    def __init__(self, store: RowStore, column: str) -> None:
+        self._store, self._column = store, column
+        self._counted: dict[int, int] = {}
+        self.counts: Counter[str] = Counter()
+        """Number of rows by value, as text."""
+
+    def step(self) -> bool:
+        """Count the rows of one more block, the newest first; False if there were none."""
+        if len(self.counts) >= MOST_VALUES:
+            return False
+        for block in reversed(self._store.blocks):
+            start = self._counted.get(block.start, 0)
+            if start < block.count and not block.dropped:
+                self._counted[block.start] = block.count
+                self._count(block.rows[start : block.count])
+                return True
+        return False
+
+    def _count(self, rows: RowBatch) -> None:
+        # The import loads polars, which is slow; the screen starts without a filter.
+        from fte_sniff.analysis.dataframe import row_frame
+
+        values = row_frame(rows, (self._column,))[self._column].drop_nulls()
+        if COLUMN_BY_NAME[self._column].type is ColumnType.WORDS:
+            values = values.explode().drop_nulls()
+        for value, count in values.value_counts().iter_rows():
+            self.counts[str(value)] += count

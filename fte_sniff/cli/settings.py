@@ -6,6 +6,12 @@ columns = ["time", "kind", "values", "faults"]
 widths = { time = 15 }
 language = "zh"                 # or en, or auto: that of the locale
 
+[filters]                       # listed by the key f; ^s there adds one
+stalled = "abs(rpm) < 10 AND motor IS NOT NULL"
+
+[colors]                        # rows that match; the first match wins
+"error != 0" = "white on dark_red"
+
 [port."/dev/ttyUSB0"]           # or its stable name, /dev/serial/by-id/...
 baud = 115200
 resolution = 500
@@ -73,6 +79,10 @@ class Settings:
     ports: tuple[str, ...] = ()
     """Ports to open when none is named; one or two."""
     by_port: Mapping[str, PortDefaults] = field(default_factory=lambda: MappingProxyType({}))
+    filters: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Saved filters by name."""
+    colors: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Styles of rows by the filter that they match, as rich writes styles."""
     faults: tuple[str, ...] = ()
     """Invalid entries of the file, one line each."""
     path: Path = Path()
@@ -112,14 +122,14 @@ class Settings:
 
     @property
     def choices(self) -> Choices:
-        """Theme and columns of the screen."""
+        """Theme, columns and filters of the screen."""
         from fte_sniff.tui.options import Choices
         from fte_sniff.tui.table.columns import ColumnChoice
 
         screen = self.screen
         widths = tuple((screen.widths or {}).items())
         columns = None if screen.columns is None else ColumnChoice(screen.columns, widths)
-        return Choices(screen.theme, columns)
+        return Choices(screen.theme, columns, filters=tuple(self.filters.items()))
 
     def keep(self, choices: Choices) -> None:
         """Save the choices for the next start of the screen; a failure is only reported."""
@@ -137,7 +147,7 @@ class Settings:
                 columns=None if columns is None else columns.names,
                 widths=None if columns is None else dict(columns.widths) or None,
             )
-            save_screen(self.path, screen)
+            save_screen(self.path, screen, dict(choices.filters))
         except FteSniffError as error:
             print_err(f"the screen settings are not saved: {error}")
 
@@ -203,7 +213,7 @@ SCREEN_FIELDS: Mapping[str, _Convert] = {
 }
 _LIVE: Mapping[str, _Convert] = {"ports": _ports}
 _PORT: Mapping[str, _Convert] = {"baud": _whole, "resolution": _ratio, "gear-ratio": _ratio}
-_TABLES = ("screen", "live", "port")
+_TABLES = ("screen", "live", "port", "filters", "colors")
 
 
 def parse_settings(content: Mapping[str, Any]) -> Settings:
@@ -219,6 +229,8 @@ def parse_settings(content: Mapping[str, Any]) -> Settings:
                 for name, table in check.table(tables.get("port", {}), "port").items()
             }
         ),
+        check.texts(tables.get("filters", {}), "filters"),
+        check.texts(tables.get("colors", {}), "colors"),
         tuple(check.faults),
     )
 
@@ -247,14 +259,23 @@ class _Check:
                 self.faults.append(f"unknown name {name!r:.60}{place}; {hint}")
         return {name: value for name, value in table.items() if name in names}
 
+    def texts(self, table: Any, where: str) -> Mapping[str, str]:
+        """A table of texts by any name."""
+        entries = self.table(table, where)
+        return MappingProxyType(self.values(entries, where, dict.fromkeys(entries, _text), str))
+
     def values(
-        self, table: Any, where: str, converts: Mapping[str, Callable[[Any], Any]]
+        self,
+        table: Any,
+        where: str,
+        converts: Mapping[str, Callable[[Any], Any]],
+        field_of: Callable[[str], str] = lambda name: name.replace("-", "_"),
     ) -> dict[str, Any]:
         """Converted values of a table, by field name."""
         found = {}
         for name, value in self.known(self.table(table, where), converts, where).items():
             try:
-                found[name.replace("-", "_")] = converts[name](value)
+                found[field_of(name)] = converts[name](value)
             except ValueError as error:
                 self.faults.append(f"{name} in [{where}] must be {error}, not {value!r:.60}")
         return found
@@ -309,8 +330,10 @@ def read_settings(path: Path) -> Settings:
     return parse_settings(tables)
 
 
-def save_screen(path: Path, settings: ScreenSettings) -> None:
-    """Write the screen settings into the file; comments and other settings stay as they are.
+def save_screen(
+    path: Path, settings: ScreenSettings, filters: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Write screen settings and filters into the file; comments and other settings stay.
 
     The file is replaced atomically. Raises FileError if the file there cannot be read or written.
     """
@@ -328,6 +351,8 @@ def save_screen(path: Path, settings: ScreenSettings) -> None:
                 screen[name] = _toml(value)
             elif name in screen:
                 del screen[name]
+        if filters:
+            document.setdefault("filters", tomlkit.table()).update(filters)
         replace_text(path, tomlkit.dumps(document))
     except (TOMLKitError, UnicodeDecodeError, TypeError) as error:
         raise FileError(f"{path} is not TOML: {error}; {_FIX}") from error

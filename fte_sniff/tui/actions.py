@@ -27,6 +27,7 @@ from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import (
     FilterField,
+    NameField,
     PictureField,
     PromptField,
     PromptLine,
@@ -49,6 +50,9 @@ class ScreenActions(App[None]):
     _panes: PaneSwitcher
     _notice: NoticeLine
     _filter_field: FilterField
+    _saved_filters: dict[str, str]
+    """Saved filters by name."""
+    _name_field: NameField
     _goto_field: GotoField
     _search_field: SearchField
     _save_field: SaveField
@@ -307,6 +311,15 @@ class FindActions(ScreenActions):
         self._filter_field.set_current(line)
         self._model.set_filter(parse_filter(line) if line else None, self._table.near)
         self._table.sync()
+
+    def _ask_filter_name(self, _line: str) -> None:
+        self._name_field.open()
+
+    def _name_filter(self, name: str) -> None:
+        """Save the filter in effect by name."""
+        if name:
+            self._saved_filters[name] = self._filter_field.current
+            self._inform(_("saved; f lists the filter as {name}").format(name=printable(name)))
 
     def action_only(self) -> None:
         """Show only rows with the same value in a cell."""

@@ -45,6 +45,8 @@ from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import (
     FilterField,
+    FilterSources,
+    NameField,
     PictureField,
     PromptLine,
     SaveField,
@@ -100,7 +102,12 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._panes = PaneSwitcher(store, self._table, options.line_setup)
         self._notice = NoticeLine()
         filter_line = options.row_filter.text if options.row_filter else ""
-        self._filter_field = FilterField(filter_line, self._set_filter, self._cursor_ns)
+        self._saved_filters = dict(options.choices.filters)
+        sources = FilterSources(store, self._cursor_ns, self._saved_filters)
+        self._filter_field = FilterField(
+            filter_line, self._set_filter, sources, self._ask_filter_name
+        )
+        self._name_field = NameField(str, self._name_filter)
         self._search_field = SearchField(Search.parse, self._search)
         self._goto_field = GotoField(parse_goal, self._go)
         self._save_field = SaveField(self._target, self._save)
@@ -121,6 +128,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         yield from self._panes
         yield self._notice
         yield self._filter_field
+        yield self._name_field
         yield self._search_field
         yield self._goto_field
         yield self._save_field
@@ -212,7 +220,9 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     def choices(self) -> Choices:
         """What the user has chosen by now."""
         switched = self.language if self.language != self._options.language else None
-        return Choices(self.theme, self._table.view.choice, switched)
+        return Choices(
+            self.theme, self._table.view.choice, switched, tuple(self._saved_filters.items())
+        )
 
     @property
     def tally(self) -> Tally:

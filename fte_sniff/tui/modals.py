@@ -43,7 +43,7 @@ from fte_sniff.tui.table.painter import Sign
 CURSOR = Style(reverse=True, bold=True)
 
 
-def _line(text: str, right: str) -> Table:
+def list_line(text: str, right: str) -> Table:
     """A line of a list, with a text at its right end."""
     line = Table.grid(Column(ratio=1, no_wrap=True), Column(no_wrap=True), expand=True)
     line.add_row(Text(text), Text(f" {right}" if right else ""))
@@ -95,7 +95,7 @@ class ListScreen(ModalScreen[ScreenResultType]):
     ) -> None:
         box = self.query_one("#picker")
         box.border_title, box.border_subtitle = Text(title), Text(subtitle)
-        self._list.set_options(_line(text, right) for text, right in lines)
+        self._list.set_options(list_line(text, right) for text, right in lines)
         self._list.highlighted = cursor
 
     def on_key(self, event: events.Key) -> None:

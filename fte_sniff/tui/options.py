@@ -27,6 +27,8 @@ class Choices:
     """None where the width of the window decides."""
     language: str | None = None
     """A key of `i18n.LANGUAGES`; None where it was not switched."""
+    filters: tuple[tuple[str, str], ...] = ()
+    """Names of saved filters, each with its filter."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from threading import Thread
+from time import monotonic
 from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias
 
 from rich.cells import cell_len
 from rich.text import Text
-from textual import events
+from textual import events, on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
-from textual.suggester import Suggester
+from textual.timer import Timer
 from textual.widget import Widget
-from textual.widgets import Input, Static
+from textual.widgets import Input, OptionList, Static
 
-from fte_sniff.errors import FteSniffError
+from fte_sniff.analysis.row_store import BLOCK_ROWS, RowStore
+from fte_sniff.analysis.search import MatchCounter, ValueCounter
+from fte_sniff.errors import FilterError, FteSniffError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
+from fte_sniff.protocol import COLUMN_BY_NAME
 from fte_sniff.session.save import DEFAULT_NAME, PICTURE_SUFFIXES, free_path
 from fte_sniff.tui.i18n import _, error_text, later
 from fte_sniff.tui.keys import translate_keys
+from fte_sniff.tui.modals import LineList, list_line
 from fte_sniff.tui.notices import WrappedText
+from fte_sniff.tui.view_model import STEP_PAUSE_S
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -44,6 +51,15 @@ class History:
             self._lines.append(line)
         self._current = len(self._lines)
 
+    @property
+    def is_older(self) -> bool:
+        """Whether an earlier line is shown."""
+        return self._current < len(self._lines)
+
+    def newest_first(self) -> Iterator[str]:
+        """All lines, the newest first."""
+        return reversed(self._lines)
+
     def go(self, by: int, typed: str) -> str:
         """The line `by` steps newer (or older, negative) than the current one."""
         if self._current == len(self._lines):
@@ -57,6 +73,9 @@ Check: TypeAlias = Callable[[str], object]
 
 OnSubmit: TypeAlias = Callable[[str], None]
 """Receives a valid line, before the next key acts."""
+
+PATIENCE_S: Final = 0.7
+"""Pause in typing after which a mistake is shown, seconds."""
 
 LOW = 16
 """Lines of the terminal below which the verdict has only one line."""
@@ -73,8 +92,8 @@ class PromptLine(Input):
         Binding("escape", "leave", later("Back"), key_display="esc"),
     ]
 
-    def __init__(self, field: PromptField, placeholder: str, suggester: Suggester | None) -> None:
-        super().__init__(placeholder=placeholder, compact=True, suggester=suggester)
+    def __init__(self, field: PromptField, placeholder: str) -> None:
+        super().__init__(placeholder=placeholder, compact=True)
         translate_keys(self)
         self.history = History()
         self.can_focus = False
@@ -98,16 +117,17 @@ class PromptLine(Input):
                     break
 
     def action_older(self, by: int) -> None:
-        """Show another line of the history."""
+        """Move in the list of candidates, or show another line of the history."""
+        if self._field.move(by) and not self.history.is_older:
+            return
         self.value = self.history.go(by, self.value)
         self.cursor_position = len(self.value)
 
     def action_complete(self) -> None:
-        """Accept the suggestion; the focus stays here in any case."""
-        self.value = self.value or self._field.default
-        self.cursor_position = len(self.value)
-        if self._suggestion:
-            self.action_cursor_right()
+        """Accept the first candidate; the focus stays here in any case."""
+        if not self._field.pick(typed=True):
+            self.value = self.value or self._field.default
+            self.cursor_position = len(self.value)
 
     def on_blur(self) -> None:
         """Leave where another widget was clicked, but not where the terminal lost the focus."""
@@ -115,12 +135,19 @@ class PromptLine(Input):
             self._field.close()
 
     async def action_submit(self) -> None:
-        """Submit the line."""
-        self._field.submit(self.value.strip())
+        """Insert the chosen candidate, or submit the line."""
+        if not self._field.pick():
+            self._field.submit(self.value.strip())
 
     def action_leave(self) -> None:
-        """Close the field."""
-        self._field.close()
+        """Leave the list of candidates, or close the field."""
+        if not self._field.leave_list():
+            self._field.close()
+
+    def _on_paste(self, event: events.Paste) -> None:
+        """Insert all lines as one."""
+        event.prevent_default().stop()
+        self.replace(" ".join(event.text.split()), *self.selection)
 
 
 class PromptField(Vertical):
@@ -133,14 +160,15 @@ class PromptField(Vertical):
     HINT: ClassVar[str]
     """What the keys do, shown while the line is valid."""
 
-    def __init__(
-        self, check: Check, on_submit: OnSubmit, suggester: Suggester | None = None
-    ) -> None:
+    LINE: ClassVar[type[PromptLine]] = PromptLine
+
+    def __init__(self, check: Check, on_submit: OnSubmit) -> None:
         """A closed field: `check` parses a line, `on_submit` receives a valid one."""
         super().__init__()
         self._check, self._on_submit = check, on_submit
-        self._line = PromptLine(self, self.EXAMPLE, suggester)
+        self._line = self.LINE(self, self.EXAMPLE)
         self._focused_before: Widget | None = None
+        self._patience: Timer | None = None
         self._verdict = WrappedText(classes="verdict")
         self._label = Static(self._label_text, classes="label")
         self.current = ""
@@ -201,9 +229,9 @@ class PromptField(Vertical):
             self.open()
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check the line."""
+        """Check the line; a mistake is shown once the user pauses."""
         event.stop()
-        self._judge(event.value)
+        self._judge(event.value, wait=True)
 
     @property
     def hint(self) -> str:
@@ -223,16 +251,44 @@ class PromptField(Vertical):
             self._on_submit(line)
             self.close()
 
-    def _judge(self, line: str) -> bool:
-        """Check a line and show the verdict; an empty line is valid."""
+    def move(self, by: int) -> bool:
+        """Move in the candidates; False where there are none."""
+        return False
+
+    def pick(self, *, typed: bool = False) -> bool:
+        """Insert a candidate; False where none is chosen."""
+        return False
+
+    def leave_list(self) -> bool:
+        """Leave the candidates; False where the cursor is not in them."""
+        return False
+
+    def _judge(self, line: str, *, wait: bool = False) -> bool:
+        """Check a line and show the verdict, a mistake after a pause if wanted.
+
+        An empty line is valid.
+        """
+        if self._patience is not None:
+            self._patience.stop()
+            self._patience = None
         try:
-            if line.strip():
-                self._check(line)
+            self._on_valid(self._check(line) if line.strip() else None)
         except FteSniffError as error:
-            self._show_verdict("✗", error_text(error).removeprefix(f"{self.LABEL}: "), bad=True)
+            self._on_valid(None)
+            text = error_text(error).removeprefix(f"{self.LABEL}: ")
+            if wait:
+                self._show_verdict("…", self.hint, bad=False)
+                self._patience = self.set_timer(
+                    PATIENCE_S, lambda: self._show_verdict("✗", text, bad=True)
+                )
+            else:
+                self._show_verdict("✗", text, bad=True)
             return False
         self._show_verdict("✓" if line.strip() else " ", self.hint, bad=False)
         return True
+
+    def _on_valid(self, parsed: object) -> None:
+        """Handle what the check of a valid line returned; None for an invalid or empty one."""
 
     def _show_verdict(self, sign: str, text: str, bad: bool) -> None:
         self.set_class(bad, "-bad")
@@ -264,27 +320,96 @@ def parse_filter(line: str) -> RowFilter:
     return RowFilter.parse(line)
 
 
-def completed(line: str, t_ns: int | None = None) -> str | None:
-    """The line with its last word completed, or None; `t_ns` is suggested for a time."""
-    if not line.strip():
-        return None
-    from fte_sniff.analysis.filter.completion import completions
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One line of the dropdown."""
 
-    found = completions(line, t_ns=t_ns)
-    lines = (line[: found.start] + choice for choice in found.choices)
-    return next((whole for whole in lines if whole.lower().startswith(line.lower())), None)
+    text: str
+    """What is inserted, or the whole line that replaces the typed one."""
+    right: str = ""
+    """What it is: a meaning, or the number of rows."""
+    start: int = 0
+    """Where the text that it replaces starts; that ends at the cursor."""
 
 
-class FilterSuggester(Suggester):
-    """Completes names, operators and values of a filter."""
+class Dropdown(LineList):
+    """Candidates above the input.
 
-    def __init__(self, cursor_ns: Callable[[], int | None]) -> None:
-        super().__init__(use_cache=False, case_sensitive=True)
-        self._cursor_ns = cursor_ns
+    `textual-autocomplete` opens below the cursor, so at the bottom of the screen it covers the
+    line that is typed, and it takes Up and Enter before the user has entered the list.
+    """
 
-    async def get_suggestion(self, value: str) -> str | None:
-        """The whole line with the completion."""
-        return completed(value, self._cursor_ns())
+    def __init__(self) -> None:
+        super().__init__(compact=True)
+        self.candidates: Sequence[Candidate] = ()
+        self.display = False
+
+    def show(self, candidates: Sequence[Candidate], lines: int, width: int, left: int) -> None:
+        """Show candidates in at most `lines` lines and `width` cells, from a column on."""
+        self.display = bool(candidates) and lines > 0
+        if candidates == self.candidates and self.option_count:
+            return
+        self.candidates = candidates
+        names = max((cell_len(one.text) for one in candidates), default=0)
+        rights = max((cell_len(one.right) for one in candidates), default=0)
+        cells = min(width, names + rights + 4 + (len(candidates) > lines))
+        self.styles.width = cells
+        self.styles.height = min(lines, len(candidates))
+        self.styles.offset = (max(0, min(left, width - cells)), -min(lines, len(candidates)))
+        self.set_options(list_line(f" {one.text}", f"{one.right} ") for one in candidates)
+        self.highlighted = None
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """The candidate that the user has moved to."""
+        return None if self.highlighted is None else self.candidates[self.highlighted]
+
+    def move(self, by: int) -> bool:
+        """Move by lines; up from the first leaves the list. False if the key is not for it."""
+        here = self.highlighted
+        if not self.display or (here is None and by < 0):
+            return False
+        place = 0 if here is None else here + by
+        self.highlighted = None if place < 0 else min(place, len(self.candidates) - 1)
+        return True
+
+
+MOST_CANDIDATES: Final = 200
+"""Lines of the dropdown; more are found by typing."""
+
+MOST_EARLIER: Final = 5
+"""Earlier lines in the dropdown."""
+
+UNCOUNTED: Final = ("time", "offset", "raw")
+"""Columns whose values seldom repeat; they are not suggested."""
+
+STEP_S: Final = 0.01
+"""How long counting may block the screen before keys come first."""
+
+
+class FilterLine(PromptLine):
+    """The input of a filter, which can be saved."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+s", "save", later("Save"), key_display="^s"),
+    ]
+
+    def action_save(self) -> None:
+        """Apply the filter and ask for its name."""
+        field = self._field
+        if isinstance(field, FilterField):
+            field.save(self.value.strip())
+
+
+@dataclass(frozen=True, slots=True)
+class FilterSources:
+    """Where the filter's field finds what it suggests and counts."""
+
+    store: RowStore
+    cursor_ns: Callable[[], int | None]
+    """The time that is suggested."""
+    saved: Mapping[str, str]
+    """Filters by name; may grow."""
 
 
 class FilterField(PromptField):
@@ -292,16 +417,32 @@ class FilterField(PromptField):
 
     LABEL = later("filter")
     EXAMPLE = "motor = 1 AND rpm > 500"
-    HINT = later("enter applies, empty shows all; tab completes, up: earlier ones; esc: back")
+    HINT = later("enter applies, empty shows all; down: list, up: earlier, ^s: save by name")
+    LINE = FilterLine
 
     def __init__(
-        self, current: str, on_submit: OnSubmit, cursor_ns: Callable[[], int | None]
+        self,
+        current: str,
+        on_submit: OnSubmit,
+        sources: FilterSources,
+        on_save: OnSubmit,
     ) -> None:
-        """A field with the filter in effect; `cursor_ns` returns the time that is suggested."""
-        super().__init__(parse_filter, on_submit, FilterSuggester(cursor_ns))
+        """A field with the filter in effect; `on_save` receives one to be saved by name."""
+        super().__init__(parse_filter, on_submit)
+        self._sources, self._on_save = sources, on_save
         self._count = Static(classes="shown")
         self._count_text = ""
+        self._dropdown = Dropdown()
+        self._matching: MatchCounter | None = None
+        self._values: dict[str, ValueCounter] = {}
+        self._column: str | None = None
+        self._timer: Timer | None = None
         self.current = current
+
+    def compose(self) -> ComposeResult:
+        """The dropdown over the line."""
+        yield self._dropdown
+        yield from super().compose()
 
     def on_mount(self) -> None:
         """Add the count after the line."""
@@ -312,15 +453,166 @@ class FilterField(PromptField):
         """Let the user type."""
         preload_filter()
         super().open()
+        # The line has no place on the screen before the next layout.
+        self.call_after_refresh(self._suggest)
+
+    def close(self) -> None:
+        """Return the focus and stop counting."""
+        super().close()
+        self._dropdown.display = False
+        self._matching, self._values, self._column = None, {}, None
 
     def set_count(self, text: str) -> None:
         """Show the number of rows that pass the filter in effect; not while one is typed."""
-        text = "" if self.is_open else text
+        if not self.is_open:
+            self._show_count(text)
+
+    def _show_count(self, text: str) -> None:
         if text != self._count_text:
             # The count changes all the time: a new layout only where its width changes.
             layout = cell_len(text) != cell_len(self._count_text)
             self._count_text = text
             self._count.update(Text(text), layout=layout)
+
+    def save(self, line: str) -> None:
+        """Apply a valid filter, and ask for its name."""
+        if line and self._judge(line):
+            self.submit(line)
+            self._on_save(line)
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Check the line, count its rows, and suggest how it goes on."""
+        super().on_input_changed(event)
+        if self.is_open:
+            self._suggest()
+
+    def _on_valid(self, parsed: object) -> None:
+        """Count the rows that pass; the steps give way to keys."""
+        self._matching = None
+        self._show_count("")
+        if self.is_open and parsed is not None:
+            assert hasattr(parsed, "matches")
+            self._matching = MatchCounter(self._sources.store, parsed.matches, BLOCK_ROWS)
+            self._continue()
+
+    def _continue(self) -> None:
+        if self._timer is None:
+            self._timer = self.set_timer(STEP_PAUSE_S, self._step)
+
+    def _step(self) -> None:
+        """Count for a moment: first the values that are suggested, then the matching rows."""
+        self._timer = None
+        values = self._values.get(self._column or "")
+        until = monotonic() + STEP_S
+        changed = running = False
+        while monotonic() < until:
+            changed |= (running := values is not None and values.step())
+            if not running:
+                break
+        if changed:
+            self._suggest()
+        try:
+            while self._matching is not None and monotonic() < until:
+                if not self._matching.step():
+                    self._show_matching(self._matching)
+                    break
+                running = True
+        except FilterError:
+            self._matching = None
+        if running:
+            self._continue()
+
+    def _show_matching(self, counter: MatchCounter) -> None:
+        form, total = _("{shown:,} of {all:,} rows"), counter.position(-1).total
+        self._show_count(form.format(shown=total, all=len(self._sources.store)))
+
+    def _observed(self, column: str) -> Mapping[str, int]:
+        """The values of a column that are counted so far."""
+        if column in UNCOUNTED:
+            return {}
+        self._column = column
+        if column not in self._values:
+            self._values[column] = ValueCounter(self._sources.store, column)
+        self._continue()
+        return self._values[column].counts
+
+    def _suggest(self) -> None:
+        """Show the candidates for the line up to the cursor."""
+        line = self._line
+        if not self.is_open:
+            return
+        candidates = self._candidates(line.value, line.cursor_position)
+        start = candidates[0].start if candidates else 0
+        left = line.region.x - self.region.x + cell_len(line.value[:start]) - line.scroll_offset.x
+        lines = min(8, self.app.size.height // 3)
+        self._dropdown.show(candidates[:MOST_CANDIDATES], lines, self.app.size.width, left - 1)
+
+    def _candidates(self, line: str, cursor: int) -> list[Candidate]:
+        from fte_sniff.analysis.filter.completion import completions
+
+        self._column = None
+        typed = line.strip().lower()
+        saved = [
+            Candidate(text, name)
+            for name, text in self._sources.saved.items()
+            if name.lower().startswith(typed) and text != line
+        ]
+        earlier = [
+            Candidate(text, _("earlier"))
+            for text in self._line.history.newest_first()
+            if typed in text.lower() and text not in (line, *self._sources.saved.values())
+        ][:MOST_EARLIER]
+        found = completions(line, cursor, self._sources.cursor_ns(), self._observed)
+        here = [
+            Candidate(choice, self._meaning(choice, found.counts), found.start)
+            for choice in found.choices
+        ]
+        return [*here, *saved, *earlier] if typed else [*saved, *earlier, *here]
+
+    @staticmethod
+    def _meaning(choice: str, counts: Mapping[str, int]) -> str:
+        if choice in counts:
+            return _("{count:,} rows").format(count=counts[choice])
+        column = COLUMN_BY_NAME.get(choice)
+        return "" if column is None else _(column.meaning)
+
+    def move(self, by: int) -> bool:
+        """Move in the dropdown."""
+        return self._dropdown.move(by)
+
+    def pick(self, *, typed: bool = False) -> bool:
+        """Insert the candidate under the cursor, or with `typed`, that of the typed word."""
+        chosen = self._dropdown.chosen
+        cursor, value = self._line.cursor_position, self._line.value
+        if chosen is None and typed and self._dropdown.display:
+            first = self._dropdown.candidates[0]
+            chosen = first if value[first.start : cursor].strip() else None
+        if chosen is None:
+            return False
+        before = value[: chosen.start] + chosen.text + " "
+        self._line.value = before + (value[cursor:].lstrip() if chosen.start else "")
+        self._line.cursor_position = len(before)
+        return True
+
+    def leave_list(self) -> bool:
+        """Leave the dropdown; returns whether the cursor was in it."""
+        was_in = self._dropdown.highlighted is not None
+        self._dropdown.highlighted = None
+        return was_in
+
+    @on(OptionList.OptionSelected)
+    def _on_clicked(self, event: OptionList.OptionSelected) -> None:
+        event.stop()
+        self._dropdown.highlighted = event.option_index
+        self.pick()
+
+
+class NameField(PromptField):
+    """Asks for the name of a filter."""
+
+    LABEL = later("save the filter as")
+    EXAMPLE = "stalled"
+    HINT = later("enter saves it for the list of f, esc goes back")
 
 
 class SearchField(PromptField):

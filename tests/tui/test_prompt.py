@@ -23,9 +23,9 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session.save import ExportSource, SaveJob
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.goto import Goal, parse_goal
-from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.panes.detail import DetailPane
-from fte_sniff.tui.prompt import History, completed
+from fte_sniff.tui.prompt import Dropdown, FilterField, History
 from fte_sniff.tui.table.widget import RowTable
 from tests.tui.conftest import (
     NOON_NS,
@@ -51,7 +51,7 @@ def test_a_filter_is_checked_while_one_types_and_applied_by_enter(
         await settle(app, pilot)
         await press(app, pilot, "f")
         await type_line(app, pilot, "motr = 2")
-        await pilot.pause()
+        await press(app, pilot, "enter")
         assert "✗" in page(app)
         assert "motor" in page(app)
         await press(app, pilot, "enter")
@@ -302,22 +302,103 @@ def test_a_distance_without_a_unit_is_told_with_units(text: str) -> None:
         parse_goal(text)
 
 
-@pytest.mark.parametrize(
-    ("typed", "whole"),
-    [
-        ("mo", "motor"),
-        ("motor = 1 AND r", "motor = 1 AND rpm"),
-        ("kind = 'speed_", "kind = 'speed_feedback'"),
-        ("motor = 1 an", "motor = 1 AND"),
-        ("motor ", "motor ="),
-        ("zz", None),
-        ("vx > ti", None),
-        ("vx > ", None),
-        ("", None),
-    ],
-)
-def test_the_last_word_is_completed(typed: str, whole: str | None) -> None:
-    assert completed(typed) == whole
+def dropdown(app: SniffApp) -> list[tuple[str, str]]:
+    """The candidates that are shown."""
+    here = app.query_one(Dropdown)
+    return [(one.text, one.right) for one in here.candidates] if here.display else []
+
+
+def test_fields_operators_and_observed_values_are_suggested_with_counts(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(401))
+        await settle(app, pilot)
+        await press(app, pilot, "f", *"mo")
+        assert dropdown(app) == [("motor", "motor (driver) number")]
+        await press(app, pilot, "tab")
+        assert [text for text, _ in dropdown(app)][:3] == ["=", ">", "<"]
+        await press(app, pilot, "down", "enter")
+        await until(app, pilot, lambda: ("1", "101 rows") in dropdown(app))
+        assert dropdown(app)[:4] == [
+            *(("1", "101 rows"), ("2", "100 rows"), ("3", "100 rows"), ("4", "100 rows"))
+        ]
+        await press(app, pilot, "down", "down", "up", "up")
+        assert app.query_one(Dropdown).chosen is None
+        await press(app, pilot, "down", "down", "enter")
+        await until(app, pilot, lambda: "100 of 401 rows" in page(app))
+        assert rpms(app)[-1] == 400, "not applied yet"
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert rpms(app)[-1] == 397
+
+    play(feed, scenario)
+
+
+def test_faults_are_counted_one_by_one(feed: Any, odd_rows: list[Row]) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(odd_rows)
+        await settle(app, pilot)
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "faults = ")
+        await until(app, pilot, lambda: ("'noise'", "2 rows") in dropdown(app))
+        assert ("'line_error'", "1 rows") in dropdown(app)
+
+    play(feed, scenario)
+
+
+def test_the_matches_are_counted_while_one_types_and_the_mistake_waits(
+    feed: Any, speed_rows: Rows
+) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await settle(app, pilot)
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "rpm >= 390")
+        await until(app, pilot, lambda: "10 of 400 rows" in page(app))
+        await press(app, pilot, "ctrl+u", *"rpn")
+        assert "✗" not in page(app)
+        assert "of 400 rows" not in page(app)
+        await until(app, pilot, lambda: "✗" in page(app))
+        await press(app, pilot, "backspace")
+        assert "✗" not in page(app)
+        await press(app, pilot, "enter")
+        assert "✗" in page(app)
+
+    play(feed, scenario)
+
+
+def test_both_lines_of_a_paste_are_kept(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await press(app, pilot, "f")
+        app.post_message(events.Paste("motor = 1\r\n  AND rpm > 390\n"))
+        await settle(app, pilot)
+        await press(app, pilot, "enter")
+        await settle(app, pilot)
+        assert app.query_one(FilterField).current == "motor = 1 AND rpm > 390"
+
+    play(feed, scenario)
+
+
+def test_a_filter_is_saved_by_name_and_listed(feed: Any, speed_rows: Rows) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(speed_rows(400))
+        await press(app, pilot, "f")
+        await type_line(app, pilot, "motor = 1")
+        await press(app, pilot, "ctrl+s")
+        await type_line(app, pilot, "[red]first")
+        await press(app, pilot, "enter")
+        assert app.choices.filters == (("old", "malformed"), ("[red]first", "motor = 1"))
+        await press(app, pilot, "F", "f")
+        assert dropdown(app)[:2] == [("malformed", "old"), ("motor = 1", "[red]first")]
+        assert "[red]first" in page(app)
+        await press(app, pilot, "down", "down", "enter", "enter")
+        await settle(app, pilot)
+        assert rpms(app)[-1] == 396
+
+    options = StartOptions(choices=Choices(filters=(("old", "malformed"),)))
+    play(feed, scenario, options=options)
 
 
 @pytest.mark.parametrize(("short", "name"), [("vx", "vx_cm_s"), ("wz", "wz_mrad_s")])
@@ -483,8 +564,7 @@ def test_the_filtered_rows_are_saved(feed: Any, speed_rows: Rows, tmp_path: Path
         assert [int(line.split(",")[8]) for line in text[1:]] == list(range(0, 10_000, 4))
         assert "saved 2,500 rows to" in page(app)
         await save_to(app, pilot, path)
-        await settle(app, pilot)
-        assert "exists already; name another" in page(app)
+        await until(app, pilot, lambda: "exists already; name another" in page(app))
 
     play(feed, scenario, (140, 24))
 
@@ -499,8 +579,7 @@ def test_what_is_recorded_to_is_not_saved_to(feed: Any, speed_rows: Rows, tmp_pa
         await settle(app, pilot)
         for name in (path, f"{path}!"):
             await save_to(app, pilot, name)
-            await settle(app, pilot)
-            assert "would be lost; name another" in page(app)
+            await until(app, pilot, lambda: "would be lost; name another" in page(app))
             assert "replace it" not in page(app)
             await press(app, pilot, "escape")
         assert path.read_text() == "mine"
@@ -623,8 +702,8 @@ def test_the_name_of_a_file_is_judged_while_it_is_typed(
         feed.give(speed_rows(10))
         await settle(app, pilot)
         await press(app, pilot, "w", *"rows")
-        await settle(app, pilot)
-        assert "the name's end says what is written: .csv .jsonl" in page(app)
+        wrong = "the name's end says what is written: .csv .jsonl"
+        await until(app, pilot, lambda: wrong in page(app))
         await press(app, pilot, "escape")
         await settle(app, pilot)
         assert "save to" not in page(app)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, TypeAlias
 
 from fte_sniff.analysis.filter.parser import (
     COMPARISONS,
@@ -15,7 +15,7 @@ from fte_sniff.analysis.filter.parser import (
     TokenType,
     tokens,
 )
-from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, FUNCTIONS
+from fte_sniff.analysis.filter.terms import COLUMN_OF_WORD, FUNCTIONS, quoted
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType, iso_time
 
@@ -35,12 +35,24 @@ class Completions:
     """Index of the word's first character; the word ends at the cursor."""
     choices: tuple[str, ...]
     """Whole replacements, quotes included, the likeliest first."""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    """Rows that have a value, by choice."""
 
 
-def completions(text: str, cursor: int | None = None, t_ns: int | None = None) -> Completions:
+Observed: TypeAlias = Callable[[str], Mapping[str, int]]
+"""Values of a column by name, each with its number of rows."""
+
+
+def completions(
+    text: str,
+    cursor: int | None = None,
+    t_ns: int | None = None,
+    observed: Observed = lambda _column: {},
+) -> Completions:
     """Completions of the word that ends at the cursor, by default at the end of the text.
 
-    `t_ns` is the time to suggest, nanoseconds since 1970 UTC.
+    `t_ns` is the time to suggest, nanoseconds since 1970 UTC. `observed` returns the values that
+    are suggested, the most frequent first; it is called for one column at most.
     """
     cursor = len(text) if cursor is None else min(max(cursor, 0), len(text))
     match = _LAST_WORD.search(text, 0, cursor)
@@ -52,20 +64,25 @@ def completions(text: str, cursor: int | None = None, t_ns: int | None = None) -
         return Completions(cursor, ())
     if not all(map(_is_known, before)):
         return Completions(cursor, ())
-    word = match["word"].lower()
-    choices = (
-        _quoted_values(_compared_column(before), t_ns)
-        if match["quote"]
-        else _choices_after(before, t_ns)
-    )
+    word, column = match["word"].lower(), _compared_column(before)
+    values = {} if column is None or column.type is ColumnType.TIME else observed(column.name)
+    counts = {_literal(column, value): values[value] for value in values if column is not None}
+    other = _quoted_values(column, t_ns) if match["quote"] else _choices_after(before, t_ns)
+    ranked = sorted(counts, key=lambda value: (-counts[value], len(value), value))
     return Completions(
         match.start(),
         tuple(
             choice
-            for choice in choices
+            for choice in dict.fromkeys((*ranked, *other))
             if choice.strip("'").lower().startswith(word) and choice.lower() != word
         ),
+        counts,
     )
+
+
+def _literal(column: Column | None, value: str) -> str:
+    is_number = column is not None and column.type is ColumnType.INT
+    return value if is_number else quoted(value)
 
 
 def _is_known(token: Token) -> bool:
