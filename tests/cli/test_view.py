@@ -294,7 +294,7 @@ def test_a_terminal_that_goes_on_shows_what_is_true_now(run, environment, tmp_pa
         stands_still(recording)
         screen.type("?")
         screen.until("Keys and signs")
-        screen.type("Q")
+        screen.type("q")
         screen.until(ROWS_TERMINAL)
         screen.type("Q")
         assert screen.ended() == 0
