@@ -86,6 +86,15 @@ class Tally(RowCount):
         self.frames += len(frames)
         self.by_kind.update(kind.name for frame in frames if (kind := frame.kind))
 
+    def merge(self, other: Tally) -> None:
+        """Add the rows of another tally."""
+        self.include(other)
+        self.frames += other.frames
+        self.by_status += other.by_status
+        self.by_kind += other.by_kind
+        self.by_fault += other.by_fault
+        self.by_port += other.by_port
+
     def _update_batch(self, rows: RowBatch) -> None:
         import numpy as np
 

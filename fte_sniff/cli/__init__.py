@@ -4,6 +4,8 @@ Modules:
 
     bridge             `fte-sniff bridge`: pass bytes between host and controller; record both.
     capture_command    Run a capture with screen or plain lines.
+    check              `fte-sniff check`: a verdict about files, for acceptance tests and CI.
+    check_report       Verdicts as a table, JSON or JUnit XML.
     completion         `fte-sniff completion`: scripts for shells; ports, files, filters.
     decode             `fte-sniff decode`: files to text, Parquet, MCAP or raw bytes.
     doctor             `fte-sniff doctor`: faults of the set-up, each with a command that fixes it.
@@ -12,6 +14,7 @@ Modules:
     input_files        Input arguments to session inputs.
     live               `fte-sniff live`: capture a port, record it, and show it.
     main               The group of commands, and the message and exit code of each error.
+    measuring          Measure files here, in worker processes, or on a cluster.
     options            Shared click options and parameter types.
     output             The format option, and the summary at the end.
     ports              `fte-sniff ports`: list the serial ports.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, tzinfo
-from functools import wraps
+from functools import partial, wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -50,6 +50,7 @@ from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.session.file_jobs import FileJob, Model
 
 STDIN = Path("-")
 
@@ -222,6 +223,40 @@ class InputQuery:
         times = (_times_of(one, progress) for one in inputs)
         span = time_range(self.since, self.until, times, self.zone_given())
         return InputReading(inputs, span, row_filter, limit, baud, unreadable, progress)
+
+    def jobs(
+        self, make_model: Callable[[], Model], baud: int | None, progress: Progress
+    ) -> tuple[list[FileJob[Model]], InputReading]:
+        """A job for each file, by first times, and a reading to which their results are added.
+
+        Only an input that can be read once stays open. Raises as `read`.
+        """
+        from fte_sniff.session.file_jobs import FileJob
+
+        self.log_options()
+        wanted = self.row_filter()
+        opened = partial(_opened, query=replace(self, files=()))
+        found: list[tuple[int | None, FileJob[Model]]] = []
+        unreadable: list[FileError] = []
+        paths = self.paths()
+        for path in paths:
+            progress.step = f"opening {path}"
+            try:
+                one = opened(path)
+            except FileError as error:
+                unreadable.append(error)
+                continue
+            source = path if path.is_file() else one
+            job = FileJob(source, opened, make_model, None, self.filter_text, baud, size=one.size)
+            found.append((one.first_ns if len(paths) > 1 else None, job))
+        if not found:
+            raise unreadable[0]
+        found.sort(key=lambda one: (one[0] is None, one[0] or 0))
+        times = (_times_of(job.open(), progress) for _, job in found)
+        span = time_range(self.since, self.until, times, self.zone_given())
+        jobs = [replace(job, span=span) for _, job in found]
+        progress.expect([job.size for job in jobs])
+        return jobs, InputReading([], span, wanted, None, baud, unreadable, progress)
 
 
 def _times_of(one: Input, progress: Progress) -> tuple[int, int] | None:

@@ -16,6 +16,7 @@ import click
 
 from fte_sniff.cli.completion import VARIABLE
 from fte_sniff.cli.streams import (
+    EXIT_INTERRUPTED,
     abandon,
     abandon_stdout,
     interruptible,
@@ -28,13 +29,10 @@ from fte_sniff.errors import FteSniffError, unwritable
 PROGRAM = "fte-sniff"
 
 COMMANDS = (
-    *("live", "view", "decode", "stats", "report", "hex", "encode"),
+    *("live", "view", "decode", "stats", "check", "report", "hex", "encode"),
     *("bridge", "simulate", "repair", "ports", "doctor", "completion"),
 )
 """The commands, the most used first; the module of this name in this package defines `command`."""
-
-EXIT_INTERRUPTED = 130
-"""The exit code after Ctrl-C, except for commands that normally end that way."""
 
 
 class LazyGroup(click.Group):

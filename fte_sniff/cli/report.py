@@ -13,13 +13,15 @@ from fte_sniff.cli.options import FileName, line_speed_option
 from fte_sniff.cli.output import exit_if_unreadable, explain_no_frames, print_notes
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.settings import lang_option, load_settings
-from fte_sniff.cli.stats import summarize
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.save import replace_file
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.analysis.timeline import Timeline
+    from fte_sniff.session.input_reading import InputReading
 
 _DELAY_BINS = 60
 
@@ -64,7 +66,7 @@ def command(
     timeline = Timeline()
     with progress_line(reads_stdin=STDIN in query.files) as line:
         reading = query.read(query.row_filter(), baud=baud, progress=line.progress)
-        summary = summarize(reading, baud, timeline)
+        summary = _summarize(reading, baud, timeline)
     facts = ReportFacts(
         title_of([one.name for one in reading.inputs]),
         reading.source.gaps,
@@ -83,6 +85,21 @@ def command(
         print_err(f"fte-sniff: {advice}")
     print_err(f"fte-sniff: {output}: {reading.written:,} rows, {len(text) / 1e6:,.1f} MB")
     exit_if_unreadable(reading)
+
+
+def _summarize(reading: InputReading, baud: int | None, timeline: Timeline) -> StatisticsSummary:
+    """Read the inputs, one after the other; returns their statistics, and fills the timeline."""
+    from fte_sniff.analysis.statistics import LineSetup
+    from fte_sniff.analysis.summary import StatisticsSummary
+    from fte_sniff.row_batch import RowBatch
+
+    summary = StatisticsSummary(LineSetup(baud or DEFAULT_BAUD))
+    for one in reading.inputs:
+        summary.begin(one.name)
+        for batch in reading.batches_of(one):
+            summary.observe(batch.rows, batch.events, batch.changes)
+            timeline.observe(RowBatch.from_rows(batch.rows))
+    return summary
 
 
 def _delays(summary: StatisticsSummary) -> dict[int, list[tuple[float, float, int]]]:

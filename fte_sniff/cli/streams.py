@@ -19,6 +19,9 @@ from fte_sniff.errors import FileError, printable, reason_of
 
 _LEAST_FILES = 16
 
+EXIT_INTERRUPTED = 130
+"""The exit code after Ctrl-C, except for commands that normally end that way."""
+
 
 class ClosedOutput(io.TextIOBase):
     """Replacement for a standard output that was closed before the program started."""

@@ -6,6 +6,7 @@ Modules:
     capture_state    Messages of the capture process and the state folded from
                      them.
     doctor           The checks of `doctor`: machine, ports, line.
+    file_jobs        Measure many files: one job a file; the results merge.
     framer_hash      Hash of the framer's sources, for setup.py and doctor.
     input_reading    InputReading: rows of inputs through a filter, merged by
                      time, with the gaps found.
@@ -17,5 +18,6 @@ Modules:
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().
     time_merge       Merge the batches of several inputs by time.
+    worker_pool      Worker processes as an executor.
     worker_process   Start another process of this program, with a pipe to it.
 """

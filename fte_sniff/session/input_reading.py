@@ -19,7 +19,7 @@ from fte_sniff.session.time_merge import TimedInput, merged_by_time
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.recording.batch_reader import TimeRange
-    from fte_sniff.recording.metadata import Part
+    from fte_sniff.recording.metadata import Part, Selection
 
 DAMAGED: Final = GapKind.DAMAGE, "the recording was damaged here"
 ANOTHER: Final = GapKind.OTHER_RECORDING, "another recording begins here"
@@ -32,6 +32,20 @@ class _Succession:
     detector: GapDetector = field(default_factory=GapDetector)
     before: Input | None = None
     """The last one."""
+
+
+@dataclass(slots=True)
+class ReadingCounts:
+    """What is known about inputs that were read elsewhere."""
+
+    tally: Tally
+    """Counts of all rows, also those that do not match the filter."""
+    written: int
+    """Rows that match."""
+    notes: Sequence[str]
+    gaps: Sequence[Gap]
+    """The gaps that the inputs report."""
+    selections: Sequence[Selection]
 
 
 class InputReading:
@@ -59,7 +73,7 @@ class InputReading:
             progress: shows how far reading has come.
         """
         self.inputs = inputs = _by_first_time(inputs)
-        self.unreadable = unreadable
+        self.unreadable = list(unreadable)
         self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
         self.tally = Tally()
         """Counts of all rows that were read."""
@@ -71,9 +85,9 @@ class InputReading:
         """The gaps in the span that the inputs report."""
         self.progress = progress or Progress()
         """How far reading has come."""
-        sizes = [one.size for one in inputs]
-        self.progress.files, self.progress.step = len(inputs), ""
-        self.progress.size = 0 if None in sizes else sum(size or 0 for size in sizes)
+        self.progress.step = ""
+        if not self.progress.files:
+            self.progress.expect([one.size for one in inputs])
         self._last = _Succession()
         """That of the input that ended last."""
         self._last_ns: int | None = None
@@ -131,6 +145,26 @@ class InputReading:
         for batch in self._read(one, self._last):
             self.written += len(batch.rows)
             yield batch
+
+    @property
+    def counts(self) -> ReadingCounts:
+        """What is known so far about its inputs."""
+        return ReadingCounts(
+            self.tally, self.written, self.notes, self.reported_gaps, self._selections
+        )
+
+    def include(self, counts: ReadingCounts) -> None:
+        """Add inputs that were read elsewhere."""
+        self.tally.merge(counts.tally)
+        self.written += counts.written
+        self.notes += counts.notes
+        self.reported_gaps += counts.gaps
+        self._selections += counts.selections
+
+    def skip(self, error: FileError) -> None:
+        """Report an input that could not be read."""
+        self.unreadable.append(error)
+        self.notes.append(str(error))
 
     def _successive(self, chain: Sequence[Input], open_inputs: int) -> Iterator[InputBatch]:
         """The rows of inputs that follow each other, beside those of other open inputs."""

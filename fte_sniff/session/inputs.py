@@ -262,7 +262,7 @@ class RecordingInput(Input):
         self.reader = reader
         self.size = reader.size
         self._copy = copy
-        self._ends: dict[str, int] = {}
+        self.ends: dict[str, int] = {}
         """By port, the offset after the last row that was read."""
 
     @property
@@ -321,8 +321,13 @@ class RecordingInput(Input):
             return False
         if self.part is not None and before.part is not None and before.part.next == self.part:
             return True
-        first = next(iter(self.reader), None) if before._ends else None
-        return first is not None and before._ends.get(first.port) == first.offset
+        first = self.first_place() if before.ends else None
+        return first is not None and before.ends.get(first[0]) == first[1]
+
+    def first_place(self) -> tuple[str, int] | None:
+        """Port and offset of its first row; None without rows."""
+        first = next(iter(self.reader), None)
+        return None if first is None else (first.port, first.offset)
 
     def gaps(self, span: TimeRange | None) -> Sequence[Gap]:
         """The gaps that a trigger or a write error left in it."""
@@ -344,7 +349,7 @@ class RecordingInput(Input):
         for passage, rows in self.reader.ranges(span=span or EVERYTHING, share=open_inputs + 1):
             troubles.update(event.kind for event in rows.events)
             some = some or bool(len(rows))
-            self._ends.update(rows.end_offsets())
+            self.ends.update(rows.end_offsets())
             self.position = passage.records[-1][1]
             if len(rows) or rows.events or passage.after_loss:
                 reload = partial(self.reader.read, passage)

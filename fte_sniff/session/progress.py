@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,11 @@ class Progress:
     """Bytes of them that were read."""
     rows: int = 0
     """Rows that were read."""
+
+    def expect(self, sizes: Sequence[int | None]) -> None:
+        """Set the files by their bytes; None if unknown."""
+        self.files = len(sizes)
+        self.size = 0 if None in sizes else sum(size or 0 for size in sizes)
 
     def advance(self, bytes_: int, rows: int = 0) -> None:
         """Add bytes and rows that were read."""

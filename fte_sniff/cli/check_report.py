@@ -1,0 +1,148 @@
+"""Verdicts as a table, as a JSON object (docs/check.md), and as JUnit XML."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Final
+from xml.etree import ElementTree as ET
+
+import click
+
+from fte_sniff.errors import printable
+from fte_sniff.formats.writers import printable_json
+from fte_sniff.protocol import iso_time
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from fte_sniff.analysis.measures import RowPosition
+    from fte_sniff.analysis.verdicts import RuleCheck, Verdict
+
+VERSION: Final = 1
+"""Version of the JSON object's layout."""
+
+FORMS: Final = ("text", "json", "junit")
+
+_STYLE: Final = {"pass": "green", "fail": "bold red", "not covered": "yellow"}
+_NUMBER: Final = ".6g"
+
+
+def print_verdicts(check: RuleCheck, form: str, errors: Sequence[str] = ()) -> None:
+    """Print the verdicts on standard output; `errors` are those of files that cannot be read."""
+    verdicts = check.verdicts()
+    if form == "json":
+        text = json.dumps(_object(check, verdicts, errors), ensure_ascii=False, indent=2)
+        click.echo(printable_json(text))
+    elif form == "junit":
+        click.echo(junit_xml(verdicts, errors))
+    elif sys.stdout.isatty():
+        from rich.console import Console
+
+        console = Console(file=sys.stdout)
+        for line in _lines(verdicts, console.width):
+            console.print(line, no_wrap=True, overflow="ellipsis", crop=True)
+    else:
+        sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in _lines(verdicts, None))
+
+
+def _lines(verdicts: Sequence[Verdict], width: int | None) -> Iterator[Text]:
+    """A line for each rule; below it the first row that violates it."""
+    from rich.text import Text
+
+    from fte_sniff.cli.stats_report import TextTable
+
+    table = TextTable(["rule", "measured", "expected", "verdict"])
+    for one in verdicts:
+        expected = f"{one.rule.operator} {one.rule.number:{_NUMBER}}"
+        cells = [printable(one.rule.name), measured_text(one), expected, _word(one)]
+        table.append(cells, _STYLE[one.result], "! " if one.refuses else "  ")
+    head, *lines = table.lines(width)
+    yield head
+    for one, line in zip(verdicts, lines, strict=True):
+        yield line
+        if one.row is not None:
+            yield Text(f"    first at {_row_text(one.row)}")
+
+
+def _word(verdict: Verdict) -> str:
+    allowed = not verdict.refuses and verdict.result == "not covered"
+    return f"{verdict.result} (allowed)" if allowed else str(verdict.result)
+
+
+def measured_text(verdict: Verdict) -> str:
+    """The measured value with its unit; a dash without a value."""
+    if verdict.value is None:
+        return "–"
+    return f"{verdict.value:{_NUMBER}} {verdict.rule.unit}".strip()
+
+
+def _row_text(row: RowPosition) -> str:
+    place = f"offset {row.offset} of {printable(row.port)}"
+    time = _time(row)
+    return place if time is None else f"{time}, {place}"
+
+
+def _time(row: RowPosition) -> str | None:
+    from fte_sniff.row_batch import NO_TIME
+
+    return None if row.t_ns == NO_TIME else iso_time(row.t_ns)
+
+
+def _object(check: RuleCheck, verdicts: Sequence[Verdict], errors: Sequence[str]) -> dict[str, Any]:
+    total = check.total
+    return {
+        "version": VERSION,
+        "passed": not errors and not any(one.refuses for one in verdicts),
+        "rows": total.rows,
+        "first_time": None if total.first_ns is None else iso_time(total.first_ns),
+        "last_time": None if total.last_ns is None else iso_time(total.last_ns),
+        "errors": list(errors),
+        "rules": [_rule(one) for one in verdicts],
+    }
+
+
+def _rule(verdict: Verdict) -> dict[str, Any]:
+    rule, row = verdict.rule, verdict.row
+    return {
+        "name": rule.name,
+        "expect": rule.expect,
+        "may_be_uncovered": rule.may_be_uncovered,
+        "verdict": str(verdict.result),
+        "measured": verdict.value,
+        "unit": rule.unit or None,
+        "operator": rule.operator,
+        "number": rule.number,
+        "row": row and {"time": _time(row), "port": row.port, "offset": row.offset},
+    }
+
+
+def junit_xml(verdicts: Sequence[Verdict], errors: Sequence[str] = ()) -> str:
+    """The verdicts as a JUnit test suite; a file that cannot be read is an error."""
+    root = ET.Element("testsuites")
+    suite = ET.SubElement(root, "testsuite", name="fte-sniff check")
+    for one in verdicts:
+        case = ET.SubElement(
+            suite, "testcase", classname="fte-sniff.check", name=_xml(one.rule.name)
+        )
+        if one.refuses:
+            details = f"{one.rule.expect}: {one.result}, measured {measured_text(one)}"
+            if one.row is not None:
+                details += f"; first at {_row_text(one.row)}"
+            ET.SubElement(case, "failure", type=str(one.result), message=_xml(details))
+        elif one.result == "not covered":
+            ET.SubElement(case, "skipped", message="not covered")
+    for error in errors:
+        case = ET.SubElement(suite, "testcase", classname="fte-sniff", name=_xml(error))
+        ET.SubElement(case, "error", type="file", message=_xml(error))
+    suite.set("tests", str(len(verdicts) + len(errors)))
+    suite.set("failures", str(sum(one.refuses for one in verdicts)))
+    suite.set("errors", str(len(errors)))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True)
+
+
+def _xml(text: str) -> str:
+    """The text without characters that XML has no way to write."""
+    return printable(text).encode(errors="replace").decode()

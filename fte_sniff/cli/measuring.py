@@ -1,0 +1,225 @@
+"""Measure files for `stats` and `check`: here, in worker processes, or on a Dask cluster."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from fte_sniff.cli.input_files import STDIN, InputQuery
+from fte_sniff.cli.options import all_of
+from fte_sniff.cli.output import explain_no_frames, print_notes
+from fte_sniff.cli.progress import progress_line
+from fte_sniff.cli.streams import EXIT_INTERRUPTED, print_err
+from fte_sniff.errors import FileError, UsageError
+
+if TYPE_CHECKING:
+    from fte_sniff.session.file_jobs import FileJob, FileMerger, FileResult, Model
+    from fte_sniff.session.input_reading import InputReading
+
+MANY_BYTES: Final = 64_000_000
+"""Size of files for which more processes are started by default; they take a second to start."""
+
+_WAITING_PER_WORKER: Final = 2
+
+jobs_options = all_of(
+    click.option(
+        "--jobs",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Processes that read the files.  [default: one; for more than 64 MB in several files,"
+        " the usable cores]",
+    ),
+    click.option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Read the files on a Dask cluster, such as tcp://192.168.0.9:8786; its workers see the"
+        " same files.",
+    ),
+)
+"""The options `--jobs` and `--cluster`."""
+
+
+class DelayedInterrupt:
+    """Ctrl-C as KeyboardInterrupt, delayed while something must not be interrupted."""
+
+    def __init__(self) -> None:
+        self._held = self._pending = False
+
+    def hold(self) -> None:
+        """Delay it from here on."""
+        self._held = True
+
+    def release(self) -> None:
+        """Raise KeyboardInterrupt if there was one, and from here on at once."""
+        self._held = False
+        if self._pending:
+            self._pending = False
+            raise KeyboardInterrupt
+
+    def on_signal(self, *_: object) -> None:
+        """Handle SIGINT; the next one ends the program."""
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        if self._held:
+            self._pending = True
+        else:
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def _delayed_interrupt() -> Iterator[DelayedInterrupt]:
+    delayed = DelayedInterrupt()
+    before = signal.getsignal(signal.SIGINT)
+    if not callable(before):  # Ctrl-C is ignored, as in a background job
+        yield delayed
+        return
+    signal.signal(signal.SIGINT, delayed.on_signal)
+    try:
+        yield delayed
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class FilesMeasured:
+    """What was measured in files, also if Ctrl-C ended it."""
+
+    def __init__(self, reading: InputReading, files: int) -> None:
+        self.reading = reading
+        self._files = files
+        self.read = 0
+        """Files that were read."""
+        self.interrupted = False
+
+    def add(
+        self, job: FileJob[Model], result: FileResult[Model] | FileError, merger: FileMerger[Model]
+    ) -> None:
+        """Add the result of a job; raises KeyboardInterrupt if Ctrl-C ended it."""
+        if isinstance(result, FileError):
+            self.reading.skip(result)
+            return
+        merger.add(job, result)
+        if result.interrupted:
+            raise KeyboardInterrupt
+        self.read += 1
+
+    def finish(self, *, refused: bool = False) -> None:
+        """Print notes about the files and exit unless all is well; `refused` means exit code 1."""
+        reading = self.reading
+        print_notes(reading)
+        if self.interrupted:
+            files = f"{self.read} of {self._files} files"
+            print_err(f"fte-sniff: interrupted; {files} and {reading.tally.rows:,} rows were read")
+            sys.exit(EXIT_INTERRUPTED)
+        if advice := explain_no_frames(reading.tally, reading):
+            print_err(f"fte-sniff: {advice}")
+        if reading.unreadable:
+            sys.exit(FileError.exit_code)
+        if refused:
+            sys.exit(1)
+
+
+def measure(
+    query: InputQuery,
+    make_model: Callable[[], Model],
+    baud: int | None,
+    jobs: int | None,
+    cluster: str | None,
+) -> tuple[Model, FilesMeasured]:
+    """Count all rows of the files; `baud` is that of every line, None for the files' own.
+
+    Raises:
+        FileError: no file can be read, or the cluster cannot be reached.
+        UsageError: the options contradict each other.
+        InputTextError: a filter, time, date or zone is invalid.
+    """
+    from fte_sniff.session.file_jobs import FileMerger, finished_jobs
+
+    if cluster is not None:
+        if jobs is not None:
+            raise UsageError("--jobs is for this machine; leave it out with --cluster")
+        query = replace(query, files=tuple(_absolute(path) for path in query.files))
+    with progress_line(reads_stdin=STDIN in query.files) as line:
+        todo, reading = query.jobs(make_model, baud, line.progress)
+        merger, measured = FileMerger(make_model(), reading), FilesMeasured(reading, len(todo))
+        with _executor(jobs or _default_jobs(todo), cluster) as (executor, waiting):
+            try:
+                with _delayed_interrupt() as interrupts:
+                    results = finished_jobs(todo, executor, waiting, interrupts, line.progress)
+                    for job, result in results:
+                        interrupts.hold()
+                        measured.add(job, result, merger)
+                        interrupts.release()
+            except KeyboardInterrupt:
+                measured.interrupted = True
+                if executor is not None:
+                    executor.shutdown(wait=False, cancel_futures=True)
+    if not merger.files and reading.unreadable:
+        raise reading.unreadable[0]
+    return merger.model, measured
+
+
+def _absolute(path: Path) -> Path:
+    if path == STDIN:
+        raise UsageError("--cluster reads files; '-' is standard input of this machine")
+    return path.absolute()
+
+
+def _default_jobs(todo: list[FileJob[Model]]) -> int:
+    from fte_sniff.recording.mcap.records import cores
+
+    paths = [job.source for job in todo if isinstance(job.source, Path)]
+    size = 0
+    for path in paths:
+        with suppress(OSError):
+            size += path.stat().st_size
+    return min(cores(), len(paths)) if size > MANY_BYTES else 1
+
+
+@contextmanager
+def _executor(jobs: int, cluster: str | None) -> Iterator[tuple[Executor | None, int]]:
+    """The executor, None for this process, and the number of jobs that it should have waiting."""
+    if cluster is not None:
+        with _cluster(cluster) as found:
+            yield found
+    elif jobs == 1:
+        yield None, 1
+    else:
+        from fte_sniff.session.worker_pool import WorkerPool
+
+        with WorkerPool(jobs) as pool:
+            yield pool, _WAITING_PER_WORKER * jobs
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
+    try:
+        distributed = import_module("distributed")
+    except ImportError:
+        raise UsageError(
+            "--cluster needs the package distributed; try `pip install 'fte-sniff[cluster]'`"
+        ) from None
+    import logging
+
+    # What it logs about lost workers is reported here by file.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise FileError(
+            f"--cluster {address}: no scheduler answers ({str(error).splitlines()[0]}); start one"
+            " with `dask scheduler`, and workers with `dask worker`"
+        ) from None
+    with client:
+        threads = sum(client.nthreads().values())
+        yield client.get_executor(pure=False), _WAITING_PER_WORKER * max(1, threads)
+
+
+_CONNECT_S: Final = 10

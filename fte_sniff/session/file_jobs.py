@@ -1,0 +1,278 @@
+"""Measure many files: one job a file, in this process or by an executor; results merge in order.
+
+    files ──jobs──> this process | worker processes | a cluster ──results──> one model
+
+A model counts consecutive rows; `merge` adds those of the next file. Only as many results wait as
+the executor works on, so memory does not grow with the number of files.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
+
+from fte_sniff.analysis.feed import BaudChange, StreamChange
+from fte_sniff.errors import FileError, FteSniffError
+from fte_sniff.protocol import Gap, PortEvent, Row
+from fte_sniff.session.input_reading import ANOTHER, InputReading, ReadingCounts
+from fte_sniff.session.inputs import Input, RecordingInput
+from fte_sniff.session.progress import Progress
+
+if TYPE_CHECKING:
+    from fte_sniff.recording.batch_reader import TimeRange
+    from fte_sniff.recording.metadata import Part
+
+
+class MergeableModel(Protocol):
+    """What counts rows."""
+
+    def begin(self, name: str) -> None:
+        """Start the next input."""
+
+    def observe(
+        self, rows: Sequence[Row], events: Sequence[PortEvent], changes: Sequence[StreamChange]
+    ) -> None:
+        """Add the next rows, and the port events and changes among them."""
+
+    def observe_change(self, change: Gap | BaudChange) -> None:
+        """Apply a change before the next rows."""
+
+    def merge(self, later: Self) -> None:
+        """Add the rows that follow, as if they had been observed here."""
+
+
+Model = TypeVar("Model", bound=MergeableModel)
+
+
+class Interrupts(Protocol):
+    """Delays Ctrl-C while a model changes."""
+
+    def hold(self) -> None:
+        """Delay it from here on."""
+
+    def release(self) -> None:
+        """Raise KeyboardInterrupt if there was one, and from here on at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileJob(Generic[Model]):
+    """One file to measure."""
+
+    source: Path | Input
+    """An input that can be read only once is open already."""
+    opened: Callable[[Path], Input]
+    make_model: Callable[[], Model]
+    span: TimeRange | None = None
+    """Only rows in it; None for all."""
+    filter_text: str | None = None
+    """Only rows that it matches; None for all."""
+    baud: int | None = None
+    """The baud of every port; None for that of the file."""
+    bauds: Mapping[str, int] = field(default_factory=dict)
+    """The baud of ports at its start that differs from what the file names."""
+    size: int | None = None
+    """Bytes of the file; None if unknown."""
+
+    def open(self) -> Input:
+        """The input, opened."""
+        return self.source if isinstance(self.source, Input) else self.opened(self.source)
+
+    @property
+    def name(self) -> str:
+        """The file, for display."""
+        return self.source.name if isinstance(self.source, Input) else str(self.source)
+
+
+@dataclass(slots=True)
+class FileResult(Generic[Model]):
+    """What a job found."""
+
+    model: Model
+    counts: ReadingCounts
+    part: Part | None = None
+    """Which file of a capture it is."""
+    first: tuple[str, int] | None = None
+    """Port and offset of the first row of a recording."""
+    ends: Mapping[str, int] = field(default_factory=dict)
+    """By port, the offset after the last row of a recording."""
+    named_bauds: Mapping[str, int] = field(default_factory=dict)
+    """By port, as the file names them."""
+    bauds: dict[str, int] = field(default_factory=dict)
+    """By port, at the end."""
+    interrupted: bool = False
+    """Whether Ctrl-C came before all rows were read."""
+
+    def follows(self, before: FileResult[Model]) -> bool:
+        """Whether its first row came directly after the last row of another file."""
+        if self.part is not None and before.part is not None and before.part.next == self.part:
+            return True
+        return self.first is not None and before.ends.get(self.first[0]) == self.first[1]
+
+
+def count_file(
+    job: FileJob[Model],
+    interrupts: Interrupts | None = None,
+    progress: Progress | None = None,
+) -> FileResult[Model]:
+    """Do one job; with `interrupts`, Ctrl-C ends it with the rows so far.
+
+    Raises FteSniffError as `Input.batches`.
+    """
+    one = job.open()
+    wanted = _compiled(job.filter_text)
+    reading = InputReading([one], job.span, wanted, baud=job.baud, progress=progress)
+    result = FileResult(job.make_model(), reading.counts)
+    result.model.begin(one.name)
+    result.named_bauds = {port.name: port.baud for port in one.ports if port.baud}
+    try:
+        _count_rows(result, reading, one, job, interrupts)
+    except KeyboardInterrupt:
+        if interrupts is None:
+            raise
+        result.interrupted = True
+    result.counts = reading.counts
+    if isinstance(one, RecordingInput):
+        result.part, result.ends = one.part, one.ends
+    return result
+
+
+def _count_rows(
+    result: FileResult[Model],
+    reading: InputReading,
+    one: Input,
+    job: FileJob[Model],
+    interrupts: Interrupts | None,
+) -> None:
+    if isinstance(one, RecordingInput) and job.span is not None:
+        result.first = one.first_place()
+    for batch in reading.batches_of(one):
+        if result.first is None and len(batch.rows) and isinstance(one, RecordingInput):
+            first = batch.rows[0]
+            result.first = first.port, first.offset
+        changes = [_at_start(change, job.bauds) for change in batch.changes]
+        changes = [change for change in changes if not _is_another(change.what)]
+        for change in changes:
+            if isinstance(change.what, BaudChange):
+                result.bauds[change.what.port] = change.what.baud
+        if interrupts is not None:
+            interrupts.hold()
+        result.model.observe(batch.rows, batch.events, changes)
+        if interrupts is not None:
+            interrupts.release()
+
+
+def _compiled(text: str | None) -> Any:
+    if text is None:
+        return None
+    from fte_sniff.analysis.filter.row_filter import RowFilter
+
+    return RowFilter.parse(text)
+
+
+def _is_another(what: Gap | BaudChange) -> bool:
+    """Whether it reports another recording; here the caller knows that."""
+    return isinstance(what, Gap) and what.kind is ANOTHER[0]
+
+
+def _at_start(change: StreamChange, bauds: Mapping[str, int]) -> StreamChange:
+    """The change; the baud that the file names at its start is replaced by the one in force."""
+    what = change.what
+    if change.index == 0 and isinstance(what, BaudChange) and what.port in bauds:
+        return StreamChange(0, BaudChange(what.port, bauds[what.port]))
+    return change
+
+
+class FileMerger(Generic[Model]):
+    """Merges the results of consecutive files into a model and a reading."""
+
+    def __init__(self, model: Model, reading: InputReading) -> None:
+        self.model, self._reading = model, reading
+        self.files = 0
+        """Files so far."""
+        self._before: FileResult[Model] | None = None
+
+    def add(self, job: FileJob[Model], result: FileResult[Model]) -> None:
+        """Add the next file."""
+        before = self._before
+        if before is None or not result.follows(before):
+            self.model.observe_change(Gap(ANOTHER[0], reason=ANOTHER[1]))
+        if before is not None and (bauds := _bauds_in_force(before, result)):
+            # The next file of a capture names the baud of the beginning, not of the end.
+            result = count_file(replace(job, bauds=bauds))
+        self.model.merge(result.model)
+        self._reading.include(result.counts)
+        self._before = replace(result, model=self.model)
+        self.files += 1
+
+
+def _bauds_in_force(before: FileResult[Any], result: FileResult[Any]) -> dict[str, int]:
+    """The ports whose baud at the end of a file holds on, although the next names the same."""
+    return {
+        port: before.bauds[port]
+        for port, baud in result.named_bauds.items()
+        if before.named_bauds.get(port) == baud and before.bauds.get(port, baud) != baud
+    }
+
+
+Finished = tuple[FileJob[Model], FileResult[Model] | FileError]
+
+
+def finished_jobs(
+    jobs: Iterable[FileJob[Model]],
+    executor: Executor | None = None,
+    most_waiting: int = 1,
+    interrupts: Interrupts | None = None,
+    progress: Progress | None = None,
+) -> Iterator[Finished[Model]]:
+    """Do the jobs and yield their results in order; an unreadable file is a FileError.
+
+    Args:
+        jobs: what to do.
+        executor: does the jobs; None for this process.
+        most_waiting: most jobs that are submitted and not yielded yet.
+        interrupts: delays Ctrl-C for jobs of this process.
+        progress: shows how far they have come.
+
+    Raises:
+        FteSniffError: a file cannot be read with these options, or the executor failed.
+    """
+    waiting: deque[tuple[FileJob[Model], Future[FileResult[Model]] | None]] = deque()
+    for job in jobs:
+        if executor is None or isinstance(job.source, Input):
+            waiting.append((job, None))
+        else:
+            waiting.append((job, executor.submit(count_file, job)))
+        if len(waiting) >= most_waiting:
+            yield _finished(*waiting.popleft(), interrupts, progress)
+    while waiting:
+        yield _finished(*waiting.popleft(), interrupts, progress)
+
+
+def _finished(
+    job: FileJob[Model],
+    future: Future[FileResult[Model]] | None,
+    interrupts: Interrupts | None,
+    progress: Progress | None,
+) -> Finished[Model]:
+    try:
+        if future is None:
+            return job, count_file(job, interrupts, progress)
+        result = future.result()
+        if progress is not None:
+            progress.files_done += 1
+            progress.advance(job.size or 0, result.counts.tally.rows)
+        return job, result
+    except FileError as error:
+        return job, error
+    except FteSniffError:
+        raise
+    except Exception as error:
+        if future is None:
+            raise
+        # What an executor raises is its own business; which file is concerned is known here.
+        reason = str(error) or type(error).__name__
+        return job, FileError(f"{job.name}: no worker could read it: {reason}")

@@ -1,0 +1,266 @@
+"""`check`: verdicts, exit codes and forms, and the rules of the documentation."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from junitparser import JUnitXml
+from rich.cells import cell_len
+
+from benchmarks.recorded_rows import write_recording
+from fte_sniff.protocol import KIND_BY_NAME, Damage, Fault, Frame, Row, encode
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.row_batch import RowBatch
+from tests.cli.conftest import ROOT
+from tests.cli.terminals import terminal
+
+MS = 1_000_000
+START_NS = 1_700_000_000 * 10**9
+GOOD = "count(kind = 'reset') >= 0"
+BAD = "count(malformed) == 0"
+UNCOVERED = "max(rpm, kind IS NULL) < 9"
+
+
+def write(path: Path, rows: list[Row]) -> Path:
+    write_recording(path, [PortFacts("a", 115_200)], [RowBatch.from_rows(rows)], {})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("rules", "code"),
+    [
+        ([GOOD], 0),
+        ([GOOD, BAD], 1),
+        ([UNCOVERED, GOOD], 1),
+        ([GOOD, "count(x) == 0"], 2),
+    ],
+)
+def test_exit_codes(run, samples: Path, rules: list[str], code: int) -> None:
+    options = [word for rule in rules for word in ("--expect", rule)]
+    done = run("check", samples / "damaged.mcap", *options)
+    assert done.returncode == code
+    assert len(done.stderr.splitlines()) == (code == 2)
+
+
+def test_the_table(run, samples: Path) -> None:
+    done = run("check", samples / "damaged.mcap", "--expect", BAD, "--expect", UNCOVERED)
+    head, bad, first, uncovered = done.stdout.splitlines()
+    assert head.split() == ["rule", "measured", "expected", "verdict"]
+    assert re.fullmatch(rf"! {re.escape(BAD)} +66 rows +== 0 +fail", bad)
+    assert first.startswith("    first at 2026-01-31T12:00:00.066938325Z, offset 20 of sim://")
+    assert re.fullmatch(rf"! {re.escape(UNCOVERED)} +– +< 9 +not covered", uncovered)
+
+
+def test_rules_of_a_file_and_options_together(run, samples: Path, tmp_path: Path) -> None:
+    rules = tmp_path / "rules.toml"
+    rules.write_text(
+        f'[[rule]]\nname = "good"\nexpect = "{GOOD}"\n'
+        f'[[rule]]\nname = "perhaps"\nexpect = "{UNCOVERED}"\nmay_be_uncovered = true\n'
+    )
+    arguments = ["check", samples / "clean.mcap", "--rules", rules, "--format", "json"]
+    told = json.loads(run(*arguments, "--expect", BAD).stdout)
+    assert [(one["name"], one["verdict"]) for one in told["rules"]] == [
+        ("good", "pass"),
+        ("perhaps", "not covered"),
+        (BAD, "pass"),
+    ]
+    assert told["passed"] is True
+    assert run(*arguments).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[[rule]]\nname = "x"\nexpct = "y"\n', "unknown key 'expct'; did you mean expect?"),
+        ('[[rule]]\nname = "x"\nexpect = "min(kind) > 0"\n', "kind is a word, no number"),
+        ('[[rule]]\nname = "x"\nexpect = "duration() > nan"\n', "NaN is no number"),
+    ],
+)
+def test_an_invalid_rule_is_one_line_and_nothing_is_read(
+    run, tmp_path: Path, text: str, message: str
+) -> None:
+    rules = tmp_path / "rules.toml"
+    rules.write_text(text)
+    done = run("check", tmp_path / "absent.mcap", "--rules", rules)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert len(done.stderr.splitlines()) == 1
+    assert f"{rules}: rule 1 'x': {message}" in done.stderr
+
+
+def test_without_rules_and_with_unreadable_rules(run, samples: Path, tmp_path: Path) -> None:
+    done = run("check", samples / "clean.mcap")
+    assert done.returncode == 2
+    assert "--expect" in done.stderr
+    done = run("check", samples / "clean.mcap", "--rules", tmp_path / "absent.toml")
+    assert done.returncode == 4
+    assert "there is no such file" in done.stderr
+
+
+def test_an_empty_and_a_junk_recording_are_named_and_the_others_judged(
+    run, samples: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    (folder / "a.mcap").write_bytes((samples / "clean.mcap").read_bytes())
+    (folder / "b.mcap").touch()
+    (folder / "c.mcap").write_bytes(b"junk" * 100)
+    for rule, verdict in ((BAD, "pass"), (UNCOVERED, "not covered")):
+        done = run("check", folder, "--expect", rule)
+        assert done.returncode == 4
+        assert done.stdout.splitlines()[1].split()[-2:][-1] == verdict.split()[-1]
+        assert [line.split()[1].rstrip(":") for line in done.stderr.splitlines()] == [
+            str(folder / "b.mcap"), str(folder / "c.mcap"),
+        ]  # fmt: skip
+    (suite,) = JUnitXml.fromstring(
+        run("check", folder, "--expect", BAD, "--format", "junit").stdout.encode()
+    )
+    assert (suite.tests, suite.failures, suite.errors) == (3, 0, 2)
+
+
+def test_an_input_without_rows_covers_nothing(run, tmp_path: Path) -> None:
+    done = run("check", write(tmp_path / "a.mcap", []), "--expect", "count(malformed) == 0")
+    assert done.returncode == 1
+    assert "not covered" in done.stdout
+
+
+def test_junit(run, samples: Path) -> None:
+    name = "count(port != '<&\"') >= 0"
+    rules = [word for rule in (name, BAD, UNCOVERED) for word in ("--expect", rule)]
+    text = run("check", samples / "damaged.mcap", *rules, "--format", "junit").stdout
+    (suite,) = JUnitXml.fromstring(text.encode())
+    assert (suite.tests, suite.failures, suite.errors) == (3, 2, 0)
+    good, bad, uncovered = suite
+    assert (good.name, good.is_passed) == (name, True)
+    (failure,) = bad.result
+    assert "measured 66 rows; first at 2026-01-31T12:00:00.066938325Z" in failure.message
+    (failure,) = uncovered.result
+    assert failure.type == "not covered"
+
+
+def test_names_from_files_cannot_control_the_terminal(run, samples: Path, tmp_path: Path) -> None:
+    rules = tmp_path / "rules.toml"
+    rules.write_text(f'[[rule]]\nname = "\\u001b[31mred\\u202e"\nexpect = "{BAD}"\n')
+    for form in ("text", "json", "junit"):
+        done = run("check", samples / "damaged.mcap", "--rules", rules, "--format", form)
+        assert done.returncode == 1
+        assert not {"\x1b", "\u202e"} & set(done.stdout)
+
+
+# The rules of the documentation
+
+FAULTS = dict[str, Callable[[list[Row]], list[Row]]]
+
+
+def feedback(t_ns: int, motor: int, **values: int) -> Frame:
+    known = {"motor": motor, "rpm": 100, "error": 0, "online": 15} | values
+    return Frame("a", 0, encode(KIND_BY_NAME["speed_feedback"], known), t_ns)
+
+
+def a_good_minute() -> list[Row]:
+    rows: list[Row] = []
+    for at in range(2401):
+        t_ns = START_NS + at * 25 * MS
+        if at % 40 == 0:
+            command = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100})
+            rows.append(Frame("a", 0, command, t_ns))
+        rows += [feedback(t_ns + motor * 2 * MS, motor) for motor in (1, 2, 3, 4)]
+    return [_at(row, 10 * number) for number, row in enumerate(rows)]
+
+
+def _at(row: Row, offset: int) -> Row:
+    return type(row)(row.port, offset, row.raw, row.t_ns, row.faults)
+
+
+def _is_feedback(row: Row, motor: int) -> bool:
+    return isinstance(row, Frame) and row.raw[0] == 0x55 and row.values["motor"] == motor
+
+
+def _with(rows: list[Row], row: Row) -> list[Row]:
+    """The rows with another one instead of one of motor 3's."""
+    at = 1000 + next(n for n, one in enumerate(rows[1000:]) if _is_feedback(one, 3))
+    found = type(row)(row.port, rows[at].offset, row.raw, rows[at].t_ns, row.faults)
+    return [*rows[:at], found, *rows[at + 1 :]]
+
+
+def _late_answers(rows: list[Row]) -> list[Row]:
+    late = [feedback((row.t_ns or 0) + 20 * MS, 1) if _is_feedback(row, 1) else row for row in rows]
+    return sorted(late, key=lambda row: row.t_ns or 0)
+
+
+def _without_answers(rows: list[Row]) -> list[Row]:
+    second = next(n for n, row in enumerate(rows[10:], 10) if row.raw[0] == 0xAA)
+    doubled = type(rows[0])("a", 0, rows[0].raw, (rows[second].t_ns or 0) + 1000)
+    return [*rows[: second + 1], doubled, *rows[second + 1 :]]
+
+
+BROKEN: FAULTS = {
+    "no damage": lambda rows: _with(rows, Damage("a", 0, bytes(10), 0, (Fault.NOISE,))),
+    "hardly anything undefined": lambda rows: [
+        type(row)(row.port, row.offset, row.raw, row.t_ns, (Fault.RESERVED_NONZERO,))
+        if number % 500 == 0 else row
+        for number, row in enumerate(rows)
+    ],
+    "all four motors online": lambda rows: _with(rows, feedback(0, 3, online=11)),
+    **{
+        f"feedback of motor {motor}": lambda rows, motor=motor: [
+            row for number, row in enumerate(rows) if not _is_feedback(row, motor) or number % 3
+        ]
+        for motor in (1, 2, 3, 4)
+    },
+    "answers in time": _late_answers,
+    "every command answered": _without_answers,
+    "no speed above 300 RPM": lambda rows: _with(rows, feedback(0, 3, rpm=-301)),
+    "no silence of 0.5 s": lambda rows: [
+        row for row in rows if not 10_000 <= ((row.t_ns or 0) - START_NS) // MS < 10_600
+    ],
+    "no ERROR flag": lambda rows: _with(rows, feedback(0, 3, error=1)),
+    "at least a minute": lambda rows: rows[:-1200],
+}  # fmt: skip
+
+
+@pytest.fixture
+def documented(tmp_path: Path) -> Path:
+    page = (ROOT / "docs" / "check.md").read_text()
+    (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    path = tmp_path / "rules.toml"
+    path.write_text(block)
+    assert block.count("\n# ") + block.startswith("# ") == 10
+    return path
+
+
+def verdicts(run, path: Path, rules: Path) -> dict[str, str]:
+    done = run("check", path, "--rules", rules, "--format", "json")
+    return {one["name"]: one["verdict"] for one in json.loads(done.stdout)["rules"]}
+
+
+def test_the_documented_rules_pass_on_a_good_minute(run, documented: Path, tmp_path: Path) -> None:
+    found = verdicts(run, write(tmp_path / "good.mcap", a_good_minute()), documented)
+    assert found == dict.fromkeys(BROKEN, "pass")
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_each_documented_rule_finds_its_fault(
+    run, documented: Path, tmp_path: Path, name: str
+) -> None:
+    rows = BROKEN[name](a_good_minute())
+    found = verdicts(run, write(tmp_path / "bad.mcap", rows), documented)
+    assert found[name] == "fail"
+
+
+@pytest.mark.parametrize("columns", [60, 80, 200])
+def test_a_terminal_of_any_width_shows_every_verdict_on_one_line(
+    samples: Path, environment: dict[str, str], tmp_path: Path, columns: int
+) -> None:
+    rules = [word for rule in (BAD, UNCOVERED) for word in ("--expect", rule)]
+    file = str(samples / "damaged.mcap")
+    with terminal(environment, tmp_path, "check", file, *rules, size=(columns, 24)) as one:
+        assert one.ended() == 1
+        lines = re.sub(r"\x1b\[[0-9;]*m", "", one.drawn.decode()).splitlines()
+    assert len(lines) == 4
+    assert max(map(cell_len, lines)) <= columns
+    assert "fail" in lines[1]
+    assert "not covered" in lines[3]
