@@ -14,6 +14,9 @@ def main() -> None:
     """Load and run the command line."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    import gc
+
+    gc.disable()  # until the command is loaded: loading makes no garbage
     try:
         from fte_sniff.cli import main as run
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from io import BytesIO
-from shutil import get_terminal_size
 
 import click
 
@@ -50,13 +49,15 @@ def command(text: tuple[str, ...], form: OutputFormat | None) -> None:
 
 
 def _dissection() -> RowWriter:
-    from os import environ
-
     from fte_sniff.formats.text_table import DissectionWriter
 
-    colored = sys.stdout.isatty() and not environ.get("NO_COLOR")
-    width = get_terminal_size().columns if sys.stdout.isatty() else None
-    return DissectionWriter(sys.stdout, width, colored=colored)
+    if not sys.stdout.isatty():
+        return DissectionWriter(sys.stdout, None, colored=False)
+    from os import environ
+    from shutil import get_terminal_size
+
+    width = get_terminal_size().columns
+    return DissectionWriter(sys.stdout, width, colored=not environ.get("NO_COLOR"))
 
 
 def _rows_of(text: tuple[str, ...], notes: list[str]) -> Iterator[list[Row]]:

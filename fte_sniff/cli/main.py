@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from importlib import import_module
 from typing import NoReturn
 
@@ -50,6 +50,8 @@ class LazyGroup(click.Group):
         if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
             letters = sorted(name)
             swapped = [known for known in COMMANDS if sorted(known) == letters]
+            from difflib import get_close_matches
+
             near = swapped or get_close_matches(name, COMMANDS, 1)
             hint = f" Did you mean {near[0]}?" if near else ""
             ctx.fail(f"No such command '{name}'.{hint}")
@@ -60,6 +62,8 @@ class LazyGroup(click.Group):
         if cmd_name not in COMMANDS:
             return None
         command = import_module(f"fte_sniff.cli.{cmd_name}").command
+        gc.freeze()  # what is loaded stays; collections need not look at it, nor the one at exit
+        gc.enable()
         assert isinstance(command, click.Command)
         return command
 
@@ -151,6 +155,8 @@ def _exit_with(message: str, code: int) -> NoReturn:
 
 def _one_line(error: click.ClickException) -> str:
     if isinstance(error, click.NoSuchOption):
+        from difflib import get_close_matches
+
         # click compares the hyphens too, which all options have.
         given = [error.option_name.lstrip("-")]
         known = error.possibilities or ()
