@@ -31,17 +31,15 @@ _LEAST_SHARE: Final = 0.05
 _LEAST_SHARE_CUT: Final = 0.8
 """The same for a lane of whose runs numbers are left out."""
 _MOST_LANES: Final = 48
-_CUTS: Final = [(first, last) for first, last in product(range(4), range(3)) if first + last]
+_CUTS: Final = [(first, last) for first, last in product(range(5), range(3)) if first + last]
 """Numbers of each run that are no data: offsets before the others, a count or sum after them."""
 
 
 @lru_cache(maxsize=8192)
 def folded(text: bytes) -> bytes:
     """The text with each number as 0, and white space as one space; a column is apart."""
-    if not text.strip(b" "):
-        return b""
-    text = re.sub(rb"(?<=\S) {8,}", b" | ", text)
-    return re.sub(rb"\s+", b" ", re.sub(NUMBER_TOKEN, b"0", text))
+    text = re.sub(NUMBER_TOKEN, b"0", re.sub(rb" {8,}", b" ~ ", text))
+    return re.sub(rb"\s+", b" ", text) if text.strip(b" ") else b""
 
 
 class Lane:
@@ -67,7 +65,8 @@ class Lane:
 
     def without_numbers(self) -> Lane:
         """The lane without numbers that are no data, if 80 % of the others are in frames."""
-        best, least = self, min(len(data) for _, data in self.pieces)
+        sizes = sorted(len(data) for _, data in self.pieces)
+        best, least = self, sizes[len(sizes) // 10]  # the last line may be shorter
         if len(self.pieces) < 2 or self.outside < 0.8 * len(self.pieces):
             return self
         for first, last in _CUTS:
@@ -76,7 +75,7 @@ class Lane:
                 lane = Lane(
                     dict.fromkeys(self.cuts, cut), [(at, data[cut]) for at, data in self.pieces]
                 )
-                share = FRAME_LENGTH * len(lane.frames) / len(lane.data)
+                share = FRAME_LENGTH * len(lane.frames) / max(len(lane.data), 1)
                 if share >= _LEAST_SHARE_CUT and lane.score > best.score:
                     best = lane
         return best
@@ -145,12 +144,19 @@ class Sample:
         return [Lane({key: slice(None)}, pieces) for key, pieces in lanes.items()]
 
 
-def _chosen(extractor: Extractor, lanes: Iterable[Lane]) -> list[Lane]:
-    """Choose lanes greedily; a lane joins another if that makes frames whole."""
+def _chosen(extractor: Extractor, lanes: Sequence[Lane]) -> list[Lane]:
+    """The lanes with the best score; numbers are left out only if that is better for all."""
+    choices = [_joined(lanes)]
     if extractor.size == 1:
-        lanes = [lane.without_numbers() for lane in lanes]
+        choices.append(_joined([lane.without_numbers() for lane in lanes]))
+    return max(choices, key=lambda chosen: sum(lane.score for lane in chosen))
+
+
+def _joined(lanes: Iterable[Lane]) -> list[Lane]:
+    """Choose lanes greedily; a lane joins another if that makes frames whole."""
+    most = sorted(lanes, key=lambda lane: (-len(lane.frames), -len(lane.data)))[:_MOST_LANES]
     chosen: list[Lane] = []
-    for lane in sorted(lanes, key=lambda one: -one.score)[:_MOST_LANES]:
+    for lane in sorted(_continued(most), key=lambda one: -one.score):
         joined = [one.joined(lane) for one in chosen]
         gains = [new.score - old.score for new, old in zip(joined, chosen, strict=True)]
         best = max(gains, default=0.0)
@@ -159,3 +165,21 @@ def _chosen(extractor: Extractor, lanes: Iterable[Lane]) -> list[Lane]:
         elif lane.score > 0:
             chosen.append(lane)
     return chosen
+
+
+def _continued(lanes: Iterable[Lane]) -> list[Lane]:
+    """Lanes with those that continue them in the same line, after the gap of a dump."""
+    continued, left = [], {key: lane for lane in lanes for key in lane.cuts}
+    for key in sorted(left, key=len):
+        if key in left:
+            best = joined = left.pop(key)
+            most, apart = max(len(data) for _, data in best.pieces), max(best.score, 0.0)
+            for other in sorted(left, key=len):
+                between = other[len(key) :] if other.startswith(key) else b"x"
+                if between.count(b"0") >= most and not between.strip(b"0 |-"):
+                    joined = joined.joined(left[other])
+                    apart += max(left[other].score, 0.0)
+                    best = joined if joined.score > max(best.score, apart) else best
+            continued.append(best)
+            left = {key: lane for key, lane in left.items() if key not in best.cuts}
+    return continued

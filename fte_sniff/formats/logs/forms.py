@@ -72,7 +72,7 @@ def _numbers(
 
 
 def _text(code: bytes, run: bytes) -> bytes:
-    """Characters, with codes: `x` hexadecimal, `o` octal, `n` a name, `c` the character itself."""
+    """Characters, with codes: `x`, `o` or `d` for digits, `n` a name, `c` the character itself."""
     with suppress(UnicodeError):
         run = run.decode().encode("latin-1")
     return re.sub(code, _byte_of_code, run)
@@ -83,11 +83,11 @@ def _byte_of_code(found: re.Match[bytes]) -> bytes:
     code = found[kind]
     if kind == "n":
         return _NAMED.get(code, code)
-    return code if kind == "c" else bytes([int(code, 16 if kind[0] == "x" else 8)])
+    return code if kind == "c" else bytes([int(code, {"x": 16, "o": 8, "d": 10}[kind[0]])])
 
 
-def _strings(run: bytes) -> bytes:
-    return b"".join(_text(_ESCAPE, text[1:-1]) for text in re.findall(_STRING, run))
+def _strings(code: bytes, run: bytes) -> bytes:
+    return b"".join(_text(code, text[1:-1]) for text in re.findall(_STRING, run))
 
 
 def _base64(run: bytes) -> bytes:
@@ -123,6 +123,7 @@ _GROUP: Final = rb"(?:(?:[0-9A-F]{2})++(?![0-9a-f])|(?:[0-9a-f]{2})++(?![0-9A-F]
 _ANY: Final = rb"[^0-9A-Za-z\\$%&#\r\n]{0,4}+"
 _BYTE: Final = rb"(?<!\d)(-?\d{1,3})(?!\d|\"\s*:)"
 _STRING: Final = rb"\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'"
+_STRINGS: Final = rb"(?<!\w)[bu]?(?:%b)(?: ?(?:%b))*+" % (_STRING, _STRING)
 _ESCAPE: Final = _expanded(
     rb"\\(?:x\{?|u00)(?P<x>@@)(?:(?<=\{..)\})?|\\(?P<o>[0-3]?[0-7]{1,2})|\\(?P<n>.)"
 )
@@ -150,10 +151,13 @@ _NUMBERS: Final = (
     ("unpadded hex, spaces", rb"(@{1,2})", 16, rb" {1,2}", _WORD, "HTerm, AccessPort, Arduino"),
     ("unpadded hex, commas", rb"(@{1,2})", 16, rb" ?, ?", _WORD, "JavaScript toString(16)"),
     ("unpadded hex, dashes", rb"(@{1,2})", 16, rb" ?- ?", _WORD, "Java toHexString"),
+    ("hex pairs, tags", rb"(?<![</\w])(@@)(?!\w)", 16, rb"(?:</?[a-z]\w*>)++", _WORD,
+     "tables in HTML and XML"),
     ("0x before each byte", rb"0[xX](@{1,2})(?!@)[}'\"#]?+", 16, _ANY, _WORD,
      "C, Rust, Saleae Logic, Wireshark C arrays, CoolTerm"),
     ("\\x before each byte", rb"\\+x\{?(@@)\}?+", 16, _ANY, _ANYWHERE, "shells, jq, printf"),
-    ("$ before each byte", rb"\$(@{1,2})(?!@)", 16, _ANY, _WORD, "Pascal, HTerm"),
+    ("$ before each byte", rb"#?\$(@{1,2})(?!@)", 16, _ANY, _WORD, "Pascal, HTerm"),
+    ("\\ before each byte", rb"\\(@@)(?!@)", 16, _ANY, _ANYWHERE, "LabVIEW"),
     ("% before each byte", rb"%(@{1,2})(?!@)", 16, _ANY, _WORD, "URLs"),
     ("&H before each byte", rb"&[hH](@{1,2})(?!@)", 16, _ANY, _WORD, "Visual Basic"),
     ("# before each byte", rb"(?:16)?#(@{1,2})(?!@)#?+", 16, _ANY, _WORD,
@@ -162,10 +166,8 @@ _NUMBERS: Final = (
     ("x before each byte", rb"[xX]['\"]?(@{1,2})(?!@)['\"]?+", 16, _ANY, _WORD, "VHDL, SQL"),
     ("U+00 before each byte", rb"(?:U\+|\\u)00(@@)(?!@)", 16, _ANY, _WORD, "JavaScript, JSON"),
     ("h after each byte", rb"0?(@@)[hH]", 16, rb"[ ,;]{0,3}", _WORD, "assemblers, YAT, HTerm"),
-    ("hex in []", rb"\[(?:0[xX])?(@{1,2})\]", 16, rb"[ ,;]{0,2}", _ANYWHERE, "RealTerm"),
-    ("hex in <>", rb"<(?:0[xX])?(@{1,2})>", 16, rb"[ ,;]{0,2}", _ANYWHERE, "Termite, CuteCom"),
-    ("hex in ()", rb"\((?:0[xX])?(@{1,2})\)", 16, rb"[ ,;]{0,2}", _ANYWHERE, "YAT"),
-    ("hex in {}", rb"\{(?:0[xX])?(@{1,2})\}", 16, rb"[ ,;]{0,2}", _ANYWHERE, "Hercules, Tcl"),
+    ("hex in brackets", rb"[\[<({](?:0[xX])?(@{1,2})[\]>)}]", 16, rb"[ ,;]{0,2}", _ANYWHERE,
+     "RealTerm, libmodbus, Termite, Hercules, slsnif, Tcl"),
     ("hex in quotes", rb"[\"'](?:0[xX])?(@{1,2})[\"']", 16, rb"[ ,;]{0,2}", _ANYWHERE,
      "lists of strings in JSON and Python"),
     ("decimal, spaces", _BYTE, 10, rb"[ \t]+", _NUMBER, "MATLAB, Go, NumPy, RealTerm"),
@@ -190,8 +192,9 @@ _BRACKETS: Final = (
 """Around the codes in a text: name, opening, closing, programs."""
 
 _TEXTS: Final[tuple[tuple[str, bytes, Callable[[bytes], bytes], str], ...]] = (
-    ("quoted escapes", rb"(?<!\w)[bu]?(?:%b)(?: ?(?:%b))*+" % (_STRING, _STRING), _strings,
-     "Python, C, Qt, strace, JSON"),
+    ("quoted escapes", _STRINGS, partial(_strings, _ESCAPE), "Python, C, Qt, strace, JSON"),
+    ("quoted decimal escapes", _STRINGS, partial(_strings, rb"\\(?P<d>\d{1,3})|\\(?P<n>.)"),
+     "Lua, Haskell"),
     ("a character in each line",
      rb"(?m)(?<=[,;\t])(?:%b|[ -~])(?=[,;\t]|$)" % _unnamed(_CELL), partial(_text, _CELL),
      "DSView, Saleae Logic in ASCII"),
@@ -212,20 +215,20 @@ def _hex_forms() -> Iterator[Extractor]:
         needs = b"" if name == "spaces" else _expanded(rb"@@%b@@" % separator)
         masks = name != "colons"
         yield Extractor(f"hex pairs, {name}", tools, _expanded(pattern), _hex, 1, needs, masks)
-    alone = rb"(?:%b|(?<=[^0-9A-Za-z]0[xX]))%b%b" % (_WORD[0], _GROUP, _WORD[1])
-    yield Extractor("hex digits", "Tasmota, logcat, candump, MQTT", alone, _hex)
-    groups = rb"%b%b(?:(%%b)%b(?:\1%b)*+)%b" % (_WORD[0], _GROUP, _GROUP, _GROUP, _WORD[1])
-    yield Extractor("hex groups", "xxd, LabVIEW", groups % b" ", _hex)
-    words = groups % rb" {1,5}"
-    yield Extractor("hex words, little endian", "od -x, hexdump, xxd -e", words, _reversed_words, 2)
+    alone = rb"(?:%b|(?<=[^0-9A-Za-z]0[xX])|(?<=\\x))%b%b" % (_WORD[0], _GROUP, _WORD[1])
+    yield Extractor("hex digits", "Tasmota, logcat, candump, MQTT, SQL", alone, _hex)
+    groups = rb"%b%b(?:(%%b)%b(?:\1%b)*+)?+%b" % (_WORD[0], _GROUP, _GROUP, _GROUP, _WORD[1])
+    needs = rb"%b {1,5}%b%b" % (_GROUP, _GROUP, _WORD[1])
+    yield Extractor("hex groups", "xxd, usbmon, LabVIEW", groups % b" ", _hex, 1, needs)
+    tools, words = "od -x, hexdump, xxd -e", groups % rb" {1,5}"
+    yield Extractor("hex words, little endian", tools, words, _reversed_words, 2, needs)
 
 
 def _number_forms() -> Iterator[Extractor]:
     for name, unit, base, separator, (before, after), tools in _NUMBERS:
         unit, size = _expanded(unit), 2 if "words" in name else 1
-        least = b"++" if name.startswith("unpadded") else b"*+"
-        pattern = before + unit + rb"(?:" + separator + unit + rb")" + least + after
-        several = "," in name and "spaces" not in name
+        pattern = before + unit + rb"(?:" + separator + unit + rb")*+" + after
+        several = "," in name and name != "decimal, spaces"
         needs = unit + separator + unit if several else b""
         orders: tuple[Literal["little", "big"], ...] = ("little", "big")
         for order in orders[:size]:

@@ -15,6 +15,7 @@ from fte_sniff.formats.logs.times import Fields, Stamp, Text, masked, time_rule
 _GAP: Final = rb"[\"'\]>)}]?[ ,]?(?:\.{3}(?!\.)|\xe2\x80\xa6|\+ ?\d+ more)"
 _MOST_HEADINGS: Final = 8
 _MOST_STREAMS: Final = 8
+_LONGEST_ABOVE: Final = 1000
 _COVERED: Final = 0.95
 _LIKE_BYTES: Final = 4
 
@@ -110,12 +111,14 @@ class Layout:
         return masked(line) if self.hypothesis.extractor.masks_times else line
 
     def _sampled(self, lines: Sequence[bytes]) -> tuple[list[Text], list[Found]]:
-        texts, runs, above, headings = list[Text](), list[Found](), b"", list[bytes]()
+        texts, runs, above, headings, below = list[Text](), list[Found](), b"", list[bytes](), True
         for line in lines:
             found = self.runs(line)
             if not found and line.strip():
-                above = line
+                above = line if below else above[-_LONGEST_ABOVE:] + b"\n" + line
                 headings = [*headings, line][:_MOST_HEADINGS]
+                below = False
+            below = below or bool(found)
             runs += found
             texts += [Text(line, run.start, run.stop, above, tuple(headings)) for run in found]
         return texts, runs
@@ -124,17 +127,20 @@ class Layout:
         self, kind: str, where: str, texts: Sequence[Text], runs: Sequence[Found]
     ) -> bool:
         """Separate streams by labels, if almost all runs have one and no frame is lost."""
-        labels = [
+        labels: list[str | None] = [
             str(run.key) if kind == "lane" else label_of(kind, _around(text, where))
             for text, run in zip(texts, runs, strict=True)
         ]
+        if where == "above":  # of the last heading that has one
+            for at in range(1, len(labels)):
+                labels[at] = labels[at] or labels[at - 1]
         known = sorted({label for label in labels if label is not None})
         named = {label.rpartition("-")[0] for label in known} if kind == "both" else known
         if (
             not 0 < len(known) <= _MOST_STREAMS
             or labels.count(None) > (1 - _COVERED) * len(labels)
             or (where == "above" and len({text.above for text in texts}) < 2)
-            or (len(named) < 2 and where != "above" and kind not in ("word", "given"))
+            or (len(named) < 2 and not _one_is_enough(kind, where))
         ):
             return False
         pieces = [
@@ -152,6 +158,11 @@ class Layout:
             known = sorted(self._names.values())
         self.labels, self.labelled, self.streams = kind, where, tuple(known)
         return True
+
+
+def _one_is_enough(kind: str, where: str) -> bool:
+    """Whether a single label is no accident."""
+    return kind in ("word", "given") or (kind, where) == ("arrow", "above")
 
 
 def left_out(cut: slice) -> str:
