@@ -154,8 +154,6 @@ class FeedState:
     """All rows so far, including those in `not_shown`."""
     not_shown: int = 0
     """Rows that were recorded but not passed to the view, because it was too slow."""
-    leftover: int = 0
-    """Bytes that still wait to be written after reading ended; 0 if they are few."""
     progress: float | None = None
     """How much of a file is read, 0 to 1; None for a live source."""
     live: bool = True

@@ -204,7 +204,7 @@ def _print_lines(plan: CapturePlan, filter_text: str | None, alert: Alert | None
             abandon_stdout()
         finally:
             finish_session(session)
-        lines.close()
+        lines.close(session.state.progress.waiting)
         _report_recording(session)
 
 
@@ -226,7 +226,7 @@ def _record_to_stdout(plan: CapturePlan) -> None:
                     session.stop()
         finally:
             finish_session(session)
-        lines.close()
+        lines.close(session.state.progress.waiting)
         if session.state.error is not None:
             # A reader that went away ends the capture; rows after that are no loss.
             ended = has_no_reader(sys.stdout.fileno()) and session.state.stopped_recording
@@ -347,14 +347,14 @@ class PlainLines:
             sys.stderr.flush()
         sys.stdout.flush()
 
-    def close(self) -> None:
-        """Print the summary."""
+    def close(self, unframed: int) -> None:
+        """Print the summary; `unframed` bytes came and are in no row."""
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
         if self._not_shown:
             print_err(f"{self._not_shown:,} rows more came too fast to be printed")
-        print_err(summary(self._tally))
+        print_err(summary(self._tally, unframed=unframed))
 
     def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
         """Report once that the recording has stopped, and once that it continues."""
@@ -387,7 +387,7 @@ def finish_session(session: LiveSession, seen: Sequence[Tally] = ()) -> None:
     for tally in seen:
         if not_shown:
             print_err(f"{not_shown:,} rows more came too fast to be shown")
-        print_err(summary(tally))
+        print_err(summary(tally, unframed=session.state.progress.waiting))
 
 
 def _updates(session: LiveSession) -> Iterator[FeedUpdate]:

@@ -38,10 +38,11 @@ ENOUGH_ROWS = 5
 """This many damaged rows without a frame point to a wrong setup."""
 
 
-def summary(tally: Tally, reading: InputReading | None = None) -> str:
+def summary(tally: Tally, reading: InputReading | None = None, unframed: int = 0) -> str:
     """Summary of all rows: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
-    With `reading`, whose rows the tally counts, it names what that has left out.
+    With `reading`, whose rows the tally counts, it names what that has left out. `unframed` bytes
+    came and are in no row, because the capture was killed.
     """
     if reading is not None and reading.written == reading.limit:
         read = f"{tally.rows:,} rows read so far, {reading.written:,} written"
@@ -55,7 +56,9 @@ def summary(tally: Tally, reading: InputReading | None = None) -> str:
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
     gaps = reading.reported_gaps if reading is not None else []
-    advice = explain_no_frames(tally, reading)
+    if unframed:
+        parts.append(f"{unframed:,} bytes in no row")
+    advice = "" if unframed else explain_no_frames(tally, reading)
     lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
     return ", ".join(parts) + _span(tally) + lacking + (advice and f"; {advice}")
 

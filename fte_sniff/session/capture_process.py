@@ -202,8 +202,9 @@ class CaptureLoop:
                 reason,
                 failure or PortError("{reason}; check cable and power", reason=reason),
                 outcome,
+                self._progress(),
             )
-        return Ended(None, failure, outcome)
+        return Ended(None, failure, outcome, self._progress())
 
     def _process_chunk(self, chunk: Chunk) -> None:
         framer = self._framers[chunk.port]
@@ -290,6 +291,7 @@ class CaptureLoop:
         since_s, recorder = self._writing_since_s, self._recorder
         return WriteProgress(
             recorder.unflushed_rows if recorder is not None else 0,
+            self._source.waiting,
             since_s is not None and time.monotonic() - since_s >= SLOW_S,
             self._is_ending or self._source.end is not None,
             recorder.size if recorder is not None else 0,

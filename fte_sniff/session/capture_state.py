@@ -40,6 +40,8 @@ class WriteProgress:
 
     unrecorded: int = 0
     """Rows that are not in the file yet."""
+    waiting: int = 0
+    """Bytes that were read and are in no row yet."""
     is_slow: bool = False
     """Whether a write takes long."""
     is_end: bool = False
@@ -48,6 +50,16 @@ class WriteProgress:
     """Size of all files."""
     fired: int | None = None
     """How often the trigger fired; None without one."""
+
+    @property
+    def remaining(self) -> TranslatableText:
+        """What is not in the file yet: `512 rows and 1,024 bytes not yet in rows`."""
+        rows = TranslatableText("{rows:,} rows", rows=self.unrecorded)
+        if not self.waiting:
+            return rows
+        return TranslatableText(
+            "{rows} and {bytes:,} bytes not yet in rows", rows=rows, bytes=self.waiting
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +87,8 @@ class Ended:
     """Why it ended, in one line; None if it was requested."""
     error: FteSniffError | None = None
     outcome: Outcome | None = None
+    progress: WriteProgress = WriteProgress()
+    """How far the recording is; the last known if the capture was killed."""
 
 
 Message: TypeAlias = Started | RowsMessage | Ended
@@ -118,7 +132,7 @@ class CaptureState:
     def after(self, message: Message) -> CaptureState:
         """The state after one more message."""
         if isinstance(message, Ended):
-            return replace(self, ended=message, error=message.error)
+            return replace(self, ended=message, error=message.error, progress=message.progress)
         if isinstance(message, Started):
             return replace(
                 self,
@@ -163,7 +177,6 @@ class CaptureState:
             rows=self.total_rows,
             not_shown=self.not_shown,
             files=tuple(map(str, self.recordings)),
-            leftover=self.leftover,
             recorded_bytes=self.progress.bytes,
             fired=self.progress.fired,
         )
@@ -184,7 +197,7 @@ class CaptureState:
         """What the end waits for; None if nothing."""
         if self.is_disk_slow:
             return TranslatableText(
-                "the disk is slow: {rows:,} rows are not written yet", rows=self.progress.unrecorded
+                "the disk is slow: {what} are not written yet", what=self.progress.remaining
             )
         if self.leftover:
             return TranslatableText(

@@ -171,16 +171,17 @@ class LiveSession:
     def _exit_without_result(self, reason: str) -> Ended:
         if self.stopping and not self.state.started:
             return Ended()
+        progress = self.state.progress
         error = FileError if reason in (_TOO_MANY_FILES, _ENDED_EARLY) else PortError
         if self.state.recording is None:
-            return Ended(reason, error(reason))
+            return Ended(reason, error(reason), progress=progress)
         whole = TranslatableText(
-            "{reason}; up to {rows:,} rows are not in {path}",
+            "{reason}; up to {what} are not in {path}",
             reason=reason,
-            rows=self.state.progress.unrecorded,
+            what=progress.remaining,
             path=self.state.recording,
         )
-        return Ended(reason, error(whole))
+        return Ended(reason, error(whole), progress=progress)
 
     def _exit_reason(self) -> TranslatableText:
         with suppress(TimeoutExpired):

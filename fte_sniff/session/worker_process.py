@@ -6,6 +6,7 @@ handles signals before it loads anything large.
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -21,13 +22,13 @@ _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _START = """
 import sys
-# In front only for the package, so that it is this one; its folder may have other modules.
+# Only for the package, so that it is this one; its folder may have other modules.
 sys.path.insert(0, sys.argv[2])
 try:
     import fte_sniff.__main__
 except OSError:
     sys.exit(4)
-sys.path.append(sys.path.pop(0))
+del sys.path[0]
 fte_sniff.__main__.worker()
 """
 
@@ -37,20 +38,23 @@ def start_worker(
 ) -> tuple[subprocess.Popen[bytes], Connection]:
     """Call `function(*arguments, connection)` in a new process; return it and the other end.
 
-    The working folder is not on its import path. It inherits standard output and standard error,
-    and ignores Ctrl-C. Raises OSError if it cannot be started.
+    Its import path is that of this process without the working folder. It inherits standard output
+    and standard error, and ignores Ctrl-C. Raises OSError if it cannot be started.
     """
     ours, theirs = Pipe()
     # The flags of this Python, for example -E; multiprocessing uses the same function.
     flags = subprocess._args_from_interpreter_flags()  # type: ignore[attr-defined]
     folder = str(Path(__file__).parents[2])
     program = [sys.executable, *flags, "-P", "-c", _START, str(theirs.fileno()), folder]
-    path = [folder for folder in sys.path if folder not in ("", str(Path.cwd()))]
+    here = os.path.realpath("")
+    path = [*(entry for entry in sys.path if os.path.realpath(entry) != here), folder]
+    # An empty or relative entry of it would name the working folder.
+    environment = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING_SIGNALS)
     try:
         with theirs:
             process = subprocess.Popen(
-                program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
+                program, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()], env=environment
             )
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -67,6 +71,6 @@ def run(descriptor: int) -> None:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING_SIGNALS)
     connection = Connection(descriptor)
-    sys.path += [path for path in connection.recv() if path not in sys.path]
+    sys.path[:] = connection.recv()
     function, arguments = connection.recv()
     function(*arguments, connection)

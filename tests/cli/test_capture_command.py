@@ -30,6 +30,7 @@ from fte_sniff.session.capture_process import MOST_WAITING
 from fte_sniff.session.live_session import END_WITHIN_S
 from tests.cli.processes import (
     BOUND_S,
+    FRAME,
     PROGRAM,
     Process,
     ended,
@@ -253,12 +254,16 @@ def test_a_pipe_whose_reader_comes_late_gets_everything(run, environment, tmp_pa
 SLOW_SYNC = """
 #define _GNU_SOURCE
 #include <dlfcn.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <unistd.h>
 int fdatasync(int descriptor) {
     const char *slow = getenv("SLOW_WHILE"), *delay = getenv("DELAY_MS");
     if (delay) usleep(1000 * atoi(delay));
-    while (slow && access(slow, F_OK) == 0) usleep(20000);
+    while (slow && access(slow, F_OK) == 0) {
+        close(creat("sync-waits", 0600));
+        usleep(20000);
+    }
     return ((int (*)(int))dlsym(RTLD_NEXT, "fdatasync"))(descriptor);
 }
 """
@@ -301,7 +306,7 @@ def test_what_came_during_a_slow_flush_is_flushed_together(environment, tmp_path
 def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
     with recording_on_a_slow_disk(environment, tmp_path) as (process, slow):
         process.send_signal(signal.SIGINT)
-        until_told(process, b"rows are not written yet; Ctrl-C drops them")
+        until_told(process, b" are not written yet; Ctrl-C drops them")
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(END_WITHIN_S + 1)
         slow.unlink()
@@ -314,7 +319,7 @@ def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None
 def test_a_second_ctrl_c_does_not_wait_for_a_slow_disk(environment, tmp_path: Path) -> None:
     with recording_on_a_slow_disk(environment, tmp_path) as (process, _):
         process.send_signal(signal.SIGINT)
-        until_told(process, b"rows are not written yet; Ctrl-C drops them")
+        until_told(process, b" are not written yet; Ctrl-C drops them")
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
     assert code == 4
@@ -322,7 +327,7 @@ def test_a_second_ctrl_c_does_not_wait_for_a_slow_disk(environment, tmp_path: Pa
     *_, summary, last = errors.splitlines()
     found = re.fullmatch(
         "fte-sniff: the capture was ended while the disk was still writing; "
-        r"up to ([\d,]+) rows are not in x\.mcap",
+        r"up to ([\d,]+) rows(?: and ([\d,]+) bytes not yet in rows)? are not in x\.mcap",
         last,
     )
     assert found is not None, last
@@ -330,6 +335,31 @@ def test_a_second_ctrl_c_does_not_wait_for_a_slow_disk(environment, tmp_path: Pa
     in_file = len(list(RecordingReader(tmp_path / "x.mcap")))
     assert unrecorded > 0
     assert shown - unrecorded <= in_file < shown
+
+
+def test_bytes_that_a_slow_disk_keeps_from_being_rows_are_counted(
+    environment, tmp_path: Path, pty
+) -> None:
+    def is_read() -> bool:
+        return not any(fcntl.ioctl(pty.near, termios.FIONREAD, bytes(4)))
+
+    slow = tmp_path / "slow"
+    preloaded = environment | slow_syncs(tmp_path, SLOW_WHILE=str(slow))
+    with started(preloaded, tmp_path, "live", pty.device, "-o", "x.mcap") as live:
+        until_told(live, b"recording to x.mcap")
+        slow.touch()
+        pty.send(FRAME)
+        wait_until((tmp_path / "sync-waits").exists)
+        pty.send(99 * FRAME)  # the first flush keeps the capture from taking them
+        wait_until(is_read)
+        live.send_signal(signal.SIGINT)
+        until_told(live, b"0 rows and 990 bytes not yet in rows are not written yet; Ctrl-C drops")
+        live.send_signal(signal.SIGINT)
+        code, _, errors = ended(live)
+    assert code == 4
+    *_, summary, last = errors.splitlines()
+    assert summary == "0 rows, 990 bytes in no row"
+    assert last.endswith("up to 0 rows and 990 bytes not yet in rows are not in x.mcap")
 
 
 def test_no_command_replaces_a_file_that_is_being_recorded(
@@ -606,7 +636,6 @@ def memory_of(pid: int) -> int:
     return int(fields[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-FRAME = bytes.fromhex("AA0000000000000000EE")
 PORT = "tty\x1b[31m"
 
 
@@ -633,7 +662,7 @@ def test_port_events_that_matter_are_told_as_they_come_and_counted_at_the_end(
         r"tty\x1b[31m line error",
         r"tty\x1b[31m lost: hung up",
     ]
-    lines.close()
+    lines.close(0)
     assert "port events: overrun 2, line_error 1, lost 1" in capsys.readouterr().err.splitlines()
 
 
@@ -659,5 +688,5 @@ def test_a_failure_with_which_it_ends_is_left_to_whoever_ends_it(
 def test_rows_that_were_too_fast_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
     lines = PlainLines(list)
     lines.write(FeedUpdate(FeedState("p", rows=5000, not_shown=4999)), None)
-    lines.close()
+    lines.close(0)
     assert "4,999 rows more came too fast to be printed" in capsys.readouterr().err

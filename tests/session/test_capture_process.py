@@ -19,7 +19,7 @@ from fte_sniff.protocol import Chunk, Fault, Frame, PortEvent, PortEventKind, Ro
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Change, Recorder
 from fte_sniff.session.capture_process import MOST_WAITING, CaptureLoop, Outbox
-from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage
+from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage, WriteProgress
 from tests.recording.conftest import entries_in
 
 MS = 1_000_000
@@ -85,7 +85,7 @@ def test_bytes_do_not_join_across_a_gap_and_offsets_go_on(kind: PortEventKind) -
     assert [row.raw for row in rows] == [FRAME] * 3 + [FRAME[:6], FRAME[6:]] + [FRAME] * 3
     assert [row.offset for row in rows] == [0, 10, 20, 30, 36, 40, 50, 60]
     assert events == [gap]
-    assert ended == Ended()
+    assert ended == Ended(progress=WriteProgress(is_end=True))
 
 
 def test_other_events_cut_nothing() -> None:

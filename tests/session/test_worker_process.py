@@ -1,0 +1,43 @@
+"""Processes that the program starts."""
+
+from __future__ import annotations
+
+import os
+import sys
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.session.worker_process import start_worker
+
+BOUND_S = 30.0
+
+
+def send_import_path(connection: Connection) -> None:
+    connection.send((sys.path, os.environ.get("PYTHONPATH")))
+
+
+@pytest.mark.parametrize("entry", ["", ".", "{here}", "{here}/", "{link}", "x/.."])
+def test_the_working_folder_is_on_no_import_path(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch, entry: str
+) -> None:
+    """Whatever the environment and this process have on theirs."""
+    executed = tmp_path_factory.mktemp("marker") / "executed"
+    for name in ("encodings", "struct", "pickle"):
+        poison = f"import posix\nposix.open({str(executed)!r}, posix.O_CREAT)\n"
+        (tmp_path / f"{name}.py").write_text(poison)
+    link = executed.with_name("link")
+    link.symlink_to(tmp_path)
+    (tmp_path / "x").mkdir()
+    monkeypatch.chdir(tmp_path)
+    entry = entry.format(here=tmp_path, link=link)
+    monkeypatch.setenv("PYTHONPATH", f"{entry}{os.pathsep}/usr/share")
+    monkeypatch.setattr(sys, "path", [entry, *sys.path])
+    process, connection = start_worker(send_import_path)
+    assert connection.poll(BOUND_S)
+    path, variable = connection.recv()
+    assert process.wait(BOUND_S) == 0
+    assert tmp_path.resolve() not in {Path(one).resolve() for one in path}
+    assert variable is None
+    assert not executed.exists()
