@@ -63,6 +63,8 @@ class RuleCheck:
         """Whether the inputs follow each other in time without overlap."""
         self._another = False
         """Whether the rows so far are followed by those of another capture."""
+        self.unseen = 0
+        """Rows that a view was too slow to receive: what they would change is not known."""
         self._measures = [measure_of(rule) for rule in rules]
         self._filters: dict[str, RowFilter] = {}
         self._names: frozenset[str] = frozenset()
@@ -92,6 +94,8 @@ class RuleCheck:
         """Apply a change before the next rows."""
         if isinstance(change, Gap):
             self._another = change.kind is GapKind.OTHER_RECORDING
+            if change.kind is GapKind.NOT_SHOWN:
+                self.unseen += change.rows or 0
             for measure in self._measures:
                 measure.interrupt()
 
@@ -125,6 +129,7 @@ class RuleCheck:
             self.in_order = self.in_order and follows
         self.in_order = self.in_order and later.in_order
         self._another = later._another
+        self.unseen += later.unseen
         self.total.include(later.total)
         for measure, other in zip(self._measures, later._measures, strict=True):
             measure.merge(other)
@@ -133,7 +138,7 @@ class RuleCheck:
         """By rule, in their order."""
         found = []
         for rule, measure in zip(self.rules, self._measures, strict=True):
-            known = self.in_order or rule.measure not in _ORDERED
+            known = not self.unseen and (self.in_order or rule.measure not in _ORDERED)
             value = measure.value(self.total) if known else None
             if value is None:
                 found.append(Verdict(rule, None, RuleResult.NOT_COVERED))

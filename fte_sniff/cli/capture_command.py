@@ -9,7 +9,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from glob import escape
 from pathlib import Path
@@ -19,6 +19,7 @@ import click
 
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.tally import Tally
+from fte_sniff.cli.check_report import read_rules, verdict_lines
 from fte_sniff.cli.options import (
     FileName,
     Seconds,
@@ -49,6 +50,7 @@ from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert
     from fte_sniff.analysis.statistics import LineSetup
+    from fte_sniff.analysis.verdicts import RuleCheck
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
     from fte_sniff.recording.recorder import Outcome
@@ -75,6 +77,14 @@ capture_options = all_of(
         "--keep-recording", is_flag=True, help="Go on when the view is killed or its terminal gone."
     ),
     click.option("--plain", is_flag=True, help="Print one line a row instead of the screen."),
+    click.option(
+        "--check",
+        "rules",
+        type=FileName(),
+        metavar="FILE",
+        help="Judge the rows by the rules of a file (docs/check.md); exit code 1 if they do not"
+        " pass.",
+    ),
     filter_option,
     alert_option,
     keep_rows_option(1_000_000),
@@ -108,6 +118,7 @@ def run_capture(
     lang: str | None,
     filter_text: str | None,
     alert_text: str | None,
+    rules: Path | None,
     keep_rows: int,
     resolution: float | None,
     gear_ratio: float | None,
@@ -130,21 +141,60 @@ def run_capture(
     wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts)))
     plan = capture_plan(wiring, **planned)
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
-    if _is_stdout(plan.recording):
-        _record_to_stdout(plan)
-    elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
-        if resolution is not None:
-            print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
-        _print_lines(plan, filter_text, alert_of(alert_text))
+    with _judged(rules) as observe:
+        if _is_stdout(plan.recording):
+            _record_to_stdout(plan, observe)
+        elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
+            if resolution is not None:
+                print_err("fte-sniff: lines show positions in pulses; only the screen shows turns")
+            _print_lines(plan, filter_text, alert_of(alert_text), observe)
+        else:
+            start = _start_options(plan, setup, settings, lang)
+            start = replace(
+                start,
+                row_filter=row_filter(filter_text),
+                alert=alert_of(alert_text),
+                keep_rows=keep_rows,
+            )
+            _show_screen(plan, start, observe)
+
+
+Observer = Callable[[FeedUpdate], None]
+
+
+@contextmanager
+def _judged(path: Path | None) -> Iterator[Observer | None]:
+    """Context that judges what its observer receives, and prints the verdicts at the end.
+
+    Raises FteSniffError if a rule is invalid; exits with code 1 if a rule does not pass.
+    """
+    if path is None:
+        yield None
+        return
+    rules = read_rules(path)
+    from fte_sniff.analysis.verdicts import RuleCheck
+
+    check = RuleCheck(rules)
+    try:
+        yield lambda update: check.observe(update.rows, update.events, update.changes)
+    except (FteSniffError, SystemExit) as end:
+        if check.total.rows:
+            _print_verdicts(check)
+        if isinstance(end, FteSniffError) or end.code:
+            raise
     else:
-        start = _start_options(plan, setup, settings, lang)
-        start = replace(
-            start,
-            row_filter=row_filter(filter_text),
-            alert=alert_of(alert_text),
-            keep_rows=keep_rows,
+        _print_verdicts(check)
+    if any(one.refuses for one in check.verdicts()):
+        sys.exit(1)
+
+
+def _print_verdicts(check: RuleCheck) -> None:
+    for line in verdict_lines(check.verdicts(), None):
+        print_err(line.plain.rstrip())
+    if check.unseen:
+        print_err(
+            f"fte-sniff: {check.unseen:,} rows came too fast to be judged; check the recording"
         )
-        _show_screen(plan, start)
 
 
 def _start_options(
@@ -184,11 +234,13 @@ def _ended_by_signals(
     return ending_signals(session.stop, _ending_signals(plan), session.hurry)
 
 
-def _print_lines(plan: CapturePlan, filter_text: str | None, alert: Alert | None) -> None:
+def _print_lines(
+    plan: CapturePlan, filter_text: str | None, alert: Alert | None, observe: Observer | None
+) -> None:
     select = selection(filter_text)
     from fte_sniff.session.live_session import LiveSession
 
-    session = LiveSession(plan)
+    session = LiveSession(plan, observe)
     lines = PlainLines(select, ports=len(plan.wiring.names) > 1, alert=alert)
     with _ended_by_signals(session, plan):
         session.begin()
@@ -208,11 +260,11 @@ def _print_lines(plan: CapturePlan, filter_text: str | None, alert: Alert | None
         _report_recording(session)
 
 
-def _record_to_stdout(plan: CapturePlan) -> None:
+def _record_to_stdout(plan: CapturePlan, observe: Observer | None) -> None:
     """Write the recording, and nothing else, to standard output; a lost reader ends it."""
     from fte_sniff.session.live_session import LiveSession
 
-    session = LiveSession(plan)
+    session = LiveSession(plan, observe)
     lines = PlainLines(lambda _: [])
     with _ended_by_signals(session, plan):
         session.begin()
@@ -233,12 +285,12 @@ def _record_to_stdout(plan: CapturePlan) -> None:
             raise ended or session.state.error
 
 
-def _show_screen(plan: CapturePlan, options: StartOptions) -> None:
+def _show_screen(plan: CapturePlan, options: StartOptions, observe: Observer | None) -> None:
     from fte_sniff.session.live_session import LiveSession
 
     code = 0
     seen: list[Tally] = []
-    session = LiveSession(plan)
+    session = LiveSession(plan, observe)
     with _ended_by_signals(session, plan):
         # Imported while the capture process starts on another core and opens the port.
         from fte_sniff.tui.app import run_screen

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.check_report import FORMS, print_verdicts
+from fte_sniff.cli.check_report import FORMS, print_verdicts, read_rules
 from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure
 from fte_sniff.cli.options import FileName
-from fte_sniff.errors import UsageError, unreadable
-
-if TYPE_CHECKING:
-    from fte_sniff.analysis.rules import Rule
 
 
 @click.command(name="check", short_help="A verdict about files: pass, fail, or not covered.")
@@ -61,35 +56,3 @@ def command(
     check, measured = measure(query, partial(RuleCheck, wanted), None, jobs, cluster)
     print_verdicts(check, form, [str(error) for error in measured.reading.unreadable])
     measured.finish(refused=any(one.refuses for one in check.verdicts()))
-
-
-def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Rule]:
-    """The rules of a file and of options.
-
-    Raises:
-        FileError: the file cannot be read.
-        InputTextError: a rule is invalid.
-        UsageError: there is no rule.
-    """
-    from fte_sniff.analysis.rules import rule_at, rules_of_toml
-
-    if path is None and not expectations:
-        raise UsageError('check needs rules: --rules FILE, or --expect "count(malformed) == 0"')
-    found: list[Rule] = []
-    if path is not None:
-        found += rules_of_toml(_text_of(path), str(path))
-    found += [rule_at(f"--expect {number}", one) for number, one in enumerate(expectations, 1)]
-    return found
-
-
-def _text_of(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            data = file.read(_MOST_BYTES)
-    except OSError as error:
-        raise unreadable(path, error) from error
-    return data.decode(errors="replace")
-
-
-_MOST_BYTES = 1_000_000
-"""A larger file is no rules file; the rest is not read."""

@@ -1,16 +1,17 @@
-"""Verdicts as a table, as a JSON object (docs/check.md), and as JUnit XML."""
+"""Rules of files and options; verdicts as a table, as JSON (docs/check.md), and as JUnit XML."""
 
 from __future__ import annotations
 
 import json
 import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from xml.etree import ElementTree as ET
 
 import click
 
-from fte_sniff.errors import printable
+from fte_sniff.errors import UsageError, printable, unreadable
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import iso_time
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from fte_sniff.analysis.measures import RowPosition
+    from fte_sniff.analysis.rules import Rule
     from fte_sniff.analysis.verdicts import RuleCheck, Verdict
 
 VERSION: Final = 1
@@ -27,6 +29,36 @@ FORMS: Final = ("text", "json", "junit")
 
 _STYLE: Final = {"pass": "green", "fail": "bold red", "not covered": "yellow"}
 _NUMBER: Final = ".6g"
+_MOST_BYTES = 1_000_000
+"""A larger file is no rules file; the rest is not read."""
+
+
+def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Rule]:
+    """The rules of a file and of options.
+
+    Raises:
+        FileError: the file cannot be read.
+        InputTextError: a rule is invalid.
+        UsageError: there is no rule.
+    """
+    from fte_sniff.analysis.rules import rule_at, rules_of_toml
+
+    if path is None and not expectations:
+        raise UsageError('check needs rules: --rules FILE, or --expect "count(malformed) == 0"')
+    found: list[Rule] = []
+    if path is not None:
+        found += rules_of_toml(_text_of(path), str(path))
+    found += [rule_at(f"--expect {number}", one) for number, one in enumerate(expectations, 1)]
+    return found
+
+
+def _text_of(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    return data.decode(errors="replace")
 
 
 def print_verdicts(check: RuleCheck, form: str, errors: Sequence[str] = ()) -> None:
@@ -41,13 +73,13 @@ def print_verdicts(check: RuleCheck, form: str, errors: Sequence[str] = ()) -> N
         from rich.console import Console
 
         console = Console(file=sys.stdout)
-        for line in _lines(verdicts, console.width):
+        for line in verdict_lines(verdicts, console.width):
             console.print(line, no_wrap=True, overflow="ellipsis", crop=True)
     else:
-        sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in _lines(verdicts, None))
+        sys.stdout.writelines(f"{line.plain.rstrip()}\n" for line in verdict_lines(verdicts, None))
 
 
-def _lines(verdicts: Sequence[Verdict], width: int | None) -> Iterator[Text]:
+def verdict_lines(verdicts: Sequence[Verdict], width: int | None) -> Iterator[Text]:
     """A line for each rule; below it the first row that violates it."""
     from rich.text import Text
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from subprocess import TimeoutExpired
@@ -51,8 +52,14 @@ class LiveSession:
     signal handlers. A capture process that does not end when requested is killed.
     """
 
-    def __init__(self, plan: CapturePlan) -> None:
-        """Start the capture process; raises FileError if the working folder is gone."""
+    def __init__(
+        self, plan: CapturePlan, observe: Callable[[FeedUpdate], None] | None = None
+    ) -> None:
+        """Start the capture process; `observe` receives each update too.
+
+        Raises FileError if the working folder is gone.
+        """
+        self._observe = observe
         _check_folder()
         self.state = CaptureState(plan.wiring.names)
         self._gaps = GapDetector()
@@ -116,7 +123,10 @@ class LiveSession:
                 changes += shifted(found, len(rows))
                 rows += message.rows
                 events += message.events
-        return FeedUpdate(self.state.feed_state, rows, events, changes)
+        update = FeedUpdate(self.state.feed_state, rows, events, changes)
+        if self._observe is not None:
+            self._observe(update)
+        return update
 
     def stop(self) -> None:
         """Request the end of the capture; returns at once, may be called again."""

@@ -264,3 +264,44 @@ def test_a_terminal_of_any_width_shows_every_verdict_on_one_line(
     assert max(map(cell_len, lines)) <= columns
     assert "fail" in lines[1]
     assert "not covered" in lines[3]
+
+
+def rules_file(folder: Path, *expected: str) -> Path:
+    path = folder / "rules.toml"
+    path.write_text("".join(f"[[rule]]\nname = '{one}'\nexpect = '{one}'\n" for one in expected))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("port", "expected", "code"),
+    [
+        ("sim://?frames=40&rate=400", "count(malformed) == 0", 0),
+        ("sim://?frames=40&rate=400&drop=0.9", "count(malformed) == 0", 1),
+        ("sim://?frames=40&rate=400", "max(rpm, kind IS NULL) < 1", 1),
+        ("sim://", "count(x) == 0", 2),
+        ("/dev/absent", "count(malformed) == 0", 3),
+    ],
+)
+def test_a_capture_is_judged_as_its_recording_is(
+    run, tmp_path: Path, port: str, expected: str, code: int
+) -> None:
+    rules, options = rules_file(tmp_path, expected), ["--no-reconnect", "--count", "30", "-o"]
+    recording = tmp_path / "a.mcap"
+    live = run("live", port, "--check", rules, "--plain", *options, recording)
+    assert live.returncode == code, live.stderr
+    if code < 2:
+        told = run("check", recording, "--rules", rules)
+        assert told.returncode == code
+        assert told.stdout in live.stderr
+    else:
+        assert "verdict" not in live.stderr
+
+
+def test_a_capture_for_some_time_ends_with_its_verdict(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    rules = rules_file(tmp_path, "duration() >= 0.3")
+    arguments = ["sim://", "--check", str(rules), "--duration", "0.6", "--no-record"]
+    with terminal(environment, tmp_path, "live", *arguments) as one:
+        assert one.ended() == 0
+        assert "duration() >= 0.3" in one.drawn.decode()

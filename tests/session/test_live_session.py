@@ -17,8 +17,12 @@ from pathlib import Path
 from time import monotonic
 
 import pytest
+from hypothesis import HealthCheck, given
+from hypothesis import strategies as st
 
-from fte_sniff.analysis.feed import LiveFeed
+from fte_sniff.analysis.feed import FeedUpdate, LiveFeed
+from fte_sniff.analysis.rules import Rule
+from fte_sniff.analysis.verdicts import RuleCheck
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import PortEventKind, Row
@@ -27,9 +31,12 @@ from fte_sniff.recording.reader import RecordingReader
 from fte_sniff.session import live_session as live
 from fte_sniff.session.capture_process import capture
 from fte_sniff.session.capture_state import CapturePlan, Ended, RowsMessage, Started
+from fte_sniff.session.input_reading import InputReading
+from fte_sniff.session.inputs import RecordingInput
 from fte_sniff.session.live_session import END_WITHIN_S, LiveSession
 from fte_sniff.session.worker_process import start_worker
 from tests.cli.processes import BOUND_S, holding, wait_until
+from tests.examples import examples
 
 SIM = "sim://?seed=1&rate=1000"
 
@@ -360,3 +367,46 @@ def files_bounded(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+JUDGED = [
+    "count(malformed) == 0",
+    "share(feedback) < 0.5",
+    "rate(motor = 1) > 1e6",
+    "max_gap(motor = 2) < 0.001",
+    "delay(p95) < 0.001",
+    "delay(max, motor = 1) < 0.001",
+    "unanswered() == 0",
+    "online(1) > 1",
+    "max(rpm) < -1000",
+    "mean(rpm) == -1",
+    "duration() < 0",
+]
+
+
+@examples(4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.integers(0, 9), min_size=1, max_size=2, unique=True),
+    st.sampled_from(["", "&drop=0.1", "&noise=0.2&flip=0.1"]),
+)
+def test_the_verdicts_of_a_capture_are_those_of_its_recording(
+    tmp_path_factory: pytest.TempPathFactory, seeds: list[int], damage: str
+) -> None:
+    recording = tmp_path_factory.mktemp("live") / "a.mcap"
+    ports = tuple(f"sim://?seed={seed}&rate=400&frames=150{damage}" for seed in seeds)
+    rules = [Rule.parse(text) for text in JUDGED]
+    judged, read = RuleCheck(rules), RuleCheck(rules)
+
+    def observe(update: FeedUpdate) -> None:
+        judged.observe(update.rows, update.events, update.changes)
+
+    wanted = CapturePlan(PortGroup(ports, reconnect=False), recording, count=120 * len(ports))
+    with running(LiveSession(wanted, observe)) as session:
+        to_the_end(session)
+    one = RecordingInput(RecordingReader(recording))
+    reading = InputReading([one])
+    for batch in reading.batches_of(one):
+        read.observe(batch.rows, batch.events, batch.changes)
+    assert judged.total == read.total
+    assert judged.total.rows
+    assert judged.verdicts() == read.verdicts()
