@@ -195,6 +195,9 @@ class Traces:
 
     def __init__(self) -> None:
         self._traces: dict[_Key, Envelope] = {}
+        self._window: tuple[int, int] | None = None
+        self._resampled: dict[tuple[_Key, int], EnvelopeColumns] = {}
+        """Results for that window, since a command is the target of one curve and ends another."""
         self.first_ns: int | None = None
         """Earliest time of a row, nanoseconds since 1970 UTC."""
         self.last_ns: int | None = None
@@ -204,6 +207,7 @@ class Traces:
         times = extent(rows.t_ns[rows.timed])
         if times is None:
             return
+        self._window = None
         first, last = times
         self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
         self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
@@ -225,9 +229,18 @@ class Traces:
     def resample(
         self, motor: int, direction: Direction, name: str, window: tuple[int, int], columns: int
     ) -> EnvelopeColumns:
-        """One quantity of a motor in a time window: its target (control) or feedback."""
-        trace = self._traces.get((motor, direction, name))
-        return empty_columns(columns) if trace is None else trace.resample(*window, columns)
+        """One quantity of a motor in a time window: its target (control) or feedback.
+
+        The result is shared: never change it.
+        """
+        if window != self._window:
+            self._window, self._resampled = window, {}
+        key = motor, direction, name
+        found, trace = self._resampled.get((key, columns)), self._traces.get(key)
+        if found is None:
+            found = empty_columns(columns) if trace is None else trace.resample(*window, columns)
+            self._resampled[key, columns] = found
+        return found
 
     def other_commands(self, motor: int, name: str, window: tuple[int, int], columns: int) -> Bools:
         """In which columns a motor got a command that does not set this quantity."""

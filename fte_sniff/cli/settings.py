@@ -2,6 +2,7 @@
 
 [screen]
 theme = "textual-light"
+pane_height = 40                # percent; pane_beside = true and pane_width = 40 for wide terminals
 columns = ["time", "kind", "values", "faults"]
 widths = { time = 15 }
 language = "zh"                 # or en, or auto: that of the locale
@@ -57,6 +58,12 @@ class ScreenSettings:
     widths: Mapping[str, int] | None = None
     """Width in cells of the columns that do not have their default width."""
     language: str | None = None
+    pane_beside: bool | None = None
+    """Whether a pane is beside the table on a wide terminal."""
+    pane_height: int | None = None
+    """Height of a pane below the table, percent of both."""
+    pane_width: int | None = None
+    """Width of a pane beside the table, percent of both."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,14 +129,16 @@ class Settings:
 
     @property
     def choices(self) -> Choices:
-        """Theme, columns and filters of the screen."""
-        from fte_sniff.tui.options import Choices
+        """Theme, columns, filters and panes of the screen."""
+        from fte_sniff.tui.options import Choices, PaneLayout
         from fte_sniff.tui.table.columns import ColumnChoice
 
         screen = self.screen
         widths = tuple((screen.widths or {}).items())
         columns = None if screen.columns is None else ColumnChoice(screen.columns, widths)
-        return Choices(screen.theme, columns, filters=tuple(self.filters.items()))
+        panes = PaneLayout(screen.pane_beside or False, screen.pane_height, screen.pane_width)
+        filters = tuple(self.filters.items())
+        return Choices(screen.theme, columns, filters=filters, panes=panes)
 
     def keep(self, choices: Choices) -> None:
         """Save the choices for the next start of the screen; a failure is only reported."""
@@ -146,6 +155,9 @@ class Settings:
                 language=choices.language or found.screen.language,
                 columns=None if columns is None else columns.names,
                 widths=None if columns is None else dict(columns.widths) or None,
+                pane_beside=choices.panes.beside or None,
+                pane_height=choices.panes.height,
+                pane_width=choices.panes.width,
             )
             save_screen(self.path, screen, dict(choices.filters))
         except FteSniffError as error:
@@ -165,6 +177,20 @@ def _whole(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
         raise ValueError("a whole number from 1")
     return value
+
+
+def _yes_or_no(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError("true or false")
+    return value
+
+
+def _share(value: Any) -> int:
+    from fte_sniff.tui.options import SHARES
+
+    if isinstance(value, bool) or value not in SHARES:
+        raise ValueError(f"a whole number from {SHARES.start} to {SHARES.stop - 1}, in percent")
+    return int(value)
 
 
 def _ratio(value: Any) -> float:
@@ -210,6 +236,9 @@ SCREEN_FIELDS: Mapping[str, _Convert] = {
     "columns": _columns,
     "widths": _widths,
     "language": _word((*LANGUAGES, AUTO)),
+    "pane_beside": _yes_or_no,
+    "pane_height": _share,
+    "pane_width": _share,
 }
 _LIVE: Mapping[str, _Convert] = {"ports": _ports}
 _PORT: Mapping[str, _Convert] = {"baud": _whole, "resolution": _ratio, "gear-ratio": _ratio}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC
 from functools import partial
 from time import monotonic
@@ -24,6 +24,7 @@ from fte_sniff.tui.keys import COMMANDS, SEARCH_WORDS, key_names, translate_keys
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
 from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.panes.pane import BESIDE_CELLS, Body
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import (
     FilterField,
@@ -48,6 +49,7 @@ class ScreenActions(App[None]):
     _model: ViewModel
     _table: RowTable
     _panes: PaneSwitcher
+    _body: Body
     _notice: NoticeLine
     _filter_field: FilterField
     _saved_filters: dict[str, str]
@@ -139,9 +141,26 @@ class ViewActions(ScreenActions):
         if self._panes.explains_row:
             self._table.stop_following()
 
+    def action_grow_pane(self, by: int) -> None:
+        """Move the divider between the table and the pane."""
+        self._body.grow(by)
+
+    def action_pane_side(self) -> None:
+        """Move the panes beside the table, or below it."""
+        if not self._body.can_be_beside:
+            text = _("a pane is beside the table from {cells} columns on")
+            self._inform(text.format(cells=BESIDE_CELLS))
+            return
+        layout = self._body.pane_layout
+        self._body.set_pane_layout(replace(layout, beside=not layout.beside))
+
     def action_zoom(self, by: int) -> None:
         """Show more time, or less."""
         self._panes.zoom(by)
+
+    def action_plot_range(self) -> None:
+        """Show outliers in the plots, or leave them out."""
+        self._panes.switch_range()
 
     def action_scroll_pane(self, by: int) -> None:
         """Scroll the pane by lines."""

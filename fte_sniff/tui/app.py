@@ -14,6 +14,7 @@ from textual import on
 from textual.actions import ActionParseResult
 from textual.app import ComposeResult
 from textual.binding import BindingType
+from textual.containers import Vertical
 from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
@@ -42,6 +43,7 @@ from fte_sniff.tui.keys import (
 )
 from fte_sniff.tui.notices import INFO_S, NoticeLine
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
+from fte_sniff.tui.panes.pane import Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import (
     FilterField,
@@ -100,6 +102,8 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._title_line, self._header = TitleLine(), TableHeader()
         self._table = RowTable(store, self._header, TableView(choice=options.choices.columns))
         self._panes = PaneSwitcher(store, self._table, options.line_setup)
+        main = Vertical(self._header, self._table, id="main")
+        self._body = Body(main, self._panes, options.choices.panes)
         self._notice = NoticeLine()
         filter_line = options.row_filter.text if options.row_filter else ""
         self._saved_filters = dict(options.choices.filters)
@@ -123,9 +127,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     def compose(self) -> ComposeResult:
         """The screen from top to bottom."""
         yield self._title_line
-        yield self._header
-        yield self._table
-        yield from self._panes
+        yield self._body
         yield self._notice
         yield self._filter_field
         yield self._name_field
@@ -221,7 +223,11 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         """What the user has chosen by now."""
         switched = self.language if self.language != self._options.language else None
         return Choices(
-            self.theme, self._table.view.choice, switched, tuple(self._saved_filters.items())
+            self.theme,
+            self._table.view.choice,
+            switched,
+            tuple(self._saved_filters.items()),
+            self._body.pane_layout,
         )
 
     @property
@@ -340,6 +346,10 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     def _close_for(self, failure: FteSniffError) -> None:
         self.failure = failure
         self.exit()
+
+    @on(Pane.Resized)
+    def _on_pane_resized(self) -> None:
+        self._panes.redraw()
 
     @on(RowTable.Moved)
     def _on_table_moved(self) -> None:

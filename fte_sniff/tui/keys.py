@@ -87,6 +87,10 @@ UNDERSTANDING: tuple[Binding, ...] = (
     _key("S", "pane('statistics')", "Stats", "rates, use of the line, faults over time", "S"),
     _key("z", "zoom(-1)", "", "less time in the plots of the motors", "z"),
     _key("Z", "zoom(1)", "", "more time in the plots of the motors", "Z"),
+    _key("r", "plot_range", "", "the plots' usual range, or all of it with outliers", "r"),
+    _key("plus", "grow_pane(1)", "", "a larger pane; the mouse drags its border", "+"),
+    _key("minus", "grow_pane(-1)", "", "a smaller pane", "-"),
+    _key("L", "pane_side", "", "the pane beside the table or below it, from 160 columns on", "L"),
     _key("J", "scroll_pane(1)", "", "scroll the pane down", "J"),
     _key("K", "scroll_pane(-1)", "", "scroll the pane up", "K"),
 )

@@ -17,6 +17,22 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 
 
+SHARES: Final = range(10, 86)
+"""Possible shares of a pane, percent of the table and the pane."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaneLayout:
+    """Where the open pane is, and its share of the screen."""
+
+    beside: bool = False
+    """Whether it is beside the table, on a wide terminal, and not below it."""
+    height: int | None = None
+    """A number of `SHARES` where it is below; None where the pane decides."""
+    width: int | None = None
+    """A number of `SHARES` where it is beside; None for the default."""
+
+
 @dataclass(frozen=True, slots=True)
 class Choices:
     """What the user chooses on the screen, and has again the next time."""
@@ -29,6 +45,7 @@ class Choices:
     """A key of `i18n.LANGUAGES`; None where it was not switched."""
     filters: tuple[tuple[str, str], ...] = ()
     """Names of saved filters, each with its filter."""
+    panes: PaneLayout = PaneLayout()
 
 
 @dataclass(frozen=True, slots=True)

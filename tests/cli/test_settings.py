@@ -25,6 +25,7 @@ from fte_sniff.cli.settings import (
 )
 from fte_sniff.errors import FileError
 from fte_sniff.tui.i18n import THEMES
+from fte_sniff.tui.options import SHARES
 from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import terminal
@@ -36,6 +37,8 @@ theme = "textual-light"       # at noon
 columns = ["time", "kind", "values"]
 widths = { time = 15 }
 language = "zh"
+pane_beside = true
+pane_width = 30
 
 [live]
 ports = ["/dev/ttyUSB0", "/dev/ttyUSB1"]
@@ -55,6 +58,9 @@ screens = st.builds(
     columns=st.none() | st.lists(names, min_size=1, unique=True).map(tuple),
     widths=st.none() | st.dictionaries(names, st.integers(MIN_WIDTH, MAX_WIDTH), min_size=1),
     language=st.none() | st.sampled_from(["en", "zh"]),
+    pane_beside=st.none() | st.booleans(),
+    pane_height=st.none() | st.sampled_from(SHARES),
+    pane_width=st.none() | st.sampled_from(SHARES),
 )
 
 
@@ -76,7 +82,7 @@ def test_no_file_says_nothing(file: Path) -> None:
 def test_everything_that_can_be_said(file: Path) -> None:
     settings = read_settings(written(file, WHOLE))
     assert settings.screen == ScreenSettings(
-        "textual-light", ("time", "kind", "values"), {"time": 15}, "zh"
+        "textual-light", ("time", "kind", "values"), {"time": 15}, "zh", True, None, 30
     )
     assert settings.ports == ("/dev/ttyUSB0", "/dev/ttyUSB1")
     assert settings.of_port("/dev/ttyUSB0") == PortDefaults(57_600, 500, 30.0)
@@ -105,6 +111,10 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ("[screen]\nwidths = { time = 1 }\n", "with 3 to 200 cells each"),
         ("[screen]\nwidths = { moter = 9 }\n", "widths in [screen] must be a table of columns"),
         ("[screen]\ncolumns = [[]]\n", "columns in [screen] must be a list"),
+        ("[screen]\npane_beside = 1\n", "pane_beside in [screen] must be true or false"),
+        ("[screen]\npane_width = 5\n", "must be a whole number from 10 to 85, in percent"),
+        ("[screen]\npane_height = true\n", "must be a whole number from 10 to 85, in percent"),
+        ("[screen]\npane_height = [1]\n", "must be a whole number from 10 to 85, in percent"),
         ("screen = 1\n", "[screen] must be a table"),
         ("port = 1\n", "[port] must be a table"),
         ('[port."x"]\nbaud = true\n', "baud in [port.x] must be a whole number"),

@@ -36,14 +36,15 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.app import LOW, SniffApp
-from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.options import SHARES, Choices, PaneLayout, StartOptions
 from fte_sniff.tui.panes.bytes import BytesPane, dump, neighbours
 from fte_sniff.tui.panes.detail import DetailLayout, DetailPane, detail_text
 from fte_sniff.tui.panes.motors import SECOND_NS, WINDOWS_NS, MotorsPane, MotorsView, grid
 from fte_sniff.tui.panes.pane import Pane
-from fte_sniff.tui.panes.plot import Canvas, Curves, PlotStyles, dots_across, plot
+from fte_sniff.tui.panes.plot import Canvas, Curves, PlotStyles, dots_across, plot, time_axis
 from fte_sniff.tui.panes.statistics import StatisticsPage, StatisticsPane
 from fte_sniff.tui.table.theme import DARK, LIGHT
+from fte_sniff.tui.table.widget import TableHeader
 from fte_sniff.tui.text import span_text, turns_text
 from tests.analysis import conftest
 from tests.tui.conftest import (
@@ -540,6 +541,24 @@ def test_what_flag_bytes_told_of_a_motor_is_told_as_stats_does() -> None:
     assert not [line for line in lines if "motor 3:" in line or FLAGS_IN_ORDER in line]
 
 
+def test_raised_flags_of_all_motors_do_not_push_the_rates_out() -> None:
+    rows = [feedback(at, 1 + at % 4, 1 << at % 8, 0) for at in range(800)]
+    rows += [feedback(at, 1 + at % 4, 1 << (at + 1) % 8, 0) for at in range(800, 1600)]
+    lines = _page(rows, 80).text.plain.split("\n")
+    assert sum("ERROR bit" in line for line in lines) == 16
+    assert lines[0].startswith("^ ERROR was set or ONLINE missing: motor 1, 2, 3, 4;")
+    rates = [at for at, line in enumerate(lines) if "speed_feedback" in line]
+    assert len(rates) == 4
+    assert max(rates) < 10
+
+
+@pytest.mark.parametrize(("step_ms", "cell"), [(1, "▇"), (10, "▁")])
+def test_the_use_of_the_line_is_a_share_of_the_whole_line(step_ms: int, cell: str) -> None:
+    rows = [feedback(at, 1) for at in range(0, 3000, step_ms)]
+    (line,) = [line for line in _page(rows, 80).text.plain.split("\n") if "use over time" in line]
+    assert set(line.split(" ")[-1]) == {cell}
+
+
 def test_where_nothing_was_told_back_nothing_is_said_of_flags(speed_rows: Rows) -> None:
     assert "ONLINE" not in _page(speed_rows(10), 100).text.plain
 
@@ -613,7 +632,7 @@ def test_flags_are_told_bit_by_bit_where_there_is_room() -> None:
     assert "bit 2 is 0: motor 3" in roomy
 
 
-STROKES = PlotStyles(Style(color="red"), Style(color="blue"), Style())
+STROKES = PlotStyles(Style(color="red"), Style(color="blue"), Style(), Style())
 
 
 def _row(name: str, at_s: float | None, **values: int) -> Row:
@@ -748,11 +767,11 @@ def _curves(
     return Curves(_spans(columns, asked), _spans(columns, told), other, standing, 0.1 * SECOND_NS)
 
 
-def _drawn(curves: Curves) -> list[str]:
-    return [line.plain for line in plot(curves, STROKES, 28, 4)]
+def _drawn(curves: Curves, full_range: bool = True) -> list[str]:
+    return [line.plain for line in plot(curves, STROKES, 28, 4, full_range=full_range)]
 
 
-def test_a_spike_of_one_column_is_seen_from_top_to_bottom() -> None:
+def test_in_the_full_range_a_spike_of_one_column_is_seen_from_top_to_bottom() -> None:
     lines = _drawn(_curves(dict.fromkeys(range(40), (0, 0)) | {20: (0, 1000)}, {}))
     assert all(line[8 + 10] != " " for line in lines)
     assert all(line[8 + 15] == " " for line in lines[:-1])
@@ -760,16 +779,55 @@ def test_a_spike_of_one_column_is_seen_from_top_to_bottom() -> None:
     assert lines[-1].startswith("      0 ")
 
 
-def test_a_spike_that_would_press_all_else_flat_goes_over_the_end_and_is_told() -> None:
-    wave = {n: (n % 20, n % 20 + 3) for n in range(40)}
-    lines = _drawn(_curves(wave | {20: (0, 2**30)}, {}))
-    assert lines[1].startswith(" ▲1.07G ")
-    assert lines[0][8 + 10] != " "
-    calm = _drawn(_curves(wave, {}))
-    assert float(lines[0][:7]) <= 2 * float(calm[0][:7])
-    assert sum(line[8:] != other[8:] for line, other in zip(lines, calm, strict=True)) <= 4
-    low = _drawn(_curves(wave | {20: (-(2**30), 0)}, {}))
-    assert low[2].startswith("▼-1.07G ")
+@pytest.mark.parametrize("wave", [0, 1, 20], ids=["flat", "little", "high"])
+@pytest.mark.parametrize("spike", [30, 1000, 2**30, -5, -(2**30)])
+def test_an_outlier_is_a_marker_at_the_edge_and_all_else_stays(wave: int, spike: int) -> None:
+    calm = {n: (n % 10 * wave, n % 10 * wave) for n in range(40)}
+    wild = _curves(calm | {20: (min(0, spike), max(0, spike))}, {})
+    lines, before = _drawn(wild, full_range=False), _drawn(_curves(calm, {}), full_range=False)
+    if abs(spike) < 9 * wave:
+        assert not {"▲", "▼"} & set("".join(lines))
+        return
+    edge, sign = (0, "▲") if spike > 0 else (-1, "▼")
+    assert lines[edge][8 + 10] == sign
+    assert "".join(lines).count(sign) == 1 + bool(wave)
+    assert [line[: 8 + 9] for line in lines if sign not in line[:8]] == [
+        line[: 8 + 9] for line, other in zip(before, lines, strict=True) if sign not in other[:8]
+    ]
+    full = _drawn(wild)
+    assert sign not in "".join(full)
+    assert short_number(abs(spike)) in "".join(full)
+
+
+def test_a_step_and_a_target_that_is_sent_once_are_no_outliers() -> None:
+    step = _curves(
+        {n: (0, 0) if n < 36 else (900, 900) for n in range(40)}, {0: (0, 0), 35: (900, 900)}
+    )
+    lines = _drawn(step, full_range=False)
+    assert lines[0].startswith("    900 ")
+    assert not {"▲", "▼"} & set("".join(lines))
+
+
+def test_target_and_actual_are_both_seen_where_they_are_the_same() -> None:
+    same = dict.fromkeys(range(40), (5, 5))
+    used = {span.style for line in plot(_curves(same, same), STROKES, 28, 4) for span in line.spans}
+    assert {STROKES.feedback, STROKES.target} <= used
+
+
+def test_a_short_change_of_the_target_is_drawn_in_any_column() -> None:
+    for column in range(1, 39):
+        asked = {0: (0, 0), column: (0, 900), column + 1: (0, 0)}
+        assert _drawn(_curves({}, asked))[0][8 + column // 2] != " "
+
+
+@pytest.mark.parametrize(("width", "texts"), [(60, 3), (30, 3), (24, 2), (16, 1), (9, 0)])
+def test_the_time_axis_has_what_fits(width: int, texts: int) -> None:
+    axis = time_axis(width, "10 s", "5 s", "now", Style()).plain
+    found = [text for text in ("╵-10 s", "╵-5 s", "now╵") if text in axis]
+    assert len(found) == texts
+    assert cell_len(axis) == width
+    if texts == 3:
+        assert axis.index("╵-5 s") == 8 + (width - 8) // 2
 
 
 def test_what_is_told_is_held_for_a_second_and_what_is_asked_until_something_else_is() -> None:
@@ -777,7 +835,7 @@ def test_what_is_told_is_held_for_a_second_and_what_is_asked_until_something_els
     assert told[:5].strip()
     assert not told[6:].strip()
     asked = _drawn(_curves({}, {0: (5, 5)}))[2][8:]
-    assert asked[-2:].strip()
+    assert asked[-4:].strip()
     ended = _drawn(_curves({}, {0: (5, 5)}, otherwise=[20]))[2][8:]
     assert ended[8:10].strip()
     assert not ended[10:].strip()
@@ -797,7 +855,7 @@ def test_the_line_and_the_dots_differ_without_colour() -> None:
         for text in (told, asked)
     ]
     assert dots[0] == 40
-    assert 10 < dots[1] < 20
+    assert dots[1] == 20
 
 
 def test_a_target_of_another_mode_does_not_stand() -> None:
@@ -825,7 +883,7 @@ def test_each_dot_has_its_bit() -> None:
     for place, character in dots.items():
         canvas = Canvas(1, 1)
         canvas.dots[place] = True
-        assert canvas.lines == [character]
+        assert canvas.cells.tolist() == [[ord(character)]]
 
 
 @given(st.lists(st.tuples(st.floats(-9, 20), st.floats(0, 9)) | st.none(), min_size=6, max_size=6))
@@ -895,3 +953,78 @@ def test_a_sparkline_leaves_a_cell_empty_only_where_there_is_nothing(
     assert (line.strip() == "") == (not any(values) or width == 0)
     if line and any(values):
         assert "█" in line
+
+
+def divider(app: SniffApp) -> Pane:
+    return next(pane for pane in app.query(Pane) if pane.display)
+
+
+async def drag(app: SniffApp, pilot: Pilot[None], to: tuple[int, int]) -> None:
+    """Drag the first cell of the pane's border."""
+    await pilot.mouse_down(offset=divider(app).region.offset)
+    await pilot.hover(offset=to)
+    await pilot.mouse_up(offset=to)
+    await settle(app, pilot)
+
+
+def test_the_divider_stays_where_it_is_dragged(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(feedback_rows(400))
+        await press(app, pilot, "M")
+        await settle(app, pilot)
+        await drag(app, pilot, (10, 12))
+        assert divider(app).region.y == pytest.approx(12, abs=1)
+        assert app.choices.panes == PaneLayout(height=round((22 - 12) * 100 / 21))
+        await press(app, pilot, "S")
+        await settle(app, pilot)
+        assert divider(app).region.y == pytest.approx(12, abs=1)
+        await drag(app, pilot, (10, 0))
+        assert table(app).size.height >= 3
+        assert app.choices.panes == PaneLayout(height=SHARES[-1])
+        await press(app, pilot, "minus", "plus", "minus")
+        assert SHARES[0] < (app.choices.panes.height or 0) < SHARES[-1]
+        await pilot.click(offset=divider(app).region.offset, times=2)
+        await settle(app, pilot)
+        assert app.choices.panes == PaneLayout()
+
+    play(feed, scenario)
+
+
+def test_a_wide_terminal_has_the_pane_beside_the_table(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        feed.give(feedback_rows(400))
+        await press(app, pilot, "i", "L")
+        await settle(app, pilot)
+        pane = divider(app)
+        assert pane.region.y == app.query_one(TableHeader).region.y
+        assert pane.region.x == table(app).region.right
+        assert "byte by byte" in page(app)
+        await drag(app, pilot, (120, 10))
+        assert pane.region.x == pytest.approx(120, abs=1)
+        assert app.choices.panes == PaneLayout(beside=True, width=40)
+        await pilot.resize_terminal(100, 30)
+        await settle(app, pilot)
+        assert pane.region.x == 0
+        assert pane.region.y > 10
+
+    play(feed, scenario, (200, 40))
+
+
+def test_the_panes_begin_where_they_were(feed: Any) -> None:
+    layout = PaneLayout(beside=True, width=30)
+
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "S")
+        await settle(app, pilot)
+        assert divider(app).region.x == pytest.approx(140, abs=1)
+
+    play(feed, scenario, (200, 40), options=StartOptions(choices=Choices(panes=layout)))
+
+
+def test_a_narrow_terminal_says_from_which_width_a_pane_is_beside(feed: Any) -> None:
+    async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
+        await press(app, pilot, "M", "L")
+        assert "from 160 columns on" in page(app)
+        assert app.choices.panes == PaneLayout()
+
+    play(feed, scenario, (159, 40))

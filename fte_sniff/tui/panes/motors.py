@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from typing import Final
@@ -17,7 +17,15 @@ from fte_sniff.formats.cell_text import UNKNOWN, clock_text, padded, rate_text
 from fte_sniff.protocol import KINDS, MOTORS, VALUE_FIELDS, Direction, Field, FrameKind, Status
 from fte_sniff.tui.i18n import _, later
 from fte_sniff.tui.panes.pane import Pane, PaneContext
-from fte_sniff.tui.panes.plot import Curves, PlotStyles, dots_across, plot
+from fte_sniff.tui.panes.plot import (
+    Curves,
+    PlotStyles,
+    dots_across,
+    fine_columns,
+    has_values,
+    plot,
+    time_axis,
+)
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import first_fitting, span_text, turns_text
 
@@ -44,6 +52,10 @@ class MotorsView:
     """Time span of the plots."""
     line_setup: LineSetup
     zone: tzinfo = UTC
+    end: str = ""
+    """Text at the end of the time axis."""
+    full_range: bool = False
+    """Whether the plots show outliers too."""
 
     @property
     def window(self) -> tuple[int, int]:
@@ -121,6 +133,9 @@ TEXT_LINES: Final = 5
 PLOT_LINES: Final = 2
 """Lines of the smallest plot."""
 
+LEAST_DOTS: Final = 10
+"""Columns of dots of the smallest plot beside another."""
+
 STALE_NS: Final = SECOND_NS
 """Age from which on a value is shown with its age."""
 
@@ -160,18 +175,43 @@ class MotorCard:
         return lines
 
     def plots(self, height: int, width: int) -> list[Text]:
-        """Both quantities on a tall card, else that of the motor's mode."""
+        """What the motor has values of in the window, above each other or side by side."""
         if height < 1 or dots_across(width) < 1 or self.view.now_ns is None:
             return []
-        if height < len(QUANTITIES) * (PLOT_LINES + 2):
-            return self._plot(self._quantity, height, width, _FIELD[self._quantity].unit)
+        fine = {name: self._curves(name, width) for name in QUANTITIES}
+        shown = {name: curves for name, curves in fine.items() if has_values(curves)}
+        shown = shown or {self._quantity: fine[self._quantity]}
+        if len(shown) > 1 and height < len(shown) * (PLOT_LINES + 1) + 1:
+            return self._side_by_side(shown, height, width)
+        return self._stacked(shown, height, width)
+
+    def _stacked(self, shown: Mapping[str, Curves], height: int, width: int) -> list[Text]:
+        """Plots above each other, with one time axis."""
+        names = list(shown)
+        axis = [self._axis(width)] if height > PLOT_LINES * len(names) else []
         lines: list[Text] = []
-        for number, name in enumerate(QUANTITIES):
-            each = (height - len(lines)) // (len(QUANTITIES) - number)
-            caption = CAPTION.format(kind=_KIND[name].name, unit=_FIELD[name].unit)
-            lines.append(Text(caption, style=self.palette.muted))
-            lines += self._plot(name, each - 1, width)
-        return lines
+        for number, name in enumerate(names):
+            each = (height - len(axis) - len(lines)) // (len(names) - number)
+            caption = [self._caption(name)] if len(names) > 1 and each > PLOT_LINES else []
+            lines += caption
+            lines += self._plot(name, shown[name], each - len(caption), width, not caption)
+        return lines + axis
+
+    def _side_by_side(self, shown: Mapping[str, Curves], height: int, width: int) -> list[Text]:
+        each = (width + 1) // len(shown) - 1
+        if dots_across(each) < LEAST_DOTS:
+            name = self._quantity if self._quantity in shown else next(iter(shown))
+            return self._stacked({name: shown[name]}, height, width)
+        plots = (self._stacked({name: self._curves(name, each)}, height, each) for name in shown)
+        return [Text(" ").join(parts) for parts in zip(*plots, strict=True)]
+
+    def _caption(self, name: str) -> Text:
+        text = CAPTION.format(kind=_KIND[name].name, unit=_FIELD[name].unit)
+        return Text(text, style=self.palette.muted)
+
+    def _axis(self, width: int) -> Text:
+        span, half = span_text(self.view.window_ns), span_text(self.view.window_ns / 2)
+        return time_axis(width, span, half, self.view.end, self.palette.muted)
 
     def _text(self, width: int, tall: bool) -> Iterator[Text]:
         yield self._title(width)
@@ -307,11 +347,14 @@ class MotorCard:
         names = [name for name in QUANTITIES if name in present]
         return max(names, key=lambda name: present[name].t_ns or 0, default=QUANTITIES[0])
 
-    def _plot(self, name: str, height: int, width: int, unit: str = "") -> list[Text]:
-        curves = self.view.curves(self.state, name, dots_across(width))
+    def _curves(self, name: str, width: int) -> Curves:
+        return self.view.curves(self.state, name, fine_columns(width))
+
+    def _plot(self, name: str, curves: Curves, height: int, width: int, unit: bool) -> list[Text]:
         feedback = Style(color=self.palette.kinds[_KIND[name].name].color)
-        styles = PlotStyles(feedback, self.palette.target, self.palette.muted)
-        return plot(curves, styles, width, height, unit)
+        styles = PlotStyles(feedback, self.palette.target, self.palette.muted, self.palette.raised)
+        text, full_range = _FIELD[name].unit if unit else "", self.view.full_range
+        return plot(curves, styles, width, height, text, full_range=full_range)
 
 
 def _changes(flags: Flags) -> list[tuple[int, int]]:
@@ -327,10 +370,12 @@ def _by_importance(kind: FrameKind) -> list[Field]:
     return sorted(kind.fields, key=lambda field: field.name != kind.subject)
 
 
-TITLE: Final = later("motors, {span}: line now, dots target")
+TITLE: Final = later("motors, {span}: line actual, dashes target")
+TITLE_FULL: Final = later("motors, {span}, full range: line actual, dashes target")
+END: Final = later("now")
 AS_OF: Final = later("as of row {row:,}, {time} - G: end")
 AS_OF_ROW: Final = later("as of row {row:,} - G: end")
-HINT: Final = later("z Z: time   J K: scroll   esc: close")
+HINT: Final = later("z Z: time   r: range   J K: scroll   esc: close")
 BEHIND: Final = later("reading: {rows:,} rows to go")
 
 FOUR_COLUMNS: Final = 160
@@ -399,6 +444,7 @@ class MotorsPane(Pane):
     def __init__(self) -> None:
         super().__init__()
         self._window = DEFAULT_WINDOW
+        self._full_range = False
         self._past: tuple[int, int, Motors, Traces] | None = None
         """State at the index of a row, with traces over a time span."""
 
@@ -406,9 +452,14 @@ class MotorsPane(Pane):
         """Plot a longer (`by` 1) or shorter (-1) time span."""
         self._window = min(max(0, self._window + by), len(WINDOWS_NS) - 1)
 
+    def switch_range(self) -> None:
+        """Plot outliers too, or leave them out."""
+        self._full_range = not self._full_range
+
     def draw(self, context: PaneContext) -> None:
         """Draw the motors as they were at the cursor's row."""
-        title = _(TITLE).format(span=span_text(WINDOWS_NS[self._window]))
+        title = _(TITLE_FULL if self._full_range else TITLE)
+        title = title.format(span=span_text(WINDOWS_NS[self._window]))
         as_of = _as_of(context)
         self.set_title(*((f"{title}   {as_of}", as_of) if as_of else (title,)))
         view = self._view(context)
@@ -431,6 +482,17 @@ class MotorsPane(Pane):
                     return None
                 since_ns = (now_ns or 0) - window_ns
                 self._past = (*wanted, past, models.traces_at(context.index, since_ns))
-            *_, motors, traces = self._past
-        states = tuple(motors.states(now_ns))
-        return MotorsView(states, traces, now_ns, window_ns, context.line_setup, context.zone)
+            motors, traces = self._past[2:]
+        end = _(END)
+        if _as_of(context):
+            end = clock_text(now_ns or 0, 3, context.zone)
+        return MotorsView(
+            tuple(motors.states(now_ns)),
+            traces,
+            now_ns,
+            window_ns,
+            context.line_setup,
+            context.zone,
+            end,
+            self._full_range,
+        )

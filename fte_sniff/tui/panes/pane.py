@@ -1,17 +1,21 @@
-"""Base class of the panes, and the context that they draw."""
+"""Base class of the panes, the context that they draw, and where they are on the screen."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from datetime import tzinfo
-from typing import ClassVar, ParamSpec
+from typing import ClassVar, Final, ParamSpec
 
 from rich.text import Text
+from textual import on
 from textual.app import ComposeResult
-from textual.containers import VerticalScroll
-from textual.geometry import Size
+from textual.containers import Container, VerticalScroll
+from textual.events import Click, MouseDown, MouseMove, MouseUp
+from textual.geometry import Offset, Size
+from textual.message import Message
+from textual.widget import Widget
 from textual.widgets import Static
 
 from fte_sniff.analysis.live_models import LiveModels
@@ -19,6 +23,7 @@ from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import Row
 from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.options import SHARES, PaneLayout
 from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import first_fitting
 
@@ -54,7 +59,23 @@ class PaneContext:
 
 
 class Pane(VerticalScroll, can_focus=False):
-    """A page below the table; keys and the mouse wheel scroll it."""
+    """A page below or beside the table; keys and the mouse wheel scroll it.
+
+    Its border is the divider, which the mouse drags. Textual has no splitter (8.2).
+    """
+
+    class Dragged(Message):
+        """The divider was dragged to a place on the screen."""
+
+        def __init__(self, to: Offset) -> None:
+            super().__init__()
+            self.to = to
+
+    class Reset(Message):
+        """The divider was double-clicked."""
+
+    class Resized(Message):
+        """The page has another size."""
 
     NAME: ClassVar[str]
     """Name in the action of its key: `pane('motors')`."""
@@ -78,6 +99,42 @@ class Pane(VerticalScroll, can_focus=False):
         """The page."""
         yield self._page
 
+    def _is_divider(self, offset: Offset) -> bool:
+        gutter = self.gutter
+        return offset.x < gutter.left or (offset.y < gutter.top and not gutter.left)
+
+    def on_mouse_down(self, event: MouseDown) -> None:
+        """Begin to drag the divider."""
+        if self._is_divider(event.offset):
+            event.stop()
+            self.capture_mouse()
+
+    def on_mouse_move(self, event: MouseMove) -> None:
+        """Drag the divider."""
+        dragging = self.app.mouse_captured is self
+        self.set_class(dragging or self._is_divider(event.offset), "-grip")
+        if dragging:
+            self.post_message(self.Dragged(event.screen_offset))
+
+    def on_mouse_up(self, event: MouseUp) -> None:
+        """End the drag."""
+        if self.app.mouse_captured is self:
+            event.stop()
+            self.release_mouse()
+
+    def on_click(self, event: Click) -> None:
+        """Reset the divider after a double click."""
+        if event.chain == 2 and self._is_divider(event.offset):
+            self.post_message(self.Reset())
+
+    def on_leave(self) -> None:
+        """Highlight the divider no more."""
+        self.remove_class("-grip")
+
+    def on_resize(self) -> None:
+        """Post the message."""
+        self.post_message(self.Resized())
+
     @abstractmethod
     def draw(self, context: PaneContext) -> None:
         """Draw the context with `set_title` and `set_page`."""
@@ -88,6 +145,9 @@ class Pane(VerticalScroll, can_focus=False):
     def forget_texts(self) -> None:
         """Draw everything anew the next time."""
         self._wanted, self._drawn = (), None
+
+    def switch_range(self) -> None:
+        """Show outliers, or leave them out, in panes with plots."""
 
     @property
     def page_size(self) -> Size:
@@ -120,3 +180,77 @@ class Pane(VerticalScroll, can_focus=False):
         if page != self._drawn or page.spans != (self._drawn and self._drawn.spans):
             self._drawn = page
             self._page.update(page)
+
+
+BESIDE_CELLS: Final = 160
+"""Cells of the terminal from which on a pane can be beside the table."""
+
+STEP_SHARE: Final = 5
+"""By how much a key moves the divider, percent."""
+
+
+class Body(Container):
+    """The table, and the open pane below or beside it."""
+
+    def __init__(self, main: Widget, panes: Iterable[Pane], layout: PaneLayout) -> None:
+        super().__init__(id="body")
+        self._main, self._panes = main, list(panes)
+        self.pane_layout = layout
+
+    def compose(self) -> ComposeResult:
+        """The main part and the panes, of which at most one is displayed."""
+        yield self._main
+        yield from self._panes
+
+    def set_pane_layout(self, layout: PaneLayout) -> None:
+        """Apply another layout."""
+        self.pane_layout = layout
+        self.on_resize()
+
+    @property
+    def can_be_beside(self) -> bool:
+        """Whether the terminal is wide enough for a pane beside the table."""
+        return self.app.size.width >= BESIDE_CELLS
+
+    @property
+    def _beside(self) -> bool:
+        return self.pane_layout.beside and self.can_be_beside
+
+    def on_resize(self) -> None:
+        """Place the panes."""
+        layout, beside = self.pane_layout, self._beside
+        self.set_class(beside, "-beside")
+        share = layout.width if beside else layout.height
+        self.set_class(share is not None, "-divided")
+        for pane in self._panes:
+            pane.styles.width = None if share is None or not beside else f"{share}%"
+            pane.styles.height = None if share is None or beside else f"{share}%"
+
+    @on(Pane.Dragged)
+    def _on_dragged(self, event: Pane.Dragged) -> None:
+        region = self.region
+        if self._beside:
+            self._divide(round((region.right - event.to.x) * 100 / region.width))
+        else:
+            self._divide(round((region.bottom - event.to.y) * 100 / region.height))
+
+    def _divide(self, share: int | None) -> None:
+        if share is not None:
+            share = min(max(share, SHARES.start), SHARES.stop - 1)
+        layout = self.pane_layout
+        if self._beside:
+            self.set_pane_layout(replace(layout, width=share))
+        else:
+            self.set_pane_layout(replace(layout, height=share))
+
+    @on(Pane.Reset)
+    def _on_reset(self) -> None:
+        self._divide(None)
+
+    def grow(self, by: int) -> None:
+        """Make the open pane larger (`by` 1) or smaller (-1)."""
+        pane = next((pane for pane in self._panes if pane.display), None)
+        if pane is not None and self.size:
+            size, whole = pane.outer_size, self.size
+            part = size.width / whole.width if self._beside else size.height / whole.height
+            self._divide(round(part * 100) + by * STEP_SHARE)

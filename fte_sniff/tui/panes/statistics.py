@@ -53,6 +53,7 @@ ROWS: Final = later("rows")
 PER_CELL: Final = later("over time, from {start} to {end}")
 NO_ROWS: Final = later("nothing came")
 NO_TIMES: Final = later("  these rows have no times: no rates, no silences")
+RAISED: Final = later("ERROR was set or ONLINE missing: motor {motors}; details at the end")
 BEHIND: Final = later("reading: {rows:,} rows to go")
 MISSED: Final = later("{rows:,} rows came too fast to be counted here")
 
@@ -130,20 +131,30 @@ class StatisticsPage:
             return
         raised = [_(text) for text in flag_texts(models.flags.stats(), self._when, in_order=True)]
         if raised:
-            # A motor with an error is on top, so that nobody has to scroll to it.
-            for line in raised:
-                mark = (RAISED_MARK, self.palette.raised_mark)
-                yield Text.assemble(mark, " ", (line, self.palette.raised))
-            yield Text()
+            # One line on top, so that nobody has to scroll to an error, or past errors.
+            yield self._raised(_(RAISED).format(motors=self._raised_motors))
         for port in ports:
             yield from self._port(port)
             of_port = [stream for stream in streams if stream.port == port.port]
             if of_port:
                 yield from self._streams(of_port)
+            yield from self._quiet(port)
             yield Text()
         yield from self._faults()
-        if not raised and any(one.kind.direction is Direction.FEEDBACK for one in streams):
+        if raised:
+            yield Text()
+            yield from map(self._raised, raised)
+        elif any(one.kind.direction is Direction.FEEDBACK for one in streams):
             yield Text(_(FLAGS_IN_ORDER))
+
+    def _raised(self, line: str) -> Text:
+        mark = (RAISED_MARK, self.palette.raised_mark)
+        return Text.assemble(mark, " ", (line, self.palette.raised))
+
+    @property
+    def _raised_motors(self) -> str:
+        flags = self.models.flags.stats()
+        return ", ".join(f"{one.motor}" for one in flags if one.error_bits or one.offline.rows)
 
     def _port(self, port: PortStats) -> Iterator[Text]:
         rows = _(PORT_ROWS).format(rows=port.rows, bytes=port.bytes)
@@ -154,6 +165,10 @@ class StatisticsPage:
         else:
             yield Text(_(PORT_USE).format(share=share_text(port.share), baud=port.baud))
             yield self._use_over_time(port.share_over_time)
+
+    def _quiet(self, port: PortStats) -> Iterator[Text]:
+        """Silences and events."""
+        if port.share is not None:
             yield from self._silences(port.silences)
         if port.events:
             events = (
@@ -170,7 +185,7 @@ class StatisticsPage:
 
     def _use_over_time(self, use: TimeSeries) -> Text:
         label = _(PORT_USE_OVER_TIME).format(most=share_text(max(use.values, default=0.0))) + " "
-        line = sparkline(use.values, self.width - cell_len(label))
+        line = sparkline(use.values, self.width - cell_len(label), full=1)
         return Text.assemble(label, (line, Style(color=self.palette.kinds["speed"].color)))
 
     def _silences(self, silences: Durations) -> Iterator[Text]:

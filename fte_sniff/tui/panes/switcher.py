@@ -95,6 +95,12 @@ class PaneSwitcher:
             self._open.zoom(by)
             self.redraw()
 
+    def switch_range(self) -> None:
+        """Show outliers, or leave them out, in the open pane."""
+        if self._open is not None:
+            self._open.switch_range()
+            self.redraw()
+
     def scroll(self, by: int) -> None:
         """Scroll the open pane by lines."""
         if self._open is not None:
