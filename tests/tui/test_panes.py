@@ -779,7 +779,7 @@ def test_in_the_full_range_a_spike_of_one_column_is_seen_from_top_to_bottom() ->
     assert lines[-1].startswith("      0 ")
 
 
-@pytest.mark.parametrize("wave", [0, 1, 20], ids=["flat", "little", "high"])
+@pytest.mark.parametrize("wave", [0, 20], ids=["flat", "wave"])
 @pytest.mark.parametrize("spike", [30, 1000, 2**30, -5, -(2**30)])
 def test_an_outlier_is_a_marker_at_the_edge_and_all_else_stays(wave: int, spike: int) -> None:
     calm = {n: (n % 10 * wave, n % 10 * wave) for n in range(40)}
