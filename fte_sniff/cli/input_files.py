@@ -35,8 +35,6 @@ from fte_sniff.formats.input_kind import (
     raw_chunks,
     raw_stream_chunks,
 )
-from fte_sniff.formats.logs.clock import day_of, zone_of
-from fte_sniff.formats.logs.reader import LogOptions, LogReader, pattern_of
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.session.input_reading import InputReading
 from fte_sniff.session.inputs import (
@@ -50,6 +48,7 @@ from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.formats.logs.reader import LogOptions
     from fte_sniff.session.file_jobs import FileJob, Model
 
 STDIN = Path("-")
@@ -155,9 +154,18 @@ class InputQuery:
 
     def log_options(self) -> LogOptions:
         """The options of a log; raises InputTextError if one is invalid."""
+        from fte_sniff.formats.logs.clock import day_of
+        from fte_sniff.formats.logs.reader import LogOptions, pattern_of
+
         day = None if self.day is None else day_of(self.day)
         pattern = None if self.pattern is None else pattern_of(self.pattern)
         return LogOptions(day, self.zone_given(), self.start_ns(), self.log_form, pattern)
+
+    def _check_log_options(self) -> None:
+        """Raise InputTextError if a given option is invalid, even if no log is read."""
+        given = self.day, self.zone, self.start, self.log_form, self.pattern
+        if any(one is not None for one in given):
+            self.log_options()
 
     def start_ns(self) -> int | None:
         """The time of `--start`, nanoseconds since 1970 UTC, or None; raises InputTextError."""
@@ -181,7 +189,11 @@ class InputQuery:
 
     def zone_given(self) -> tzinfo | None:
         """The zone of `--zone`, or None; raises InputTextError if there is no such zone."""
-        return None if self.zone is None else zone_of(self.zone)
+        if self.zone is None:
+            return None
+        from fte_sniff.formats.logs.clock import zone_of
+
+        return zone_of(self.zone)
 
     def row_filter(self) -> RowFilter | None:
         """The compiled filter; raises FilterError."""
@@ -208,7 +220,7 @@ class InputQuery:
             UsageError: the content of a file is unknown, or does not fit the options.
             InputTextError: a time, date or zone is invalid.
         """
-        self.log_options()  # an invalid option is an error even if no log is read
+        self._check_log_options()
         inputs: list[Input] = []
         unreadable: list[FileError] = []
         progress = progress or Progress()
@@ -233,7 +245,7 @@ class InputQuery:
         """
         from fte_sniff.session.file_jobs import FileJob
 
-        self.log_options()
+        self._check_log_options()
         wanted = self.row_filter()
         opened = partial(_opened, query=replace(self, files=()))
         found: list[tuple[int | None, FileJob[Model]]] = []
@@ -298,6 +310,8 @@ def _opened(path: Path, query: InputQuery) -> Input:
     if chosen is InputKind.RAW:
         chunks = clocked(raw_chunks(path), query.start_ns())
         return LogInput(chunks, str(path), first_ns=query.start_ns)
+    from fte_sniff.formats.logs.reader import LogReader
+
     return LogInput(LogReader(str(path), query.log_options()), str(path))
 
 
@@ -328,4 +342,6 @@ def _stdin(query: InputQuery) -> Input:
     if chosen is InputKind.RAW:
         chunks = clocked(raw_stream_chunks(stream, STDIN_NAME), query.start_ns())
         return LogInput(chunks, STDIN_NAME, lambda: True)
+    from fte_sniff.formats.logs.reader import LogReader
+
     return LogInput(LogReader(STDIN_NAME, query.log_options(), stream), STDIN_NAME)

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import IO, BinaryIO
 
 from fte_sniff.errors import UsageError, unreadable
-from fte_sniff.formats.logs.text import looks_like_text
 from fte_sniff.protocol import DEFAULT_BAUD, Chunk, byte_time_ns
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -64,6 +63,8 @@ def kind_of_content(first: bytes) -> InputKind:
     """Guess the format of a stream by its first bytes: text is hex, anything else raw bytes."""
     if first.startswith(MCAP_MAGIC):
         return InputKind.MCAP
+    from fte_sniff.formats.logs.text import looks_like_text
+
     return InputKind.HEX if looks_like_text(first) else InputKind.RAW
 
 

@@ -13,7 +13,6 @@ from typing import IO, TYPE_CHECKING, Final
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import FileError, FteSniffError, UsageError
-from fte_sniff.formats.logs.reader import LogReader
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     Chunk,
@@ -29,6 +28,7 @@ from fte_sniff.session.progress import size_of
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.formats.logs.reader import LogReader
     from fte_sniff.recording.batch_reader import TimeRange
     from fte_sniff.recording.metadata import Part, PortFacts, Selection
     from fte_sniff.recording.reader import RecordingReader
@@ -384,15 +384,19 @@ class LogInput(Input):
             first_ns: the time of the first chunk; may read it separately.
         """
         super().__init__(name)
-        self._source, self._drained, self._first_ns = source, drained, first_ns
+        from fte_sniff.formats.logs.reader import LogReader
+
+        self._drained, self._first_ns = drained, first_ns
+        self._log = source if isinstance(source, LogReader) else None
+        self._chunks = () if isinstance(source, LogReader) else source
         self.size = size_of(Path(name))
 
     @property
     def first_ns(self) -> int | None:
         """The time of the first row that has one; reads the start of a text log."""
         try:
-            if isinstance(self._source, LogReader):
-                return self._source.first_ns
+            if self._log is not None:
+                return self._log.first_ns
             return self._first_ns()
         except FteSniffError:
             return None  # raised again by `batches`
@@ -400,32 +404,32 @@ class LogInput(Input):
     @property
     def times(self) -> tuple[int, int] | None:
         """Those of a text log, which is read for them; raw bytes have none."""
-        return self._source.times if isinstance(self._source, LogReader) else None
+        return None if self._log is None else self._log.times
 
     @property
     def ports(self) -> Sequence[PortFacts]:
         """One port, named like the input; those of a text log as its first lines show them."""
         from fte_sniff.recording.metadata import PortFacts
 
-        names = self._source.ports if isinstance(self._source, LogReader) else [self.name]
+        names = [self.name] if self._log is None else self._log.ports
         return [PortFacts(name) for name in names]
 
     def explain(self) -> list[str]:
         """Where a text log has its bytes, times and directions, one line each."""
-        return self._source.explain() if isinstance(self._source, LogReader) else ["raw bytes"]
+        return ["raw bytes"] if self._log is None else self._log.explain()
 
     def batches(
         self, span: TimeRange | None, note: Note, open_inputs: int = 0
     ) -> Iterator[InputBatch]:
         """Read its rows; see `Input`. They are yielded at once if the next chunk is waited for."""
-        if isinstance(self._source, LogReader):
-            rows = self._source.rows(note)
+        if self._log is not None:
+            rows = self._log.rows(note)
         else:
-            chunks = self._counted(self._source)
+            chunks = self._counted(self._chunks)
             rows = rows_of_spans(decided_spans(chunks, self.name, note, self._drained))
         for found in rows if span is None else self._within(span, rows, note):
-            if isinstance(self._source, LogReader):
-                self.position = self._source.position
+            if self._log is not None:
+                self.position = self._log.position
             yield InputBatch(found)
 
     def _counted(self, chunks: Iterable[Chunk]) -> Iterator[Chunk]:

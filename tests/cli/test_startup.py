@@ -15,15 +15,18 @@ from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM
 from tests.cli.terminals import terminal
 
+CLEAN = str(SAMPLES / "clean.mcap")
 HEAVY = ("numpy", "polars", "textual", "asyncio", "mcap", "google.protobuf", "rich", "serial")
 
 
-def _heavy_modules(environment: dict[str, str], arguments: list[str]) -> tuple[str, str]:
+def _heavy_modules(
+    environment: dict[str, str], arguments: list[str], heavy: tuple[str, ...] = HEAVY
+) -> tuple[str, str]:
     """What a command prints, and the heavy modules that it has loaded."""
     program = (
         "import sys\nfrom fte_sniff.cli import main\n"
         f"try: main({arguments!r})\nexcept SystemExit as end: assert not end.code\n"
-        f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)"
+        f"print([name for name in {heavy!r} if name in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
@@ -58,6 +61,12 @@ def test_a_file_is_replaced_without_loading_what_recordings_need(
     arguments = ["decode", str(SAMPLES / "clean.raw"), "-o", str(output), "--force"]
     assert _heavy_modules(environment, arguments)[1] == "[]"
     assert output.stat().st_size
+
+
+def test_a_recording_is_read_without_loading_what_logs_need(environment: dict[str, str]) -> None:
+    """Logs need many regular expressions."""
+    logs = ("fte_sniff.formats.logs",)
+    assert _heavy_modules(environment, ["decode", CLEAN, "--limit", "1"], logs)[1] == "[]"
 
 
 @pytest.mark.parametrize(
@@ -102,9 +111,6 @@ def test_version_names_the_framer_and_every_library(run) -> None:
     )
     for name in ("Python", "click", "mcap", "polars", "pyserial", "textual"):
         assert re.search(rf"\b{name} \d+\.", lines[1])
-
-
-CLEAN = str(SAMPLES / "clean.mcap")
 
 
 @pytest.mark.parametrize(
