@@ -163,6 +163,7 @@ def _one_line(error: click.ClickException) -> str:
         near = [option for option in known if get_close_matches(option.lstrip("-"), given)]
         error = click.NoSuchOption(error.option_name, possibilities=near, ctx=error.ctx)
     message = " ".join(error.format_message().split())
+    message = message.replace("a valid integer range", "a whole number")  # click's name of a type
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else PROGRAM
     return f"{message.rstrip('.')}; see '{path} --help'"

@@ -282,3 +282,8 @@ def test_a_folder_is_nothing_to_repair(run) -> None:
     done = run("repair", ".")
     assert done.returncode == 4
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("given", ["x", "1.5", ""])
+def test_a_number_that_is_none_is_said_in_plain_words(run, given: str) -> None:
+    refused(run("decode", "x.mcap", "--limit", given), 2, f"'{given}' is not a whole number")
