@@ -4,19 +4,24 @@
 2026-01-31 12:00, 2026-01-31 shorter forms: a date alone is its midnight
 12:00:05.25, 12:00+08:00     a time of day, UTC or with a zone
 10s, 1m30s, 250ms, 1.5h      a duration: h, m or min, s, ms, us, ns
++08:00, +8, Asia/Shanghai    a zone
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
 from decimal import Decimal
 from typing import Final
+
+from fte_sniff.errors import InputTextError, quoted
 
 SECOND_NS: Final = 1_000_000_000
 DAY_NS: Final = 86_400 * SECOND_NS
 
+_YEARS: Final = range(1970, 2263)
+"""Of times that 64 bits hold, nanoseconds since 1970."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO: Final = re.compile(
     r"([0-9]{4}-[0-9]{2}-[0-9]{2})"
@@ -25,6 +30,7 @@ _ISO: Final = re.compile(
 _CLOCK: Final = re.compile(
     r"([0-9]{1,2}:[0-9]{2})(?:(:[0-9]{2})(?:\.([0-9]{1,9}))?)?\ ?(Z|[+-][0-9]{2}:?[0-9]{2})?"
 )
+_ZONE: Final = r"([+-])([01]?[0-9]|2[0-3])(?::?([0-5][0-9]))?"
 _UNITS: Final = {
     "ms": SECOND_NS // 1000,
     "us": 1000,
@@ -101,6 +107,44 @@ def duration_ns(text: str) -> int | None:
         return None
     parts = _PARTS.findall(text)
     return sum(int(Decimal(number) * _UNITS[unit.lower()]) for number, unit in parts)
+
+
+def day_of(text: str) -> date:
+    """The day that `--date` names.
+
+    Raises:
+        InputTextError: it is none.
+    """
+    try:
+        day = date.fromisoformat(text.strip())
+    except ValueError:
+        raise InputTextError(f"--date: {quoted(text)} is no day; write it as 2026-01-31") from None
+    if day.year not in _YEARS:
+        raise InputTextError(
+            f"--date: {day} cannot be kept; times go from {_YEARS.start} to {_YEARS[-1]}"
+        )
+    return day
+
+
+def zone_of(text: str) -> tzinfo:
+    """The zone that `--zone` names: `+08:00`, `+8`, `UTC`, or as `Asia/Shanghai`.
+
+    Raises:
+        InputTextError: it is none.
+    """
+    name = text.strip()
+    if offset := re.fullmatch(_ZONE, name, re.ASCII):
+        sign, hours, minutes = offset.groups()
+        east = timedelta(hours=int(hours), minutes=int(minutes or 0))
+        return timezone(-east if sign == "-" else east)
+    try:
+        from zoneinfo import ZoneInfo
+
+        return UTC if name.upper() in ("UTC", "Z") else ZoneInfo(name)
+    except (ValueError, OSError, KeyError):
+        raise InputTextError(
+            f"--zone: {quoted(text)} is no zone; write +08:00, UTC, or a name as Asia/Shanghai"
+        ) from None
 
 
 def _date_of(t_ns: int, zone: tzinfo) -> date:

@@ -53,6 +53,6 @@ def command(
     wanted = read_rules(rules, expectations)
     from fte_sniff.analysis.verdicts import RuleCheck
 
-    check, measured = measure(query, partial(RuleCheck, wanted), None, jobs, cluster)
+    check, measured = measure(query, partial(RuleCheck, wanted), jobs, cluster)
     print_verdicts(check, form, [str(error) for error in measured.reading.unreadable])
     measured.finish(refused=any(one.refuses for one in check.verdicts()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 from collections.abc import Callable, Sequence
@@ -15,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fte_sniff.analysis.time_text import time_ns
+from fte_sniff.analysis.time_text import day_of, time_ns, zone_of
 from fte_sniff.cli.completion import files_with
 from fte_sniff.cli.options import (
     FileName,
     all_of,
     filter_option,
+    line_speed_option,
     row_filter,
     span_options,
     time_range,
@@ -92,7 +94,7 @@ _OPTIONS = all_of(
         "--start",
         metavar="TIME",
         help="When the seconds of a log, or bytes without times, began, such as"
-        f" 2026-01-31T12:00:00Z; bytes without times follow each other at {DEFAULT_BAUD} bits/s.",
+        " 2026-01-31T12:00:00Z; bytes without times follow each other at the baud.",
     ),
     click.option(
         "--form",
@@ -110,6 +112,7 @@ _OPTIONS = all_of(
     click.option(
         "--explain", is_flag=True, help="Show where logs have bytes, times and directions; no rows."
     ),
+    line_speed_option,
     filter_option,
     span_options,
 )
@@ -145,6 +148,8 @@ class InputQuery:
     """The form in which a log writes bytes."""
     pattern: str | None = None
     """A regular expression for the lines of a log."""
+    baud: int | None = None
+    """Bits per second of every line; None for that of the recordings, else the default."""
     filter_text: str | None = None
     """A filter that the rows match; None for all."""
     since: str | None = None
@@ -154,12 +159,12 @@ class InputQuery:
 
     def log_options(self) -> LogOptions:
         """The options of a log; raises InputTextError if one is invalid."""
-        from fte_sniff.formats.logs.clock import day_of
-        from fte_sniff.formats.logs.reader import LogOptions, pattern_of
+        from fte_sniff.formats.logs.reader import LogOptions
 
         day = None if self.day is None else day_of(self.day)
-        pattern = None if self.pattern is None else pattern_of(self.pattern)
-        return LogOptions(day, self.zone_given(), self.start_ns(), self.log_form, pattern)
+        pattern = None if self.pattern is None else _pattern_of(self.pattern)
+        given = (day, self.zone_given(), self.start_ns(), self.log_form, pattern)
+        return LogOptions(*given, baud=self.baud or DEFAULT_BAUD)
 
     def _check_log_options(self) -> None:
         """Raise InputTextError if a given option is invalid, even if no log is read."""
@@ -191,7 +196,6 @@ class InputQuery:
         """The zone of `--zone`, or None; raises InputTextError if there is no such zone."""
         if self.zone is None:
             return None
-        from fte_sniff.formats.logs.clock import zone_of
 
         return zone_of(self.zone)
 
@@ -210,7 +214,6 @@ class InputQuery:
         self,
         row_filter: RowFilter | None,
         limit: int | None = None,
-        baud: int | None = None,
         progress: Progress | None = None,
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
@@ -234,10 +237,10 @@ class InputQuery:
             raise unreadable[0]
         times = (_times_of(one, progress) for one in inputs)
         span = time_range(self.since, self.until, times, self.zone_given())
-        return InputReading(inputs, span, row_filter, limit, baud, unreadable, progress)
+        return InputReading(inputs, span, row_filter, limit, self.baud, unreadable, progress)
 
     def jobs(
-        self, make_model: Callable[[], Model], baud: int | None, progress: Progress
+        self, make_model: Callable[[], Model], progress: Progress
     ) -> tuple[list[FileJob[Model]], InputReading]:
         """A job for each file, by first times, and a reading to which their results are added.
 
@@ -259,7 +262,9 @@ class InputQuery:
                 unreadable.append(error)
                 continue
             source = path if path.is_file() else one
-            job = FileJob(source, opened, make_model, None, self.filter_text, baud, size=one.size)
+            job = FileJob(
+                source, opened, make_model, None, self.filter_text, self.baud, size=one.size
+            )
             found.append((one.first_ns if len(paths) > 1 else None, job))
         if not found:
             raise unreadable[0]
@@ -268,12 +273,23 @@ class InputQuery:
         span = time_range(self.since, self.until, times, self.zone_given())
         jobs = [replace(job, span=span) for _, job in found]
         progress.expect([job.size for job in jobs])
-        return jobs, InputReading([], span, wanted, None, baud, unreadable, progress)
+        return jobs, InputReading([], span, wanted, None, self.baud, unreadable, progress)
 
 
 def _times_of(one: Input, progress: Progress) -> tuple[int, int] | None:
     progress.step = f"looking for the first and last time in {one.name}"
     return one.times
+
+
+def _pattern_of(text: str) -> re.Pattern[bytes]:
+    """The expression of `--input-regex`; raises InputTextError if it has no group `data`."""
+    try:
+        pattern = re.compile(text.encode())
+    except re.error as error:
+        raise InputTextError(f"--input-regex: {quoted(text)}: {error}") from None
+    if "data" not in pattern.groupindex:
+        raise InputTextError("--input-regex: needs a group for the bytes, (?P<data>...)")
+    return pattern
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
@@ -308,8 +324,8 @@ def _opened(path: Path, query: InputQuery) -> Input:
 
         return RecordingInput(RecordingReader(path))
     if chosen is InputKind.RAW:
-        chunks = clocked(raw_chunks(path), query.start_ns())
-        return LogInput(chunks, str(path), first_ns=query.start_ns)
+        chunks = clocked(raw_chunks(path), query.start_ns(), query.baud)
+        return LogInput(chunks, str(path), first_ns=query.start_ns, baud=query.baud)
     from fte_sniff.formats.logs.reader import LogReader
 
     return LogInput(LogReader(str(path), query.log_options()), str(path))
@@ -340,8 +356,8 @@ def _stdin(query: InputQuery) -> Input:
         except FileError as error:
             raise FileError(str(error).replace(file.name, STDIN_NAME)) from error
     if chosen is InputKind.RAW:
-        chunks = clocked(raw_stream_chunks(stream, STDIN_NAME), query.start_ns())
-        return LogInput(chunks, STDIN_NAME, lambda: True)
+        chunks = clocked(raw_stream_chunks(stream, STDIN_NAME), query.start_ns(), query.baud)
+        return LogInput(chunks, STDIN_NAME, lambda: True, baud=query.baud)
     from fte_sniff.formats.logs.reader import LogReader
 
     return LogInput(LogReader(STDIN_NAME, query.log_options(), stream), STDIN_NAME)

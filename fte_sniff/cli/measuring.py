@@ -129,11 +129,10 @@ class FilesMeasured:
 def measure(
     query: InputQuery,
     make_model: Callable[[], Model],
-    baud: int | None,
     jobs: int | None,
     cluster: str | None,
 ) -> tuple[Model, FilesMeasured]:
-    """Count all rows of the files; `baud` is that of every line, None for the files' own.
+    """Count all rows of the files.
 
     Raises:
         FileError: no file can be read, or the cluster cannot be reached.
@@ -147,7 +146,7 @@ def measure(
             raise UsageError("--jobs is for this machine; leave it out with --cluster")
         query = replace(query, files=tuple(_absolute(path) for path in query.files))
     with progress_line(reads_stdin=STDIN in query.files) as line:
-        todo, reading = query.jobs(make_model, baud, line.progress)
+        todo, reading = query.jobs(make_model, line.progress)
         merger, measured = FileMerger(make_model(), reading), FilesMeasured(reading, len(todo))
         with _executor(jobs or _default_jobs(todo), cluster) as (executor, waiting):
             try:

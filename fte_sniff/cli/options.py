@@ -333,7 +333,8 @@ line_speed_option = click.option(
     type=click.IntRange(min=1),
     help=f"Bits/s of every line; overrides the recording's.  [default: {DEFAULT_BAUD}]",
 )
-"""The `--baud` option of commands that read files; it overrides the baud of a recording."""
+"""The `--baud` option of commands that read files; it overrides the baud of a recording, and gives
+bytes without times a clock."""
 
 
 def line_setup(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
-from fte_sniff.cli.options import FileName, line_speed_option
+from fte_sniff.cli.options import FileName
 from fte_sniff.cli.output import exit_if_unreadable, explain_no_frames, print_notes
 from fte_sniff.cli.progress import progress_line
 from fte_sniff.cli.settings import lang_option, load_settings
@@ -32,11 +32,8 @@ _DELAY_BINS = 60
     "-o", "--output", type=FileName(), required=True, help="The HTML file, such as report.html."
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it exists.")
-@line_speed_option
 @lang_option
-def command(
-    query: InputQuery, output: Path, force: bool, baud: int | None, lang: str | None
-) -> None:
+def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> None:
     """Write a page about recordings, raw bytes or hex text; it needs no network.
 
     Per motor, target and actual speed and position over time with ERROR, ONLINE and commands;
@@ -65,8 +62,8 @@ def command(
         raise unwritable(output, FileExistsError())
     timeline = Timeline()
     with progress_line(reads_stdin=STDIN in query.files) as line:
-        reading = query.read(query.row_filter(), baud=baud, progress=line.progress)
-        summary = _summarize(reading, baud, timeline)
+        reading = query.read(query.row_filter(), progress=line.progress)
+        summary = _summarize(reading, query.baud, timeline)
     facts = ReportFacts(
         title_of([one.name for one in reading.inputs]),
         reading.source.gaps,

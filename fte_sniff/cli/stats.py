@@ -11,7 +11,6 @@ import click
 
 from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options
 from fte_sniff.cli.measuring import jobs_options, measure
-from fte_sniff.cli.options import line_speed_option
 from fte_sniff.cli.stats_json import statistics_json
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.protocol import DEFAULT_BAUD
@@ -31,11 +30,8 @@ if TYPE_CHECKING:
     show_default=True,
     help="Text for people, or one JSON object (docs/stats.md).",
 )
-@line_speed_option
 @jobs_options
-def command(
-    query: InputQuery, form: str, baud: int | None, jobs: int | None, cluster: str | None
-) -> None:
+def command(query: InputQuery, form: str, jobs: int | None, cluster: str | None) -> None:
     """Print statistics over recordings, raw bytes or hex text, all files together.
 
     Duration, rows and bytes, use and silences of each line; faults by kind; rate, period, jitter
@@ -51,8 +47,8 @@ def command(
     from fte_sniff.analysis.summary import StatisticsSummary
 
     check_inputs(query.files)
-    make = partial(StatisticsSummary, LineSetup(baud or DEFAULT_BAUD))
-    summary, measured = measure(query, make, baud, jobs, cluster)
+    make = partial(StatisticsSummary, LineSetup(query.baud or DEFAULT_BAUD))
+    summary, measured = measure(query, make, jobs, cluster)
     if form == "json":
         numbers = statistics_json(summary, measured.reading)
         click.echo(printable_json(json.dumps(numbers, ensure_ascii=False, indent=2)))

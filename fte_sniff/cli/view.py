@@ -14,7 +14,6 @@ from fte_sniff.cli.options import (
     REREAD_ROWS,
     keep_rows_option,
     line_setup,
-    line_speed_option,
     units_options,
 )
 from fte_sniff.cli.output import exit_if_unreadable, print_notes
@@ -29,14 +28,12 @@ from fte_sniff.session.inputs import Input, RecordingInput
 @click.command(name="view", short_help="Show files on the screen of live.")
 @input_options
 @keep_rows_option(10_000_000, REREAD_ROWS)
-@line_speed_option
 @units_options
 @config_option
 @lang_option
 def command(
     query: InputQuery,
     keep_rows: int,
-    baud: int | None,
     resolution: float | None,
     gear_ratio: float | None,
     config: Path | None,
@@ -64,12 +61,12 @@ def command(
 
     wanted = query.row_filter()
     with progress_line() as line:
-        reading = query.read(None, baud=baud, progress=line.progress)
+        reading = query.read(None, progress=line.progress)
         batches = iter(reading)
         # The first batch is read now, so that its error comes before the screen.
         opening_rows = [*islice(batches, 1)]
     ports = reading.source.ports
-    setup = line_setup(settings, ports, resolution, gear_ratio, baud or DEFAULT_BAUD)
+    setup = line_setup(settings, ports, resolution, gear_ratio, query.baud or DEFAULT_BAUD)
     only_recordings = all(isinstance(one, RecordingInput) for one in reading.inputs)
     pages = RecordingPages() if only_recordings else None
     session = ReplaySession(

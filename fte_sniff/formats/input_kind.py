@@ -88,10 +88,12 @@ def raw_stream_chunks(stream: BinaryIO | IO[bytes], name: str) -> Iterator[Chunk
         yield Chunk(name, None, block)
 
 
-def clocked(chunks: Iterable[Chunk], start_ns: int | None) -> Iterator[Chunk]:
+def clocked(
+    chunks: Iterable[Chunk], start_ns: int | None, baud: int | None = None
+) -> Iterator[Chunk]:
     """The chunks at the times that the baud gives, if the first byte began at `start_ns`."""
-    size = 0
+    size, byte_ns = 0, byte_time_ns(baud or DEFAULT_BAUD)
     for chunk in chunks:
         size += len(chunk.data)
-        t_ns = None if start_ns is None else start_ns + size * byte_time_ns(DEFAULT_BAUD)
+        t_ns = None if start_ns is None else start_ns + size * byte_ns
         yield Chunk(chunk.port, t_ns, chunk.data)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -12,11 +13,10 @@ from typing import IO, TYPE_CHECKING, Final
 
 from fte_sniff.analysis.feed import StreamChange
 from fte_sniff.analysis.tally import Tally
-from fte_sniff.errors import FileError, FteSniffError, UsageError
+from fte_sniff.errors import FileError, FteSniffError, InputTextError, UsageError
 from fte_sniff.protocol import (
-    FRAME_LENGTH,
+    DEFAULT_BAUD,
     Chunk,
-    Fault,
     Framer,
     Gap,
     PortEvent,
@@ -94,7 +94,11 @@ class InputBatch:
 
 
 def decided_spans(
-    chunks: Iterable[Chunk], name: str, note: Callable[[str], None], drained: Callable[[], bool]
+    chunks: Iterable[Chunk],
+    name: str,
+    note: Callable[[str], None],
+    drained: Callable[[], bool],
+    baud: int = DEFAULT_BAUD,
 ) -> Iterator[DecidedSpan]:
     """Frame all chunks, about `SPAN_BYTES` at a time.
 
@@ -103,12 +107,13 @@ def decided_spans(
         name: the port.
         note: called with a message if the input ends within a frame.
         drained: whether the next chunk has to be waited for, so that rows are not held back.
+        baud: bits per second.
 
     Raises:
         FileError: there is no chunk.
         FteSniffError: raised by the chunks, after the rows before it.
     """
-    framer = Framer(name)
+    framer = Framer(name, baud)
     size, empty = 0, True
     try:
         before_ns = None
@@ -129,18 +134,12 @@ def decided_spans(
     if empty:
         raise FileError(f"{name}: is empty; there is nothing to decode")
     framer.finish()
+    from fte_sniff.formats.logs.streams import cut_frame_note
+
     last = framer.drain()
     yield last
-    _note_cut_frame(last, name, note)
-
-
-def _note_cut_frame(last: DecidedSpan, name: str, note: Callable[[str], None]) -> None:
-    row = last.last()
-    if row is None:
-        return
-    size, framed, faults = row
-    if not framed and Fault.TRUNCATED in faults:
-        note(f"{name}: ends in the middle of a frame ({size} of {FRAME_LENGTH} bytes)")
+    if cut := cut_frame_note(last):
+        note(f"{name}: {cut}")
 
 
 def rows_of_spans(spans: Iterable[DecidedSpan], few: int = FEW) -> Iterator[Rows]:
@@ -374,6 +373,7 @@ class LogInput(Input):
         name: str,
         drained: Callable[[], bool] = lambda: False,
         first_ns: Callable[[], int | None] = lambda: None,
+        baud: int | None = None,
     ) -> None:
         """Read nothing yet.
 
@@ -382,11 +382,12 @@ class LogInput(Input):
             name: for display.
             drained: whether the next chunk has to be waited for.
             first_ns: the time of the first chunk; may read it separately.
+            baud: bits per second of the chunks; None for the default.
         """
         super().__init__(name)
         from fte_sniff.formats.logs.reader import LogReader
 
-        self._drained, self._first_ns = drained, first_ns
+        self._drained, self._first_ns, self._baud = drained, first_ns, baud or DEFAULT_BAUD
         self._log = source if isinstance(source, LogReader) else None
         self._chunks = () if isinstance(source, LogReader) else source
         self.size = size_of(Path(name))
@@ -404,7 +405,12 @@ class LogInput(Input):
     @property
     def times(self) -> tuple[int, int] | None:
         """Those of a text log, which is read for them; raw bytes have none."""
-        return None if self._log is None else self._log.times
+        tally = Tally()
+        if self._log is not None:
+            with suppress(InputTextError):  # raised when the rows are read
+                for rows in self._log.again().rows(lambda _note: None):
+                    tally.update(rows)
+        return tally.times
 
     @property
     def ports(self) -> Sequence[PortFacts]:
@@ -426,7 +432,8 @@ class LogInput(Input):
             rows = self._log.rows(note)
         else:
             chunks = self._counted(self._chunks)
-            rows = rows_of_spans(decided_spans(chunks, self.name, note, self._drained))
+            spans = decided_spans(chunks, self.name, note, self._drained, self._baud)
+            rows = rows_of_spans(spans)
         for found in rows if span is None else self._within(span, rows, note):
             if self._log is not None:
                 self.position = self._log.position

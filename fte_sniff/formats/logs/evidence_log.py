@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 from time import time_ns
 from typing import TYPE_CHECKING, Final
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.clock import LogClock
 from fte_sniff.formats.logs.evidence import Hypothesis, Sample
 from fte_sniff.formats.logs.forms import EXTRACTORS
 from fte_sniff.formats.logs.layout import Layout, left_out
-from fte_sniff.formats.logs.streams import BYTE_NS, LogStream, LogStreams
+from fte_sniff.formats.logs.streams import LogForm, LogStream, LogStreams
 from fte_sniff.formats.logs.text import TextBlock
-from fte_sniff.formats.logs.times import Stamp, TimeRule
+from fte_sniff.formats.logs.times import LogClock, TimeRule
 from fte_sniff.protocol import FRAME_LENGTH
 
 if TYPE_CHECKING:
-    from fte_sniff.formats.logs.columns import Array
     from fte_sniff.formats.logs.reader import LogOptions
 
 _AS_GOOD: Final = 0.9
@@ -34,7 +32,7 @@ _MARK: Final = b"\x01"
 _LIKE: Final = "look like bytes but are not read"
 
 
-class EvidenceLog:
+class EvidenceLog(LogForm):
     """A log with a layout."""
 
     def __init__(
@@ -50,8 +48,7 @@ class EvidenceLog:
         self._pattern, self._paste = options.pattern, not options.whole
         given = options.pattern is not None and "dir" in options.pattern.groupindex
         self.layout = Layout(found[0], lines, given=given)
-        self.clock = LogClock(options.day, options.zone, options.start_ns)
-        self.resolution_ns = self.layout.times.resolution_ns
+        self.clock = LogClock(self.layout.times, options)
         self.frames = len(found[0].frames)
         self._scores = [f"score {rank}: {one}" for rank, one in enumerate(found[:3], 1)]
         cuts = {left_out(cut) for cut in found[0].cuts.values()} - {""}
@@ -62,15 +59,19 @@ class EvidenceLog:
         self._t_ns: int | None = None
         self._label: str | None = None
         self._stream: LogStream | None = None
-        self._size = 0
         self._seen: dict[str, tuple[int, int, str]] = {}
         """By what they do, how many lines, and number and text of the first."""
 
     @classmethod
     def by_sample(
-        cls, lines: Sequence[bytes], options: LogOptions, name: str, written_ns: int | None
+        cls,
+        lines: Sequence[bytes],
+        options: LogOptions,
+        name: str,
+        written_ns: int | None,
+        blocks: Callable[[], Iterable[TextBlock]],
     ) -> EvidenceLog | None:
-        """The log, if a sample has frames.
+        """The log, if a sample has frames; `blocks` are all of a file, none of a pipe.
 
         Raises:
             InputTextError: two hypotheses are as good, or there is no such form.
@@ -82,24 +83,36 @@ class EvidenceLog:
         if not found:
             return None
         log = cls(lines, found, options)
-        log.settle_times(lines, options, name, written_ns)
+        log.settle_times(lines, options, name, written_ns, blocks)
         return log
 
     def settle_times(
-        self, lines: Sequence[bytes], options: LogOptions, name: str, written_ns: int | None
+        self,
+        lines: Sequence[bytes],
+        options: LogOptions,
+        name: str,
+        written_ns: int | None,
+        blocks: Callable[[], Iterable[TextBlock]],
     ) -> None:
         """Decide what the times of a log count from."""
+        times = self.layout.times
+        for block in blocks() if times.is_open else ():
+            times.learn(block.text)
+            if not times.is_open:
+                break
         near = options.day or datetime.fromtimestamp((written_ns or time_ns()) / 1e9, UTC).date()
-        note = self.layout.times.settle_order(near, given=options.day is not None)
+        note = times.settle_order(near, given=options.day is not None)
         self._notes += [note] if note else []
         found = (
             self.layout.stamp_of(line, next(iter(self.layout.runs(line)), None)) for line in lines
         )
-        stamps = [one[3] for one in found if one is not None]
-        if stamps and self._paste and stamps[0].kind not in ("date", "epoch"):
+        stamps = [stamp for _, stamp in filter(None, found)]
+        if stamps and self._paste and times.kind not in ("date", "epoch"):
             self.layout.times = TimeRule()  # nobody asks when a pasted line was
         elif stamps:
             self.clock.settle(stamps, name, written_ns)
+        timed = self.layout.times.where != "none"
+        self.resolution_ns = times.resolution_ns if timed else None
 
     def better_than(self, frames: int, size: int) -> bool:
         """Whether it explains more than plain hex with these frames and bytes."""
@@ -117,38 +130,34 @@ class EvidenceLog:
         if block.column or block.unfinished:
             self._skip(block.first, block.text[:80])
             return
-        lines = block.lines
-        if self._pattern is not None:
-            lines = [_rearranged(line, self._pattern) for line in lines]
-        timed = self.layout.times.where == "before" or self.clock.start_ns is None
-        if len(lines) >= _COLUMNAR and self.layout.hypothesis.extractor.columnar and timed:
+        many = block.text.count(b"\n") >= _COLUMNAR and self._pattern is None
+        timed = self.layout.times.where in ("before", "none")
+        if many and timed and self.layout.hypothesis.extractor.columnar:
             from fte_sniff.formats.logs.columns import read_columns
 
-            if read_columns(self, lines, block.first, streams, name):
+            if read_columns(self, block, streams, name):
                 return
-        for number, line in enumerate(lines, block.first):
+        for number, line in enumerate(block.lines, block.first):
             self.read_line(line, number, streams, name)
 
     def read_line(self, line: bytes, number: int, streams: LogStreams, name: str) -> None:
         """Append the bytes of a line to the streams."""
+        line = line if self._pattern is None else _rearranged(line, self._pattern)
         found = self.layout.runs(line)
         if self._paste and found and (words := self.layout.unread_words(line, found)):
             self._count("hold words that are not read as bytes", number, words)
+        where = self.layout.times.where
         for run in (*found,) or (None,):
-            stamp, label = self.layout.stamp_of(line, run), self.layout.label_of(line, run)
-            if stamp is not None:
-                self._t_ns = self.clock.t_ns(stamp[3], number)
+            place, label = self.layout.stamp_of(line, run), self.layout.label_of(line, run)
+            if place is not None or (run is not None and where in ("before", "after")):
+                self._t_ns = self.clock.t_ns(place and place[1], number)
             if run is None:
                 self._label = label or self._label
-                if stamp is None and label is None and line.strip():
+                if place is None and label is None and line.strip():
                     self._skip(number, line)
                 continue
-            self._size += len(run.data)
-            t_ns = self._t_ns
-            if self.layout.times.where == "none" and self.clock.start_ns is not None:
-                t_ns = self.clock.start_ns + self._size * BYTE_NS
             stream = self.stream_of(streams, name, label)
-            stream.append(run.data, number, t_ns, first=self.layout.times.first_byte)
+            stream.append(run.data, number, self._t_ns, first=self.layout.times.first_byte)
             if run.gap:
                 self._leave_gap(number, line[run.stop :])
 
@@ -160,14 +169,6 @@ class EvidenceLog:
         port = f"{name}:{self._label}" if several and self._label and not self._paste else name
         self._stream = streams.labelled(port, self._label)
         return self._stream
-
-    def column_of(self, stamp: Stamp | None, lines: Array) -> Array | None:
-        """The times of many lines."""
-        if stamp is None:
-            return None
-        t_ns = self.clock.column(stamp, lines)
-        self._t_ns = int(t_ns[-1])
-        return t_ns
 
     def _leave_gap(self, number: int, text: bytes) -> None:
         if self._stream is not None:

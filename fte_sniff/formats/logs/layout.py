@@ -66,14 +66,15 @@ class Layout:
                 found.append(Found(run.data[cut], run.start, run.stop, key, cut, gap))
         return found
 
-    def stamp_of(self, line: bytes, found: Found | None) -> tuple[int, int, Fields, Stamp] | None:
-        """Where the time of a run is in its line, or in a heading without runs, and the time."""
+    def stamp_of(self, line: bytes, found: Found | None) -> tuple[Fields, Stamp] | None:
+        """The fields of the time of a run, or of a heading without runs, and the time."""
         spans = {"above": (0, len(line))}
         if found is not None:
             spans = {"before": (0, found.start), "after": (found.stop, len(line))}
         span = spans.get(self.times.where)
-        place = self.times.find(line, *span) if span else None
-        return place and (*place, self.times.stamp(line, place[2], lambda a, b: int(line[a:b])))
+        fields = self.times.find(line, *span) if span else None
+        stamp = self.times.stamp(line, fields) if fields else None
+        return (fields, stamp) if fields and stamp else None
 
     def label_of(self, line: bytes, found: Found | None) -> str | None:
         """The label of the stream that a run, or the runs below a heading, belong to."""

@@ -16,24 +16,22 @@ from contextlib import suppress
 from typing import Final, NamedTuple
 
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.streams import LATEST_NS, LogStreams
+from fte_sniff.formats.logs.streams import LATEST_NS, LogForm, LogStreams
 from fte_sniff.formats.logs.text import TextBlock
-from fte_sniff.formats.logs.times import SECOND, days_of
+from fte_sniff.formats.logs.times import DAY_NS, SECOND, days_of
 from fte_sniff.protocol import KINDS
 
-_HEADING: Final = re.compile(
-    r"\s*(?:time\s+)?(?:port\s+)?offset\s+kind\s+values\s+raw(?:\s+faults)?\s*"
-)
-_NARROW_HEADING: Final = re.compile(r"\s*time UTC\s+(?:port\s+)?kind\s+values\s*")
-_TIME: Final = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)\.(\d{9})Z")
-_CELLS: Final = re.compile(
-    r"(?<!\S)\d+\s\s[ ?!~]\s\s"
-    rf"(?:{'|'.join(kind.name for kind in KINDS)}|-)\s{{2,}}+"
+_OBJECT: Final = r'\s*\{"time":[^,]*,\s*"port":'
+_NAMES: Final = "time,port,offset,"
+_HEADING: Final = r"\s*(?:time\s+)?(?:port\s+)?offset\s+kind\s+values\s+raw(?:\s+faults)?\s*$"
+_NARROW_HEADING: Final = r"\s*time UTC\s+(?:port\s+)?kind\s+values\s*$"
+_TIME: Final = r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d)\.(\d{9})Z"
+_OFFSET: Final = r"(?<!\S)\d+\s\s[ ?!~]\s\s"
+_CELLS: Final = (
+    rf"{_OFFSET}(?:{'|'.join(kind.name for kind in KINDS)}|-)\s{{2,}}+"
     r"(?:\d+ bytes?\s{2,}+|(?:[a-z_]+=\S++\s)++\s*+)?+"
     r"(?P<raw>[0-9A-F]{2}(?: [0-9A-F]{2})*+)(?:\s{2,}+[a-z_,]++)?+\s*+\Z"
 )
-"""From the offset on."""
-_BEGUN: Final = re.compile(rf"(?:\s*{_TIME.pattern}\s|-\s)|\s*+\d+\s\s[ ?!~]\s\s")
 _FIX: Final = "pass the recording itself, or its rows with --format csv or jsonl"
 
 
@@ -46,45 +44,33 @@ class OwnRow(NamedTuple):
     port: str | None
 
 
-class OwnLog:
+class OwnLog(LogForm):
     """A log in one of these formats."""
 
     resolution_ns = 1
-    frames = 1 << 20
-    """The format of the lines decides, not frames."""
-    certain = True
+    is_certain = True
 
-    def __init__(self) -> None:
-        """No line is read yet."""
+    def __init__(self, lines: Sequence[bytes] = ()) -> None:
+        """A log whose first lines are known; they show its ports."""
         self._headed = False
         self._columns: list[str] = []
-        self._ports: list[str] = []
-
-    def recognise(self, lines: Sequence[bytes]) -> bool:
-        """Whether the first line with text is one of this program's; finds the ports."""
-        if not self._is_own(lines):
-            return False
-        sampled = OwnLog()
-        rows = []
+        self._ports = dict[str, None]()
         with suppress(InputTextError):
-            rows = [sampled.row(line, number) for number, line in enumerate(lines, 1)]
-        self._ports = list(dict.fromkeys(row.port for row in rows if row and row.port))
-        return True
+            for number, line in enumerate(lines, 1):
+                row = self.row(line, number)
+                self._ports |= {row.port: None} if row and row.port else {}
 
-    @staticmethod
-    def _is_own(lines: Sequence[bytes]) -> bool:
+    @classmethod
+    def by_sample(cls, lines: Sequence[bytes]) -> OwnLog | None:
+        """The log, if the first line with text is one of this program's."""
         first = next((line for line in lines if line.strip()), b"").decode("utf-8", "replace")
-        return bool(
-            re.match(r'\{"time":[^,]*,\s*"port":', first)
-            or _HEADING.fullmatch(first)
-            or _NARROW_HEADING.fullmatch(first)
-            or _CELLS.search(first)
-            or first.startswith("time,port,offset,")
-        )
+        headings = (_OBJECT, _NAMES, _HEADING, _NARROW_HEADING)
+        own = any(re.match(heading, first) for heading in headings) or re.search(_CELLS, first)
+        return cls(lines) if own else None
 
     def ports(self, name: str) -> list[str]:
         """Those of the first rows."""
-        return self._ports or [name]
+        return [*self._ports] or [name]
 
     def read(self, block: TextBlock, streams: LogStreams, name: str) -> None:
         """See `LogForm`."""
@@ -92,10 +78,6 @@ class OwnLog:
             row = self.row(line, number)
             if row is not None and row.data:
                 streams[row.port or name].append(row.data, number, row.begin_ns, first=True)
-
-    def notes(self) -> list[str]:
-        """None."""
-        return []
 
     def explain(self) -> list[str]:
         """What it is."""
@@ -108,63 +90,44 @@ class OwnLog:
             InputTextError: the row is cut, so that bytes may be missing.
         """
         text = line.decode("utf-8", "replace")
-        if text.lstrip().startswith('{"time":') and self._is_own([line]):
-            return _of_object(text, number)
-        if text.startswith("time,port,offset,"):
+        if re.match(_NAMES, text):
             self._columns = text.split(",")
-            return None
-        if self._columns:
-            return self._of_cells(text, number) if text.strip() else None
-        if _HEADING.fullmatch(text):
+        elif re.match(_HEADING, text):
             self._headed = True
-            return None
-        if _NARROW_HEADING.fullmatch(text):
+        elif re.match(_NARROW_HEADING, text):
             raise InputTextError(
                 f"line {number}: this is fte-sniff's table as a narrow terminal shows it, which"
                 f" need not hold all bytes; {_FIX}"
             )
-        if row := _CELLS.search(text):
+        elif re.match(_OBJECT, text) or (self._columns and text.strip()):
+            return self._of_text(text, number)
+        elif row := re.search(_CELLS, text):
             return OwnRow(bytes.fromhex(row["raw"]), _begin_ns(text), None)
-        if self._headed and _BEGUN.match(text):
+        elif self._headed and re.match(rf"\s*{_TIME}\s|-\s|\s*{_OFFSET}", text):
             raise InputTextError(
                 f"line {number}: this row of fte-sniff's table is cut or damaged; {_FIX}"
             )
         return None
 
-    def _of_cells(self, text: str, number: int) -> OwnRow:
-        cells = dict(zip(self._columns, next(csv.reader([text])), strict=False))
-        if len(cells) < len(self._columns):
+    def _of_text(self, text: str, number: int) -> OwnRow:
+        try:
+            if self._columns:
+                row = dict(zip(self._columns, next(csv.reader([text])), strict=True))
+            else:
+                row = json.loads(text)
+            return OwnRow(bytes.fromhex(row["raw"]), _begin_ns(row["time"] or ""), row["port"])
+        except (ValueError, KeyError, TypeError, csv.Error):
+            form = "CSV" if self._columns else "JSON lines"
             raise InputTextError(
-                f"line {number}: has {len(cells)} of {len(self._columns)} columns, so it is cut"
-                " short; delete it"
-            )
-        return _own(cells["raw"], cells["time"], cells["port"], number)
-
-
-def _of_object(text: str, number: int) -> OwnRow:
-    try:
-        row = json.loads(text)
-        return _own(row["raw"], row["time"] or "", row["port"], number)
-    except (ValueError, KeyError, TypeError):
-        raise InputTextError(
-            f"line {number}: this row of fte-sniff's JSON lines is cut or damaged; delete it"
-        ) from None
-
-
-def _own(raw: str, time: str, port: str, number: int) -> OwnRow:
-    try:
-        return OwnRow(bytes.fromhex(raw), _begin_ns(time), port)
-    except ValueError:
-        raise InputTextError(
-            f"line {number}: {raw[:40]!r} is no byte in hex; this row of fte-sniff's CSV is damaged"
-        ) from None
+                f"line {number}: this row of fte-sniff's {form} is cut or damaged; delete it"
+            ) from None
 
 
 def _begin_ns(text: str) -> int | None:
-    found = _TIME.search(text)
+    found = re.search(_TIME, text)
     if found is None:
         return None
     year, month, day, hours, minutes, seconds, ns = map(int, found.groups())
-    days: int = days_of(year, month, day)
     clock_s = (hours * 60 + minutes) * 60 + seconds
-    return min((days * 86_400 + clock_s) * SECOND + ns, LATEST_NS)
+    begin_ns: int = days_of(year, month, day) * DAY_NS + clock_s * SECOND + ns
+    return min(begin_ns, LATEST_NS)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, BinaryIO, Final, Protocol
+from typing import IO, TYPE_CHECKING, BinaryIO, Final
 
 from fte_sniff.errors import FileError, InputTextError, UsageError, quoted, unreadable
 from fte_sniff.formats.logs.own_rows import OwnLog
 from fte_sniff.formats.logs.plain_hex import PlainLog, bytes_of_line, is_plain
+from fte_sniff.formats.logs.streams import LogForm, LogStreams, Rows
 from fte_sniff.formats.logs.text import (
     TextBlock,
     TextBlocks,
@@ -20,26 +20,21 @@ from fte_sniff.formats.logs.text import (
     lines_of,
     looks_like_text,
 )
+from fte_sniff.protocol import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from datetime import date, tzinfo
 
-    from fte_sniff.formats.logs.streams import LogStreams, Rows
-
 Note = Callable[[str], None]
 
-_MORE_LINES: Final = 2400
-_CHECKED_AT: Final = (1, 2, 4, 8, 16, 32, 128, 600)
+_CHECKED_AT: Final = (1, 2, 4, 8, 16, 32, 128, 600, 2400)
 """Lines of a stream after which it is decided what it is, if they show it."""
 _EARLY_FRAMES: Final = 8
 _LEAST_EVIDENCE: Final = 32
 """Lines that show more than plain hex."""
-_RAW: Final = "add --input raw"
-_BYTE_LIKE: Final = re.compile(rb"[0-9A-Fa-f]{2}(?![0-9A-Za-z])")
-_SAMPLE_BYTES: Final = 40 << 10
-"""Bytes of the first sample, at most; eight times as many if they do not decide."""
+_SAMPLE_BYTES: Final = 10 << 10
+"""Bytes of each of the four blocks of a sample."""
 _LONGEST_SAMPLED: Final = 4096
-_BLOCKS: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,31 +53,8 @@ class LogOptions:
     """A regular expression with the groups `data`, and perhaps `time` and `dir`."""
     whole: bool = True
     """Whether the text is a log; else a paste, of which a part may be bytes."""
-
-
-class LogForm(Protocol):
-    """A kind of log, and what reading it has shown."""
-
-    resolution_ns: int
-    """Of its times."""
-    frames: int
-    """In the sample."""
-
-    def ports(self, name: str) -> list[str]:
-        """The ports of its rows, as far as the sample shows."""
-        ...
-
-    def read(self, block: TextBlock, streams: LogStreams, name: str) -> None:
-        """Append the bytes of a block to the streams; raises InputTextError."""
-        ...
-
-    def notes(self) -> list[str]:
-        """How it was read, one line each."""
-        ...
-
-    def explain(self) -> list[str]:
-        """The form, lanes, times and directions, one line each."""
-        ...
+    baud: int = DEFAULT_BAUD
+    """Bits per second, for the time that bytes take."""
 
 
 class LogReader:
@@ -103,11 +75,10 @@ class LogReader:
             stream: it is read from there, once; None to open the file of that name.
             where: what messages begin with; None for the name and a colon.
         """
-        self.name = name
-        self.options = options or LogOptions()
+        self.name, self.options = name, options or LogOptions()
         self._stream = stream
         self._where = f"{name}: " if where is None else where
-        self._blocks: Iterator[TextBlock] | None = None
+        self._blocks: Callable[[], Iterator[TextBlock]] = self._file_blocks
         self._form: LogForm | None = None
         self._file: BinaryIO | None = None
 
@@ -119,8 +90,7 @@ class LogReader:
     @property
     def ports(self) -> list[str]:
         """The ports of its rows; reads the first lines."""
-        form = self._prepared()
-        return form.ports(self.name)
+        return self._prepared().ports(self.name)
 
     @property
     def first_ns(self) -> int | None:
@@ -128,40 +98,19 @@ class LogReader:
 
         None if no row near the start has one, or the log can be read only once.
         """
-        if not self._can_be_read_again:
+        if not self._is_file:
             return None
-        rows = next(LogReader(self.name, self.options).rows(lambda _note: None), [])
+        rows = next(self.again().rows(lambda _note: None), [])
         return next((row.t_ns for row in rows if row.t_ns is not None), None)
 
-    @property
-    def _can_be_read_again(self) -> bool:
-        return self._stream is None and Path(self.name).is_file()
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """The earliest and latest time of its rows, for which it is read once more.
-
-        Raises:
-            UsageError: it can be read only once.
-        """
-        if not self._can_be_read_again:
+    def again(self) -> LogReader:
+        """The same log from its start; raises UsageError if it can be read only once."""
+        if not self._is_file:
             raise UsageError(
                 f"{self.name} can be read only once, so its first and last time are not known"
                 " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
             )
-        first = last = None
-        try:
-            for rows in LogReader(self.name, self.options).rows(lambda _note: None):
-                if isinstance(rows, list):
-                    known = [row.t_ns for row in rows if row.t_ns is not None]
-                else:
-                    known = rows.t_ns[rows.timed].tolist()
-                if known:
-                    first = min(known) if first is None else min(first, *known)
-                    last = max(known) if last is None else max(last, *known)
-        except InputTextError:
-            pass  # reported when the rows are read
-        return None if first is None or last is None else (first, last)
+        return LogReader(self.name, self.options)
 
     def explain(self) -> list[str]:
         """The form, lanes, times and directions of the log, one line each."""
@@ -174,93 +123,78 @@ class LogReader:
             FileError: it cannot be read, or is empty.
             InputTextError: no bytes are found in it, or something in plain hex is not hex.
         """
-        from fte_sniff.formats.logs.streams import LogStreams
-
+        form, options, failed = self._prepared(), self.options, None
+        ports = form.ports(self.name) if self._is_file else ()
+        streams = LogStreams(
+            form.resolution_ns, start_ns=options.start_ns, baud=options.baud, ports=ports
+        )
         try:
-            form = self._prepared()
-            streams = LogStreams(form.resolution_ns)
-            failed: InputTextError | None = None
-            try:
-                with self._opened() as blocks:
-                    for block in blocks:
-                        form.read(block, streams, self.name)
-                        yield from streams.drain()
-            except InputTextError as error:
-                failed = error
-            yield from streams.drain(final=True)
-            if failed is not None:
-                raise failed
+            for block in self._blocks():
+                form.read(block, streams, self.name)
+                yield from streams.drain()
+        except InputTextError as error:
+            failed = InputTextError(f"{self._where}{error}")
+        except OSError as error:
+            raise unreadable(Path(self.name), error) from error
+        yield from streams.drain(final=True)
+        if failed is not None:
+            raise failed
+        if not streams.size:
+            raise FileError(f"{self._where}is empty; there is nothing to decode")
+        for text in (*streams.notes(ends=options.whole), *form.notes()):
+            note(f"{self._where}{text}")
+
+    @property
+    def _is_file(self) -> bool:
+        return self._stream is None and Path(self.name).is_file()
+
+    def _file_blocks(self) -> Iterator[TextBlock]:
+        with Path(self.name).open("rb") as self._file:
+            yield from TextBlocks(self._file)
+
+    def _prepared(self) -> LogForm:
+        try:
+            self._form = self._form or self._prepare()
         except InputTextError as error:
             raise InputTextError(f"{self._where}{error}") from error
         except OSError as error:
             raise unreadable(Path(self.name), error) from error
-        if not len(streams):
-            raise FileError(f"{self._where}is empty; there is nothing to decode")
-        for text in (*streams.notes(ends=self.options.whole), *form.notes()):
-            note(f"{self._where}{text}")
-
-    @contextmanager
-    def _opened(self) -> Iterator[Iterator[TextBlock]]:
-        if self._blocks is not None:
-            yield self._blocks
-            return
-        with Path(self.name).open("rb") as self._file:
-            yield iter(TextBlocks(self._file))
-
-    def _prepared(self) -> LogForm:
-        if self._form is None:
-            try:
-                self._form = self._prepare()
-            except OSError as error:
-                raise unreadable(Path(self.name), error) from error
         return self._form
 
     def _prepare(self) -> LogForm:
         path = Path(self.name)
-        if self._stream is None and path.is_file():
-            with path.open("rb") as file:
-                lines = _sample(file, path.stat().st_size)
-            form = self._decided(lines, path.stat().st_mtime_ns)
-        else:
-            self._stream = self._stream or path.open("rb")
-            form = self._decided_by_stream(self._stream)
-        return form
-
-    def _decided_by_stream(self, stream: BinaryIO | IO[bytes]) -> LogForm:
-        """What a stream is, by as many of its first lines as show it."""
-        blocks = iter(TextBlocks(stream))
-        seen: list[TextBlock] = []
-        lines: list[bytes] = []
+        if self._is_file:
+            return self._decided(_sample(path), path.stat().st_mtime_ns)
+        self._stream = self._stream or path.open("rb")
+        blocks, seen, lines = iter(TextBlocks(self._stream)), list[TextBlock](), list[bytes]()
+        self._blocks = lambda: chain(seen, blocks)
         checks = list(_CHECKED_AT)
-        form = None
         for block in blocks:
             seen.append(block)
-            lines += [line[:_LONGEST_SAMPLED] for line in block.lines[: _MORE_LINES - len(lines)]]
-            while form is None and checks and len(lines) >= checks[0]:
-                form = self._decided_early(lines[: checks.pop(0)])
-            if form is not None or len(lines) >= _MORE_LINES:
+            lines += [line[:_LONGEST_SAMPLED] for line in block.lines[: checks[-1] - len(lines)]]
+            while checks and len(lines) >= checks[0]:
+                if form := self._decided_early(lines[: checks.pop(0)]):
+                    return form
+            if not checks:
                 break
-        self._blocks = chain(seen, blocks)
-        return form or self._decided(lines, None)
+        return self._decided(lines, None)
 
-    def _decided_early(self, lines: list[bytes]) -> LogForm | None:
-        if len(lines) < _LEAST_EVIDENCE:
-            plain = self._decided_at_sight(lines)
-            return plain if plain is not None and plain.certain else None
+    def _decided_early(self, lines: Sequence[bytes]) -> LogForm | None:
+        """What a stream is, if its first lines are certain evidence."""
+        plain = self._decided_at_sight(lines)
+        if plain is not None and plain.is_certain:
+            return plain
         try:
-            form = self._decided(lines, None)
+            form = self._decided(lines, None) if len(lines) >= _LEAST_EVIDENCE else None
         except (InputTextError, FileError):
             return None
-        return form if form.frames >= _EARLY_FRAMES else None
+        return form if getattr(form, "frames", 0) >= _EARLY_FRAMES else None
 
     def _decided_at_sight(self, lines: Sequence[bytes]) -> OwnLog | PlainLog | None:
         """The log, if its lines are this program's, or hex and nothing else."""
         if self.options.form is not None or self.options.pattern is not None:
             return None
-        own = OwnLog()
-        if own.recognise(lines):
-            return own
-        return PlainLog.by_sample(lines, self.options.start_ns)
+        return OwnLog.by_sample(lines) or PlainLog.by_sample(lines)
 
     def _decided(self, lines: Sequence[bytes], written_ns: int | None) -> LogForm:
         """What the log is, by a sample.
@@ -269,72 +203,58 @@ class LogReader:
             FileError: it is no text.
             InputTextError: there are no bytes in it.
         """
-        options = self.options
         plain = self._decided_at_sight(lines)
-        if isinstance(plain, OwnLog) or (plain is not None and plain.certain):
+        if plain is not None and plain.is_certain:
             return plain
         from fte_sniff.formats.logs.evidence_log import EvidenceLog
 
-        found = EvidenceLog.by_sample(lines, options, self.name, written_ns)
-        if plain is not None and (found is None or not found.better_than(plain.frames, plain.size)):
+        blocks = self._file_blocks if self._is_file else lambda: iter(())
+        found = EvidenceLog.by_sample(lines, self.options, self.name, written_ns, blocks)
+        if isinstance(plain, PlainLog) and not (
+            found and found.better_than(plain.frames, plain.size)
+        ):
             return plain
+        if found is None and not looks_like_text(b"\n".join(lines)):
+            raise FileError(f"{self._where}holds no text; if it holds raw bytes, add --input raw")
         if found is None:
-            if not looks_like_text(b"\n".join(lines)):
-                raise FileError(f"{self._where}holds no text; if it holds raw bytes, {_RAW}")
-            raise InputTextError(nothing_found(lines, options))
+            raise InputTextError(f"no frames found{_nothing_found(lines, self.options)}")
         return found
 
 
-def _sample(file: BinaryIO, size: int) -> list[bytes]:
+def _sample(path: Path) -> list[bytes]:
     """Lines of four blocks of a file, without what is cut; all of a small one."""
-    encoding = encoding_of(file.read(_LONGEST_SAMPLED))
-    part = _SAMPLE_BYTES // _BLOCKS
-    if size <= _SAMPLE_BYTES:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        encoding = encoding_of(file.read(_LONGEST_SAMPLED))
         file.seek(0)
-        return lines_of(file.read(), encoding)
-    sample: list[bytes] = []
-    for number in range(_BLOCKS):
-        file.seek((size - part) * number // (_BLOCKS - 1) & ~1)  # even, for UTF-16
-        found = lines_of(file.read(part), encoding)
-        whole = found[1:] if number and len(found) > 2 else found
-        if number < _BLOCKS - 1 and len(whole) > 1:
-            whole = whole[:-1]
-        sample += [line[:_LONGEST_SAMPLED] for line in whole]
+        if size <= 4 * _SAMPLE_BYTES:
+            return lines_of(file.read(), encoding)
+        sample: list[bytes] = []
+        for number in range(4):
+            file.seek((size - _SAMPLE_BYTES) * number // 3 & ~1)  # even, for UTF-16
+            lines = lines_of(file.read(_SAMPLE_BYTES), encoding)
+            if len(lines) > 2:
+                lines = lines[number > 0 : len(lines) - (number < 3)]
+            sample += [line[:_LONGEST_SAMPLED] for line in lines]
     return sample
 
 
-def pattern_of(text: str) -> re.Pattern[bytes]:
-    """The regular expression of `--input-regex`.
-
-    Raises:
-        InputTextError: it is none, or has no group `data`.
-    """
-    try:
-        pattern = re.compile(text.encode())
-    except re.error as error:
-        raise InputTextError(f"--input-regex: {quoted(text)}: {error}") from None
-    if "data" not in pattern.groupindex:
-        raise InputTextError("--input-regex: needs a group for the bytes, (?P<data>...)")
-    return pattern
-
-
-def nothing_found(lines: Sequence[bytes], options: LogOptions) -> str:
+def _nothing_found(lines: Sequence[bytes], options: LogOptions) -> str:
     """What to say of a text without frames."""
-    wrong = next((n for n, line in enumerate(lines, 1) if not is_plain(line)), None)
-    if (
-        wrong is not None
-        and all(is_plain(line) for line in lines[: wrong - 1])
-        and not options.form
-    ):
+    number = next((n for n, line in enumerate(lines, 1) if not is_plain(line)), 1)
+    if not options.form and (number > 1 or len(lines) == 1):
         try:
-            bytes_of_line(lines[wrong - 1], wrong)
+            bytes_of_line(b"".join(lines[number - 1 : number]), number)
         except InputTextError as error:
-            if wrong > 1 or len(lines) == 1:
-                return f"no frames found; {error}"
-    like = sorted(lines, key=lambda line: -len(_BYTE_LIKE.findall(line)))[:1]
-    shown = like[0][:80].decode("utf-8", "replace").strip() if like else ""
+            return f"; {error}"
+    like = max(
+        lines,
+        key=lambda line: len(re.findall(rb"[0-9A-Fa-f]{2}(?![0-9A-Za-z])", line)),
+        default=b"",
+    )
+    shown = quoted(like[:80].decode("utf-8", "replace").strip())
     count = f"{len(lines):,} line" + ("" if len(lines) == 1 else "s")
     return (
-        f"no frames found in {count}, in any form of writing bytes; the most byte-like line is"
-        f" {quoted(shown)}; --form and --input-regex say where the bytes are"
+        f" in {count}, in any form of writing bytes; the most byte-like line is {shown};"
+        " --form and --input-regex say where the bytes are"
     )

@@ -1,41 +1,87 @@
-"""The streams of a log: each direction or port with its own framer, merged by time or line."""
+"""The streams of a log: each direction or port with its own framer; their rows merged.
+
+In a file with times, rows are merged by time: a row waits until every other stream has passed its
+time. Without times, from a pipe, and after the clock was set back, they are merged by line: a row
+waits while another stream has undecided bytes of an earlier line.
+"""
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections import deque
+from abc import ABC, abstractmethod
+from array import array
+from bisect import bisect_left, bisect_right
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, Union
+from dataclasses import replace
+from itertools import accumulate, pairwise
+from operator import itemgetter
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias, Union
 
 from fte_sniff.formats.logs.labels import RECEIVED, SENT
-from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Framer, Row
+from fte_sniff.protocol import FRAME_LENGTH, HEADERS, Chunk, Direction, Fault, Frame, Framer, Row
 from fte_sniff.protocol.framer.segments import DecidedSpan
 from fte_sniff.protocol.framer.timestamps import PAUSE_BYTES, ArrivalTime
-from fte_sniff.protocol.spec import DEFAULT_BAUD, DIRECTION_OF_HEADER, byte_time_ns
+from fte_sniff.protocol.spec import DEFAULT_BAUD, DIRECTION_OF_HEADER, TAIL, byte_time_ns
 
 if TYPE_CHECKING:
-    from fte_sniff.formats.logs.columns import Columns
+    import numpy as np
+    import numpy.typing as npt
+
+    from fte_sniff.formats.logs.text import TextBlock
     from fte_sniff.row_batch import RowBatch
+
+    Array = npt.NDArray[np.int64]
 
 Rows: TypeAlias = Union[list[Row], "RowBatch"]
 
 LATEST_NS: Final = 2**63 - 1
 """In 2262: a table's times are 64 bits, nanoseconds since 1970."""
-BYTE_NS: Final = byte_time_ns(DEFAULT_BAUD)
 FEW: Final = 20_000
 """Rows of a log that come as lists, before numpy is loaded for the others."""
 _FEW_AT_ONCE: Final = 100
-_PAUSE_NS: Final = round(PAUSE_BYTES * BYTE_NS)
-_CUT_NS: Final = 10**9
-"""Silence where the log leaves out bytes, for the framer: no frame continues across it."""
-_NO_LINE: Final = 2**62
-_MOST_COMPARED: Final = 100_000
-"""Frames of a stream whose headers are compared with its direction."""
+_MOST_HELD: Final = 1_000_000
+"""Rows that wait for another stream, about 50 MB."""
+_NO_TIME: Final = -(2**63)
+_FAR_NS: Final = 10**9
+"""Silence where the log leaves out bytes; a fall of times where the clock was set back."""
 _HEADER_OF_LABEL: Final = {
     SENT: HEADERS[Direction.CONTROL], RECEIVED: HEADERS[Direction.FEEDBACK]
 }  # fmt: skip
 """The header of the frames that the host, which writes the log, sends or receives."""
+
+
+class LogForm(ABC):
+    """A kind of log: how blocks of lines become the bytes of streams."""
+
+    resolution_ns: int | None = None
+    """Of its times; None if it has none."""
+    is_certain: bool = False
+    """Whether its sample shows that no other kind of log is better."""
+
+    def ports(self, name: str) -> list[str]:
+        """The ports of its rows, as far as the sample shows."""
+        return [name]
+
+    @abstractmethod
+    def read(self, block: TextBlock, streams: LogStreams, name: str) -> None:
+        """Append the bytes of a block to the streams; raises InputTextError."""
+
+    def notes(self) -> list[str]:
+        """How it was read, one line each."""
+        return []
+
+    @abstractmethod
+    def explain(self) -> list[str]:
+        """The form, lanes, times and directions, one line each."""
+
+
+class _Piece(NamedTuple):
+    """Rows of one stream, with their order in the log."""
+
+    keys: Sequence[int] | Array
+    """Rising: times, or the numbers of lines."""
+    lines: Sequence[int] | Array
+    rows: Rows
 
 
 class LogStream:
@@ -45,23 +91,23 @@ class LogStream:
     the resolution of the stamps is none. The times of rows come from the stamps.
     """
 
-    def __init__(self, port: str, resolution_ns: int) -> None:
-        self.port = port
-        self._framer = Framer(port)
-        self._resolution_ns = resolution_ns
-        self._size = 0
-        self._clock_ns = 0
+    def __init__(self, port: str, log: LogStreams) -> None:
+        self.port, self._log, self._framer = port, log, Framer(port)
+        self._clock_ns = self._size = 0
         self._last_ns: int | None = None
-        self._marks: deque[ArrivalTime] = deque()
-        self._stops: list[int] = []
-        self._lines: list[int] = []
+        self._stops, self._lines, self._times, self._floors = (array("q") for _ in range(4))
+        """Of each line: the offset after its bytes, its number, its time, and the earliest time
+        at which one of its bytes can have begun."""
         self.label: str | None = None
         """The direction of the stream in the log, or another label."""
-        self.compared = self.contrary = self.cut_frame = 0
-        """Frames with a direction in the log; those of another header; bytes of a last frame that
-        is cut."""
-        self.against: tuple[int, str, int] | None = None
-        """Line, label and header of the first frame of another header."""
+        self.frames = Counter[int]()
+        """By header."""
+        self.first_line: dict[int, int] = {}
+        """By header, the line of its first frame."""
+        self.cut_frame: str | None = None
+        """The note that it ends in a frame."""
+        self.key = -1
+        """Of its last row."""
 
     def append(self, data: bytes, line: int, t_ns: int | None, *, first: bool = False) -> None:
         """Append the bytes of a line.
@@ -72,241 +118,237 @@ class LogStream:
             t_ns: its time.
             first: whether the first byte began then; else the last one had arrived.
         """
-        floor = 0
-        if t_ns is None:
-            self._framer.push(Chunk(self.port, None, data))
-        else:
-            duration = len(data) * BYTE_NS
-            if first:
-                t_ns = min(t_ns + duration, LATEST_NS)
-            elif self._last_ns is not None and self._last_ns <= t_ns:
-                floor = self._last_ns
-            self._push(data, self._silence(t_ns, duration))
+        log, before, floor, silence = self._log, self._last_ns, 0, 0
+        log.size += len(data)
+        if t_ns is None and log.start_ns is not None:
+            t_ns = log.start_ns + log.size * log.byte_ns
+        if t_ns is not None:
+            duration = len(data) * log.byte_ns
+            t_ns = min(t_ns + duration, LATEST_NS) if first else t_ns
+            if before is not None:
+                silence = t_ns - duration - before - log.resolution_ns
+                floor = before if before <= t_ns and not first else 0
+                log.set_back |= before - t_ns > _FAR_NS
             self._last_ns = t_ns
-        self._mark(len(data), t_ns, floor, line)
+        self._push(data, silence)
+        row = self._size, line, _NO_TIME if t_ns is None else t_ns, floor
+        for column, value in zip(self._columns, row, strict=True):
+            column.append(value)
 
-    def append_columns(self, data: bytes, columns: Columns) -> None:
+    def append_columns(self, data: bytes, sizes: Array, lines: Array, times: Array | None) -> None:
         """Append the bytes of many lines."""
-        if columns.t_ns is None:
-            self._framer.push(Chunk(self.port, None, data))
-            start, self._size = self._size, self._size + len(data)
-            self._marks.append(ArrivalTime(start, self._size, None, 0, BYTE_NS))
-        else:
-            self._append_timed(data, columns)
-        stops = self._size - len(data) + columns.stops
-        self._stops += stops.tolist()
-        self._lines += columns.lines.tolist()
-
-    def _append_timed(self, data: bytes, columns: Columns) -> None:
-        """Lines whose stamps follow each other as their bytes do are one chunk."""
         import numpy as np
 
-        t_ns, stops = columns.t_ns, columns.stops
-        assert t_ns is not None
-        drift = (t_ns - stops * BYTE_NS) // max(min(self._resolution_ns, 10**6), 1000)
-        ends = np.append(np.flatnonzero(np.diff(drift)), len(t_ns) - 1)
-        start = 0
-        for stop, time in zip(stops[ends].tolist(), t_ns[ends].tolist(), strict=True):
-            self._push(data[start:stop], self._silence(time, (stop - start) * BYTE_NS))
-            floor = self._last_ns if self._last_ns is not None and self._last_ns <= time else 0
-            begin, self._size = self._size, self._size + stop - start
-            self._marks.append(ArrivalTime(begin, self._size, time, floor, BYTE_NS))
-            self._last_ns, start = time, stop
+        stops = np.cumsum(sizes)
+        cuts, silent = np.zeros(0, np.int64), [0]
+        floors = np.zeros(len(stops), np.int64)
+        if times is not None:
+            before = np.append(times[0] if self._last_ns is None else self._last_ns, times[:-1])
+            silences = times - sizes * self._log.byte_ns - before - self._log.resolution_ns
+            text = np.frombuffer(data, np.uint8)
+            whole = (sizes == FRAME_LENGTH) & (text[stops - 1] == TAIL)
+            whole &= np.isin(text[stops - sizes], list(HEADERS.values()))
+            whole[1:] &= whole[:-1]  # silence between two frames is no news
+            whole[0] = False
+            at = np.flatnonzero((silences >= self._log.pause_ns) & ~whole)
+            cuts, silent = (stops - sizes)[at], [0, *silences[at].tolist()]
+            floors = np.where(before <= times, before, 0)
+            floors[0] *= self._last_ns is not None
+            self._log.set_back |= bool((before - times > _FAR_NS).any())
+            self._last_ns = int(times[-1])
+        self._log.size += len(data)
+        stops += self._size
+        bounds = [0, *cuts.tolist(), len(data)]
+        for (start, stop), silence in zip(pairwise(bounds), silent, strict=True):
+            if stop > start:
+                self._push(data[start:stop], silence)
+        times = np.full(len(stops), _NO_TIME) if times is None else times
+        for own, column in zip(self._columns, (stops, lines, times, floors), strict=True):
+            own.frombytes(column.astype(np.int64).tobytes())
+
+    @property
+    def _columns(self) -> tuple[array[int], ...]:
+        return self._stops, self._lines, self._times, self._floors
 
     def cut(self) -> None:
         """The log leaves out bytes here: no frame goes on."""
-        self._push(b"", _CUT_NS)
-
-    def _silence(self, t_ns: int, duration: int) -> int:
-        if self._last_ns is None:
-            return 0
-        silence = t_ns - duration - self._last_ns - self._resolution_ns
-        return silence if silence >= _PAUSE_NS else 0
+        self._push(b"", _FAR_NS)
 
     def _push(self, data: bytes, silence: int) -> None:
-        self._clock_ns += len(data) * BYTE_NS + silence
+        self._clock_ns += len(data) * self._log.byte_ns
+        self._clock_ns += silence if silence >= self._log.pause_ns else 0
+        self._size += len(data)
         self._framer.push(Chunk(self.port, self._clock_ns, data))
 
-    def _mark(self, size: int, t_ns: int | None, floor: int, line: int) -> None:
-        start, self._size = self._size, self._size + size
-        self._marks.append(ArrivalTime(start, self._size, t_ns, floor, BYTE_NS))
-        self._stops.append(self._size)
-        self._lines.append(line)
-
-    def drain(self, *, final: bool = False) -> DecidedSpan:
-        """What is decided since the last time, with the times of the log."""
+    def drain(self, *, final: bool, few: bool) -> _Piece | None:
+        """The rows that are decided since the last time."""
         if final:
             self._framer.finish()
         span = self._framer.drain()
-        self._compare(span)
-        last = span.last() if final else None
-        if last is not None and not last[1] and Fault.TRUNCATED in last[2]:
-            self.cut_frame = last[0]
-        end, marks = span.segments.end, []
-        while self._marks and self._marks[0].start < end:
-            marks.append(self._marks[0])
-            if self._marks[0].stop > end:
-                break
-            self._marks.popleft()
-        return DecidedSpan(span.port, span.data, span.start, span.segments, marks)
+        self.cut_frame = cut_frame_note(span) if final else None
+        if not len(span):
+            return None
+        piece = self._few_rows(span) if few or len(span) < _FEW_AT_ONCE else self._batch(span)
+        done = bisect_right(self._stops, span.segments.end)
+        for column in self._columns:
+            del column[:done]
+        self.key = int(piece.keys[-1])
+        return piece
 
-    def _compare(self, span: DecidedSpan) -> None:
-        expected = _HEADER_OF_LABEL.get(self.label or "")
-        if expected is None or self.compared >= _MOST_COMPARED:
-            return
-        headers = list(span.headers())
-        contrary = [(offset, header) for offset, header in headers if header != expected]
-        self.compared += len(headers)
-        if contrary and self.against is None:
-            offset, header = contrary[0]
-            self.against = self.lines_of([offset])[0], self.label or "", header
-        self.contrary += len(contrary)
+    def pending_line(self) -> int:
+        """The line of the first undecided byte; a large number without one."""
+        return self._lines[0] if self._lines else LATEST_NS
 
-    def lines_of(self, offsets: Iterable[int]) -> list[int]:
-        """The numbers of the lines where bytes are."""
-        return [self._lines[bisect_right(self._stops, offset)] for offset in offsets]
+    def _few_rows(self, span: DecidedSpan) -> _Piece:
+        marks, start = list[ArrivalTime](), 0
+        for stop, _, t_ns, floor in zip(*self._columns, strict=True):
+            known = None if t_ns == _NO_TIME else t_ns
+            marks.append(ArrivalTime(start, stop, known, floor, self._log.byte_ns))
+            start = stop
+        rows = DecidedSpan(span.port, span.data, span.start, span.segments, marks).rows()
+        lines = [self._lines[bisect_right(self._stops, row.offset)] for row in rows]
+        for row, line in zip(rows, lines, strict=True):
+            if isinstance(row, Frame):
+                self.frames[row.raw[0]] += 1
+                self.first_line.setdefault(row.raw[0], line)
+        keys = [row.t_ns or 0 for row in rows] if self._log.by_time else lines
+        return _Piece(list(accumulate(keys, max, initial=self.key))[1:], lines, rows)
 
-    def pending_line(self, end: int) -> int:
-        """The line of the first byte that is not decided; a large number if there is none."""
-        done = bisect_right(self._stops, end)
-        return self._lines[done] if done < len(self._lines) else _NO_LINE
+    def _batch(self, span: DecidedSpan) -> _Piece:
+        import numpy as np
 
-    def forget(self, end: int) -> None:
-        """Drop the lines that are decided."""
-        done = bisect_right(self._stops, end)
-        del self._stops[:done], self._lines[:done]
+        from fte_sniff.row_batch import RowBatch
+
+        span = DecidedSpan(span.port, span.data, span.start, span.segments, [])
+        batch = RowBatch.from_span(span)
+        columns = [np.frombuffer(column, np.int64) for column in self._columns]
+        own = np.searchsorted(columns[0], batch.offset, "right")
+        stops, lines, times, floors = (column[own] for column in columns)
+        t_ns = np.maximum(times - (stops - batch.offset) * self._log.byte_ns, floors)
+        delay_ns = np.maximum(times - t_ns, 0)
+        t_ns[times == _NO_TIME] = delay_ns[times == _NO_TIME] = _NO_TIME
+        for header in HEADERS.values():
+            at = np.flatnonzero(batch.framed & (batch.raw[:, 0] == header))
+            self.frames[header] += len(at)
+            if len(at):
+                self.first_line.setdefault(header, int(lines[at[0]]))
+        keys = np.maximum.accumulate(np.append(self.key, t_ns if self._log.by_time else lines))
+        return _Piece(keys[1:], lines, replace(batch, t_ns=t_ns, delay_ns=delay_ns))
 
 
 class LogStreams:
     """All streams of a log."""
 
-    def __init__(self, resolution_ns: int = 1) -> None:
-        self._resolution_ns = resolution_ns
-        self._streams: dict[str, LogStream] = {}
+    def __init__(
+        self,
+        resolution_ns: int | None = None,
+        *,
+        start_ns: int | None = None,
+        baud: int = DEFAULT_BAUD,
+        ports: Iterable[str] = (),
+    ) -> None:
+        """No stream has bytes yet.
+
+        Args:
+            resolution_ns: of the times of the log; None if it has none.
+            start_ns: when the bytes of a log without times began; None to have no times.
+            baud: bits per second, for the time that bytes take.
+            ports: the streams that are expected, to merge by time; none to merge by line.
+        """
+        self.resolution_ns = resolution_ns or 1
+        self.start_ns = start_ns if resolution_ns is None else None
+        self.byte_ns = byte_time_ns(baud)
+        self.pause_ns = round(PAUSE_BYTES * self.byte_ns)
+        self.size = 0
+        """Bytes of all streams."""
+        self.set_back = False
+        """Whether times fell far within a stream."""
+        self._streams = {port: LogStream(port, self) for port in ports}
+        self.by_time = bool(self._streams) and resolution_ns is not None
         self._count = 0
-        self._held: list[tuple[int, Row]] = []
+        self._held: list[_Piece] = []
 
     def __getitem__(self, port: str) -> LogStream:
         """The stream of a port, which may be new."""
-        stream = self._streams.get(port)
-        if stream is None:
-            stream = self._streams[port] = LogStream(port, self._resolution_ns)
-        return stream
+        if port not in self._streams:
+            self._streams[port] = LogStream(port, self)
+        return self._streams[port]
 
     def labelled(self, port: str, label: str | None) -> LogStream:
         """The stream of a port; its label may be a direction, which its frames can contradict."""
-        known = port in self._streams
         stream = self[port]
-        stream.label = label if not known or stream.label == label else None
+        stream.label = label if not stream.frames or stream.label == label else None
         return stream
-
-    def __len__(self) -> int:
-        """The number of streams."""
-        return len(self._streams)
 
     def notes(self, *, ends: bool) -> list[str]:
         """Which directions frames contradict, and if `ends`, which streams end within a frame."""
-        notes = []
-        against = [stream.against for stream in self._streams.values() if stream.against]
+        notes, against, count, frames = list[str](), list[tuple[int, str, int]](), 0, 0
+        for stream in self._streams.values():
+            expected = _HEADER_OF_LABEL.get(stream.label or "")
+            for header, line in stream.first_line.items() if expected else ():
+                frames += stream.frames[header]
+                if header != expected:
+                    count += stream.frames[header]
+                    against.append((line, stream.label or "", header))
         if against:
             line, label, header = min(against)
-            count = sum(stream.contrary for stream in self._streams.values())
-            frames = sum(stream.compared for stream in self._streams.values())
-            direction = DIRECTION_OF_HEADER[header]
-            first = "the first " if frames >= _MOST_COMPARED else ""
-            said = "sent" if label == SENT else "received"
             notes.append(
-                f"{count:,} of {first}{frames:,} frames go the other way than the log says"
-                f" (line {line} says {said}, header {header:02X} says {direction}): a tap logs so,"
-                " or the wires are swapped"
+                f"{count:,} of {frames:,} frames go the other way than the log says"
+                f" (line {line} says {'sent' if label == SENT else 'received'}, header"
+                f" {header:02X} says {DIRECTION_OF_HEADER[header]}): a tap logs so, or the wires"
+                " are swapped"
             )
-        for stream in self._streams.values():
-            if ends and stream.cut_frame:
-                where = "" if len(self) == 1 else f"{stream.port.rpartition(':')[2]} "
-                notes.append(
-                    f"{where}ends in the middle of a frame"
-                    f" ({stream.cut_frame} of {FRAME_LENGTH} bytes)"
-                )
+        for stream in self._streams.values() if ends else ():
+            where = "" if len(self._streams) == 1 else f"{stream.port.rpartition(':')[2]} "
+            notes += [where + stream.cut_frame] if stream.cut_frame else []
         return notes
 
     def drain(self, *, final: bool = False) -> list[Rows]:
-        """The rows that are decided, in order."""
-        streams = list(self._streams.values())
-        if not streams:
-            return []
-        spans = [stream.drain(final=final) for stream in streams]
-        rows = sum(map(len, spans))
-        self._count += rows
-        if len(streams) == 1:
-            streams[0].forget(spans[0].segments.end)
-            if not rows:
-                return []
-            if self._count < FEW or rows < _FEW_AT_ONCE:
-                return [spans[0].rows()]
-            from fte_sniff.row_batch import RowBatch
+        """The rows that are decided and in order."""
+        ready: list[_Piece] = []
+        if self.set_back and self.by_time:
+            self.by_time, ready, self._held = False, self._held, []
+            for stream in self._streams.values():
+                stream.key = -1
+        few, streams = self._count < FEW, self._streams.values()
+        pieces = [stream.drain(final=final, few=few) for stream in streams]
+        self._held += [piece for piece in pieces if piece is not None]
+        self._count += sum(len(piece.rows) for piece in pieces if piece is not None)
+        limit = LATEST_NS + 1
+        waiting = sum(len(piece.rows) for piece in self._held)
+        if len(streams) > 1 and not final and waiting <= _MOST_HELD:
+            limit = min(one.key if self.by_time else one.pending_line() for one in streams)
+        return [*_merged(ready), *_merged(self._take(limit))]
 
-            return [RowBatch.from_span(spans[0])]
-        return self._merged(streams, spans, final=final)
+    def _take(self, limit: int) -> list[_Piece]:
+        ready, held = list[_Piece](), list[_Piece]()
+        for piece in self._held:
+            stop = bisect_left(piece.keys, limit)
+            for parts, part in ((ready, slice(stop)), (held, slice(stop, None))):
+                if len(piece.rows[part]):
+                    parts.append(_Piece(piece.keys[part], piece.lines[part], piece.rows[part]))
+        self._held = held
+        return ready
 
-    def _merged(
-        self, streams: Sequence[LogStream], spans: Sequence[DecidedSpan], *, final: bool
-    ) -> list[Rows]:
-        """Merge rows up to the first line with undecided bytes."""
-        limit = min(
-            stream.pending_line(span.segments.end)
-            for stream, span in zip(streams, spans, strict=True)
-        )
-        limit = _NO_LINE if final else limit
-        rows = sum(map(len, spans))
-        if self._count < FEW or rows < _FEW_AT_ONCE:
-            return self._merged_rows(streams, spans, limit)
-        return self._merged_batches(streams, spans, limit)
 
-    def _merged_rows(
-        self, streams: Sequence[LogStream], spans: Sequence[DecidedSpan], limit: int
-    ) -> list[Rows]:
-        entries = self._held
-        for stream, span in zip(streams, spans, strict=True):
-            rows = span.rows()
-            lines = stream.lines_of(row.offset for row in rows)
-            entries += zip(lines, rows, strict=True)
-            stream.forget(span.segments.end)
-        entries.sort(key=lambda entry: entry[0])
-        ready = bisect_right(entries, limit - 1, key=lambda entry: entry[0])
-        self._held = entries[ready:]
-        found = [row for _, row in entries[:ready]]
-        times = [row.t_ns for row in found if row.t_ns is not None]
-        if len(times) == len(found) and self._nearly_sorted(times):
-            found.sort(key=lambda row: row.t_ns or 0)
-        return [found] if found else []
+def _merged(pieces: Sequence[_Piece]) -> list[Rows]:
+    if len(pieces) < 2:
+        return [piece.rows for piece in pieces]
+    if all(isinstance(piece.rows, list) for piece in pieces):
+        entries = (entry for piece in pieces for entry in zip(*piece, strict=True))
+        return [[row for _, _, row in sorted(entries, key=itemgetter(0, 1))]]
+    import numpy as np
 
-    def _merged_batches(
-        self, streams: Sequence[LogStream], spans: Sequence[DecidedSpan], limit: int
-    ) -> list[Rows]:
-        import numpy as np
+    from fte_sniff.row_batch import RowBatch
 
-        from fte_sniff.row_batch import RowBatch
+    keys, lines, rows = zip(*pieces, strict=True)
+    order = np.lexsort((np.concatenate(lines), np.concatenate(keys)))
+    return [RowBatch.concat([RowBatch.from_rows(some) for some in rows]).select(order)]
 
-        batches, lines = [], []
-        if self._held:
-            batches.append(RowBatch.from_rows([row for _, row in self._held]))
-            lines += [line for line, _ in self._held]
-        for stream, span in zip(streams, spans, strict=True):
-            batch = RowBatch.from_span(span)
-            batches.append(batch)
-            lines += stream.lines_of(batch.offset.tolist())
-            stream.forget(span.segments.end)
-        whole, of_row = RowBatch.concat(batches), np.array(lines)
-        order = np.argsort(of_row, kind="stable")
-        ready = int(np.searchsorted(of_row[order], limit))
-        held = whole.select(order[ready:])
-        self._held = list(zip(of_row[order[ready:]].tolist(), held, strict=True))
-        found = whole.select(order[:ready])
-        if len(found) and found.timed.all() and self._nearly_sorted(found.t_ns):
-            found = found.select(np.argsort(found.t_ns, kind="stable"))
-        return [found] if len(found) else []
 
-    @staticmethod
-    def _nearly_sorted(times: Any) -> bool:
-        """Whether times fall only by what a line takes, not because the clock was set."""
-        return all(b >= a - _CUT_NS for a, b in pairwise(times))
+def cut_frame_note(last: DecidedSpan) -> str | None:
+    """That a stream whose last rows these are ends within a frame."""
+    row = last.last()
+    if row is None or row[1] or Fault.TRUNCATED not in row[2]:
+        return None
+    return f"ends in the middle of a frame ({row[0]} of {FRAME_LENGTH} bytes)"

@@ -1,6 +1,7 @@
-"""Text of any encoding as lines of UTF-8 bytes; very long lines in segments.
+"""Text of any encoding as lines of UTF-8 bytes that end in a newline.
 
-UTF-16 and GBK become UTF-8; lines that are neither stay as they are. Colours and NUL are removed.
+UTF-16 and GBK become UTF-8; lines that are neither stay as they are. Colours and NUL are removed. A
+line of more than 16 MB comes in segments, so that memory does not depend on the length of lines.
 """
 
 from __future__ import annotations
@@ -8,7 +9,9 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import IO, BinaryIO, Final
 
 BLOCK_BYTES: Final = 1 << 20
@@ -18,61 +21,53 @@ LONGEST_LINE: Final = 16 << 20
 """Bytes of a line that is read as a whole; a longer one comes in segments."""
 
 _SNIFFED: Final = 4096
-_MARKS: Final = (
-    (codecs.BOM_UTF32_LE, "utf-32-le"),
-    (codecs.BOM_UTF8, "utf-8"),
-    (codecs.BOM_UTF16_LE, "utf-16-le"),
-    (codecs.BOM_UTF16_BE, "utf-16-be"),
-)
-_COLOUR: Final = re.compile(rb"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])")
-_CONTROL: Final = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
-_HEX_PAIR: Final = re.compile(rb"[0-9A-Fa-f]{2}")
-_FULL_WIDTH: Final = {ord("，"): ",", ord("："): ":", ord("；"): ";", ord("　"): " ", 0xA0: " "}
+_BY_MARK: Final = {
+    codecs.BOM_UTF32_LE: "utf-32-le",
+    codecs.BOM_UTF16_LE: "utf-16-le",
+    codecs.BOM_UTF16_BE: "utf-16-be",
+}
+_INVISIBLE: Final = rb"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])|\0|\xef\xbb\xbf"
+"""Colours and other escape sequences, NUL, and the mark of UTF-8."""
+_CONTROL: Final = rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]"
+_FULL_WIDTH: Final = {"，": ",", "：": ":", "；": ";", "\u3000": " ", "\xa0": " "}
 
 
-@dataclass(slots=True)
+@dataclass
 class TextBlock:
     """Consecutive lines."""
 
     text: bytes
-    first: int
+    first: int = 1
     """The number of the first line, from 1."""
     column: int = 0
     """Bytes of the first line before this block; it is then a segment of a very long line."""
     unfinished: bool = False
     """Whether the last line goes on in the next block."""
-    _lines: list[bytes] | None = None
 
-    @property
+    @cached_property
     def lines(self) -> list[bytes]:
         """The lines without their ends."""
-        if self._lines is None:
-            self._lines = self.text.splitlines()
-        return self._lines
+        return self.text.split(b"\n")[:-1] if self.text.endswith(b"\n") else [self.text]
 
 
 def looks_like_text(first: bytes) -> bool:
     """Whether a stream that begins so is text; raw bytes of the wire always hold control codes."""
     if encoding_of(first) != "utf-8" or first.startswith(codecs.BOM_UTF8):
         return True
-    if _CONTROL.search(first):
-        return False
-    if _decodes(first, "utf-8"):
-        return True
-    return _HEX_PAIR.search(first) is not None and _decodes(first, "gb18030")
+    has_pair = re.search(rb"[0-9A-Fa-f]{2}", first) is not None
+    encodings = ("utf-8", "gb18030") if has_pair else ("utf-8",)
+    return not re.search(_CONTROL, first) and any(_decodes(first, one) for one in encodings)
 
 
 def encoding_of(first: bytes) -> str:
     """The encoding by its mark, or of UTF-16 by the zeros between its letters; else utf-8."""
-    for mark, encoding in _MARKS:
+    for mark, encoding in _BY_MARK.items():
         if first.startswith(mark):
             return encoding
-    even, odd = first[::2], first[1::2]
-    if len(first) > 1 and 0 not in even and 2 * odd.count(0) >= len(odd):
+    zeros = [2 * first[start::2].count(0) >= max(len(first[start::2]), 1) for start in (0, 1)]
+    if zeros == [False, True] and 0 not in first[::2]:
         return "utf-16-le"
-    if len(first) > 1 and 0 not in odd and 2 * even.count(0) >= len(even):
-        return "utf-16-be"
-    return "utf-8"
+    return "utf-16-be" if zeros == [True, False] and 0 not in first[1::2] else "utf-8"
 
 
 def _decodes(data: bytes, encoding: str) -> bool:
@@ -83,38 +78,31 @@ def _decodes(data: bytes, encoding: str) -> bool:
     return True
 
 
-def lines_of(data: bytes, encoding: str = "utf-8") -> list[bytes]:
-    """The lines of a block of text; a line that is cut at the start of the block stays cut."""
-    if encoding != "utf-8":
-        data = data.decode(encoding, "replace").lstrip("\ufeff").encode()
-    return _clean(data.removeprefix(codecs.BOM_UTF8)).splitlines()
+def lines_of(data: bytes, encoding: str) -> list[bytes]:
+    """The lines of a part of a text; the first and the last may be cut."""
+    text = data if encoding == "utf-8" else data.decode(encoding, "replace").encode()
+    return TextBlock(_clean(text)).lines
 
 
 def _clean(data: bytes) -> bytes:
-    """The same as UTF-8, without colours and NUL, with plain commas and colons."""
-    if b"\x1b" in data:
-        data = _COLOUR.sub(b"", data)
-    if b"\0" in data:
-        data = data.replace(b"\0", b"")
+    """Lines as UTF-8, without colours and NUL, with plain commas, colons and line ends."""
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if b"\x1b" in data or b"\0" in data or b"\xef\xbb\xbf" in data:
+        data = re.sub(_INVISIBLE, b"", data)
     if data.isascii():
         return data
     if not _decodes(data, "utf-8"):
         data = b"".join(map(_utf8, data.splitlines(keepends=True)))
-    if any(mark in data for mark in (b"\xef\xbc", b"\xe3\x80\x80", b"\xc2\xa0")):
-        data = (
-            data.decode("utf-8", "surrogateescape")
-            .translate(_FULL_WIDTH)
-            .encode("utf-8", "surrogateescape")
-        )
+    for wide, plain in _FULL_WIDTH.items():
+        data = data.replace(wide.encode(), plain.encode())
     return data
 
 
 def _utf8(line: bytes) -> bytes:
     for encoding in ("utf-8", "gb18030"):
-        try:
+        with suppress(UnicodeDecodeError):
             return line.decode(encoding).encode()
-        except UnicodeDecodeError:
-            continue
     return line
 
 
@@ -126,28 +114,26 @@ class TextBlocks:
 
     def __iter__(self) -> Iterator[TextBlock]:
         """The blocks, once."""
-        first = self._read(BLOCK_BYTES)
-        while 0 < len(first) < 4 and (more := self._read(BLOCK_BYTES)):
-            first += more
-        encoding = encoding_of(first[:_SNIFFED])
-        mark = next((m for m, e in _MARKS if e == encoding and first.startswith(m)), b"")
+        data = self._read(BLOCK_BYTES)
+        while 0 < len(data) < 4 and (more := self._read(BLOCK_BYTES)):
+            data += more
+        encoding = encoding_of(data[:_SNIFFED])
         decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)("replace")
-        data, number, column, pending = first[len(mark) :], 1, 0, b""
+        number, column, pending = 1, 0, b""
         while True:
-            text = data if decoder is None else decoder.decode(data, not data).encode()
-            pending += text
-            end = len(pending) if not data else _end_of_lines(pending)
-            unfinished = data and end == 0 and len(pending) >= LONGEST_LINE
+            pending += data if decoder is None else decoder.decode(data, not data).encode()
+            end = _end_of_lines(pending) if data else len(pending)
+            unfinished = bool(data) and not end and len(pending) >= LONGEST_LINE
             if unfinished:
                 end = _end_of_words(pending)
             if end:
-                block = TextBlock(_clean(pending[:end]), number, column, bool(unfinished))
+                text = _clean(pending[:end])
+                if not unfinished and not text.endswith(b"\n"):
+                    text += b"\n"
+                yield TextBlock(text, number, column, unfinished)
+                column = column + end if unfinished else 0
+                number += text.count(b"\n")
                 pending = pending[end:]
-                if unfinished:
-                    column += end
-                else:
-                    number, column = number + _line_ends(block.text), 0
-                yield block
             if not data:
                 return
             data = self._read(BLOCK_BYTES)
@@ -155,18 +141,11 @@ class TextBlocks:
 
 def _end_of_lines(data: bytes) -> int:
     """Where the last complete line ends; a carriage return at the end may be half of a line end."""
-    newline = data.rfind(b"\n") + 1
-    carriage = data.rfind(b"\r", newline, len(data) - 1) + 1
-    return max(newline, carriage)
-
-
-def _line_ends(text: bytes) -> int:
-    lone = text.count(b"\r") - text.count(b"\r\n") if b"\r" in text else 0
-    return text.count(b"\n") + lone
+    return max(data.rfind(b"\n"), data.rfind(b"\r", 0, len(data) - 1)) + 1
 
 
 def _end_of_words(data: bytes) -> int:
     """Where a very long line can be cut: between two words, or two pairs of digits."""
-    tail = re.search(rb"[0-9A-Za-z]*\Z", data[-64:])
-    end = len(data) - (len(tail[0]) if tail else 0)
-    return end if end > len(data) - 64 else len(data) & ~1
+    word = re.search(rb"[0-9A-Za-z]*\Z", data[-64:])
+    size = len(word[0]) if word else 0
+    return len(data) - size if size < 64 else len(data) & ~1

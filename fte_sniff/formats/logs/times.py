@@ -1,233 +1,86 @@
-"""The table of time forms, and where the lines of a log have their times.
+"""Times in the lines of a log: one table of their forms, and the clock that they are read by.
 
-ISO            2026-01-31 12:00:05.123   2026-01-31T12:00:05Z   2026年1月31日 12时00分05秒
-day or month   31/01/2026 12:00:05       1-31-26 12:00:05 PM    (which, the whole file decides)
-month names    Jan 31 12:00:05           31 Jan 2026 12:00:05   Sat Jan 31 12:00:05.123 2026
-without year   01-31 12:00:05.123        (logcat)
-clock          12:00:05.123   12:00:05:123   12:00:05,123   上午 11:00:05   11:00:05 PM
-numbers        epoch in s, ms, µs or ns; seconds since a start, in the unit of a heading
+A time is a date with a clock, a clock alone, or a number: since 1970, or since a start.
 """
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import date
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, date, datetime, timedelta
+from functools import cache
 from itertools import pairwise
 from math import gcd
-from typing import Any, Final, NamedTuple
+from pathlib import Path
+from time import time_ns
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from fte_sniff.formats.logs.streams import LATEST_NS
+
+if TYPE_CHECKING:
+    from fte_sniff.formats.logs.reader import LogOptions
+    from fte_sniff.formats.logs.streams import Array
 
 SECOND: Final = 10**9
 DAY_NS: Final = 86_400 * SECOND
 
-_MONTHS: Final = [
-    "jan",
-    "feb",
-    "mar",
-    "apr",
-    "may",
-    "jun",
-    "jul",
-    "aug",
-    "sep",
-    "oct",
-    "nov",
-    "dec",
-]
-_MONTH: Final = rf"(?i:{'|'.join(_MONTHS)})[a-z]*"
-_CLOCK: Final = (
+_MONTHS: Final = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
+_NAMED: Final = rf"(?P<name>(?i:{_MONTHS}))[a-z]*"
+_MONTH: Final = "1[0-2]|0?[1-9]"
+_DAY: Final = r"3[01]|[12]\d|0?[1-9]"
+DATES: Final = {
+    # ISO 8601: Python, Go, Java, ROS, socat; tools in Chinese
+    "date": rf"(?P<y>\d{{4}})(?:[-/.]|年)(?P<mo>{_MONTH})(?:[-/.]|月)(?P<d>{_DAY})(?:日)?",
+    # Docklight, Eltima, Windows tools in the order of the country
+    "day or month first": r"(?P<a>\d{1,2})(?P<sep>[-/.])(?P<b>\d{1,2})[-/.](?P<y>\d{4}|\d\d)",
+    # embedded loggers, file names
+    "digits": r"(?P<y>20\d\d)(?P<mo>\d\d)(?P<d>\d\d)",
+    # git, Apache
+    "day and name": rf"(?P<d>\d{{1,2}})[- ]{_NAMED}[- ](?P<y>\d{{4}})",
+    # syslog, ts, Tera Term
+    "name and day": rf"{_NAMED} +(?P<d>\d{{1,2}})(?:,? (?P<y>\d{{4}}))?",
+    # logcat, LLCOM
+    "month and day": r"(?P<mo>\d\d)[-/](?P<d>\d\d)",
+}  # fmt: skip
+"""Regular expressions of the dates before a clock; an earlier one is preferred."""
+_HALF: Final = "[AaPp][Mm]|上午|下午"
+CLOCK: Final = (
+    rf"(?:(?P<half>{_HALF}) *)?"
     r"(?P<h>2[0-4]|[01]?\d)(?::|时)(?P<mi>[0-5]\d)(?::|分)(?P<s>[0-5]\d|60)(?:秒)?"
-    r"(?:\.(?P<f>\d{1,9})(?:,(?P<f2>\d{3})(?=\]))?|:(?P<f3>\d{3})|,(?P<f4>\d{3})(?![\d,]))?"
-    r"(?!(?!Z)\w|:\w)"
+    r"(?:(?:\.|[:,](?=\d{3}(?![\d,])))(?P<f>\d{1,9})(?:,(?P<us>\d{3})(?=\]))?)?"
+    rf"(?!(?!Z)\w|:\w)(?: ?(?P<half2>{_HALF}))?(?: (?P<y2>20\d\d)(?!\d))?"
+    r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?[+-]\d\d:?\d\d(?!\d))?"
 )
-_HALF: Final = r"(?P<{}>[AaPp][Mm]|上午|下午)"
-_DATE: Final = (
-    r"(?P<y>\d{4})[-/.年](?P<mo>1[0-2]|0?[1-9])[-/.月](?P<d>3[01]|[12]\d|0?[1-9])(?:日)?"
-    r"|(?P<a>\d{1,2})(?P<sep>[-/.])(?P<b>\d{1,2})(?P=sep)(?P<y1>\d{4}|\d{2})"
-    r"|(?P<y2>20\d\d)(?P<mo2>\d\d)(?P<d2>\d\d)"
-    rf"|(?P<d3>\d{{1,2}})[- ](?P<n3>{_MONTH})[- ](?P<y3>\d{{4}})"
-    rf"|(?P<n4>{_MONTH}) +(?P<d4>\d{{1,2}})(?:,? (?P<y4>\d{{4}}))?"
-    r"|(?P<mo5>\d\d)[-/](?P<d5>\d\d)"
-)
-STRONG: Final = re.compile(
-    (
-        rf"(?<![\w:.])(?:(?:{_DATE})(?:T|[,_ ] *))?(?:{_HALF.format('p')} *)?{_CLOCK}"
-        rf"(?: ?{_HALF.format('p1')})?(?: (?P<y6>20\d\d)(?!\d))?"
-        r"(?P<zone> ?(?:Z|UTC)(?!\w)| ?[+-]\d\d:?\d\d(?!\d))?"
-    )
-    .replace("[-/.年]", "(?:[-/.]|年)")
-    .replace("[-/.月]", "(?:[-/.]|月)")
-    .encode()
-)
-"""A date and time, or a time of day."""
-NUMBER: Final = re.compile(rb"(?<![\w.+-])\d+(?:\.\d+)?(?![\w.])")
-_UNIT: Final = re.compile(r"[\[(_ ](n|u|µ|m|)s(?:ec(?:onds)?)?(?:[\])]|\b)", re.IGNORECASE)
-_SCALE: Final = {"": SECOND, "m": 10**6, "u": 1000, "µ": 1000, "n": 1}
-_TIME_WORD: Final = re.compile(r"time|stamp|start|\bts\b|时间", re.IGNORECASE)
+"""A time of day in 12 or 24 hours, perhaps with the year and the zone after it."""
+_BEGIN, _THEN = r"(?<![\w:.])", r"(?:T|[,_ ] *)"
+_NUMBER: Final = rb"(?<![\w.+-])\d+(?:\.\d+)?(?![\w.])"
 _EPOCHS: Final = {10: SECOND, 13: 10**6, 16: 1000, 19: 1}
-"""By digits of a number since 1970, nanoseconds in one."""
-
-
-def masked(line: bytes) -> bytes:
-    """The line with its first date or time hidden, which cannot be bytes."""
-    found = STRONG.search(line)
-    if found is None:
-        return line
-    return line[: found.start()] + b"~" * (found.end() - found.start()) + line[found.end() :]
-
-
-class Stamp(NamedTuple):
-    """A time as it is written; the numbers may be columns of many lines."""
-
-    ns: Any
-    """Since midnight, 1970 or a start."""
-    days: Any = None
-    """Days from 1970; None without a date."""
-    zone_s: int | None = None
-    """Seconds east of UTC, if written."""
-    kind: str = "clock"
-    """`clock`, `date`, `year-less`, `epoch` or `since`."""
-
-
-def days_of(year: Any, month: Any, day: Any) -> Any:
-    """Days from 1970 of a date; the arguments may be columns. (Howard Hinnant's algorithm.)"""
-    year = year - (month <= 2)
-    of_year = (153 * ((month + 9) % 12) + 2) // 5 + day - 1
-    era = year // 400
-    of_era = year - era * 400
-    return era * 146097 + of_era * 365 + of_era // 4 - of_era // 100 + of_year - 719468
-
+"""By digits of a number since 1970, nanoseconds in one: `time`, candump, JavaScript, ROS."""
+_SCALES: Final = {"": SECOND, "m": 10**6, "u": 1000, "µ": 1000, "n": 1}
+_TIME_WORD: Final = r"(?i)time|stamp|start|\bts\b|时间"
+_UNIT_IN_HEADING: Final = r"(?i)[\[(_ ]([nuµm])s(?:ec(?:onds)?)?(?:[\])]|\b)"
+_LIMITS: Final = {"h": 24, "mi": 59, "s": 60, "mo": 12, "d": 31}
+_NAMED_DAY: Final = (
+    r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])"
+    r"(?:[-_ T.]+([01]\d|2[0-3])[-_.h]?([0-5]\d)[-_.m]?([0-5]\d))?(?!\d)"
+)
 
 Fields = Mapping[str, tuple[int, int]]
 """By name, where a field of a time begins and ends in the line."""
 Read = Callable[[int, int], Any]
-"""The number between two offsets of a line, or of many lines at once."""
+"""Reads the number between two offsets of a line, or of many lines at once."""
 
 
-def fields_of(found: re.Match[bytes]) -> Fields:
-    """The fields of a time."""
-    return {name: found.span(name) for name in found.groupdict() if found[name] is not None}
+class Stamp(NamedTuple):
+    """A time as it is written; the number may be a column of many lines."""
 
-
-@dataclass(slots=True)
-class TimeRule:
-    """Where the lines of a log have their times, and how they are read."""
-
-    where: str = "none"
-    """`before` or `after` the bytes, `above` them in a heading, or `none`."""
-    column: int = -1
-    """For numbers, which one; -1 for dates and clocks."""
-    scale: int = SECOND
-    """Nanoseconds of one of the numbers."""
-    kind: str = "clock"
-    day_first: bool | None = None
-    """Whether dates such as 5/3/2026 begin with the day; None if nothing shows it."""
-    unordered: tuple[int, int, int] | None = None
-    """The first such date: its numbers, the year last."""
-    fraction_digits: int | None = None
-    """Digits of a fraction, if they are not what they seem: socat writes µs with nine."""
-    resolution_ns: int = 1
-    first_byte: bool = False
-    """Whether the first byte of a line began then; else the last one had arrived."""
-
-    def settle_order(self, near: date, *, given: bool) -> str | None:
-        """Decide the order of day and month by a date that is near; the note about it.
-
-        The date is `given`, or the latest that is possible.
-        """
-        if self.unordered is None or self.day_first is not None:
-            return None
-        first, second, year = self.unordered
-        if first == second:
-            return None
-        days = abs(date(year, second, first) - near), abs(date(year, first, second) - near)
-        self.day_first = days[0] <= days[1]
-        if given:
-            return None
-        order = "day first" if self.day_first else "month first"
-        return (
-            f"its dates, such as {first}/{second}/{year}, could be day or month first, and are"
-            f" read {order}; --date 2026-01-31 says the first date"
-        )
-
-    def find(self, text: bytes, start: int, stop: int) -> tuple[int, int, Fields] | None:
-        """Where the time is in a part of a line."""
-        if self.column < 0:
-            strong = STRONG.search(text, start, stop)
-            return None if strong is None else (*strong.span(), fields_of(strong))
-        numbers = list(NUMBER.finditer(text, start, stop))
-        if not numbers or self.column >= len(numbers):
-            return None
-        begin, end = numbers[self.column].span()
-        point = text.find(b".", begin, end)
-        if point < 0:
-            return begin, end, {"n": (begin, end)}
-        return begin, end, {"n": (begin, point), "f": (point + 1, end)}
-
-    def stamp(self, text: bytes, fields: Fields, read: Read) -> Stamp:
-        """The time of those fields; `text` is the line, or one of many that differ in digits."""
-        if "n" in fields:
-            return self._of_number(fields, read)
-        ns = ((read(*fields["h"]) * 60 + read(*fields["mi"])) * 60 + read(*fields["s"])) * SECOND
-        half = next((text[slice(*fields[name])] for name in ("p", "p1") if name in fields), b"")
-        if half:
-            after_noon = half.upper() in (b"PM", "下午".encode())
-            ns = ns % (DAY_NS // 2) + after_noon * (DAY_NS // 2)
-        for name in ("f", "f3", "f4"):
-            if name in fields:
-                ns += self._fraction(*fields[name], read)
-        if "f2" in fields:
-            ns += read(*fields["f2"]) * 1000
-        zone = text[slice(*fields["zone"])].strip() if "zone" in fields else b""
-        return self._dated(text, fields, read, ns, _zone_s(zone.decode()))
-
-    def _fraction(self, start: int, stop: int, read: Read) -> Any:
-        digits = self.fraction_digits or stop - start
-        return read(start, stop) * 10 ** (9 - digits)
-
-    def _of_number(self, fields: Fields, read: Read) -> Stamp:
-        ns = read(*fields["n"]) * self.scale
-        if "f" in fields:
-            start, stop = fields["f"]
-            stop = min(stop, start + 9)
-            ns += read(start, stop) * self.scale // 10 ** (stop - start)
-        return Stamp(ns, kind=self.kind)
-
-    def _dated(self, text: bytes, fields: Fields, read: Read, ns: Any, zone_s: int | None) -> Stamp:
-        def number(*names: str) -> Any:
-            return next((read(*fields[name]) for name in names if name in fields), None)
-
-        year, month, day = (
-            number("y", "y1", "y2", "y3", "y4", "y6"), number("mo", "mo2", "mo5"),
-            number("d", "d2", "d3", "d4", "d5"),
-        )  # fmt: skip
-        if "a" in fields:
-            first, second = number("a"), number("b")
-            points = text[slice(*fields["sep"])] == b"."  # 31.01.2026 always begins with the day
-            day_first = points or self.day_first
-            day, month = (first, second) if day_first else (second, first)
-            start, stop = fields["y1"]
-            year = year + 2000 if stop - start == 2 else year
-        for name in ("n3", "n4"):
-            if name in fields:
-                start = fields[name][0]
-                month = _MONTHS.index(text[start : start + 3].decode().lower()) + 1
-        if month is None:
-            return Stamp(ns, zone_s=zone_s)
-        if year is None:
-            return Stamp(ns, days_of(1972, month, day), zone_s, "year-less")
-        return Stamp(ns, days_of(year, month, day), zone_s, "date")
-
-
-def _zone_s(text: str) -> int | None:
-    if not text:
-        return None
-    if text in ("Z", "UTC"):
-        return 0
-    digits = text[1:].replace(":", "")
-    east = int(digits[:2]) * 3600 + int(digits[2:]) * 60
-    return -east if text[0] == "-" else east
+    ns: Any
+    """Nanoseconds since 1970, midnight or a start, as the rule's `kind` says."""
+    zone_s: int | None = None
+    """Seconds east of UTC, if written."""
 
 
 class Text(NamedTuple):
@@ -240,117 +93,342 @@ class Text(NamedTuple):
     headings: tuple[bytes, ...] = ()
     """Headings of tables above it."""
 
+    def part(self, where: str) -> bytes:
+        """The text `before` or `after` the bytes, or the line `above` them."""
+        before, after = self.line[: self.start], self.line[self.stop :]
+        return {"before": before, "after": after, "above": self.above}[where]
+
+
+@cache
+def _form(name: str | None) -> re.Pattern[bytes]:
+    """The expression of a date and clock, of a clock alone (""), or of any (None)."""
+    if name is None:
+        dates = "|".join(DATES.values())
+        any_form = f"{_BEGIN}(?:(?:{dates}){_THEN})?{CLOCK}"
+        return re.compile(re.sub(r"\?P<\w+>", "?:", any_form).encode())
+    return re.compile(f"{_BEGIN}{DATES[name] + _THEN if name else ''}{CLOCK}".encode())
+
+
+def masked(line: bytes) -> bytes:
+    """The line with its first date or time hidden, which cannot be bytes."""
+    found = _form(None).search(line)
+    if found is None:
+        return line
+    return line[: found.start()] + b"~" * (found.end() - found.start()) + line[found.end() :]
+
+
+def days_of(year: Any, month: Any, day: Any) -> Any:
+    """Days from 1970 of a date; the arguments may be columns. (Howard Hinnant's algorithm.)"""
+    year = year - (month <= 2)
+    of_year = (153 * ((month + 9) % 12) + 2) // 5 + day - 1
+    era = year // 400
+    of_era = year - era * 400
+    return era * 146097 + of_era * 365 + of_era // 4 - of_era // 100 + of_year - 719468
+
+
+@dataclass(slots=True)
+class TimeRule:
+    """Where the lines of a log have their times, and how they are read."""
+
+    where: str = "none"
+    """`before` or `after` the bytes, `above` them in a heading, or `none`."""
+    form: str | None = None
+    """The date in the table, "" for a clock alone, None for a number."""
+    column: int = 0
+    """Which number."""
+    scale: int = SECOND
+    """Nanoseconds of one of the numbers."""
+    kind: str = "date"
+    """`date`, `year-less`, `clock`, `epoch` or `since`."""
+    day_first: bool | None = None
+    """Whether dates such as 5/3/2026 begin with the day."""
+    year: int = 1972
+    """Of dates without one."""
+    padded: bool = False
+    """Whether nine digits are microseconds: socat 1.7.4.4 writes so."""
+    resolution_ns: int = SECOND
+    first_byte: bool = False
+    """Whether the first byte of a line began then; else the last one had arrived."""
+    is_open: bool = False
+    """Whether more lines could change the resolution, or the order of day and month."""
+    _pairs: set[tuple[int, int, int]] = field(default_factory=set)
+
+    def find(self, text: bytes, start: int = 0, stop: int | None = None) -> Fields | None:
+        """Where the fields of the time are in a part of a line."""
+        if self.form is not None:
+            found = _form(self.form).search(text, start, len(text) if stop is None else stop)
+            if found is None:
+                return None
+            return {name: found.span(name) for name, part in found.groupdict().items() if part}
+        numbers = list(re.finditer(_NUMBER, text[:stop][start:]))
+        if self.column >= len(numbers):
+            return None
+        begin, end = (start + offset for offset in numbers[self.column].span())
+        point = text.find(b".", begin, end)
+        return {"n": (begin, end)} if point < 0 else {"n": (begin, point), "f": (point + 1, end)}
+
+    def stamp(self, text: bytes, fields: Fields, read: Read | None = None) -> Stamp | None:
+        """The time of the fields, None if it is impossible; `text` is one of the lines."""
+        read = read or (lambda start, stop: int(text[start:stop]))
+        part = {name: text[slice(*span)] for name, span in fields.items()}
+        number: dict[str, Any] = {
+            name: read(*fields[name]) for name in fields if part[name].isdigit()
+        }
+        if "a" in fields:  # 31.01.2026 always begins with the day
+            order = "ab" if self.day_first or part["sep"] == b"." else "ba"
+            number["d"], number["mo"] = (number[name] for name in order)
+        for name in number.keys() & _LIMITS.keys():
+            most = number[name] if isinstance(number[name], int) else number[name].max()
+            if most > _LIMITS[name]:
+                return None
+        ns: Any = 0
+        if "f" in fields:
+            ns = number["f"] * self.scale // 10 ** (6 if self.padded else len(part["f"]))
+        if "n" in fields:
+            return Stamp(number["n"] * self.scale + ns)
+        hours = number["h"]
+        if half := part.get("half") or part.get("half2"):
+            hours = hours % 12 + 12 * (half in (b"PM", b"pm", "下午".encode()))
+        ns += ((hours * 60 + number["mi"]) * 60 + number["s"]) * SECOND + number.get("us", 0) * 1000
+        if "d" in number:
+            if "name" in part:
+                number["mo"] = 1 + _MONTHS.index(part["name"].decode().lower()) // 4
+            year = number.get("y", number.get("y2", self.year))
+            year = year + 2000 if len(part.get("y", b"    ")) == 2 else year
+            ns += days_of(year, number["mo"], number["d"]) * DAY_NS
+        zone = part.get("zone", b"").decode().strip().replace(":", "")
+        east = int(zone[1:3]) * 3600 + int(zone[3:]) * 60 if zone[:1] in ("+", "-") else 0
+        return Stamp(ns, (-east if zone[0] == "-" else east) if zone else None)
+
+    def learn(self, text: bytes) -> None:
+        """Decide the resolution, and the order of day and month, by all times in a text."""
+        step, digits = self.resolution_ns, 0
+        for found in _form(self.form).finditer(text):
+            if fraction := found["f"]:
+                digits = 6 if self.padded else max(digits, len(fraction))
+                step = gcd(
+                    step, int(fraction) * SECOND // 10 ** (6 if self.padded else len(fraction))
+                )
+            if "a" in found.re.groupindex:
+                self._pairs.add((int(found["a"]), int(found["b"]), int(found["y"])))
+        self.resolution_ns = 10 ** next(n for n in range(9, -1, -1) if step % 10**n == 0)
+        first, second = ({pair[at] for pair in self._pairs} for at in (0, 1))
+        certain = max(first, default=13) > 12 or max(second) > 12
+        if certain or len(first) != len(second):
+            self.day_first = max(first, default=0) > 12 or not (certain or len(first) < len(second))
+        self.is_open = not certain or self.resolution_ns * 10**digits > SECOND
+
+    def settle_order(self, near: date, *, given: bool) -> str | None:
+        """Decide an order of day and month that no line shows; the note about it.
+
+        The date that is near is `given`, or the latest that is possible.
+        """
+        if self.day_first is not None or not self._pairs:
+            return None
+        first, second, year = min(self._pairs)
+        year += 2000 if year < 100 else 0
+        days = abs(date(year, second, first) - near), abs(date(year, first, second) - near)
+        self.day_first = days[0] <= days[1]
+        order = "day first" if self.day_first else "month first"
+        return (
+            None
+            if given or first == second
+            else (
+                f"its dates, such as {first}/{second}/{year}, could be day or month first, and are"
+                f" read {order}; --date 2026-01-31 says the first date"
+            )
+        )
+
 
 def time_rule(texts: Sequence[Text]) -> TimeRule:
     """Where lines have their times, by a sample of lines with bytes."""
-    least = 0.5 * len(texts)
-    for where in ("before", "after"):
-        found = [STRONG.search(text.line, *_span(text, where)) for text in texts]
-        if sum(one is not None for one in found) > least:
-            return _strong_rule(where, [one for one in found if one is not None])
-    for where in ("before", "after"):
-        if rule := _number_rule(where, texts):
+    for rule_of in (_rule_of_clocks, _rule_of_numbers):
+        for where in ("before", "after"):
+            if rule := rule_of(where, [text.part(where) for text in texts], texts):
+                return rule
+    headings = list(dict.fromkeys(text.above for text in texts))
+    rule = _rule_of_clocks("above", headings, texts) if len(headings) > 1 else None
+    return rule or TimeRule()
+
+
+def _rule_of_clocks(where: str, parts: Sequence[bytes], _: Sequence[Text]) -> TimeRule | None:
+    for name in (*DATES, ""):
+        found = [match for part in parts if (match := _form(name).search(part))]
+        if len(found) > 0.5 * len(parts):
+            has_year = any(match.groupdict().get("y") or match["y2"] for match in found)
+            kind = ("date" if has_year else "year-less") if name else "clock"
+            fractions = {match["f"] or b"" for match in found}
+            padded = len(fractions) > 1 and all(re.match(rb"000\d{6}", one) for one in fractions)
+            rule = TimeRule(where, name, kind=kind, padded=padded)
+            rule.learn(b"\n".join(parts))
             return rule
-    above = {id(text.above): STRONG.search(text.above) for text in texts}
-    stamped = [one for one in above.values() if one is not None]
-    if len(stamped) > 1 and len(stamped) > 0.5 * len(above):
-        return _strong_rule("above", stamped)
-    return TimeRule()
+    return None
 
 
-def _span(text: Text, where: str) -> tuple[int, int]:
-    return (0, text.start) if where == "before" else (text.stop, len(text.line))
-
-
-def _strong_rule(where: str, found: Sequence[re.Match[bytes]]) -> TimeRule:
-    rule = TimeRule(where)
-    pairs = [(int(one["a"]), int(one["b"])) for one in found if one["a"]]
-    if pairs:
-        first, second = (max(column) for column in zip(*pairs, strict=True))
-        changes = [len(set(column)) for column in zip(*pairs, strict=True)]
-        year = int(found[0]["y1"] or 0)
-        rule.unordered = (*pairs[0], year + 2000 * (year < 100))
-        if first > 12 or second > 12:
-            rule.day_first = first > 12
-        elif changes[0] != changes[1]:
-            rule.day_first = changes[0] > changes[1]
-    fractions = [one["f"] for one in found if one["f"]]
-    if len(set(fractions)) > 1 and all(
-        len(digits) == 9 and digits.startswith(b"000") for digits in fractions
-    ):
-        rule.fraction_digits = 6
-    steps = 0
-    for one in found:
-        fields = fields_of(one)
-        steps = gcd(steps, rule.stamp(one.string, fields, _reader(one.string)).ns)
-    rule.resolution_ns = next(
-        step
-        for step in (SECOND, 10**8, 10**7, 10**6, 10**5, 10**4, 1000, 100, 10, 1)
-        if steps % step == 0
-    )
-    return rule
-
-
-def _reader(line: bytes) -> Read:
-    return lambda start, stop: int(line[start:stop])
-
-
-def _number_rule(where: str, texts: Sequence[Text]) -> TimeRule | None:
-    rows = [
-        [found[0] for found in NUMBER.finditer(text.line, *_span(text, where))] for text in texts
-    ]
+def _rule_of_numbers(where: str, parts: Sequence[bytes], texts: Sequence[Text]) -> TimeRule | None:
+    rows = [re.findall(_NUMBER, part) for part in parts]
     for column in range(min(map(len, rows), default=0)):
         values = [row[column] for row in rows]
-        rule = _rule_of_numbers(where, column, values, texts[0])
-        if rule is not None:
-            return rule
+        whole, places = zip(
+            *(map(len, (value + b".").split(b".")[:2]) for value in values), strict=True
+        )
+        kind, scale = "since", _unit(texts[0], where, column)
+        if (
+            scale is None
+            and len(set(whole)) == 1
+            and values[0][:1] in b"12"
+            and whole[0] in _EPOCHS
+        ):
+            kind, scale = "epoch", _EPOCHS[whole[0]]
+        elif scale is None and min(places):
+            scale = SECOND
+        times = [float(value) for value in values]
+        falls = sum(later < earlier for earlier, later in pairwise(times))
+        changes = kind == "epoch" or len(times) < 3 or len(set(times)) > 2
+        if scale is not None and falls <= len(times) // 50 and changes:
+            resolution_ns = max(1, scale // 10 ** max(places))
+            return TimeRule(where, None, column, scale, kind, resolution_ns=resolution_ns)
     return None
 
 
-def _rule_of_numbers(where: str, column: int, values: list[bytes], text: Text) -> TimeRule | None:
-    whole = {len(value.partition(b".")[0]) for value in values}
-    fractions = all(b"." in value for value in values)
-    digits = max(whole)
-    found = list(NUMBER.finditer(text.line, *_span(text, where)))[column]
-    scale = _unit_by_heading(text, found.start()) or _unit_beside(text.line, *found.span())
-    kind = "since"
-    if scale is None and len(whole) == 1 and digits in _EPOCHS and values[0][:1] in b"12":
-        kind, scale = "epoch", _EPOCHS[digits]
-    elif scale is None and fractions:
-        scale = SECOND
-    if scale is None:
-        return None
-    rule = TimeRule(where, column, scale, kind)
-    stamps = []
-    for value in values:
-        fields = {"n": (0, value.find(b".")), "f": (value.find(b".") + 1, len(value))}
-        if b"." not in value:
-            fields = {"n": (0, len(value))}
-        stamps.append(rule.stamp(value, fields, _reader(value)).ns)
-    falls = sum(later < earlier for earlier, later in pairwise(stamps))
-    if falls > len(stamps) // 50 or (kind == "since" and len(stamps) > 2 and len(set(stamps)) < 3):
-        return None
-    places = max(len(value.partition(b".")[2]) for value in values)
-    rule.resolution_ns = max(1, scale // 10 ** min(places, 9))
-    return rule
-
-
-def _unit_by_heading(text: Text, start: int) -> int | None:
-    """Nanoseconds of one, by the heading of the column at an offset."""
-    cell = text.line.count(b",", 0, start)
+def _unit(text: Text, where: str, column: int) -> int | None:
+    """Nanoseconds of one, by the heading of the column, or by the text around the number."""
+    start = 0 if where == "before" else text.stop
+    begin, end = list(re.finditer(_NUMBER, text.part(where)))[column].span()
+    cell = text.line.count(b",", 0, start + begin)
     for heading in reversed(text.headings):
         cells = heading.decode("utf-8", "replace").split(",")
-        if len(cells) > cell and _TIME_WORD.search(cells[cell]):
-            unit = _UNIT.search(cells[cell])
-            if unit:
-                return _SCALE[unit[1].lower()]
-            return None
-    return None
-
-
-def _unit_beside(line: bytes, start: int, stop: int) -> int | None:
-    """Milliseconds of ESP-IDF's `I (1234) tag:`; a unit after the number."""
-    if re.fullmatch(rb"[EWIDV] \(", line[max(0, start - 3) : start]):
+        if len(cells) > cell and re.search(_TIME_WORD, cells[cell]):
+            unit = re.search(_UNIT_IN_HEADING, cells[cell])
+            return _SCALES[unit[1].lower()] if unit else None
+    if re.search(rb"\b[EWIDV] \($", text.line[: start + begin]):  # ESP-IDF: I (1234) tag
         return 10**6
-    unit = re.match(rb" ?(n|u|m|)s\b", line[stop : stop + 4])
-    return _SCALE[unit[1].decode()] if unit else None
+    beside = re.match(rb" ?([num])s\b", text.line[start + end :])
+    return _SCALES[beside[1].decode()] if beside else None
+
+
+class LogClock:
+    """Turns the stamps of one log, in their order, into nanoseconds since 1970 UTC."""
+
+    def __init__(self, rule: TimeRule, options: LogOptions) -> None:
+        self._rule, self._options = rule, options
+        self._base_ns = self._last_of_day = self._last_ns = 0
+        self._first: dict[str, str] = {}
+        self._count = Counter[str]()
+
+    def settle(self, stamps: Sequence[Stamp], name: str, written_ns: int | None) -> None:
+        """Decide what the times count from.
+
+        Args:
+            stamps: those of a sample, the first and the last of the log among them.
+            name: the file's; it may hold a date.
+            written_ns: when the file was modified; None for a pipe, which is read now.
+        """
+        options, kind = self._options, self._rule.kind
+        named, has_clock = time_in_name(name)
+        source = "now" if written_ns is None else "the file's modification time"
+        base_ns = time_ns() if written_ns is None else written_ns
+        if kind == "since" and options.start_ns is not None:
+            self._base_ns = options.start_ns
+        elif kind == "since":
+            if has_clock:
+                base_ns, source = self._utc(named), "the file's name"
+            elif written_ns is not None:
+                base_ns -= max(stamp.ns for stamp in stamps)
+                source += " minus the last time"
+            self._base_ns = base_ns
+            self._first[source] = (
+                f"its times count seconds from a start, which is {_iso(base_ns)} by {source};"
+                " --start 2026-01-31T12:00:00Z sets another"
+            )
+        elif kind in ("clock", "year-less"):
+            midnights = sum(b.ns < a.ns - DAY_NS // 2 for a, b in pairwise(stamps))
+            base_ns -= midnights * DAY_NS if kind == "clock" else 0
+            if options.day is not None:
+                base_ns, source = days_of(*options.day.timetuple()[:3]) * DAY_NS, ""
+            elif named:
+                base_ns, source = named, "the file's name"
+            day = _iso(base_ns)[:10]
+            self._rule.year = int(day[:4])
+            self._base_ns = base_ns // DAY_NS * DAY_NS if kind == "clock" else 0
+            if source:
+                what = f"date is {day}" if kind == "clock" else f"year is {day[:4]}"
+                self._first[source] = (
+                    f"its times have no date: the {what} by {source};"
+                    " --date 2026-01-31 sets another"
+                )
+
+    def t_ns(self, stamp: Stamp | None, line: int) -> int | None:
+        """The time of a stamp; None if it is outside 1970 to 2262; without one, that before."""
+        if stamp is None:
+            self._note("none", f"line {line}: has no time like the others, and gets that before")
+            return self._last_ns or None
+        if self._rule.kind == "clock":
+            self._base_ns += DAY_NS * (stamp.ns < self._last_of_day - DAY_NS // 2)
+            self._last_of_day = stamp.ns
+        t_ns = self._utc(stamp.ns + self._base_ns, stamp.zone_s)
+        if not 0 <= t_ns <= LATEST_NS:
+            text = f"line {line}: its time is not from 1970 to 2262; rows there have no time"
+            self._note("range", text)
+            return None
+        if stamp.ns % self._rule.resolution_ns:
+            self._note("finer", f"line {line}: its time is finer than those of the first lines")
+        if t_ns < self._last_ns:
+            back = (self._last_ns - t_ns) / SECOND
+            self._note("back", f"line {line}: the time goes back by {back:,.9g} s")
+        self._last_ns = t_ns
+        return t_ns
+
+    def column(self, stamp: Stamp, lines: Array) -> Array | None:
+        """The times of many lines, whose stamps are a column; None if they are not regular."""
+        ns, zone = stamp.ns, stamp.zone_s
+        first = self.t_ns(Stamp(int(ns[0]), zone), int(lines[0]))
+        ends = (int(ns.min()), int(ns.max()))
+        shifts = {self._utc(end + self._base_ns, zone) - end for end in ends}
+        shift = shifts.pop()
+        falls = (ns[1:] < ns[:-1]).any() or (ns % self._rule.resolution_ns).any()
+        if first is None or shifts or falls or ends[1] + shift > LATEST_NS:
+            return None
+        self._last_of_day, self._last_ns = ends[1], ends[1] + shift
+        column: Array = ns + shift
+        return column
+
+    def _utc(self, ns: int, zone_s: int | None = None) -> int:
+        if self._rule.kind in ("since", "epoch"):
+            return ns
+        if zone_s is not None:
+            return ns - zone_s * SECOND
+        if self._options.zone is None:
+            note = "its times name no zone, and are taken as UTC; --zone +08:00 says another"
+            self._first["zone"] = note
+            return ns
+        with suppress(OverflowError, ValueError):
+            there = datetime(1970, 1, 1, tzinfo=self._options.zone)
+            return int((there + timedelta(seconds=ns // SECOND)).timestamp()) * SECOND + ns % SECOND
+        return -1
+
+    def _note(self, problem: str, text: str) -> None:
+        self._first.setdefault(problem, text)
+        self._count[problem] += 1
+
+    @property
+    def notes(self) -> list[str]:
+        """How the times were read, one line each."""
+        more = {
+            problem: f", and {n - 1:,} times more" for problem, n in self._count.items() if n > 1
+        }
+        return [text + more.get(problem, "") for problem, text in self._first.items()]
+
+
+def _iso(t_ns: int) -> str:
+    return f"{datetime.fromtimestamp(t_ns // SECOND, UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def time_in_name(name: str) -> tuple[int, bool]:
+    """The time in a file name, nanoseconds since 1970 or 0, and whether it has a time of day."""
+    for found in re.finditer(_NAMED_DAY, Path(name).name):
+        with suppress(ValueError):
+            year, month, day, hour, minute, second = (int(text or 0) for text in found.groups())
+            when = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+            return int(when.timestamp()) * SECOND, found[4] is not None
+    return 0, False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO
@@ -199,15 +200,13 @@ def test_random_hex_has_no_frames_beyond_chance() -> None:
 
 
 def test_a_form_and_a_regular_expression_say_where_the_bytes_are() -> None:
-    from fte_sniff.formats.logs.reader import pattern_of
-
     a = frame_of(KINDS[1], random.Random(1))
     text = f"12:00:01.5|host|{a.hex(' ')}|99\n" * 3
-    pattern = pattern_of(r"(?P<time>[^|]+)\|(?P<dir>\w+)\|(?P<data>[^|]+)")
+    pattern = re.compile(rb"(?P<time>[^|]+)\|(?P<dir>\w+)\|(?P<data>[^|]+)")
     rows, _ = rows_of(text.encode(), LogOptions(pattern=pattern))
     assert [row.raw for row in rows] == [a] * 3
     assert all(row.t_ns for row in rows)
-    rows, _ = rows_of(b"x: 55 01 13 37\n" * 9, LogOptions(pattern=pattern_of("x: (?P<data>.*)")))
+    rows, _ = rows_of(b"x: 55 01 13 37\n" * 9, LogOptions(pattern=re.compile(b"x: (?P<data>.*)")))
     assert sum(len(row.raw) for row in rows) == 36
     with pytest.raises(FteSniffError, match="there is no form 'hexpairs'"):
         rows_of(text.encode(), LogOptions(form="hexpairs"))

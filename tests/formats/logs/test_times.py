@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from fte_sniff.analysis.time_text import day_of, zone_of
 from fte_sniff.errors import InputTextError
-from fte_sniff.formats.logs.clock import day_of, zone_of
 from fte_sniff.formats.logs.reader import LogOptions, LogReader
 from fte_sniff.protocol import Row, iso_time
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
