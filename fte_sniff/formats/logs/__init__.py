@@ -10,8 +10,7 @@ Modules:
     chance        Whole frames in bytes, and how many there would be by chance.
     evidence      Lanes and scores: which extractor and which runs hold frames.
     layout        What a sample decides: extractor, lanes, times and labels.
-    times         The table of time forms, and where lines have their times.
-    clock         Stamps, in their order, to nanoseconds since 1970.
+    times         The table of time forms, where lines have their times, and their clock.
     labels        Directions and ports that the text around bytes names.
     evidence_log  A log with a layout, line by line.
     columns       Many lines of one shape at once, with numpy.

@@ -47,7 +47,7 @@ class TextBlock:
     @cached_property
     def lines(self) -> list[bytes]:
         """The lines without their ends."""
-        return self.text.split(b"\n")[:-1] if self.text.endswith(b"\n") else [self.text]
+        return self.text.removesuffix(b"\n").split(b"\n") if self.text else []
 
 
 def looks_like_text(first: bytes) -> bool:
