@@ -25,10 +25,10 @@ from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind
 from fte_sniff.tui.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.tui.keys import SECTIONS
-from fte_sniff.tui.notices import event_words
 from fte_sniff.tui.status_bar import Mode
-from fte_sniff.tui.table.columns import TimeStyle
+from fte_sniff.tui.table.columns import Delta, TimeStyle
 from fte_sniff.tui.table.painter import Sign
+from fte_sniff.tui.text import event_words
 
 # The checkout, since the installed package has no `.po` files.
 PACKAGE = Path(__file__).parents[1] / "fte_sniff"
@@ -56,7 +56,7 @@ def table_texts() -> Iterator[str]:
     yield from (term_type.value for term_type in TermType)
     yield from (*REASONS.values(), *UNREADABLE.values(), *UNWRITABLE.values())
     yield from (event_words(kind) for kind in PortEventKind)
-    for style in TimeStyle:
+    for style in (*TimeStyle, *Delta):
         yield from (style, style.meaning)
     yield from (sign.meaning for sign in Sign)
 

@@ -194,6 +194,7 @@ def drawn(name: str) -> str:
     with tempfile.TemporaryDirectory() as empty:
         # Without the settings and the language of the user.
         os.environ |= {"XDG_CONFIG_HOME": empty, "XDG_CACHE_HOME": empty, "LC_ALL": "C.UTF-8"}
+        os.environ |= {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
         os.environ.pop("NO_COLOR", None)
         os.environ |= picture.environment or {}
         try:

@@ -10,6 +10,7 @@ Modules:
     feed          Follow a growing store; gaps and baud changes.
     filter        The filter language: SQL boolean expressions over the row
                   columns.
+    landmarks     Port events and gaps between rows; where faults and flags are.
     live_models   Models that follow a growing store, with checkpoints of the
                   motors' state.
     measures      Measures of rows, which rules compare with numbers.

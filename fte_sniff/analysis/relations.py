@@ -1,4 +1,4 @@
-"""Relations between rows: commands and their answers.
+"""Relations between rows: commands and their answers, and the frames before.
 
 The answer of a command is the first feedback of the motor with the same CMD before the motor's next
 command.
@@ -6,10 +6,11 @@ command.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
@@ -21,6 +22,14 @@ from fte_sniff.analysis.motors import (
     MotorFrames,
     find_answers,
     motor_rows,
+)
+from fte_sniff.analysis.streams import (
+    KEYS_PER_PORT,
+    NO_STREAM,
+    UNCHANGED,
+    change_ages,
+    frames_before,
+    stream_keys,
 )
 from fte_sniff.protocol import MOTORS
 from fte_sniff.row_batch import NO_TIME, Bools, Ints, RowBatch
@@ -81,19 +90,113 @@ MOST_SEARCHED: Final = 20_000
 _FIRST_STEP: Final = 256
 
 
+@dataclass(frozen=True, slots=True)
+class RowPast:
+    """What came before a row."""
+
+    frame_ns: int | None
+    """Time of the frame before of its stream."""
+    command_ns: int | None
+    """Time of the command that it answers."""
+    ages: bytes
+    """For each of the first ten bytes, the result of `change_ages`."""
+
+
+_LOOK_BACK: Final = 512
+"""Rows before a row among which its past is searched for at once."""
+
+_MOST_KNOWN: Final = 4_096
+
+_FrameBefore: TypeAlias = tuple[int, bytes] | None
+"""Time and bytes of a frame."""
+
+
 class RowRelations:
     """Finds the related rows of a store's rows, by index."""
 
-    def __init__(self, store: RowStore) -> None:
+    def __init__(self, store: RowStore, gaps: Sequence[int] = ()) -> None:
+        """`gaps` are the indices of the rows before which rows are missing, rising."""
         self._store = store
-        self.gaps: list[int] = []
-        """Indices of the rows before which rows are missing, rising."""
+        self._gaps = gaps
+        self._far: dict[int, _FrameBefore] = {}
+        """Frames before that were far away, by index of the row."""
+        self._asked = -1
+        """Index of the last row whose relations were asked for."""
+        self._decided: dict[int, CommandAnswer | None] = {}
+        """Its relation by motor, as far as later rows cannot change it."""
+        self._searched: dict[int, int] = {}
+        """By motor, the end of the rows among which its answer is not."""
+
+    def pasts(self, indices: Sequence[int]) -> dict[int, RowPast]:
+        """The past of rows, given by rising indices."""
+        found: dict[int, RowPast] = {}
+        for run in _near_runs(indices):
+            start = max(self._store.first, run[0] - _LOOK_BACK)
+            batches = list(self._store.batches(start, run[-1] + 1))
+            if batches:
+                found |= self._pasts_in(RowBatch.concat(batches), start, run)
+        return found
+
+    def _pasts_in(self, rows: RowBatch, start: int, indices: Sequence[int]) -> dict[int, RowPast]:
+        keys = stream_keys(rows)
+        before = frames_before(keys)
+        ages, pairs = change_ages(rows.raw, before), answer_pairs(rows)
+        commands = dict(zip(pairs.answers.tolist(), pairs.commands.tolist(), strict=True))
+        found = {}
+        for at in (index - start for index in indices):
+            own, frame_ns = ages[at].tobytes(), None
+            if before[at] >= 0:
+                frame_ns = _time(rows, int(before[at]))
+            elif keys[at] % KEYS_PER_PORT != NO_STREAM:
+                far = self._frame_before(start + at, int(keys[at]))
+                if far is not None:
+                    raw = rows.raw[at].tobytes()
+                    frame_ns = None if far[0] == NO_TIME else far[0]
+                    own = bytes(UNCHANGED * (a == b) for a, b in zip(raw, far[1], strict=True))
+            command = commands.get(at)
+            if command is not None and self._has_gap(start + command, start + at):
+                command = None
+            command_ns = None if command is None else _time(rows, command)
+            found[start + at] = RowPast(frame_ns, command_ns, own)
+        return found
+
+    def _has_gap(self, start: int, end: int) -> bool:
+        """Whether rows are missing between two rows."""
+        return bisect_right(self._gaps, start) != bisect_right(self._gaps, end)
+
+    def _frame_before(self, index: int, key: int) -> _FrameBefore:
+        """The frame before of a stream, among `MOST_SEARCHED` rows."""
+        if index not in self._far:
+            if len(self._far) >= _MOST_KNOWN:
+                self._far.clear()
+            self._far[index] = self._search_frame(index, key)
+        return self._far[index]
+
+    def _search_frame(self, index: int, key: int) -> _FrameBefore:
+        first = max(self._store.first, index - MOST_SEARCHED)
+        for _start, rows in self._backwards(first, index):
+            found = np.flatnonzero(stream_keys(rows) == key)
+            if len(found):
+                return int(rows.t_ns[found[-1]]), rows.raw[found[-1]].tobytes()
+        return None
+
+    def related(self, index: int) -> list[int]:
+        """Indices of a command's answers, or of the command that a row answers."""
+        command = self.command(index)
+        if command is not None:
+            return [command.command]
+        return [one.answer for one in self.answers(index) if one.answer is not None]
+
+    def _ask(self, index: int) -> None:
+        if index != self._asked:
+            self._asked, self._decided, self._searched = index, {}, {}
 
     def answers(self, index: int) -> list[CommandAnswer]:
         """The answers of the command at an index, by motor; empty if the row has none."""
         row = self._batch(index)
         if row is None or not COMMANDS[row.kinds[0]] or row.cmds[0] not in ANSWERABLE:
             return []
+        self._ask(index)
         motors = [int(row.nums[0])] if NAMES_MOTOR[row.kinds[0]] else MOTORS
         return [self._answer(index, row, motor) for motor in motors if motor in MOTORS]
 
@@ -103,6 +206,12 @@ class RowRelations:
         if row is None or not FEEDBACK[row.kinds[0]]:
             return None
         motor = int(row.nums[0])
+        self._ask(index)
+        if motor not in self._decided:
+            self._decided[motor] = self._command(index, row, motor)
+        return self._decided[motor]
+
+    def _command(self, index: int, row: RowBatch, motor: int) -> CommandAnswer | None:
         for start, rows in self._before(index):
             commands, feedback = _frames_of(rows, motor, int(row.cmds[0]))
             found = np.flatnonzero(commands | feedback)
@@ -114,16 +223,22 @@ class RowRelations:
         return None
 
     def _answer(self, index: int, row: RowBatch, motor: int) -> CommandAnswer:
-        for start, rows in self._after(index):
+        decided = self._decided.get(motor)
+        if decided is not None:
+            return decided
+        end = self._end_after(index)
+        for start, rows in self._forwards(self._searched.get(motor, index + 1), end):
             commands, feedback = _frames_of(rows, motor, int(row.cmds[0]))
             found = np.flatnonzero(commands | feedback)
             if len(found):
                 at = int(found[0])
-                if commands[at]:
-                    return CommandAnswer(motor, AnswerState.UNANSWERED, index)
-                return self._paired(motor, index, row, start + at, rows[at : at + 1])
-        reached = self._end_after(index) == self._store.next
-        state = AnswerState.WAITING if reached else AnswerState.UNKNOWN
+                answer = CommandAnswer(motor, AnswerState.UNANSWERED, index)
+                if not commands[at]:
+                    answer = self._paired(motor, index, row, start + at, rows[at : at + 1])
+                self._decided[motor] = answer
+                return answer
+        self._searched[motor] = max(end, index + 1)
+        state = AnswerState.WAITING if end == self._store.next else AnswerState.UNKNOWN
         return CommandAnswer(motor, state, index)
 
     def _paired(
@@ -140,12 +255,13 @@ class RowRelations:
 
     def _end_after(self, index: int) -> int:
         """The end of the rows that may answer the one at an index."""
-        gap = next((gap for gap in self.gaps if gap > index), self._store.next)
+        at = bisect_right(self._gaps, index)
+        gap = self._gaps[at] if at < len(self._gaps) else self._store.next
         return min(gap, self._store.next, index + 1 + MOST_SEARCHED)
 
-    def _after(self, index: int) -> Iterator[tuple[int, RowBatch]]:
-        """Rows after an index up to the next gap, with the index of the first of each batch."""
-        start, end, step = index + 1, self._end_after(index), _FIRST_STEP
+    def _forwards(self, start: int, end: int) -> Iterator[tuple[int, RowBatch]]:
+        """Rows from `start` up to `end`; each batch with its first index."""
+        step = _FIRST_STEP
         while start < end:
             for rows in self._store.batches(start, min(end, start + step)):
                 yield start, rows
@@ -154,8 +270,12 @@ class RowRelations:
 
     def _before(self, index: int) -> Iterator[tuple[int, RowBatch]]:
         """Rows before an index back to the last gap, the last first."""
-        gap = next((gap for gap in reversed(self.gaps) if gap <= index), 0)
-        first = max(gap, self._store.first, index - MOST_SEARCHED)
+        at = bisect_right(self._gaps, index)
+        gap = self._gaps[at - 1] if at else 0
+        return self._backwards(max(gap, self._store.first, index - MOST_SEARCHED), index)
+
+    def _backwards(self, first: int, index: int) -> Iterator[tuple[int, RowBatch]]:
+        """Rows from `first` up to an index, the last first; each batch with its first index."""
         step = _FIRST_STEP
         while index > first:
             start = max(first, index - step)
@@ -170,3 +290,17 @@ def _frames_of(rows: RowBatch, motor: int, cmd: int) -> tuple[Bools, Bools]:
     own = rows.nums == motor
     commands = COMMANDS[rows.kinds] & (own | ~NAMES_MOTOR[rows.kinds])
     return commands, FEEDBACK[rows.kinds] & own & (rows.cmds == cmd)
+
+
+def _near_runs(indices: Sequence[int]) -> Iterator[Sequence[int]]:
+    """Runs of rising indices whose rows before overlap."""
+    start = 0
+    for at in range(1, len(indices) + 1):
+        if at == len(indices) or indices[at] - indices[at - 1] > _LOOK_BACK:
+            yield indices[start:at]
+            start = at
+
+
+def _time(rows: RowBatch, at: int) -> int | None:
+    t_ns = int(rows.t_ns[at])
+    return None if t_ns == NO_TIME else t_ns

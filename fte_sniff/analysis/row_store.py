@@ -9,20 +9,45 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from enum import IntEnum
 from itertools import accumulate
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from fte_sniff.protocol import Row
-from fte_sniff.row_batch import Codebook, RowBatch
+from fte_sniff.protocol import Row, Status, status_of
+from fte_sniff.row_batch import Codebook, Codes, RowBatch
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
 Offsets: TypeAlias = npt.NDArray[np.int64]
 """Offsets of rows in a block."""
+
+
+class RowNote(IntEnum):
+    """Why a row is worth a look, the most important last."""
+
+    NONE = 0
+    RAISED = 1
+    SUSPECT = 2
+    MALFORMED = 3
+
+
+_NOTES: Final = {
+    Status.OK: RowNote.NONE,
+    Status.SUSPECT: RowNote.SUSPECT,
+    Status.MALFORMED: RowNote.MALFORMED,
+}
+
+
+def row_notes(rows: RowBatch) -> Codes:
+    """The `RowNote` of each row."""
+    by_faults = np.array([_NOTES[status_of(one)] for one in rows.codebook.faults], np.uint8)
+    notes: Codes = by_faults[rows.faults]
+    notes[(notes == RowNote.NONE) & rows.raised()] = RowNote.RAISED
+    return notes
 
 
 class Block:
@@ -43,6 +68,8 @@ class Block:
         """Rows that the filter was applied to, from the start."""
         self.matching = 0
         self._matches: npt.NDArray[np.uint16] = np.empty(0, np.uint16)
+        self._packed_notes: Codes | None = None
+        """Two bits a row, once the block is full."""
 
     @property
     def free(self) -> int:
@@ -65,6 +92,17 @@ class Block:
         self.count += len(rows)
         self.faulty |= bool((rows.faults != rows.codebook.fault_code(())).any())
         self.raised = self.raised or bool(rows.raised().any())
+        if not self.free:
+            notes = row_notes(self.rows)
+            self._packed_notes = np.packbits((notes >> 1, notes & 1), axis=1)
+
+    def notes(self) -> Codes:
+        """The `RowNote` of each row, also where the rows are not in memory."""
+        if self._packed_notes is None:
+            return row_notes(self.rows[: self.count])
+        high, low = np.unpackbits(self._packed_notes, axis=1, count=self.count)
+        notes: Codes = 2 * high + low
+        return notes
 
     def drop(self) -> None:
         """Free the memory of the rows."""

@@ -5,6 +5,10 @@ theme = "textual-light"
 pane_height = 40                # percent; pane_beside = true and pane_width = 40 for wide terminals
 columns = ["time", "kind", "values", "faults"]
 widths = { time = 15 }
+widths_at = 119                 # cells of the table for which the widths were chosen
+delta = "frame"                 # or row, answer: what the column of time differences measures
+changes = true                  # highlight bytes that changed
+events = false                  # no lines of port events
 language = "zh"                 # or en, or auto: that of the locale
 
 [filters]                       # listed by the key f; ^s there adds one
@@ -39,7 +43,7 @@ import click
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of, unreadable
 from fte_sniff.tui.i18n import AUTO, LANGUAGES, THEMES, language_of
-from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES
+from fte_sniff.tui.table.columns import MAX_WIDTH, MIN_WIDTH, ORDER, VALUES, Delta
 
 if TYPE_CHECKING:
     from fte_sniff.tui.options import Choices
@@ -57,6 +61,14 @@ class ScreenSettings:
     """Names of the table's columns in display order; at least one."""
     widths: Mapping[str, int] | None = None
     """Width in cells of the columns that do not have their default width."""
+    widths_at: int | None = None
+    """Cells of the table when the widths were chosen; None if they apply to every table."""
+    delta: str | None = None
+    """Name of a `Delta` in lower case."""
+    changes: bool | None = None
+    """Whether bytes that changed are highlighted."""
+    events: bool | None = None
+    """Whether port events have lines in the table."""
     language: str | None = None
     pane_beside: bool | None = None
     """Whether a pane is beside the table on a wide terminal."""
@@ -129,16 +141,25 @@ class Settings:
 
     @property
     def choices(self) -> Choices:
-        """Theme, columns, filters and panes of the screen."""
+        """Theme, view, filters and panes of the screen."""
         from fte_sniff.tui.options import Choices, PaneLayout
         from fte_sniff.tui.table.columns import ColumnChoice
 
         screen = self.screen
-        widths = tuple((screen.widths or {}).items())
-        columns = None if screen.columns is None else ColumnChoice(screen.columns, widths)
+        columns = None
+        if screen.columns is not None:
+            widths = tuple((screen.widths or {}).items())
+            columns = ColumnChoice(screen.columns, widths, screen.widths_at)
         panes = PaneLayout(screen.pane_beside or False, screen.pane_height, screen.pane_width)
-        filters = tuple(self.filters.items())
-        return Choices(screen.theme, columns, filters=filters, panes=panes)
+        return Choices(
+            screen.theme,
+            columns,
+            filters=tuple(self.filters.items()),
+            panes=panes,
+            delta=Delta[(screen.delta or "row").upper()],
+            changes=bool(screen.changes),
+            events=screen.events is not False,
+        )
 
     def keep(self, choices: Choices) -> None:
         """Save the choices for the next start of the screen; a failure is only reported."""
@@ -158,6 +179,10 @@ class Settings:
                 pane_beside=choices.panes.beside or None,
                 pane_height=choices.panes.height,
                 pane_width=choices.panes.width,
+                widths_at=None if columns is None else columns.widths_at,
+                delta=None if choices.delta is Delta.ROW else choices.delta.name.lower(),
+                changes=choices.changes or None,
+                events=None if choices.events else False,
             )
             save_screen(self.path, screen, dict(choices.filters))
         except FteSniffError as error:
@@ -235,6 +260,10 @@ SCREEN_FIELDS: Mapping[str, _Convert] = {
     "theme": _word(THEMES),
     "columns": _columns,
     "widths": _widths,
+    "widths_at": _whole,
+    "delta": _word([delta.name.lower() for delta in Delta]),
+    "changes": _yes_or_no,
+    "events": _yes_or_no,
     "language": _word((*LANGUAGES, AUTO)),
     "pane_beside": _yes_or_no,
     "pane_height": _share,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, tzinfo
+from functools import lru_cache
 from itertools import takewhile
 from textwrap import wrap as wrap_ascii
 from typing import Final
@@ -78,7 +79,12 @@ def padded(text: str, width: int) -> str:
 def clock_text(t_ns: int, digits: int, zone: tzinfo = UTC) -> str:
     """The time of day in a zone, with 1-9 digits after the second."""
     seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
-    return f"{datetime.fromtimestamp(seconds, zone):%H:%M:%S}.{nanoseconds:09d}"[: 9 + digits]
+    return f"{_second_text(seconds, zone)}.{nanoseconds:09d}"[: 9 + digits]
+
+
+@lru_cache(256)
+def _second_text(seconds: int, zone: tzinfo) -> str:
+    return f"{datetime.fromtimestamp(seconds, zone):%H:%M:%S}"
 
 
 def moment_text(t_ns: int, zone: tzinfo = UTC) -> str:

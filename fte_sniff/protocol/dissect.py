@@ -35,7 +35,7 @@ from fte_sniff.protocol.spec import (
     FrameKind,
 )
 
-__all__ = ["ExplainedBit", "ExplainedField", "dissect", "explain"]
+__all__ = ["ExplainedBit", "ExplainedField", "byte_names", "dissect", "explain"]
 
 _HEADER_MEANINGS = {
     Direction.CONTROL: TranslatableText("header: control, host to controller"),
@@ -77,6 +77,14 @@ class ExplainedField:
     """Why they have it: what was expected and what was found."""
     bits: tuple[ExplainedBit, ...] = ()
     """The bits of a flag byte, from bit 0 up."""
+    is_raised: bool = False
+    """Whether it is a flag byte that differs from its default."""
+
+
+@cache
+def byte_names(kind: FrameKind) -> tuple[str, ...]:
+    """For each byte of a frame of this kind, the name of its field in `dissect`."""
+    return tuple(slot.name for slot in _layout(kind) for _ in slot.offsets)
 
 
 def dissect(row: Row) -> list[ExplainedField]:
@@ -86,7 +94,7 @@ def dissect(row: Row) -> list[ExplainedField]:
     size, faults = len(row.raw), row.faults
     if size == FRAME_LENGTH and (Fault.BAD_HEADER in faults or Fault.BAD_TAIL in faults):
         return list(_in_step(row))
-    if size < FRAME_LENGTH and Fault.TRUNCATED in faults:
+    if 0 < size < FRAME_LENGTH and Fault.TRUNCATED in faults:
         return list(_spliced(row, Fault.TRUNCATED, _why_truncated(row.raw)))
     if size > FRAME_LENGTH and Fault.OVERLONG in faults:
         return list(_spliced(row, Fault.OVERLONG, _why_overlong(row.raw)))
@@ -139,11 +147,12 @@ def _explained(
     fault: Fault | None = None,
     note: str = "",
     bits: tuple[ExplainedBit, ...] = (),
+    is_raised: bool = False,
 ) -> ExplainedField:
     if fault not in row.faults:
         fault, note = None, ""
     raw = row.raw[offsets.start : offsets.stop]
-    return ExplainedField(offsets, raw, name, value, meaning, fault, note, bits)
+    return ExplainedField(offsets, raw, name, value, meaning, fault, note, bits, is_raised)
 
 
 def _expected(expected: object, found: object) -> TranslatableText:
@@ -236,6 +245,7 @@ def _flags(row: Frame, field: Field) -> ExplainedField:
         fault=None if field.is_legal(byte) else field.fault,
         note=note,
         bits=tuple(bits),
+        is_raised=field.raised(byte),
     )
 
 

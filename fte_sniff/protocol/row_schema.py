@@ -147,6 +147,18 @@ def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
     )
 
 
+def short_names_of(name: str) -> tuple[str, ...]:
+    """The labels of a field in `value_heads`, the longest first."""
+    heads = [
+        forms[at]
+        for kind in KINDS
+        for at, field in enumerate(kind.fields)
+        if field.name == name
+        for forms in value_heads(kind)
+    ]
+    return tuple(sorted({*filter(None, heads)}, key=len, reverse=True))
+
+
 def _letter(field: Field) -> str:
     return "" if field.unit else field.option[0].upper()
 

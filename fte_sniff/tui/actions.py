@@ -17,6 +17,7 @@ from fte_sniff.analysis.filter.cell_filter import CellFilter, both, cell_filters
 from fte_sniff.analysis.search import Search, find_fault, find_raised, find_step
 from fte_sniff.errors import FteSniffError, printable
 from fte_sniff.formats.cell_text import clock_text
+from fte_sniff.protocol.dissect import dissect
 from fte_sniff.session.save import SaveJob
 from fte_sniff.tui.goto import GotoField, parse_goal, row_of, time_at, time_of
 from fte_sniff.tui.i18n import LANGUAGES, _, error_text, switch_language, theme_after
@@ -24,7 +25,7 @@ from fte_sniff.tui.keys import COMMANDS, SEARCH_WORDS, key_names, translate_keys
 from fte_sniff.tui.modals import ChosenColumns, ColumnChooser, Entry, HelpPage, Picker
 from fte_sniff.tui.notices import NoticeLine
 from fte_sniff.tui.options import StartOptions
-from fte_sniff.tui.panes.pane import BESIDE_CELLS, Body
+from fte_sniff.tui.panes.pane import BESIDE_CELLS, Body, Pane
 from fte_sniff.tui.panes.switcher import PaneSwitcher
 from fte_sniff.tui.prompt import (
     FilterField,
@@ -37,7 +38,7 @@ from fte_sniff.tui.prompt import (
     parse_filter,
     preload_filter,
 )
-from fte_sniff.tui.table.columns import TimeStyle, column_of
+from fte_sniff.tui.table.columns import TimeStyle
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.view_model import ViewModel
 
@@ -88,7 +89,7 @@ class ViewActions(ScreenActions):
         """Freeze the view, or resume it."""
         self._table.toggle_pause()
 
-    def action_times(self, by: int) -> None:
+    def action_times(self) -> None:
         """Switch to the next time style; without a mark or another zone, two are skipped."""
         if self._model.start_ns is None and len(self._model.store):
             self._inform(_("no row here has a time to go by"))
@@ -99,10 +100,23 @@ class ViewActions(ScreenActions):
         if view.zone == UTC:
             styles.remove(TimeStyle.LOCAL)
         current = styles.index(view.times) if view.times in styles else 0
-        style = styles[(current + by) % len(styles)]
+        style = styles[(current + 1) % len(styles)]
         self._table.set_view(times=style)
         self._panes.redraw()
         self._inform(_(style.meaning))
+
+    def action_changes(self) -> None:
+        """Highlight the bytes that changed, or no longer."""
+        changes = not self._table.view.changes
+        self._table.set_view(changes=changes)
+        on = _("bytes that differ from the frame before of the same kind and motor are highlighted")
+        self._inform(on if changes else _("changed bytes are not highlighted"))
+
+    def action_events(self) -> None:
+        """Show the lines of port events and gaps, or hide them."""
+        events = not self._table.view.events
+        self._table.set_view(events=events)
+        self._inform(_("port events are shown") if events else _("port events are hidden"))
 
     @on(TableHeader.Clicked)
     def action_columns(self) -> None:
@@ -110,10 +124,9 @@ class ViewActions(ScreenActions):
 
         def choose(chosen: ChosenColumns | None) -> None:
             if chosen is not None:
-                self._table.set_view(choice=chosen.choice)
+                self._table.set_view(choice=chosen.choice, delta=chosen.delta)
 
-        view = self._table.view
-        chooser = ColumnChooser(self._table.columns, lambda name: column_of(name, view).width)
+        chooser = ColumnChooser(self._table.view, self._table.scrollable_size.width)
         self.push_screen(chooser, choose)
 
     def action_theme(self) -> None:
@@ -166,6 +179,21 @@ class ViewActions(ScreenActions):
         """Scroll the pane by lines."""
         self._panes.scroll(by)
 
+    def action_field(self, by: int) -> None:
+        """Look at the next field of the cursor's row, or at the previous one."""
+        row = self._table.cursor_row
+        if row is None:
+            return
+        if not self._panes.explains_row:
+            self.action_pane("detail")
+        current, count = self._table.field, len(dissect(row))
+        start = (-1 if by > 0 else count) if current is None else current
+        self._table.look_at((start + by) % count)
+
+    @on(Pane.Pointed)
+    def _on_pointed(self, event: Pane.Pointed) -> None:
+        self._table.look_at(event.field)
+
     @on(RowTable.Opened)
     def _on_double_click(self) -> None:
         if not self._panes.explains_row:
@@ -173,7 +201,7 @@ class ViewActions(ScreenActions):
 
     def action_help(self) -> None:
         """Show the help page."""
-        self.push_screen(HelpPage())
+        self.push_screen(HelpPage(self._table.palette))
 
     def action_palette(self) -> None:
         """Pick a command from a list."""
@@ -258,6 +286,37 @@ class NavigationActions(ScreenActions):
         """Go to a row by its index, or inform why not."""
         if not self._table.jump_to_index(index):
             self._inform(otherwise)
+
+    def action_landmark(self, by: int) -> None:
+        """Go to the next lost port or gap, or to the previous one."""
+        store, last = self._model.store, self._table.last_index
+        beyond = self._table.landmarks.beyond(last, by)
+        index = next((one.index for one in beyond if store.first <= one.index), None)
+        if index is None:
+            below = _("no port was lost and no rows are missing below this row")
+            above = _("no port was lost and no rows are missing above this row")
+            self._inform(below if by > 0 else above)
+            return
+        position = store.view.position_of(index)
+        self._table.jump(min(position, max(0, store.view.count - 1)))
+
+    def action_related(self) -> None:
+        """Go from a command to its answer, or from an answer to its command."""
+        if not self._table.viewport.count:
+            return
+        index = self._table.last_index
+        related = self._table.relations.related(index)
+        text = _("this row is no command with an answer, and answers none")
+        if related:
+            text = _("the filter hides row {number:,}, to which this one belongs; F shows all")
+            text = text.format(number=related[0] + 1)
+        shown = (one for one in related if self._model.store.view.has(one))
+        self._table.stop_following()
+        self._jump(next(shown, None), text)
+
+    def action_overview(self, cell: int) -> None:
+        """Go to the most important row of a cell of the overview."""
+        self._table.jump_to_cell(cell)
 
     def action_mark(self) -> None:
         """Mark the row under the cursor, or remove its mark."""

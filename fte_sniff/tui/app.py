@@ -55,7 +55,7 @@ from fte_sniff.tui.prompt import (
     SearchField,
 )
 from fte_sniff.tui.status_bar import KeyLine, StatusLine, TitleLine, mode_of
-from fte_sniff.tui.table.columns import TableView, zone_at
+from fte_sniff.tui.table.columns import zone_at
 from fte_sniff.tui.table.theme import CONTRAST_THEMES, NoColor
 from fte_sniff.tui.table.widget import RowTable, TableHeader
 from fte_sniff.tui.terminal import Terminal
@@ -100,7 +100,7 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
         self._model = ViewModel(feed, options.row_filter, options.store(source), options.alert)
         store = self._model.store
         self._title_line, self._header = TitleLine(), TableHeader()
-        self._table = RowTable(store, self._header, TableView(choice=options.choices.columns))
+        self._table = RowTable(store, self._header, options.choices.view)
         self._panes = PaneSwitcher(store, self._table, options.line_setup)
         main = Vertical(self._header, self._table, id="main")
         self._body = Body(main, self._panes, options.choices.panes)
@@ -221,13 +221,18 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
     @property
     def choices(self) -> Choices:
         """What the user has chosen by now."""
+        view = self._table.view
         switched = self.language if self.language != self._options.language else None
+        filters = tuple(self._saved_filters.items())
         return Choices(
             self.theme,
-            self._table.view.choice,
+            view.choice,
             switched,
-            tuple(self._saved_filters.items()),
+            filters,
             self._body.pane_layout,
+            view.delta,
+            view.changes,
+            view.events,
         )
 
     @property
@@ -273,7 +278,8 @@ class SniffApp(ViewActions, NavigationActions, FindActions, ExportActions):
             self._poll_interval.stop()
         self._panes.on_update(update)
         self._report(update)
-        if update.changed:
+        self._table.landmarks.add(update.events, update.stream_changes)
+        if update.changed or update.events:
             self._update_table()
         self._hit_status.tick()
         self._show_state()

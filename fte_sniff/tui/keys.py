@@ -58,6 +58,8 @@ FINDING: tuple[Binding, ...] = (
     _key("m", "mark", "", "mark the row, or remove its mark", "m"),
     _key("u", "to_mark(1)", "", "the next marked row", "u"),
     _key("U", "to_mark(-1)", "", "the previous marked row", "U"),
+    _key("o", "landmark(1)", "", "the next lost port or gap", "o"),
+    _key("O", "landmark(-1)", "", "the previous lost port or gap", "O"),
     _key(
         "colon", "goto", "", "go to a row (1200), 50%, a time (12:00:03.5), away (+2s), @byte", ":"
     ),
@@ -71,8 +73,8 @@ HANDLING: tuple[Binding, ...] = (
     _key("Y,c", "copy", "", "copy the row's bytes as hex", "Y c"),
     _key("w", "save", "Save", "save the selected rows, or all that are shown, to a file", "w"),
     _key("P", "picture", "", "save a screenshot as SVG or HTML", "P"),
-    _key("t", "times(1)", "", "times: UTC, local, from the first row, the row before, a mark", "t"),
-    _key("T", "times(-1)", "", "the same the other way round", "T"),
+    _key("t", "times", "", "times: UTC, local, since the first row, since a mark", "t"),
+    _key("d", "changes", "", "highlight bytes that changed, dim the others", "d"),
     _key("C", "columns", "", "choose columns, their order and widths", "C"),
     _key("ctrl+t", "theme", "", "switch the theme: dark, light, with more contrast", "^t"),
     _key("ctrl+p", "palette", "", "find a command by its name", "^p"),
@@ -82,6 +84,9 @@ HANDLING: tuple[Binding, ...] = (
 
 UNDERSTANDING: tuple[Binding, ...] = (
     _key("enter,i", "pane('detail')", "Detail", "what each byte means (also enter)", "i"),
+    _key("right_square_bracket", "field(1)", "", "look at the next field of the row", "]"),
+    _key("left_square_bracket", "field(-1)", "", "look at the previous field", "["),
+    _key("r", "related", "", "from a command to its answer, or back", "r"),
     _key("b", "pane('bytes')", "Bytes", "the bytes around the row", "b"),
     _key("M", "pane('motors')", "Motors", "target and feedback of each motor", "M"),
     _key("S", "pane('statistics')", "Stats", "rates, use of the line, faults over time", "S"),
@@ -104,7 +109,10 @@ LEAVING: tuple[Binding, ...] = (
 )
 """Help and quit."""
 
-UNBOUND: tuple[Binding, ...] = (_key("", "language", "", "switch the language: English, Chinese"),)
+UNBOUND: tuple[Binding, ...] = (
+    _key("", "language", "", "switch the language: English, Chinese"),
+    _key("", "events", "", "show or hide the lines of port events and gaps"),
+)
 """Commands without a key."""
 
 TABLE_ACTIONS = frozenset(
@@ -157,7 +165,14 @@ SEARCH_WORDS: Mapping[str, str] = {
     "save": "export write csv jsonl parquet mcap hex raw txt",
     "picture": "screenshot image export svg html print",
     "times": "clock timestamp utc local zone",
-    "columns": "fields width layout",
+    "columns": "fields width layout delta",
+    "changes": "difference diff cansniffer dim highlight",
+    "events": "separator port lines hide show",
+    "related": "answer reply response request pair jump",
+    "landmark(1)": "next gap lost port disconnect missing",
+    "landmark(-1)": "gap lost port disconnect missing",
+    "field(1)": "next byte highlight",
+    "field(-1)": "byte highlight",
     "theme": "colours colors dark light contrast appearance",
     "language": "locale english chinese 中文 translation",
     "dismiss": "escape close back",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar, TypeAlias
 
 from rich.cells import cell_len
@@ -20,14 +20,24 @@ from textual.strip import Strip
 from textual.widgets import OptionList, Static
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
-from fte_sniff.formats.cell_text import padded, wrap
+from fte_sniff.analysis.streams import UNCHANGED
+from fte_sniff.formats.cell_text import wrap
 from fte_sniff.formats.text_layout import ORDER_MARK
-from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, FAULT_MEANINGS, Status, status_of
-from fte_sniff.tui.i18n import _, later
+from fte_sniff.protocol import (
+    COLUMN_BY_NAME,
+    COLUMNS,
+    FAULT_MEANINGS,
+    VALUE_FIELDS,
+    Status,
+    status_of,
+)
+from fte_sniff.protocol.row_schema import short_names_of
+from fte_sniff.tui.i18n import ExplainedWord, _, later
 from fte_sniff.tui.keys import CHOOSING, PICKING, SECTIONS, bindings, key_names, translate_keys
 from fte_sniff.tui.panes.detail import UNCERTAIN_ORDER
 from fte_sniff.tui.status_bar import KeyLine
 from fte_sniff.tui.table.columns import (
+    DELTA,
     MARKS,
     MAX_WIDTH,
     MIN_WIDTH,
@@ -35,10 +45,14 @@ from fte_sniff.tui.table.columns import (
     RAISED_MARK,
     VALUES,
     ColumnChoice,
-    TableColumn,
+    Delta,
+    TableView,
     TimeStyle,
+    column_of,
+    layout_for,
 )
-from fte_sniff.tui.table.painter import Sign
+from fte_sniff.tui.table.painter import EVENT_SIGN, Sign
+from fte_sniff.tui.table.theme import Palette
 
 CURSOR = Style(reverse=True, bold=True)
 
@@ -197,6 +211,8 @@ class Picker(ListScreen[str | None]):
 
 VALUES_MEANING = later("all values of a row by their short names, as far as there is room")
 
+DELTA_MEANING = later("{meaning} (d: another)")
+
 KEYS = later("space: show, K J: move, < >: width, r: as it was, enter, esc")
 
 
@@ -206,18 +222,26 @@ class ChosenColumns:
 
     choice: ColumnChoice | None
     """None where the width of the window decides."""
+    delta: Delta
+    """Meaning of the column of time differences."""
 
 
 @dataclass(slots=True)
 class _ColumnLine:
     name: str
     is_shown: bool
+    usual: int
+    """Its width in a table of this size without a choice."""
     width: int
 
-    @property
-    def text(self) -> str:
-        meaning = VALUES_MEANING if self.name == VALUES else COLUMN_BY_NAME[self.name].meaning
-        return f"[{'x' if self.is_shown else ' '}] {self.name:<10} {_(meaning)}"
+    def text(self, delta: Delta) -> str:
+        if self.name == VALUES:
+            meaning = _(VALUES_MEANING)
+        elif self.name == DELTA:
+            meaning = _(DELTA_MEANING).format(meaning=_(delta.meaning))
+        else:
+            meaning = _(COLUMN_BY_NAME[self.name].meaning)
+        return f"[{'x' if self.is_shown else ' '}] {self.name:<10} {meaning}"
 
 
 class ColumnChooser(ListScreen[ChosenColumns | None]):
@@ -225,23 +249,28 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
 
     BINDINGS: ClassVar[list[BindingType]] = bindings(CHOOSING)
 
-    def __init__(self, shown: Sequence[TableColumn], width_of: Callable[[str], int]) -> None:
-        """A list of all columns; `width_of` returns the default width of one."""
+    def __init__(self, view: TableView, cells: int) -> None:
+        """A list of all columns, for a table of that many cells."""
         super().__init__()
-        names = {column.name for column in shown}
-        self._columns = [_ColumnLine(column.name, True, column.width) for column in shown]
-        self._columns += [
-            _ColumnLine(name, False, width_of(name))
-            for name in (*ORDER, VALUES)
-            if name not in names
+        self._cells, self._delta = cells, view.delta
+        shown = layout_for(cells, view).columns
+        names = tuple(column.name for column in shown)
+        usual = layout_for(cells, replace(view, choice=ColumnChoice(names))).columns
+        self._columns = [
+            _ColumnLine(column.name, True, one.width, column.width)
+            for column, one in zip(shown, usual, strict=True)
         ]
+        for name in (*ORDER, VALUES):
+            if name not in names:
+                width = column_of(name, view).width
+                self._columns.append(_ColumnLine(name, False, width, width))
 
     def on_mount(self) -> None:
         """Draw the list."""
         self._draw(0)
 
     def _draw(self, cursor: int) -> None:
-        lines = [(column.text, f"{column.width:>3}") for column in self._columns]
+        lines = [(column.text(self._delta), f"{column.width:>3}") for column in self._columns]
         self._show(_("columns"), _(KEYS), lines, cursor)
 
     def _press(self, event: events.Key) -> None:
@@ -263,8 +292,10 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
                 column.width = max(MIN_WIDTH, column.width - 1)
             case "greater_than_sign" | "right" | "l":
                 column.width = min(MAX_WIDTH, column.width + 1)
+            case "d":
+                self._delta = self._delta.after
             case "r":
-                self._finish(ChosenColumns(None))
+                self._finish(ChosenColumns(None, Delta.ROW))
             case "enter":
                 self._finish(self._chosen())
             case "escape" | "q" | "C":
@@ -280,17 +311,50 @@ class ColumnChooser(ListScreen[ChosenColumns | None]):
         shown = [column for column in self._columns if column.is_shown]
         if not shown:
             return None
-        widths = tuple((column.name, column.width) for column in shown)
-        return ChosenColumns(ColumnChoice(tuple(column.name for column in shown), widths))
+        names = tuple(column.name for column in shown)
+        widths = tuple((one.name, one.width) for one in shown if one.width != one.usual)
+        choice = ColumnChoice(names, widths, self._cells if widths else None)
+        return ChosenColumns(choice, self._delta)
 
 
+EVENT_MEANING = later("a port event, or rows that are missing: not a row")
 RAISED = later("ERROR or ONLINE reports that a motor is not in order")
 
-Pair: TypeAlias = tuple[str, str]
-"""A key or a name, and its meaning."""
+Pair: TypeAlias = tuple[str | Text, str]
+"""A key or a name, with a style if it has one, and its meaning."""
 
 
-def help_pairs() -> Iterator[tuple[str, list[Pair]]]:
+FRAMING = (
+    ("header", later("first byte: AA to the controller, 55 from it")),
+    ("cmd", later("the kind of the frame")),
+    ("reserve", later("always 00 in the protocol's examples")),
+    ("tail", later("last byte: EE")),
+)
+"""Bytes of every frame."""
+
+
+def field_pairs(palette: Palette) -> Iterator[Pair]:
+    """Each field in the style of its bytes, with its short names and its meaning."""
+    for name, meaning in FRAMING:
+        yield Text(name, palette.fields[name]), _(meaning)
+    for field in VALUE_FIELDS:
+        short = " ".join(short_names_of(field.name))
+        yield Text(f"{field.name} {short}", palette.fields[field.name]), _(_meaning_of(field.name))
+    for age, look in enumerate((*palette.changed, palette.faint)):
+        text = CHANGED if age == 0 else CHANGED_BEFORE if age < UNCHANGED else NOT_CHANGED
+        yield Text("E8", look), _(text).format(count=age)
+
+
+CHANGED = later("with d: differs from the frame before of the same kind and motor")
+CHANGED_BEFORE = later("with d: changed {count} frames before")
+NOT_CHANGED = later("with d: did not change")
+
+
+def _meaning_of(name: str) -> str:
+    return COLUMN_BY_NAME[name].meaning
+
+
+def help_pairs(palette: Palette) -> Iterator[tuple[str, Sequence[Pair]]]:
     """Sections of the page: a heading and its pairs."""
     for heading, keys in SECTIONS:
         yield _(heading), [(key_names(key), _(key.tooltip)) for key in keys]
@@ -298,8 +362,11 @@ def help_pairs() -> Iterator[tuple[str, list[Pair]]]:
     signs.append((RAISED_MARK, _(RAISED)))
     signs.append((ORDER_MARK, _(UNCERTAIN_ORDER)))
     signs += [(sign, _(sign.meaning)) for sign in Sign if sign.meaning]
-    yield _("Signs before a row"), signs
-    yield _("Times"), [(_(style), _(style.meaning)) for style in TimeStyle]
+    signs.append((EVENT_SIGN, _(EVENT_MEANING)))
+    yield _("Signs of rows"), signs
+    yield _("Fields and their bytes"), list(field_pairs(palette))
+    words: tuple[ExplainedWord, ...] = (*TimeStyle, *Delta)
+    yield _("Times"), [(_(style), _(style.meaning)) for style in words]
     yield (
         _("Faults"),
         [
@@ -312,12 +379,12 @@ def help_pairs() -> Iterator[tuple[str, list[Pair]]]:
     yield _("Filters"), [(example, _(meaning)) for example, meaning in EXAMPLES]
 
 
-def help_text(width: int) -> Text:
+def help_text(width: int, palette: Palette) -> Text:
     """The page in `width` cells."""
     lines = []
-    for heading, pairs in help_pairs():
+    for heading, pairs in help_pairs(palette):
         lines.append(Text(heading, style="bold"))
-        left_width = min(max(cell_len(left) for left, _right in pairs), width // 2)
+        left_width = min(max(cell_len(str(left)) for left, _right in pairs), width // 2)
         for pair in pairs:
             lines += _pair_lines(pair, left_width, width)
         lines.append(Text())
@@ -326,14 +393,17 @@ def help_text(width: int) -> Text:
 
 def _pair_lines(pair: Pair, left_width: int, width: int) -> Iterator[Text]:
     """Side by side where the left side fits, else one below the other."""
-    left, right = pair
+    left, right = str(pair[0]), pair[1]
+    style = pair[0].style if isinstance(pair[0], Text) else "bold"
     indent = " " * (left_width + 4)
     lines = wrap(right, max(8, width - len(indent)))
     if cell_len(left) <= left_width:
         first = lines.pop(0) if lines else ""
-        yield Text.assemble("  ", (padded(left, left_width), "bold"), "  ", first)
+        space = " " * (left_width - cell_len(left))
+        yield Text.assemble("  ", (left, style), space, "  ", first)
     else:
-        yield from (Text("  " + line, style="bold") for line in wrap(left, max(8, width - 2)))
+        for line in wrap(left, max(8, width - 2)):
+            yield Text.assemble("  ", (line, style))
     yield from (Text(indent + line) for line in lines)
 
 
@@ -353,9 +423,10 @@ class HelpPage(ModalScreen[None]):
         )
     ]
 
-    def __init__(self) -> None:
+    def __init__(self, palette: Palette) -> None:
         super().__init__()
         translate_keys(self)
+        self._palette = palette
         self._text = Static()
         # An attribute, since a query finds nothing once the page is dismissed.
         self._page = VerticalScroll(self._text, id="help", can_focus=False)
@@ -373,7 +444,7 @@ class HelpPage(ModalScreen[None]):
     def on_resize(self) -> None:
         """Wrap the page to the new width."""
         width = self._page.scrollable_content_region.width
-        self._text.update(help_text(width))
+        self._text.update(help_text(width, self._palette))
         self.call_after_refresh(self._show_rest)
 
     def _show_rest(self) -> None:

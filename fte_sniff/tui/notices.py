@@ -11,10 +11,9 @@ from textual.geometry import Size
 from textual.timer import Timer
 from textual.widget import Widget
 
-from fte_sniff.errors import printable
-from fte_sniff.formats.cell_text import ELLIPSIS, clock_text, fit_path, wrap
+from fte_sniff.formats.cell_text import ELLIPSIS, fit_path, wrap
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.tui.i18n import _, later
+from fte_sniff.tui.text import event_text
 
 _PATH = re.compile(r"[!-~]*/[!-~]+")
 _LONG_WORD = 12
@@ -93,21 +92,6 @@ WARNING_S = 30.0
 
 _TINY, _LOW = 12, 20
 """Lines of the terminal below which a notice has one line, and two."""
-
-WITH_DETAIL = later("{event}: {detail}")
-
-
-def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
-    """A port event on one line, with its time of day in a zone."""
-    text = f"{event.port} {_(event_words(event.kind))}"
-    if event.detail:
-        text = _(WITH_DETAIL).format(event=text, detail=_(event.detail))
-    return printable(f"{clock_text(event.t_ns, 3, zone)}  {text}")
-
-
-def event_words(kind: PortEventKind) -> str:
-    """A kind of event in English words."""
-    return kind.replace("_", " ")
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from fte_sniff.analysis.row_store import BLOCK_ROWS, DEFAULT_BOUND, UNBOUNDED, BlockSource, RowStore
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.session.save import UNKNOWN, ExportSource
-from fte_sniff.tui.table.columns import ColumnChoice
+from fte_sniff.tui.table.columns import ColumnChoice, Delta, TableView
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
@@ -46,6 +46,18 @@ class Choices:
     filters: tuple[tuple[str, str], ...] = ()
     """Names of saved filters, each with its filter."""
     panes: PaneLayout = PaneLayout()
+    delta: Delta = Delta.ROW
+    changes: bool = False
+    """Whether changed bytes are highlighted."""
+    events: bool = True
+    """Whether port events and gaps have lines in the table."""
+
+    @property
+    def view(self) -> TableView:
+        """The table's view at the start."""
+        return TableView(
+            choice=self.columns, delta=self.delta, changes=self.changes, events=self.events
+        )
 
 
 @dataclass(frozen=True, slots=True)

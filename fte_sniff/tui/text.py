@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterable
+from datetime import UTC, tzinfo
+from functools import cache
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from rich.cells import cell_len
 
+from fte_sniff.errors import printable
 from fte_sniff.formats import cell_text
-from fte_sniff.formats.cell_text import ELLIPSIS, fit
+from fte_sniff.formats.cell_text import ELLIPSIS, clock_text, fit
 from fte_sniff.protocol import (
     FRAME_LENGTH,
     KIND_BY_NAME,
     Field,
     Frame,
-    FrameKind,
+    Gap,
+    PortEvent,
+    PortEventKind,
     Row,
     spaced_hex,
 )
@@ -26,16 +31,35 @@ if TYPE_CHECKING:
 
 
 def short_values(row: Row, width: int | None = None) -> str:
-    """The row's values by their short names: `motor=1 rpm=1000`.
+    """The row's values by their short names: `motor=1 rpm=1000`; see `value_parts`."""
+    return " ".join(text for text, _field in value_parts(row, width))
+
+
+ValuePart: TypeAlias = tuple[str, Field]
+"""A value with its short name, and its field."""
+
+
+def value_parts(row: Row, width: int | None = None) -> list[ValuePart]:
+    """The row's values, which fit into `width` cells with a space between them.
 
     Flag bytes with their default value are left out. If the text does not fit the width, names are
     shortened (`M1 rpm=1000`, `M1 r=1000`), then left out (`M1 1000`).
     """
     kind = row.kind if isinstance(row, Frame) else None
+    parts: list[ValuePart] = []
     if kind is None:
-        return ""
-    forms = _forms(kind, row.raw)
-    return next(forms) if width is None else first_fitting(forms, width)
+        return parts
+    raw = row.raw
+    values = [(field, field.read(raw)) for field in kind.fields]
+    for heads in value_heads(kind):
+        parts = [
+            (head + _number(field, value), field)
+            for head, (field, value) in zip(heads, values, strict=True)
+            if field.defined_bits is None or value != field.default
+        ]
+        if width is None or sum(len(text) + 1 for text, _field in parts) <= width + 1:
+            break
+    return parts
 
 
 def first_fitting(texts: Iterable[str], width: int) -> str:
@@ -47,21 +71,20 @@ def first_fitting(texts: Iterable[str], width: int) -> str:
     return text
 
 
-def _forms(kind: FrameKind, raw: bytes) -> Iterator[str]:
-    """The values in several forms, each shorter than the one before."""
-    values = [(field, field.read(raw)) for field in kind.fields]
-    for heads in value_heads(kind):
-        yield " ".join(
-            head + _number(field, value)
-            for head, (field, value) in zip(heads, values, strict=True)
-            if field.defined_bits is None or field.raised(value)
-        )
+@cache
+def _flag_bytes(name: str) -> tuple[tuple[int, int | None], ...]:
+    """Offset and default of each flag byte of the kind of that name."""
+    fields = KIND_BY_NAME[name].fields
+    return tuple((one.start, one.default) for one in fields if one.defined_bits is not None)
 
 
 def is_raised(row: Row) -> bool:
     """Whether a flag byte of the row differs from its default."""
     kind = row.kind if isinstance(row, Frame) else None
-    return kind is not None and any(field.raised(field.read(row.raw)) for field in kind.fields)
+    if kind is None:
+        return False
+    raw = row.raw
+    return any(raw[start] != default for start, default in _flag_bytes(kind.name))
 
 
 def _number(field: Field, value: int) -> str:
@@ -102,3 +125,31 @@ def turns_text(pulses: int, line_setup: LineSetup) -> str:
     """A position in turns; empty if the pulses of a turn are unknown."""
     turns = line_setup.turns(pulses)
     return "" if turns is None else _(TURNS).format(turns=turns)
+
+
+WITH_DETAIL: Final = later("{event}: {detail}")
+ROWS_MISSING: Final = later("{count:,} rows are missing here")
+MISSING: Final = later("rows are missing here")
+
+
+def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
+    """A port event on one line, with its time of day in a zone."""
+    text = f"{event.port} {_(event_words(event.kind))}"
+    if event.detail:
+        text = _(WITH_DETAIL).format(event=text, detail=_(event.detail))
+    return printable(f"{clock_text(event.t_ns, 3, zone)}  {text}")
+
+
+def event_words(kind: PortEventKind) -> str:
+    """A kind of event in English words."""
+    return kind.replace("_", " ")
+
+
+def landmark_text(what: PortEvent | Gap, zone: tzinfo = UTC) -> str:
+    """A port event or a gap on one line."""
+    if isinstance(what, PortEvent):
+        return event_text(what, zone)
+    text = _(ROWS_MISSING).format(count=what.rows) if what.rows else _(MISSING)
+    if what.reason:
+        text = _(WITH_DETAIL).format(event=text, detail=_(what.reason))
+    return printable(text)

@@ -25,10 +25,10 @@ from fte_sniff.analysis.search import HitCounter
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol import PortEvent, PortEventKind, Row
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.notices import event_words
 from fte_sniff.tui.status_bar import StatusCounters
 from fte_sniff.tui.table.viewport import Viewport
 from fte_sniff.tui.table.widget import RowTable
+from fte_sniff.tui.text import event_words
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter

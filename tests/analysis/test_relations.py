@@ -117,11 +117,11 @@ def simple_answer(rows: list[Row], number: int, motor: int, end: int) -> Command
 def test_answers_are_those_of_a_search_row_by_row(rows: list[Row], gaps: list[int]) -> None:
     store = RowStore(block_rows=7)
     store.append(rows)
-    relations = RowRelations(store)
-    relations.gaps = [gap for gap in gaps if gap < len(rows)]
+    gaps = [gap for gap in gaps if gap < len(rows)]
+    relations = RowRelations(store, gaps)
     answered: dict[int, CommandAnswer] = {}
     for number, row in enumerate(rows):
-        end = next((gap for gap in relations.gaps if gap > number), len(rows))
+        end = next((gap for gap in gaps if gap > number), len(rows))
         wanted = [
             simple_answer(rows, number, motor, end)
             for motor in MOTORS
@@ -141,6 +141,34 @@ def test_pairs_of_a_batch_are_the_answers_of_its_commands(rows: list[Row]) -> No
     found = [one for number in range(len(rows)) for one in relations.answers(number)]
     wanted = {(one.command, one.answer) for one in found if one.answer is not None}
     assert set(zip(pairs.commands.tolist(), pairs.answers.tolist(), strict=True)) == wanted
+
+
+@given(ROWS, st.sets(st.integers(0, 59), max_size=20))
+def test_the_past_of_rows_is_that_of_a_search_row_by_row(rows: list[Row], shown: set[int]) -> None:
+    store = RowStore(block_rows=7)
+    store.append(rows)
+    batch = RowBatch.from_rows(rows)
+    ages = change_ages(batch.raw, frames_before(stream_keys(batch)))
+    indices = sorted(index for index in shown if index < len(rows))
+    relations = RowRelations(store)
+    pasts = relations.pasts(indices)
+    assert list(pasts) == indices
+    for index, past in pasts.items():
+        before, command = before_of(rows, index), relations.command(index)
+        assert past.frame_ns == (None if before < 0 else rows[before].t_ns)
+        assert past.command_ns == (None if command is None else rows[command.command].t_ns)
+        assert past.ages == ages[index].tobytes()
+
+
+@pytest.mark.parametrize(("away", "found"), [(1000, True), (MOST_SEARCHED + 1, False)])
+def test_a_frame_before_is_found_far_away(away: int, found: bool) -> None:
+    store = RowStore()
+    first, second = (encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}) for rpm in (5, 6))
+    noise = Damage("p", 10, b"\x01", 0, (Fault.NOISE,))
+    store.append([Frame("p", 0, first, 7), *[noise] * away, Frame("p", 0, second, 8)])
+    past = RowRelations(store).pasts([store.next - 1])[store.next - 1]
+    assert past.frame_ns == (7 if found else None)
+    assert past.ages == bytes([UNCHANGED] * 4 + [0 if found else UNCHANGED] + [UNCHANGED] * 5)
 
 
 def test_a_search_ends_after_many_rows() -> None:

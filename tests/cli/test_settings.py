@@ -36,6 +36,10 @@ WHOLE = """
 theme = "textual-light"       # at noon
 columns = ["time", "kind", "values"]
 widths = { time = 15 }
+widths_at = 119
+delta = "frame"
+changes = true
+events = false
 language = "zh"
 pane_beside = true
 pane_width = 30
@@ -57,6 +61,10 @@ screens = st.builds(
     theme=st.none() | st.sampled_from(THEMES),
     columns=st.none() | st.lists(names, min_size=1, unique=True).map(tuple),
     widths=st.none() | st.dictionaries(names, st.integers(MIN_WIDTH, MAX_WIDTH), min_size=1),
+    widths_at=st.none() | st.integers(1, 500),
+    delta=st.none() | st.sampled_from(["row", "frame", "answer"]),
+    changes=st.none() | st.booleans(),
+    events=st.none() | st.booleans(),
     language=st.none() | st.sampled_from(["en", "zh"]),
     pane_beside=st.none() | st.booleans(),
     pane_height=st.none() | st.sampled_from(SHARES),
@@ -82,7 +90,16 @@ def test_no_file_says_nothing(file: Path) -> None:
 def test_everything_that_can_be_said(file: Path) -> None:
     settings = read_settings(written(file, WHOLE))
     assert settings.screen == ScreenSettings(
-        "textual-light", ("time", "kind", "values"), {"time": 15}, "zh", True, None, 30
+        theme="textual-light",
+        columns=("time", "kind", "values"),
+        widths={"time": 15},
+        widths_at=119,
+        delta="frame",
+        changes=True,
+        events=False,
+        language="zh",
+        pane_beside=True,
+        pane_width=30,
     )
     assert settings.ports == ("/dev/ttyUSB0", "/dev/ttyUSB1")
     assert settings.of_port("/dev/ttyUSB0") == PortDefaults(57_600, 500, 30.0)
@@ -106,6 +123,8 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ('[screen]\ncolumns = ["moter"]\n', "columns in [screen] must be a list"),
         ('[screen]\ncolumns = ["time", "time"]\n', "different names"),
         ('[screen]\ntheme = "pink"\n', "theme in [screen] must be one of textual-dark"),
+        ('[screen]\ndelta = "mark"\n', "delta in [screen] must be one of row, frame, answer"),
+        ("[screen]\nchanges = 1\n", "changes in [screen] must be true or false"),
         ('[screen]\nlanguage = "tlh"\n', "language in [screen] must be one of en, zh, auto"),
         ("[screen]\nwidths = 3\n", "widths in [screen] must be a table of columns"),
         ("[screen]\nwidths = { time = 1 }\n", "with 3 to 200 cells each"),

@@ -41,9 +41,10 @@ from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.i18n import _, error_text, language_of, set_language
 from fte_sniff.tui.keys import SECTIONS
 from fte_sniff.tui.modals import help_text
-from fte_sniff.tui.notices import event_text
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.status_bar import Mode, StatusCounters, badge_text, status_text, title_text
+from fte_sniff.tui.table.theme import DARK
+from fte_sniff.tui.text import event_text
 from tests.analysis.filter.test_parser import MISTAKES
 from tests.tui.conftest import Rows, Scenario, lines, page, play, press, settle, type_line
 
@@ -120,7 +121,7 @@ def test_title_status_and_footer(feed: Any, speed_rows: Rows) -> None:
 
 def test_help_has_every_key_in_chinese_and_every_name_as_it_is(feed: Any) -> None:
     set_language("zh")
-    text = help_text(76).plain
+    text = help_text(76, DARK).plain
     for _heading, keys in SECTIONS:
         for key in keys:
             assert key.tooltip not in text
@@ -144,7 +145,7 @@ def test_the_help_is_drawn_as_it_was_broken_into_lines(
         await press(app, pilot, "question_mark")
         await settle(app, pilot)
         drawn = app.screen.query_one("#help Static", Static)
-        wanted = help_text(drawn.size.width).plain.split("\n")
+        wanted = help_text(drawn.size.width, DARK).plain.split("\n")
         found = [drawn.render_line(y).text.rstrip() for y in range(drawn.size.height)]
         assert found == [line.rstrip() for line in wanted]
 

@@ -439,19 +439,19 @@ def test_the_bytes_around_a_row_stand_at_their_offsets(
         start, signs = int(line[:12].replace(",", "")), line[13 : 13 + 3 * abreast + 1]
         for place in range(abreast):
             sign, digits = signs[3 * place], signs[3 * place + 1 : 3 * place + 3]
-            inside = sign == "[" or (inside and sign != "]")
+            inside = sign == "<" or (inside and sign != ">")
             if digits != "··":
                 assert int(digits, 16) == stream[start + place]
                 own += bytes([int(digits, 16)] if inside else [])
-        inside = inside and signs[-1] != "]"
+        inside = inside and signs[-1] != ">"
     assert bytes(own) == row.raw
 
 
 def test_the_row_is_held_by_brackets_and_others_begin_with_a_bar() -> None:
     rows = _rows([10, 10, 10])
     lines = dump(rows[1], rows, 79, DARK).plain.split("\n")
-    assert lines[0].startswith("           0 |AA 01 01 03 E8 00 00 00 00 EE[AA 01 01 03 E8 00 ")
-    assert lines[1].startswith("          16  00 00 00 EE]AA 01")
+    assert lines[0].startswith("           0 |AA 01 01 03 E8 00 00 00 00 EE<AA 01 01 03 E8 00 ")
+    assert lines[1].startswith("          16  00 00 00 EE>AA 01")
     assert lines[0].endswith("................")
 
 
@@ -462,14 +462,14 @@ def test_each_bracket_stands_once(at: int, width: int) -> None:
     drawn = dump(rows[at], rows, width, DARK).plain
     end = 13 + 3 * {50: 8, 79: 16, 150: 32}[width] + 1
     signs = "".join(line[:end] for line in drawn.split("\n"))
-    assert (signs.count("["), signs.count("]")) == (1, 1)
+    assert (signs.count("<"), signs.count(">")) == (1, 1)
 
 
 def test_what_the_store_does_not_have_is_dots() -> None:
     rows = _rows([10] * 30)
     del rows[3:9]
     text = dump(rows[3], rows, 79, DARK).plain
-    assert re.search(r"··(·|\s)+··\[AA", text)
+    assert re.search(r"··(·|\s)+··<AA", text)
 
 
 def test_rows_of_other_ports_are_no_neighbours() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC
 from typing import Any
 
 import pytest
@@ -29,7 +30,8 @@ from fte_sniff.tui.keys import (
     UNDERSTANDING,
 )
 from fte_sniff.tui.modals import help_text
-from fte_sniff.tui.notices import NoticeLine, event_text, in_lines
+from fte_sniff.tui.notices import NoticeLine, in_lines
+from fte_sniff.tui.options import Choices, StartOptions
 from fte_sniff.tui.status_bar import (
     KeyLine,
     Mode,
@@ -40,7 +42,9 @@ from fte_sniff.tui.status_bar import (
     status_text,
     title_text,
 )
+from fte_sniff.tui.table.theme import DARK
 from fte_sniff.tui.table.viewport import Viewport
+from fte_sniff.tui.text import event_text
 from fte_sniff.tui.view_model import ViewModel
 from tests.tui.conftest import (
     ROUNDS,
@@ -265,7 +269,7 @@ def test_rows_that_came_too_fast_are_told() -> None:
 
 @pytest.mark.parametrize("width", [30, 60, 80])
 def test_the_help_has_every_key_and_every_fault(width: int) -> None:
-    text = help_text(width).plain
+    text = help_text(width, DARK).plain
     assert all(len(line) <= width for line in text.split("\n"))
     flat = " ".join(text.split())
     for _, keys in SECTIONS:
@@ -298,6 +302,9 @@ def test_line_errors_are_summed_from_what_the_ports_told() -> None:
     assert watched.status_counters(Viewport()).line_errors == 5
 
 
+WITHOUT_EVENT_LINES = StartOptions(choices=Choices(events=False), zone=UTC)
+
+
 def test_port_events_are_told_and_put_away(feed: Any) -> None:
     async def scenario(app: SniffApp, pilot: Pilot[None]) -> None:
         feed.emit(PortEvent(0, "/dev/ttyUSB0", PortEventKind.LOST, "it was pulled out"))
@@ -307,7 +314,7 @@ def test_port_events_are_told_and_put_away(feed: Any) -> None:
         await pilot.pause()
         assert "pulled out" not in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, options=WITHOUT_EVENT_LINES)
 
 
 async def _until_gone(notice: NoticeLine, pilot: Pilot[None]) -> None:
@@ -408,7 +415,7 @@ def test_a_graver_notice_is_told_at_once_and_then_what_a_key_did(
         await press(app, pilot, "u")
         assert "no row is marked" in page(app)
 
-    play(feed, scenario)
+    play(feed, scenario, options=WITHOUT_EVENT_LINES)
 
 
 def test_what_is_under_way_takes_the_place_of_the_hint_before_it_but_of_no_worry(feed: Any) -> None:

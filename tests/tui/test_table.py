@@ -35,7 +35,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.row_batch import RowBatch
 from fte_sniff.tui.panes.detail import DetailLayout, detail_text
-from fte_sniff.tui.table.columns import MARKS, ORDER, VALUES, TableView, layout_for
+from fte_sniff.tui.table.columns import DELTA, MARKS, ORDER, VALUES, TableView, layout_for
 from fte_sniff.tui.table.painter import Painter, RowCell
 from fte_sniff.tui.table.theme import DARK, LIGHT, Palette
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
@@ -83,12 +83,12 @@ def test_wide_characters_take_two_cells() -> None:
 
 
 def test_the_table_has_every_column_of_the_contract_once() -> None:
-    assert sorted(ORDER) == sorted(column.name for column in COLUMNS)
+    assert sorted(ORDER) == sorted([DELTA, *(column.name for column in COLUMNS)])
 
 
 @pytest.mark.parametrize(
     ("width", "ports", "last"),
-    [(79, 1, "raw"), (99, 1, "faults"), (128, 1, "faults"), (149, 1, "faults"), (199, 1, "cmd")],
+    [(79, 1, "raw"), (79, 2, "raw"), (119, 2, "raw"), (139, 1, "faults"), (205, 1, "cmd")],
 )
 def test_what_fits_without_moving_sideways(width: int, ports: int, last: str) -> None:
     assert layout_for(width, look_of(ports)).end_of(last) <= width
@@ -101,7 +101,7 @@ def test_the_port_is_shown_only_where_there_are_several() -> None:
 
 @given(ANY_ROW, st.sampled_from((40, 80, 200)), st.sampled_from((1, 2)))
 def test_every_cell_has_its_columns_width(row: Row, width: int, ports: int) -> None:
-    values = {**record(row), VALUES: short_values(row)}
+    values = {**record(row), VALUES: short_values(row), DELTA: row.t_ns}
     for column in layout_for(width, look_of(ports)).columns:
         cell = column.cell(values[column.name])
         assert cell_len(cell) == column.width
@@ -136,16 +136,17 @@ def painted(row: Row, width: int, hidden: int = 0) -> str:
 def test_a_line_at_eighty_cells(speed_rows: Callable[..., list[Row]]) -> None:
     [row] = speed_rows(1, start=1234)
     assert painted(row, 79) == (
-        "  12:00:01.234 speed       motor=3 rpm=1234       AA 01 03 04 D2 00 00 00 00 EE"
+        "  12:00:01.234 speed       motor=3 rpm=1234      AA 01 03 04 D2 00 00 00 00 EE "
     )
 
 
 def test_a_suspect_row_says_why_in_words_at_eighty_cells(odd_rows: list[Row]) -> None:
     suspect = next(row for row in odd_rows if row.status is Status.SUSPECT)
     assert painted(suspect, 79) == (
-        "? 12:00:00.000 speed       motor=1 rpm=1          reserved_nonzero  AA 01 01 0…"
+        "? 12:00:00.000 speed       M1 rpm=1 reserved_no… AA 01 01 00 01 00 00 07 00 EE "
     )
-    assert "AA 01 01 00 01 00 00 07 00 EE reserved_nonzero" in painted(suspect, 128)
+    assert "motor=1 rpm=1 reserved_nonzero " in painted(suspect, 119)
+    assert "AA 01 01 00 01 00 00 07 00 EE reserved_nonzero" in painted(suspect, 139)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +178,7 @@ def test_ports_are_told_apart_by_their_ends() -> None:
 def test_damage_takes_the_place_of_values_where_the_table_is_narrow(odd_rows: list[Row]) -> None:
     damage = odd_rows[3]
     assert painted(damage, 79).rstrip() == (
-        "! 12:00:00.000 bad_tail  AA 01 01 00 01 00 00 00 00 EF"
+        "! 12:00:00.000 bad_tail                          AA 01 01 00 01 00 00 00 00 EF"
     )
     wide = painted(damage, 199)
     assert wide.count("AA 01 01 00 01 00 00 00 00 EF") == wide.count("bad_tail") == 1
@@ -190,7 +191,7 @@ def test_of_long_damage_the_length_is_told(odd_rows: list[Row]) -> None:
 def test_time_stays_when_columns_are_moved_out(speed_rows: Callable[..., list[Row]]) -> None:
     [row] = speed_rows(1, start=1234)
     assert painted(row, 79, hidden=1).startswith("  12:00:01.234 motor=3 ")
-    assert painted(row, 149, hidden=2).startswith("  12:00:01.234000   1234 ")
+    assert painted(row, 170, hidden=3).startswith("  12:00:01.234000   1234 ")
 
 
 def test_the_head_says_where_there_is_more() -> None:
@@ -211,18 +212,18 @@ def test_a_cell_at_the_edge_is_whole_or_says_that_it_is_cut(
 ) -> None:
     seen = layout_for(width, TableView()).without(hidden).within(width)
     assert seen.width <= max(width, 1)
-    values = {**record(row), VALUES: short_values(row)}
+    values = {**record(row), VALUES: short_values(row), DELTA: row.t_ns}
     for column in seen.columns:
         cell, whole = (one.cell(values[column.name]).strip() for one in (column, column.sized(99)))
-        assert cell == whole or "…" in cell or column.name in ("time", "kind", VALUES)
+        assert cell == whole or "…" in cell or column.name in ("time", "kind", VALUES, DELTA)
 
 
 @pytest.mark.parametrize(
-    ("width", "offset"), [(101, ""), (103, "11…"), (105, "11800"), (112, "11800"), (120, "11800")]
+    ("width", "offset"), [(141, ""), (143, "11…"), (145, "11800"), (152, "11800"), (159, "11800")]
 )
 def test_an_offset_is_never_another_number(width: int, offset: str) -> None:
     row = Frame("p", 11800, bytes.fromhex("AA0000000000000000EE"), 1)
-    assert painted(row, width)[100:].split()[:1] == offset.split()
+    assert painted(row, width)[139:].split()[:1] == offset.split()
 
 
 @pytest.mark.parametrize(

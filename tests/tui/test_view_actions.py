@@ -157,7 +157,7 @@ def test_times_are_local_where_asked_and_a_time_that_is_typed_then_is(
         await press(app, pilot, "enter")
         await pilot.pause()
         assert "2026-01-31 17:31 is after the last row (17:30:00.999)" in page(app)
-        await press(app, pilot, "t", "t", "t")
+        await press(app, pilot, "t", "t")
         await settle(app, pilot)
         assert "time UTC" in page(app)
 
@@ -174,7 +174,7 @@ def test_local_times_hold_for_panes_and_notices_too(feed: Any, speed_rows: Rows)
             await press(app, pilot, "t")
             assert "17:30:00" in page(app)
             assert "12:00:00" not in page(app)
-            await press(app, pilot, "T", pane)
+            await press(app, pilot, "t", "t", pane)
         await press(app, pilot, "enter", "t")
         assert "2026-01-31T17:30:00.002000000+05:30" in page(app)
         feed.emit(PortEvent(NOON_NS, "/dev/ttyUSB0", PortEventKind.LOST, ""))
@@ -204,17 +204,15 @@ def test_times_count_from_the_start_the_row_before_and_a_mark(feed: Any, speed_r
         assert times(app)[-1] == "+0.099000"
         assert lines(app)[1].strip().startswith("+ start")
         await press(app, pilot, "t")
-        assert set(times(app)) == {"+0.001000"}
-        await press(app, pilot, "t")
         assert times(app)[-1] == "12:00:00.099"
         table(app).jump(90)
-        await press(app, pilot, "m", "T", "end")
+        await press(app, pilot, "m", "t", "t")
+        assert re.search("times count from the last mark", page(app))
+        await press(app, pilot, "end")
         assert times(app)[-1] == "+0.009000"
         assert "-0.001000" in times(app)
-        await press(app, pilot, "T")
-        assert re.search("times count from the row before", page(app))
         await press(app, pilot, "g")
-        assert times(app)[1] == "+0.001000"
+        assert times(app)[1] == "-0.089000"
 
     play(feed, scenario)
 

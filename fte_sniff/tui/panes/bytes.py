@@ -1,7 +1,7 @@
 """Bytes pane: the bytes of the stream around a row.
 
-12,340  AA 01 01 03 E8 00 00 00 00 EE[55 01 01 03 E8 00|.......... U.....
-12,356  00 00 0F EE]AA 01 02 03 ...
+12,340  AA 01 01 03 E8 00 00 00 00 EE<55 01 01 03 E8 00 .......... U.....
+12,356  00 00 0F EE>AA 01 02 03 ...
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.row_store import RowStore
-from fte_sniff.protocol import Row, Status
+from fte_sniff.protocol import Row
+from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.panes.pane import Pane, PaneContext
+from fte_sniff.tui.panes.pane import FIELD, Pane, PaneContext
 from fte_sniff.tui.table.theme import Palette
 
 TITLE: Final = later("bytes around offset {offset:,}")
-HINT: Final = later("[ ] row   | next row   J K: scroll   esc: close")
+HINT: Final = later("<this row>  [ ]: field  J K: scroll  esc: close")
 NO_ROW: Final = later("no row")
 
 CONTEXT_LINES: Final = 6
@@ -36,7 +37,6 @@ UNKNOWN_BYTE: Final = "··"
 
 _OFFSET_WIDTH: Final = 12
 _STEP_ROWS: Final = 256
-_ROW_STYLE: Final = Style(bold=True, reverse=True)
 
 
 def neighbours(store: RowStore, index: int, reach: int) -> list[Row]:
@@ -67,10 +67,12 @@ def _forwards(store: RowStore, index: int) -> Iterator[Row]:
         yield from store.rows(start, min(end, start + _STEP_ROWS))
 
 
-def dump(row: Row, rows: Sequence[Row], width: int, palette: Palette) -> Text:
-    """Hex dump of the row among its neighbours, in `width` cells."""
+def dump(
+    row: Row, rows: Sequence[Row], width: int, palette: Palette, field: int | None = None
+) -> Text:
+    """Hex dump of the row among its neighbours, in `width` cells; one field is highlighted."""
     per_line = next((n for n in BYTES_PER_LINE if _cells(n) + n < width), BYTES_PER_LINE[-1])
-    stream = _Stream(row, rows, palette)
+    stream = _Stream(row, rows, palette, field)
     first = max(0, row.offset // per_line - CONTEXT_LINES)
     last = (row.offset + max(1, len(row.raw)) - 1) // per_line + CONTEXT_LINES
     with_text = _cells(per_line) + per_line < width
@@ -86,31 +88,40 @@ def _cells(per_line: int) -> int:
 
 
 class _Stream:
-    def __init__(self, row: Row, rows: Sequence[Row], palette: Palette) -> None:
+    def __init__(
+        self, row: Row, rows: Sequence[Row], palette: Palette, looked_at: int | None
+    ) -> None:
         self._row = range(row.offset, row.offset + len(row.raw))
-        self._muted = palette.muted
+        self._palette = palette
         self._starts = {other.offset for other in rows}
         self._bytes: dict[int, int] = {}
         self._styles: dict[int, Style] = {}
         for other in rows:
-            faulty = other.status is not Status.OK
-            style = palette.statuses[other.status] if faulty else Style.null()
-            for offset, byte in enumerate(other.raw, other.offset):
-                self._bytes[offset] = byte
-                self._styles[offset] = style
+            styles = palette.of_bytes(other)
+            for offset, (byte, style) in enumerate(
+                zip(other.raw, styles, strict=True), other.offset
+            ):
+                self._bytes[offset], self._styles[offset] = byte, style
+        for number, field in enumerate(dissect(row)):
+            look = palette.field if number == looked_at else palette.cursor_row
+            for offset in field.offsets:
+                style = self._styles[row.offset + offset] + look + Style(meta={FIELD: number})
+                self._styles[row.offset + offset] = style
 
     def line(self, start: int, per_line: int, with_text: bool) -> Text | None:
         """One line; None where none of its bytes is known."""
         offsets = range(start, start + per_line)
         if not any(offset in self._bytes for offset in offsets):
             return None
-        line = Text(f"{start:>{_OFFSET_WIDTH},} ", style=self._muted)
+        line = Text(f"{start:>{_OFFSET_WIDTH},} ", style=self._palette.muted)
         for offset in offsets:
-            line.append(self._separator(offset, offset == start), self._separator_style(offset))
+            begins_line = offset == start
+            separator = self._separator(offset, begins_line)
+            line.append(separator, self._separator_style(offset, begins_line))
             byte = self._bytes.get(offset)
             line.append(UNKNOWN_BYTE if byte is None else f"{byte:02X}", self._style(offset))
         end = offsets.stop
-        line.append("]" if end == self._row.stop else " ", self._separator_style(end))
+        line.append(">" if end == self._row.stop else " ", self._separator_style(end, False))
         if with_text:
             line.append(" ")
             for offset in offsets:
@@ -118,19 +129,20 @@ class _Stream:
         return line
 
     def _separator(self, offset: int, begins_line: bool) -> str:
-        """The sign before a byte; a bracket at the end of a line is not repeated on the next."""
+        """The sign before a byte; that after the row is not repeated on the next line."""
         if self._row and offset == self._row.start:
-            return "["
+            return "<"
         if self._row and offset == self._row.stop and not begins_line:
-            return "]"
+            return ">"
         return "|" if offset in self._starts else " "
 
     def _style(self, offset: int) -> Style:
-        return _ROW_STYLE if offset in self._row else self._styles.get(offset, self._muted)
+        return self._styles.get(offset, self._palette.muted)
 
-    def _separator_style(self, offset: int) -> Style:
-        inner = offset in self._row or offset == self._row.stop
-        return _ROW_STYLE if inner else self._muted
+    def _separator_style(self, offset: int, begins_line: bool) -> Style:
+        if offset in self._row or (offset == self._row.stop and not begins_line):
+            return self._palette.signs + self._palette.cursor_row
+        return self._palette.muted
 
 
 def _character(byte: int | None) -> str:
@@ -153,4 +165,5 @@ class BytesPane(Pane):
             return
         rows = neighbours(context.store, context.index, CONTEXT_LINES * BYTES_PER_LINE[0])
         self.set_title(_(TITLE).format(offset=context.row.offset))
-        self.set_page_of(dump, context.row, rows, self.page_size.width, context.palette)
+        width, palette = self.page_size.width, context.palette
+        self.set_page_of(dump, context.row, rows, width, palette, context.field)

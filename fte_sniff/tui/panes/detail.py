@@ -11,6 +11,7 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
+from fte_sniff.analysis.relations import AnswerState, CommandAnswer
 from fte_sniff.analysis.statistics import DEFAULT_SETUP, LineSetup
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import moment_text, padded, wrap
@@ -18,12 +19,14 @@ from fte_sniff.formats.text_layout import ORDER_MARK
 from fte_sniff.protocol import Frame, Row, spaced_hex, status_of
 from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.panes.pane import Pane, PaneContext
+from fte_sniff.tui.panes.pane import FIELD, Pane, PaneContext
 from fte_sniff.tui.table.columns import MARKS
+from fte_sniff.tui.table.painter import Sign
 from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.text import turns_text
+from fte_sniff.tui.text import span_text, turns_text
 
 TITLE = later("the row, byte by byte")
+HINT = later("[ ]: field   J K: scroll   esc: close")
 NO_ROW = later("no row")
 TURNS = "{pulses}, {turns}"
 BIT = later("bit {number} is {value}: {meaning}")
@@ -52,6 +55,39 @@ _VALUE_WIDTH = 18
 _INDENT = " " * (2 + _HEX_WIDTH)
 
 
+ANSWERED = later("answered after {delay} by {row}")
+ANSWERED_AT_SOME_TIME = later("answered by {row}")
+ANSWERS = later("answers the command in {row}, {delay} later")
+ANSWERS_AT_SOME_TIME = later("answers the command in {row}")
+OF_MOTOR = later("motor {motor}: {text}")
+STATES = {
+    AnswerState.UNANSWERED: later("unanswered: the next command to the motor came first"),
+    AnswerState.WAITING: later("unanswered so far"),
+    AnswerState.UNKNOWN: later("whether it was answered is unknown"),
+}
+
+
+def relation_lines(context: PaneContext) -> list[str]:
+    """How the row and other rows belong together: a command and its answers."""
+    command, answers = context.command, context.answers
+    if command is not None:
+        form = ANSWERS_AT_SOME_TIME if command.delay_ns is None else ANSWERS
+        row, delay = context.row_text(command.command), span_text(command.delay_ns)
+        return [_(form).format(row=row, delay=delay)]
+    texts = [_answer_text(one, context) for one in answers]
+    if len(set(texts)) == 1:
+        return texts[:1]
+    pairs = zip(answers, texts, strict=True)
+    return [_(OF_MOTOR).format(motor=one.motor, text=text) for one, text in pairs]
+
+
+def _answer_text(one: CommandAnswer, context: PaneContext) -> str:
+    if one.answer is None:
+        return _(STATES[one.state])
+    form = ANSWERED_AT_SOME_TIME if one.delay_ns is None else ANSWERED
+    return _(form).format(row=context.row_text(one.answer), delay=span_text(one.delay_ns))
+
+
 @dataclass(frozen=True, slots=True)
 class DetailLayout:
     """Space for the text."""
@@ -60,6 +96,10 @@ class DetailLayout:
     """Cells; meanings and faults are wrapped to them."""
     bit_lines: bool
     """Whether each bit of a flag byte has a line of its own."""
+    field: int | None = None
+    """Number of the field that is highlighted."""
+    relations: tuple[str, ...] = ()
+    """Result of `relation_lines`."""
 
 
 def detail_text(
@@ -75,13 +115,17 @@ def detail_text(
     marked = [(MARKS[row.status], explanation, style) for explanation in explain(row)]
     if row.order_uncertain:
         marked.append((ORDER_MARK, UNCERTAIN_ORDER, Style.null()))
+    marked += [(Sign.PAIRED.value, text, palette.signs) for text in layout.relations]
     for mark, text, style in marked:
         for n, part in enumerate(wrap(_(text), layout.width - 2)):
             lines.append(Text(f"{' ' if n else mark} {part}", style=style))
     fields = [_with_turns(field, line_setup) for field in dissect(row)]
     value_width = _VALUE_WIDTH if any(field.value for field in fields) else 0
-    for field in fields:
-        lines += _field_lines(field, palette, layout, value_width)
+    for number, field in enumerate(fields):
+        meta = Style(meta={FIELD: number})
+        for line in _field_lines(field, palette, layout, value_width, number == layout.field):
+            line.stylize(meta)
+            lines.append(line)
     for line in lines:
         line.truncate(layout.width, overflow="ellipsis")
     return Text("\n").join(lines)
@@ -114,19 +158,29 @@ def _with_turns(field: ExplainedField, line_setup: LineSetup) -> ExplainedField:
 
 
 def _field_lines(
-    field: ExplainedField, palette: Palette, layout: DetailLayout, value_width: int
+    field: ExplainedField,
+    palette: Palette,
+    layout: DetailLayout,
+    value_width: int,
+    is_looked_at: bool,
 ) -> Iterator[Text]:
     """Bytes, name, value and meaning; then more bytes, the fault, and the bits."""
     style = palette.statuses[status_of((field.fault,))] if field.fault else Style.null()
+    own = style if field.fault else palette.fields.get(field.name, Style.null())
+    own += palette.field if is_looked_at else Style.null()
     mark = MARKS[status_of((field.fault,))] if field.fault else " "
     inline = len(field.raw) <= INLINE_BYTES
     value = field.value
     if field.bits:
         value += "  " + "".join("01"[bit.is_set] for bit in reversed(field.bits))
+    digits = spaced_hex(field.raw) if inline else ""
     line = Text.assemble(
         (mark, style),
-        f" {spaced_hex(field.raw) if inline else '':<{_HEX_WIDTH}}",
-        (f"{field.name:<{_NAME_WIDTH}} ", style + Style(bold=True)),
+        " ",
+        (digits, own),
+        " " * (_HEX_WIDTH - len(digits)),
+        (field.name, own + Style(bold=True)),
+        " " * max(1, _NAME_WIDTH + 1 - len(field.name)),
         f"{padded(value, value_width)} " if value_width else "",
     )
     first, *more = _wrapped_after(_(field.meaning), line.cell_len, layout)
@@ -136,7 +190,7 @@ def _field_lines(
     for text in more:
         yield Text(text, style=palette.muted)
     for digits in [] if inline else _hex_lines(field.raw):
-        yield Text.assemble((mark, style), f" {digits}")
+        yield Text.assemble((mark, style), " ", (digits, own))
     yield from _indented(_(field.note), style, layout)
     if not layout.bit_lines:
         yield from _indented(_bits_in_a_line(field.bits), palette.muted, layout)
@@ -181,13 +235,25 @@ class DetailPane(Pane):
 
     NAME = "detail"
     EXPLAINS_ROW = True
+    HINT = HINT
+    _index: int | None = None
+    """Index of the row that is shown."""
 
     def draw(self, context: PaneContext) -> None:
         """Explain the cursor's row, where it is not explained already."""
         self.set_title(_(TITLE))
-        layout = DetailLayout(self.page_size.width, self.app.size.height >= TALL)
+        layout = DetailLayout(
+            self.page_size.width,
+            self.app.size.height >= TALL,
+            context.field,
+            tuple(relation_lines(context)),
+        )
         setup, zone = context.line_setup, context.zone
         if context.row is None:
             self.set_page_of(Text, _(NO_ROW))
-        elif self.set_page_of(detail_text, context.row, context.palette, layout, setup, zone):
+        elif (
+            self.set_page_of(detail_text, context.row, context.palette, layout, setup, zone)
+            and context.index != self._index
+        ):
+            self._index = context.index
             self.scroll_home(animate=False)

@@ -19,6 +19,7 @@ from textual.widget import Widget
 from textual.widgets import Static
 
 from fte_sniff.analysis.live_models import LiveModels
+from fte_sniff.analysis.relations import CommandAnswer
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.statistics import LineSetup
 from fte_sniff.protocol import Row
@@ -28,6 +29,9 @@ from fte_sniff.tui.table.theme import Palette
 from fte_sniff.tui.text import first_fitting
 
 HINT = later("J K: scroll   esc: close")
+
+FIELD: Final = "field"
+"""Key in the meta data of a style, under which the number of a field is."""
 
 P = ParamSpec("P")
 
@@ -56,6 +60,19 @@ class PaneContext:
     palette: Palette
     zone: tzinfo
     """Zone of the table's times of day."""
+    field: int | None = None
+    """Number in `dissect` of the field that the user looks at in the row."""
+    answers: tuple[CommandAnswer, ...] = ()
+    """The answers of the row, by motor, if it is a command."""
+    command: CommandAnswer | None = None
+    """The command that the row answers."""
+
+    def row_text(self, index: int) -> str:
+        """The number of a row among those shown."""
+        view = self.store.view
+        if not view.has(index):
+            return _("a row that the filter hides")
+        return _("row {number:,}").format(number=view.position_of(index) + 1)
 
 
 class Pane(VerticalScroll, can_focus=False):
@@ -86,6 +103,13 @@ class Pane(VerticalScroll, can_focus=False):
     HINT: ClassVar[str] = HINT
     """Its keys; shown after the title where they fit."""
 
+    class Pointed(Message):
+        """The mouse is on a field of the cursor's row."""
+
+        def __init__(self, field: int) -> None:
+            super().__init__()
+            self.field = field
+
     def __init__(self) -> None:
         super().__init__()
         self._page = Static()
@@ -110,7 +134,10 @@ class Pane(VerticalScroll, can_focus=False):
             self.capture_mouse()
 
     def on_mouse_move(self, event: MouseMove) -> None:
-        """Drag the divider."""
+        """Drag the divider, or post the field under the mouse."""
+        field = event.style.meta.get(FIELD)
+        if isinstance(field, int):
+            self.post_message(self.Pointed(field))
         dragging = self.app.mouse_captured is self
         self.set_class(dragging or self._is_divider(event.offset), "-grip")
         if dragging:

@@ -29,11 +29,10 @@ from fte_sniff.formats.cell_text import (
 )
 from fte_sniff.protocol import Direction, status_of
 from fte_sniff.tui.i18n import _, later
-from fte_sniff.tui.notices import event_words
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
 from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.text import span_text
+from fte_sniff.tui.text import event_words, span_text
 
 PORT_ROWS: Final = later("{rows:,} rows, {bytes:,} bytes")
 PORT_USE: Final = later("  {share} of the time used, at {baud:,} baud")

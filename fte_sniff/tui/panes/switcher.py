@@ -14,7 +14,6 @@ from fte_sniff.tui.panes.detail import DetailPane
 from fte_sniff.tui.panes.motors import MotorsPane
 from fte_sniff.tui.panes.pane import Pane, PaneContext
 from fte_sniff.tui.panes.statistics import StatisticsPane
-from fte_sniff.tui.table.theme import palette_of
 from fte_sniff.tui.table.widget import RowTable
 from fte_sniff.tui.view_model import ViewUpdate
 
@@ -176,6 +175,7 @@ class PaneSwitcher:
 
     def _context(self) -> PaneContext:
         table, row = self._table, self._table.cursor_row
+        index = -1 if table.cursor_index is None else table.cursor_index
         following = table.viewport.following and not table.viewport.paused
         newest_ns = self._models.traces.last_ns
         if newest_ns is not None:
@@ -191,6 +191,9 @@ class PaneSwitcher:
             store=self._store,
             models=self._models,
             line_setup=self._line_setup,
-            palette=palette_of(table.app.current_theme),
+            palette=table.palette,
             zone=table.view.shown_zone,
+            field=table.field,
+            answers=tuple(table.relations.answers(index)),
+            command=table.relations.command(index),
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
@@ -25,13 +26,26 @@ class TimeStyle(ExplainedWord):
         "times are the time of day in the zone of --zone, or else of this machine",
     )
     START = "+ start", "times count from the first row"
-    BEFORE = "+ before", "times count from the row before"
     MARK = "+ mark", "times count from the last mark that was set"
 
     @property
     def is_elapsed(self) -> bool:
         """Whether times are counted from another time."""
         return self not in (TimeStyle.CLOCK, TimeStyle.LOCAL)
+
+
+class Delta(ExplainedWord):
+    """What the column of time differences measures; the value is the column's head."""
+
+    ROW = "Δt row", "the time since the row above"
+    FRAME = "Δt frame", "the time since the frame before of the same kind and motor"
+    ANSWER = "Δt answer", "the time since the command that the row answers"
+
+    @property
+    def after(self) -> Delta:
+        """The next meaning."""
+        every = list(Delta)
+        return every[(every.index(self) + 1) % len(every)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +56,19 @@ class ColumnChoice:
     """From left to right; at least one."""
     widths: tuple[tuple[str, int], ...] = ()
     """Cells of the columns whose width the user has chosen."""
+    widths_at: int | None = None
+    """Cells of the table when the widths were chosen; None where they apply to every table."""
+
+    def width_of(self, name: str, usual: int, cells: int) -> int:
+        """The width of a column in a table of that many cells; `usual` is the default there.
+
+        A width that was chosen in a wider table may not cut other columns here, and one that was
+        chosen in a narrower table may not cut this column.
+        """
+        chosen = dict(self.widths).get(name, usual)
+        if self.widths_at is None or _size_class(cells) == _size_class(self.widths_at):
+            return chosen
+        return min(chosen, usual) if cells < self.widths_at else max(chosen, usual)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +80,11 @@ class TableView:
     times: TimeStyle = TimeStyle.CLOCK
     choice: ColumnChoice | None = None
     """None where the width of the window decides."""
+    delta: Delta = Delta.ROW
+    changes: bool = False
+    """Whether bytes that changed are highlighted, and the others dimmed."""
+    events: bool = True
+    """Whether port events and gaps have lines."""
     zone: timezone = UTC
     """Zone of local times."""
 
@@ -76,8 +108,12 @@ VALUES = "values"
 
 VALUE_NAMES = tuple(field.name for field in VALUE_FIELDS)
 
+DELTA = "delta"
+"""Column of time differences."""
+
 ORDER = (
     "time",
+    DELTA,
     "port",
     "kind",
     *VALUE_NAMES,
@@ -89,7 +125,7 @@ ORDER = (
     "direction",
     "cmd",
 )
-"""Columns of the row contract, the most useful first."""
+"""Columns of the row contract and `DELTA`, the most useful first."""
 
 ZONED = later("time {zone}")
 """Head of local times."""
@@ -105,6 +141,7 @@ LONG_VALUES_WIDTH = 45
 """Cells of the longest values of a row in one column."""
 
 _MICROSECONDS_WIDTH = len("12:00:00.000000")
+_DELTA_WIDTH = len("999.999 ms")
 _PORT_WIDTH = 12
 _TEXT_WIDTHS = {VALUES: LONG_VALUES_WIDTH, "raw": 3 * FRAME_LENGTH - 1, "faults": 19}
 _COUNT_WIDTH = 10
@@ -133,7 +170,7 @@ class TableColumn:
     @property
     def head_cell(self) -> str:
         """The column's name, aligned as its cells."""
-        head = _(self.head) if self.name == "time" else self.head
+        head = _(self.head) if self.name in ("time", DELTA) else self.head
         if self.name == "time" and cell_len(head) > self.width:
             # The zone or the start of the count is more important than the word "time".
             head = head.rpartition(" ")[2]
@@ -151,6 +188,8 @@ def column_of(name: str, view: TableView) -> TableColumn:
         return _value_column(field)
     if name == "time":
         return _time_column(view)
+    if name == DELTA:
+        return TableColumn(DELTA, view.delta, _DELTA_WIDTH, True, _delta_cell)
     if name == "port":
         return _port_column(view.ports)
     if name in ("offset", "length", "cmd"):
@@ -201,6 +240,14 @@ def _clock_cell_in(zone: timezone) -> Callable[[Value, int], str]:
     return cell
 
 
+def _delta_cell(value: Value, width: int) -> str:
+    """Milliseconds, or seconds where they do not fit."""
+    if not isinstance(value, int):
+        return ""
+    text = f"{value / 1e6:.3f} ms"
+    return text if len(text) <= width else f"{value / 1e9:.3f} s"
+
+
 def _elapsed_cell(value: Value, width: int) -> str:
     return elapsed_text(value, width) if isinstance(value, int) else ""
 
@@ -227,19 +274,25 @@ MARKS = {Status.OK: " ", Status.SUSPECT: "?", Status.MALFORMED: "!"}
 RAISED_MARK = "^"
 """Sign of a row without faults whose flag bytes report a motor's error."""
 
-ROOMY = 149
-"""Cells from which on each value has a column, and times have microseconds."""
-
-SPACIOUS = 128
-"""Cells from which on the kind and the values have their full width."""
-
 NARROW = 49
 """Cells below which times, kinds and values are shortened."""
 
-_SPACIOUS_WIDTHS = {"time": HOURS_WIDTH, VALUES: LONG_VALUES_WIDTH}
-_MEDIUM_WIDTHS = {"time": HOURS_WIDTH, "kind": 11, VALUES: 22}
-_NARROW_WIDTHS = {"time": MINUTES_WIDTH, "kind": 8, VALUES: 18}
-_NARROW_PORT_WIDTHS = {"time": MINUTES_WIDTH, "port": 4, "kind": 7, VALUES: 14}
+WITH_DELTA = 119
+"""Cells from which on there is a column of time differences."""
+
+_SIZE_CLASSES = (NARROW, 100, WITH_DELTA, 160)
+
+
+def _size_class(cells: int) -> int:
+    """Number of the class of tables in which columns have similar widths."""
+    return bisect_right(_SIZE_CLASSES, cells)
+
+
+_WIDE: Mapping[str, int] = {"time": HOURS_WIDTH, "kind": 17, VALUES: 30}
+_MEDIUM: Mapping[str, int] = {"time": HOURS_WIDTH, "kind": 11, VALUES: 21}
+_SMALL: Mapping[str, int] = {"time": HOURS_WIDTH, "kind": 8, "port": 10, VALUES: 14}
+_NARROW: Mapping[str, int] = {"time": MINUTES_WIDTH, "kind": 8, VALUES: 18}
+_NARROW_PORT: Mapping[str, int] = {"time": MINUTES_WIDTH, "port": 4, "kind": 7, VALUES: 14}
 """Widths that differ from a column's own, by the width of the window."""
 
 
@@ -269,7 +322,9 @@ class TableLayout:
         left = width - len(MARKS[Status.OK])
         for column in self.columns:
             if column.width + 1 > left:
-                cut = (column.sized(left - 1),) if left - 1 >= MIN_WIDTH else ()
+                # The faults of a row are shown at its values where their column is not whole.
+                narrow = left - 1 < MIN_WIDTH or column.name == "faults"
+                cut = () if narrow else (column.sized(left - 1),)
                 return TableLayout((*whole, *cut))
             left -= column.width + 1
             whole.append(column)
@@ -295,23 +350,57 @@ class TableLayout:
 def layout_for(width: int, view: TableView) -> TableLayout:
     """The layout of a view in a table of `width` cells."""
     if view.choice is not None:
-        return _chosen(view.choice, view)
-    names = tuple(name for name in ORDER if name != "port" or len(view.ports) > 1)
-    if width >= ROOMY:
-        return TableLayout(tuple(column_of(name, view) for name in names))
+        return _chosen(view.choice, width, view)
+    hidden = {"port"} if len(view.ports) < 2 else set()
+    hidden |= {DELTA} if width < WITH_DELTA else set()
+    names = tuple(name for name in ORDER if name not in hidden)
+    each = TableLayout(tuple(column_of(name, view) for name in names))
+    if each.end_of("faults") <= width:
+        return each
     first_value = names.index(VALUE_NAMES[0])
     names = tuple(name for name in names if name not in VALUE_NAMES)
-    widths = tuple(_widths_for(width, "port" in names).items())
-    return _chosen(ColumnChoice((*names[:first_value], VALUES, *names[first_value:]), widths), view)
+    return _sized((*names[:first_value], VALUES, *names[first_value:]), "raw", width, view)
 
 
-def _widths_for(width: int, ports: bool) -> dict[str, int]:
-    if width >= NARROW:
-        return _SPACIOUS_WIDTHS if width >= SPACIOUS else _MEDIUM_WIDTHS
-    return _NARROW_PORT_WIDTHS if ports else _NARROW_WIDTHS
+def _chosen(choice: ColumnChoice, width: int, view: TableView) -> TableLayout:
+    usual = _sized(choice.names, choice.names[-1], width, view)
+    return TableLayout(
+        tuple(
+            column.sized(choice.width_of(column.name, column.width, width))
+            for column in usual.columns
+        )
+    )
 
 
-def _chosen(choice: ColumnChoice, view: TableView) -> TableLayout:
-    widths = dict(choice.widths)
-    columns = (column_of(name, view) for name in choice.names)
-    return TableLayout(tuple(c.sized(widths[c.name]) if c.name in widths else c for c in columns))
+def _sized(names: tuple[str, ...], last: str, width: int, view: TableView) -> TableLayout:
+    """The columns with the largest widths with which those up to `last` are in the window.
+
+    The values have the space that remains.
+    """
+    if width < NARROW:
+        choices = [_NARROW_PORT if "port" in names else _NARROW]
+    else:
+        choices = [_WIDE, _MEDIUM, _SMALL]
+    layouts = [_with_widths(names, widths, view) for widths in choices]
+    fitting = (layout for layout in layouts if layout.end_of(last) <= width)
+    layout = next(fitting, layouts[len(layouts) // 2])
+    # A cell between the bytes and the signs in the scroll bar.
+    rest = width - 1 - layout.end_of(last)
+    return TableLayout(
+        tuple(
+            column.sized(min(column.width + max(0, rest), LONG_VALUES_WIDTH))
+            if column.name == VALUES
+            else column
+            for column in layout.columns
+        )
+    )
+
+
+def _with_widths(names: tuple[str, ...], widths: Mapping[str, int], view: TableView) -> TableLayout:
+    columns = (column_of(name, view) for name in names)
+    return TableLayout(
+        tuple(
+            column.sized(min(column.width, widths.get(column.name, MAX_WIDTH)))
+            for column in columns
+        )
+    )

@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
+from functools import cache, cached_property, lru_cache
+from itertools import accumulate, chain, groupby, pairwise, takewhile
+from typing import Final, TypeAlias
 
+from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
 from fte_sniff.analysis.search import Search
+from fte_sniff.formats.cell_text import fit
 from fte_sniff.formats.text_layout import mark_of
-from fte_sniff.protocol import VALUE_FIELDS, Frame, Row, Status, Value, record
+from fte_sniff.protocol import (
+    FRAME_LENGTH,
+    KINDS,
+    VALUE_FIELDS,
+    Field,
+    Frame,
+    Row,
+    Status,
+    Value,
+    record,
+    spaced_hex,
+)
 from fte_sniff.tui.i18n import ExplainedWord
 from fte_sniff.tui.table.columns import (
+    DELTA,
     MARKS,
     RAISED_MARK,
     VALUES,
@@ -22,10 +39,24 @@ from fte_sniff.tui.table.columns import (
     TimeStyle,
 )
 from fte_sniff.tui.table.theme import Palette
-from fte_sniff.tui.text import faulty_text, is_raised, short_values
+from fte_sniff.tui.text import bytes_text, faulty_text, is_raised, value_parts
 
-FAULT_COLUMNS = ("kind", VALUES, *(field.name for field in VALUE_FIELDS), "raw")
+FAULT_COLUMNS = ("kind", VALUES, *(field.name for field in VALUE_FIELDS))
 """Columns that a row without values uses to show its faults."""
+
+LEAST_VALUES = 10
+"""Cells that the values keep beside the faults of their row."""
+
+_BYTE_CELLS = 3
+"""Cells of a byte and the space after it."""
+
+_Run: TypeAlias = tuple[str, Style]
+"""A text and its style, without that of the line."""
+
+_NULL: Final = Style.null()
+_SPACE: Final = (" ", _NULL)
+_OWN_FIELDS: Final = {(kind.name, field.name): field for kind in KINDS for field in kind.fields}
+_FIELDS: Final = {field.name: field for field in VALUE_FIELDS}
 
 
 class Sign(ExplainedWord):
@@ -34,6 +65,7 @@ class Sign(ExplainedWord):
     NONE = " ", ""
     MARKED = "*", "marked by m"
     SELECTED = "|", "selected by v"
+    PAIRED = "&", "the command or the answer of the row under the cursor"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +76,27 @@ class RowCell:
     sign: Sign = Sign.NONE
     since_ns: int | None = None
     """The time from which the row's time is counted, if any."""
+    delta_ns: int | None = None
+    """The value of the column of time differences."""
+    ages: bytes | None = None
+    """By byte, the frames since it changed; None where changes are not shown."""
+    field: range | None = None
+    """Offsets of the bytes that are highlighted."""
 
 
 @dataclass(frozen=True, slots=True)
+class EventCell:
+    """A port event or a gap between two rows."""
+
+    text: str
+    """Printable."""
+
+
+EVENT_SIGN = "="
+"""Sign of a port event or a gap."""
+
+
+@dataclass(frozen=True)
 class Painter:
     """Paints rows for one layout, palette and width."""
 
@@ -63,98 +113,233 @@ class Painter:
     def row(self, cell: RowCell, line: Style) -> Strip:
         """The row, over the style of its line."""
         row, columns = cell.row, self._columns
-        values = self._values(cell)
-        spanned = self._spanned(row)
-        segments = [self._mark(row), Segment(cell.sign, self.palette.signs)]
+        spanned = self._spanned if not isinstance(row, Frame) or row.kind is None else ()
+        runs = [self._mark(row), (cell.sign.value, self.palette.signs)]
+        values = record(row) if self._needs_record else {}
         for number, column in enumerate(columns):
             if number not in spanned:
-                text = self._text(column, row, values)
-                segments += self._highlighted(text, self._style(column, row))
+                runs += self._highlighted(self._cell(column, cell, values))
             elif number == spanned[0]:
-                width = sum(columns[one].width + 1 for one in spanned) - 1
-                style = self.palette.statuses[row.status]
-                segments += self._highlighted(faulty_text(row, width), style)
+                runs += self._highlighted(self._damage(row, spanned))
             if number + 1 < len(columns) and number + 1 not in spanned[1:]:
-                segments.append(Segment(" ", Style.null()))
-        return self._strip(segments, line)
+                runs.append(_SPACE)
+        return self._strip(runs, line)
 
-    def _mark(self, row: Row) -> Segment:
-        if row.status is Status.OK and is_raised(row):
-            return Segment(RAISED_MARK, self.palette.raised_mark)
-        return Segment(mark_of(row), self.palette.marks[row.status])
+    def event(self, cell: EventCell, line: Style) -> Strip:
+        """The line of a port event."""
+        text = fit(f" {cell.text} ", self.width - 1).rstrip()
+        rule = "─" * max(0, self.width - 1 - cell_len(text) - 1)
+        style = self.palette.events
+        return self._strip([(EVENT_SIGN, style), (f"{text} {rule}", style)], line)
 
     def head(self, line: Style) -> Strip:
         """The column names, with `<` and `>` where there are more columns."""
-        segments = [Segment(MARKS[Status.OK], Style.null())]
+        runs = [(MARKS[Status.OK], _NULL)]
         for number, column in enumerate(self._columns):
             edge = "<" if number == 1 and self.hidden else " "
-            segments.append(Segment(edge + column.head_cell, Style.null()))
-        strip = self._strip(segments, line)
+            runs.append((edge + column.head_cell, _NULL))
+        strip = self._strip(runs, line)
         if self.shown.width > self.width > 0:
             strip = Strip([*strip.crop(0, self.width - 1), Segment(">", line)], self.width)
         return strip
 
-    @property
+    def byte_at(self, row: Row, cell: int) -> int | None:
+        """The offset in the row of the byte that is drawn at a cell of its line, or None."""
+        if "raw" not in self._names:
+            return None
+        columns = self._columns[: self._names.index("raw") + 1]
+        at, gap = divmod(cell - TableLayout(columns).width + columns[-1].width, _BYTE_CELLS)
+        shown = min(len(row.raw), (columns[-1].width + 1) // _BYTE_CELLS)
+        return at if 0 <= at < shown and gap < _BYTE_CELLS - 1 else None
+
+    def _mark(self, row: Row) -> _Run:
+        if row.status is Status.OK and is_raised(row):
+            return RAISED_MARK, self.palette.raised_mark
+        return mark_of(row), self.palette.marks[row.status]
+
+    @cached_property
     def shown(self) -> TableLayout:
         """The columns that are not scrolled out."""
         return self.layout.without(self.hidden)
 
-    @property
+    @cached_property
     def _columns(self) -> tuple[TableColumn, ...]:
         return self.shown.within(self.width).columns
 
-    def _values(self, cell: RowCell) -> dict[str, Value]:
-        values = {**record(cell.row), VALUES: ""}
-        if self.times.is_elapsed:
-            known = cell.row.t_ns is not None and cell.since_ns is not None
-            values["time"] = (cell.row.t_ns or 0) - (cell.since_ns or 0) if known else None
-        return values
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(column.name for column in self._columns)
 
-    def _text(self, column: TableColumn, row: Row, values: dict[str, Value]) -> str:
-        if column.name == "raw" and row.faults and self._faults_cut:
-            return faulty_text(row, column.width)
-        if column.name == VALUES:
-            return column.cell(short_values(row, column.width))
-        return column.cell(values[column.name])
-
-    def _spanned(self, row: Row) -> list[int]:
+    @cached_property
+    def _spanned(self) -> Sequence[int]:
         """Numbers of the adjacent columns that show the faults of a row without values."""
-        if (isinstance(row, Frame) and row.kind is not None) or not self._faults_cut:
-            return []
-        numbers = [n for n, column in enumerate(self._columns) if column.name in FAULT_COLUMNS]
+        if not self._faults_cut:
+            return ()
+        names = FAULT_COLUMNS if self._raw_whole else (*FAULT_COLUMNS, "raw")
+        numbers = [n for n, name in enumerate(self._names) if name in names]
         adjacent = takewhile(lambda pair: pair[0] + numbers[0] == pair[1], enumerate(numbers))
         return [number for _, number in adjacent]
 
-    @property
+    @cached_property
+    def _raw_whole(self) -> bool:
+        """Whether all bytes of a frame are in the window."""
+        whole = _BYTE_CELLS * FRAME_LENGTH - 1
+        return any(column.name == "raw" and column.width >= whole for column in self._columns)
+
+    @cached_property
     def _faults_cut(self) -> bool:
-        """Whether the column of faults is not wholly in the window."""
-        names = {column.name for column in self.shown.columns}
-        return "faults" not in names or self.shown.end_of("faults") > self.width
+        """Whether the column of faults is not in the window."""
+        return "faults" not in self._names
 
-    def _highlighted(self, text: str, style: Style) -> list[Segment]:
-        """The text with the hits of the search."""
-        segments, end = [], 0
-        for start, stop in self.search.spans(text) if self.search else ():
-            segments.append(Segment(text[end:start], style))
-            segments.append(Segment(text[start:stop], self.palette.found))
-            end = stop
-        return [*segments, Segment(text[end:], style)]
+    @cached_property
+    def _needs_record(self) -> bool:
+        """Whether a column shows more than those of a narrow table."""
+        return not {"time", DELTA, "port", "kind", VALUES, "raw"}.issuperset(self._names)
 
-    def _strip(self, segments: list[Segment], line: Style) -> Strip:
-        kept = [segment for segment in segments if segment.text]
-        return Strip(kept).adjust_cell_length(self.width, Style.null()).apply_style(line)
-
-    def _style(self, column: TableColumn, row: Row) -> Style:
+    def _cell(
+        self, column: TableColumn, cell: RowCell, values: Mapping[str, Value]
+    ) -> Sequence[_Run]:
+        """The runs of one cell, exactly as wide as its column."""
+        row = cell.row
         match column.name:
-            case "kind":
-                return self.palette.of_kind(row)
-            case "faults" | "status":
-                return self.palette.statuses[row.status]
-            case "time" | "port" | "offset" | "length" | "direction" | "cmd":
-                return self.palette.muted
-            case "raw" if row.status is Status.OK:
-                return self.palette.muted
             case "raw":
-                return self.palette.statuses[row.status]
-            case _:
-                return self.palette.raised if is_raised(row) else self.palette.of_values(row)
+                return self._bytes(column, cell)
+            case "values":
+                return self._short_values(column, cell)
+            case "time":
+                return [(column.cell(self._time(cell)), self.palette.muted)]
+            case "delta":
+                return [(column.cell(cell.delta_ns), self.palette.muted)]
+            case "kind":
+                kind = row.kind if isinstance(row, Frame) else None
+                return [(column.cell(kind.name if kind else None), self.palette.of_kind(row))]
+            case "port":
+                return [(column.cell(row.port), self.palette.muted)]
+            case name:
+                text = column.cell(values[name])
+                space = len(text) - len(text.lstrip())
+                return [(text[:space], _NULL), (text[space:], self._style(name, cell))]
+
+    def _time(self, cell: RowCell) -> int | None:
+        t_ns = cell.row.t_ns
+        if t_ns is None or not self.times.is_elapsed:
+            return t_ns
+        return None if cell.since_ns is None else t_ns - cell.since_ns
+
+    def _style(self, name: str, cell: RowCell) -> Style:
+        field = _FIELDS.get(name)
+        if field is not None:
+            return self._value_style(field, cell)
+        is_about_faults = name in ("faults", "status")
+        return self.palette.statuses[cell.row.status] if is_about_faults else self.palette.muted
+
+    def _value_style(self, field: Field, cell: RowCell) -> Style:
+        """The style of a value: as its bytes, bold in commands."""
+        row, palette = cell.row, self.palette
+        kind = row.kind if isinstance(row, Frame) else None
+        own = _OWN_FIELDS.get((kind.name, field.name)) if kind else None
+        if own is None:
+            return _NULL
+        if own.raised(own.read(row.raw)):
+            return palette.raised
+        style = palette.of_values(row) + palette.values[field.name]
+        if cell.ages is None:
+            return style
+        return palette.aged(style, min(cell.ages[at] for at in own.offsets))
+
+    def _short_values(self, column: TableColumn, cell: RowCell) -> Sequence[_Run]:
+        """The values; then the faults, where their column is not in the window."""
+        row, left = cell.row, column.width
+        faults = ",".join(row.faults) if self._faults_cut else ""
+        runs = list[_Run]()
+        width = max(left - len(faults) - 1, LEAST_VALUES) if faults else left
+        for text, field in value_parts(row, width):
+            text = text[:left]
+            runs += [(text, self._value_style(field, cell)), _SPACE]
+            left -= len(text) + 1
+        if left < 0 and runs:
+            runs.pop()
+            left = 0
+        return [*runs, (fit(faults, left), self.palette.statuses[row.status])]
+
+    def _damage(self, row: Row, spanned: Sequence[int]) -> Sequence[_Run]:
+        """The faults, then the bytes where they have no column of their own."""
+        width = sum(self._columns[one].width + 1 for one in spanned) - 1
+        faults = fit(",".join(row.faults), width)
+        text = faults if self._raw_whole else faulty_text(row, width)
+        return [(text, self.palette.statuses[row.status])]
+
+    def _bytes(self, column: TableColumn, cell: RowCell) -> Sequence[_Run]:
+        """The bytes in the styles of their fields."""
+        row, width = cell.row, column.width
+        if len(row.raw) > FRAME_LENGTH:
+            return [(fit(bytes_text(row.raw, width), width), self.palette.statuses[row.status])]
+        text = fit(spaced_hex(row.raw), width)
+        styles = self.palette.of_bytes(row)
+        if cell.ages is not None:
+            styles = tuple(map(self.palette.aged, styles, cell.ages))
+        if cell.field is not None:
+            styles = tuple(
+                style + self.palette.field if at in cell.field else style
+                for at, style in enumerate(styles)
+            )
+        runs = list[_Run]()
+        for start, end, style in _byte_runs(tuple(styles)):
+            runs += [(text[start:end], style), (text[end : end + 1], _NULL)]
+        return [*runs, (text[_BYTE_CELLS * len(styles) :], _NULL)]
+
+    def _highlighted(self, runs: Sequence[_Run]) -> Sequence[_Run]:
+        """The runs of a cell with the hits of the search."""
+        if self.search is None:
+            return runs
+        text = "".join(run[0] for run in runs)
+        spans = self.search.spans(text)
+        edges = sorted({0, len(text), *accumulate(len(run[0]) for run in runs), *chain(*spans)})
+        found = list[_Run]()
+        for start, end in pairwise(edges):
+            is_hit = any(first <= start < last for first, last in spans)
+            style = self.palette.found if is_hit else _style_at(runs, start)
+            found.append((text[start:end], style))
+        return found
+
+    def _strip(self, runs: Iterable[_Run], line: Style) -> Strip:
+        # Fewer segments take less time to draw; `Strip.apply_style` takes five times as long.
+        joined = list[_Run]()
+        for text, style in runs:
+            if text == " " and joined and not _is_boxed(joined[-1][1]):
+                joined[-1] = (joined[-1][0] + text, joined[-1][1])
+            elif text:
+                joined.append((text, style))
+        segments = [Segment(text, line + style) for text, style in joined]
+        width = sum(len(segment.text) for segment in segments)
+        if not all(segment.text.isascii() for segment in segments):
+            width = sum(cell_len(segment.text) for segment in segments)
+        if width < self.width:
+            segments.append(Segment(" " * (self.width - width), line))
+        strip = Strip(segments, max(width, self.width))
+        return strip if width <= self.width else strip.crop(0, self.width)
+
+
+@cache
+def _is_boxed(style: Style) -> bool:
+    """Whether the style shows on a space."""
+    return bool(style.underline or style.reverse or style.bgcolor)
+
+
+@lru_cache(2048)
+def _byte_runs(styles: tuple[Style, ...]) -> tuple[tuple[int, int, Style], ...]:
+    """Runs of bytes with the same style: start and end in the text, and the style."""
+    runs, start = list[tuple[int, int, Style]](), 0
+    for style, group in groupby(styles):
+        end = start + sum(1 for _ in group)
+        runs.append((_BYTE_CELLS * start, _BYTE_CELLS * end - 1, style))
+        start = end
+    return tuple(runs)
+
+
+def _style_at(runs: Sequence[_Run], at: int) -> Style:
+    for text, style in runs:
+        if at < len(text):
+            return style
+        at -= len(text)
+    return _NULL

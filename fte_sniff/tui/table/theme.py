@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 from rich.segment import Segment
 from rich.style import Style
@@ -12,8 +12,10 @@ from textual.color import Color
 from textual.filter import LineFilter
 from textual.theme import Theme
 
-from fte_sniff.protocol import KINDS, Direction, Frame, Row, Status
+from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Frame, Row, Status, status_of
+from fte_sniff.protocol.dissect import byte_names, dissect
 from fte_sniff.tui.i18n import CONTRAST_DARK, CONTRAST_LIGHT
+from fte_sniff.tui.text import is_raised
 
 _PLAIN = Style.null()
 _COMMAND = Style(bold=True)
@@ -41,6 +43,20 @@ class Palette:
     """The sign of a marked or selected row."""
     found: Style
     """Hits of the search; underlined too, since there may be no colours."""
+    events: Style
+    """Lines of port events."""
+    field_hues: tuple[str, ...]
+    """A colour for CMD, then for each field of a value, in the order of the frame table."""
+    faint: Style
+    """Bytes that did not change."""
+    changed: tuple[Style, ...]
+    """Bytes that changed, by the frames since then."""
+    field: Style
+    """The bytes of the field that the user looks at."""
+    cursor_row: Style
+    """The bytes of the cursor's row among others."""
+    few_colors: bool = False
+    """Whether fields differ by underline and bold too, since there are no or 16 colours."""
 
     @cached_property
     def kinds(self) -> Mapping[str, Style]:
@@ -54,6 +70,61 @@ class Palette:
             for kind in KINDS
         }
 
+    @cached_property
+    def values(self) -> Mapping[str, Style]:
+        """The colour of each field of a value, by name."""
+        hues = self.field_hues[1:]
+        return {
+            field.name: Style(color=hues[number % len(hues)])
+            for number, field in enumerate(VALUE_FIELDS)
+        }
+
+    @cached_property
+    def fields(self) -> Mapping[str, Style]:
+        """The style of each field's bytes, by its name in `dissect`."""
+        looks = _LOOKS if self.few_colors else (_PLAIN,)
+        dim = Style(dim=True) if self.few_colors else _PLAIN
+        values = {
+            name: style + looks[number % len(looks)]
+            for number, (name, style) in enumerate(self.values.items())
+        }
+        framing = dict.fromkeys(("header", "tail", "num"), self.muted + dim)
+        cmd = Style(color=self.field_hues[0], bold=True if self.few_colors else None)
+        return {**framing, "reserve": self.faint, "cmd": cmd, **values}
+
+    @cached_property
+    def _sound(self) -> Mapping[str, tuple[Style, ...]]:
+        """The style of each byte of a frame without faults, by the name of its kind."""
+        return {kind.name: tuple(self.fields[name] for name in byte_names(kind)) for kind in KINDS}
+
+    def of_bytes(self, row: Row) -> Sequence[Style]:
+        """The style of each byte: that of its field; of bytes with a fault, that of the fault."""
+        kind = row.kind if isinstance(row, Frame) else None
+        if kind is None:
+            return self._of_damage(row)
+        styles: Sequence[Style] = self._sound[kind.name]
+        if row.faults or is_raised(row):
+            for field in dissect(row):
+                if field.fault is not None:
+                    look = self.marks[status_of((field.fault,))]
+                elif field.is_raised:
+                    look = self.raised_mark
+                else:
+                    continue
+                styles = _styled(styles, field.offsets, look)
+        return styles
+
+    def _of_damage(self, row: Row) -> Sequence[Style]:
+        styles: Sequence[Style] = (self.statuses[row.status],) * len(row.raw)
+        for field in dissect(row):
+            if field.fault is not None and field.name in ("header", "cmd", "tail", "extra"):
+                styles = _styled(styles, field.offsets, self.marks[row.status])
+        return styles
+
+    def aged(self, style: Style, age: int) -> Style:
+        """The style of a byte that changed `age` frames ago."""
+        return style + self.changed[age] if age < len(self.changed) else self.faint
+
     def of_kind(self, row: Row) -> Style:
         """The style of the row's kind."""
         kind = row.kind if isinstance(row, Frame) else None
@@ -63,6 +134,14 @@ class Palette:
         """The style of the row's numbers."""
         command = isinstance(row, Frame) and row.direction is Direction.CONTROL
         return _COMMAND if command else _PLAIN
+
+
+_LOOKS = (Style(underline=True), _PLAIN, Style(bold=True))
+"""Looks of adjacent fields without colours."""
+
+
+def _styled(styles: Sequence[Style], offsets: range, look: Style) -> Sequence[Style]:
+    return (*styles[: offsets.start], *[look] * len(offsets), *styles[offsets.stop :])
 
 
 def _sign(color: str, background: str) -> Style:
@@ -83,6 +162,20 @@ DARK = Palette(
     raised_mark=_sign("#101010", "#f5a3a3"),
     signs=Style(color="#56b4e9", bold=True),
     found=Style(color="#101010", bgcolor="#9fd8ff", underline=True),
+    events=Style(color="#56b4e9", bold=True),
+    field_hues=(
+        *("#dd9fc3", "#b3a1f0", "#56b4e9", "#2fc49b", "#e6b04a", "#b8d35a", "#f0906a"),
+        *("#c9b8a0", "#7fcfd0"),
+    ),
+    faint=Style(color="#707a86"),
+    changed=(
+        Style(color="#101010", bgcolor="#ffd866", bold=True),
+        Style(color="#ffd866", bgcolor="#5c4a12", bold=True),
+        Style(color="#ffd866", bgcolor="#362c0c"),
+        Style(color="#e8d9a8"),
+    ),
+    field=Style(color="#101010", bgcolor="#ffffff", bold=True, underline=True),
+    cursor_row=Style(bgcolor="#0f3a5c", bold=True),
 )
 LIGHT = Palette(
     muted=Style(color="#66707a"),
@@ -94,7 +187,48 @@ LIGHT = Palette(
     raised_mark=_sign("#ffffff", "#a01030"),
     signs=Style(color="#0062a0", bold=True),
     found=Style(color="#101010", bgcolor="#a8dcff", underline=True),
+    events=Style(color="#0062a0", bold=True),
+    field_hues=(
+        *("#8f3a6b", "#5b3fb0", "#0062a0", "#00694b", "#7a5200", "#4a6300", "#9a3412"),
+        *("#6b4a3a", "#00626b"),
+    ),
+    faint=Style(color="#727a82"),
+    changed=(
+        Style(color="#ffffff", bgcolor="#b35c00", bold=True),
+        Style(color="#101010", bgcolor="#ffc66d", bold=True),
+        Style(color="#101010", bgcolor="#f5dfb8"),
+        Style(color="#7a5200"),
+    ),
+    field=Style(color="#ffffff", bgcolor="#101010", bold=True, underline=True),
+    cursor_row=Style(bgcolor="#c4dcf0", bold=True),
 )
+
+
+def _with_few_colors(palette: Palette, hues: tuple[str, ...]) -> Palette:
+    """The palette in the 16 colours of a terminal, with looks that need no colours."""
+    cmd, _motor, rpm, pulses, *_, mecanum = hues
+    return replace(
+        palette,
+        hues=(cmd, rpm, pulses, mecanum),
+        field_hues=hues,
+        faint=palette.muted + Style(dim=True),
+        changed=_FEW_CHANGED,
+        field=Style(reverse=True, bold=True, underline=True),
+        cursor_row=Style(bold=True),
+        few_colors=True,
+    )
+
+
+_FEW_CHANGED = (
+    Style(reverse=True, bold=True),
+    Style(bold=True, underline=True),
+    Style(underline=True),
+    _PLAIN,
+)
+"""Changed bytes by age, without colours."""
+
+_DARK_16 = ("#ff55ff", "#ffff55", "#55ffff", "#55ff55", "#ffff55", "#55ff55", "#ffaa55")
+_LIGHT_16 = ("#aa00aa", "#aa0000", "#0000aa", "#00aa00", "#aa5500", "#00aa00", "#aa0000")
 
 
 _DARK = Theme(
@@ -131,9 +265,17 @@ _PALETTES = {
 }
 
 
-def palette_of(theme: Theme) -> Palette:
-    """The palette for a theme."""
-    return _PALETTES.get(theme.name, DARK if theme.dark else LIGHT)
+def palette_of(theme: Theme, few_colors: bool = False) -> Palette:
+    """The palette for a theme; one that needs no colours where there are few or none."""
+    return _palette(theme.name, theme.dark, few_colors)
+
+
+@cache
+def _palette(name: str, dark: bool, few_colors: bool) -> Palette:
+    palette = _PALETTES.get(name, DARK if dark else LIGHT)
+    if not few_colors:
+        return palette
+    return _with_few_colors(palette, _DARK_16 if dark else _LIGHT_16)
 
 
 class NoColor(LineFilter):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 
 class Viewport:
     """A window of `height` rows onto `count` rows, which follows the end at first.
@@ -106,6 +108,10 @@ class RowMarks:
 
     def __len__(self) -> int:
         return len(self._by_age)
+
+    def __iter__(self) -> Iterator[int]:
+        """The marks, the oldest first."""
+        return iter(self._by_age)
 
     @property
     def latest(self) -> int | None:

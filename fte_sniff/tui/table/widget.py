@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -17,18 +17,24 @@ from textual.reactive import reactive
 from textual.scroll_view import ScrollView
 from textual.scrollbar import ScrollDown, ScrollTo, ScrollUp
 from textual.strip import Strip
+from textual.timer import Timer
 from textual.widget import Widget
 
+from fte_sniff.analysis.landmarks import Landmarks
+from fte_sniff.analysis.relations import RowRelations
 from fte_sniff.analysis.row_store import RowStore
 from fte_sniff.analysis.search import Search
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import fit
-from fte_sniff.protocol import Row
+from fte_sniff.protocol import Frame, Row
+from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.keys import MOVING, bindings, translate_keys
-from fte_sniff.tui.table.columns import TableColumn, TableView, TimeStyle, layout_for
-from fte_sniff.tui.table.painter import Painter, RowCell, Sign
-from fte_sniff.tui.table.theme import palette_of
+from fte_sniff.tui.table.columns import DELTA, Delta, TableColumn, TableView, TimeStyle, layout_for
+from fte_sniff.tui.table.overview_bar import BarSign, OverviewBar, OverviewRender
+from fte_sniff.tui.table.painter import EventCell, Painter, RowCell, Sign
+from fte_sniff.tui.table.theme import Palette, palette_of
 from fte_sniff.tui.table.viewport import RowMarks, Viewport
+from fte_sniff.tui.text import landmark_text
 
 WHEEL_ROWS = 3
 """Rows that one notch of the mouse wheel scrolls."""
@@ -36,7 +42,19 @@ WHEEL_ROWS = 3
 SCALE_STEPS = 64
 """Scroll bar units per row of the window, at most; the bar cannot show more."""
 
+OVERVIEW_S = 1.0
+"""Shortest time between two drawings of the overview while rows come, seconds."""
+
 NO_COLOR_CURSOR = Style(reverse=True, bold=True)
+
+
+@dataclass(frozen=True, slots=True)
+class TableLine:
+    """A line of the window."""
+
+    cell: RowCell | EventCell
+    position: int | None
+    """Of its row among those shown; None for an event."""
 
 
 class TableHeader(Widget):
@@ -96,6 +114,7 @@ class RowTable(ScrollView, can_focus=True):
         "row-table--cursor",
         "row-table--cursor-away",
         "row-table--selected",
+        "row-table--paired",
     }
     ALLOW_SELECT = False
 
@@ -116,8 +135,14 @@ class RowTable(ScrollView, can_focus=True):
         super().__init__()
         translate_keys(self)
         self.viewport = Viewport()
+        self.landmarks = Landmarks(store)
+        self.relations = RowRelations(store, self.landmarks.gaps)
         self.view = view
         self.marks = RowMarks()
+        self._overview = OverviewBar(store, self.landmarks, self.marks)
+        self._overview_drawn: tuple[object, ...] = ()
+        self._overview_timer: Timer | None = None
+        self._bar_signs: Mapping[int, BarSign] = {}
         self.selection_start: int | None = None
         """Index of the row at which the selection began; None without one."""
         self.search: Search | None = None
@@ -126,13 +151,15 @@ class RowTable(ScrollView, can_focus=True):
         """Name of the column that was clicked last."""
         self.start_ns: int | None = None
         """Time of the first row of all, if it has one."""
+        self.field: int | None = None
+        """Number in `dissect` of the field that the user looks at in the cursor's row."""
         self._empty_text = ""
         self._store = store
         self._header = header
         self._cursor_index = 0
         self._pause_index = 0
         self._hidden = 0
-        self._cells: Sequence[RowCell] = ()
+        self._lines: Sequence[TableLine] = ()
         self._drawn: tuple[object, ...] = ()
 
     @property
@@ -218,38 +245,144 @@ class RowTable(ScrollView, can_focus=True):
         if round(self.scroll_y) != unit:
             self.scroll_to(y=unit, animate=False, force=True)
         try:
-            self._cells = self._row_cells()
+            self._lines = self._window_lines()
         except FteSniffError as failure:
             self.post_message(self.Failed(failure))
             return
         self._header.painter = painter
-        drawn = (painter, self._cells, viewport.cursor - viewport.top, self.scrollable_size)
+        self._draw_overview()
+        drawn = (painter, self._lines, viewport.cursor, self.scrollable_size)
         if drawn != self._drawn:
             self._drawn = drawn
             self.refresh(self.scrollable_size.region)
         self.post_message(self.Moved())
 
-    def _row_cells(self) -> list[RowCell]:
-        """Rows in the window, from top to bottom."""
-        viewport, selected, since_ns = self.viewport, self.selected, self._since_ns
+    def _draw_overview(self) -> None:
+        """Update the signs in the scroll bar; while rows come, once a second."""
+        store, height, palette = self._store, self.scrollable_size.height, self.palette
+        rows = (store.first, store.next, store.view.count)
+        wanted = (store.view.filter, height, tuple(self.marks), palette, len(self.landmarks))
+        if (wanted, rows) == self._overview_drawn or self._overview_timer is not None:
+            return
+        self._overview_drawn = (wanted, rows)
+        self._overview_timer = self.set_timer(OVERVIEW_S, self._end_overview_pause)
+        signs = self._overview.signs(height, palette)
+        bar = self.vertical_scrollbar
+        if signs != self._bar_signs:
+            self._bar_signs = signs
+            bar.renderer = OverviewRender.with_signs(signs)  # type: ignore[misc]
+            bar.refresh()
+
+    def _end_overview_pause(self) -> None:
+        self._overview_timer = None
+        self._draw_overview()
+
+    def jump_to_cell(self, cell: int) -> None:
+        """Put the cursor on the most important row of a cell of the overview."""
+        position = self._overview.position_at(cell)
+        if position is not None:
+            self.jump(min(position, max(0, self.viewport.count - 1)))
+
+    def _window_lines(self) -> Sequence[TableLine]:
+        """Rows in the window and the landmarks between them, from top to bottom."""
+        viewport = self.viewport
         end = min(viewport.top + viewport.height, viewport.count)
-        cells = []
-        for index, row in self._store.view.slice(viewport.top, end):
+        rows = self._store.view.slice(viewport.top, end)
+        lines: list[TableLine] = []
+        after = rows[0][0] if rows else self._end_index
+        for position, (index, cell) in enumerate(self._row_cells(rows), viewport.top):
+            lines += self._event_lines(after, index + 1)
+            lines.append(TableLine(cell, position))
+            after = index + 1
+        if end == viewport.count:
+            lines += self._event_lines(after, self._end_index + 1)
+        return self._in_window(lines)
+
+    def _in_window(self, lines: list[TableLine]) -> Sequence[TableLine]:
+        """The lines that fit, with the cursor's row among them."""
+        viewport, height = self.viewport, self.viewport.height
+        last = next((n for n, line in enumerate(lines) if line.position == viewport.cursor), 0)
+        at_end = viewport.cursor == viewport.count - 1 or viewport.top == viewport.last_top
+        first = len(lines) - height if at_end else last + 1 - height
+        first = max(0, min(first, last))
+        return lines[first : first + height]
+
+    @property
+    def _end_index(self) -> int:
+        """Index after the last row that can be shown."""
+        return self._pause_index if self.viewport.paused else self._store.next
+
+    def _event_lines(self, start: int, end: int) -> Iterator[TableLine]:
+        """Lines of the landmarks before the rows with these indices."""
+        if not self.view.events:
+            return
+        for landmark in self.landmarks.between(start, end):
+            text = landmark_text(landmark.what, self.view.shown_zone)
+            yield TableLine(EventCell(text), None)
+
+    def _row_cells(self, rows: Sequence[tuple[int, Row]]) -> Iterator[tuple[int, RowCell]]:
+        """Index and cell of rows in the window, from top to bottom."""
+        selected, since_ns, pair, view = self.selected, self._since_ns, self._paired, self.view
+        needs_past = view.changes or (view.delta is not Delta.ROW and self._shows_delta)
+        pasts = self.relations.pasts([index for index, _row in rows]) if needs_past else {}
+        above_ns = self._above_ns if self._shows_delta else None
+        for index, row in rows:
+            past, field = pasts.get(index), None
+            before_ns = above_ns
+            if view.delta is not Delta.ROW:
+                in_frames = view.delta is Delta.FRAME
+                before_ns = None
+                if past is not None:
+                    before_ns = past.frame_ns if in_frames else past.command_ns
+            known = before_ns is not None and row.t_ns is not None
+            if index == self._cursor_index and self.field is not None:
+                field = self._field_offsets(row)
             sign = Sign.SELECTED if index in selected else Sign.NONE
-            cells.append(RowCell(row, Sign.MARKED if index in self.marks else sign, since_ns))
-            if self.view.times is TimeStyle.BEFORE:
-                since_ns = row.t_ns
-        return cells
+            sign = Sign.PAIRED if index in pair else sign
+            yield (
+                index,
+                RowCell(
+                    row,
+                    Sign.MARKED if index in self.marks else sign,
+                    since_ns,
+                    (row.t_ns or 0) - (before_ns or 0) if known else None,
+                    past.ages if past and view.changes and isinstance(row, Frame) else None,
+                    field,
+                ),
+            )
+            above_ns = row.t_ns
+
+    @property
+    def _shows_delta(self) -> bool:
+        return any(column.name == DELTA for column in self.columns)
+
+    @property
+    def _above_ns(self) -> int | None:
+        """Time of the row above the window."""
+        store, top = self._store, self.viewport.top
+        return store.view.row(top - 1).t_ns if 0 < top <= store.view.count else None
+
+    def _field_offsets(self, row: Row) -> range | None:
+        """Offsets of the field that the user looks at."""
+        fields = dissect(row)
+        if self.field is None or self.field >= len(fields):
+            return None
+        return fields[self.field].offsets
+
+    @property
+    def _paired(self) -> frozenset[int]:
+        """Indices of the rows that belong to the cursor's row, unless the end is followed."""
+        if self.viewport.following or not self.viewport.count:
+            return frozenset()
+        return frozenset(self.relations.related(self._cursor_index))
 
     @property
     def _since_ns(self) -> int | None:
         """The time from which that of the window's first row is counted."""
-        store, top, latest = self._store, self.viewport.top, self.marks.latest
+        store, latest = self._store, self.marks.latest
         match self.view.times:
             case TimeStyle.START:
                 return self.start_ns
-            case TimeStyle.BEFORE if 0 < top <= store.view.count:
-                return store.view.row(top - 1).t_ns
             case TimeStyle.MARK if latest is not None and latest >= store.first:
                 return store.row(latest).t_ns
         return None
@@ -259,8 +392,14 @@ class RowTable(ScrollView, can_focus=True):
         width = self.scrollable_size.width
         layout = layout_for(width, self.view)
         self._hidden = min(max(0, self._hidden), layout.max_hidden(width))
-        palette = palette_of(self.app.current_theme)
+        palette = self.palette
         return Painter(layout, palette, width, self._hidden, self.view.times, self.search)
+
+    @property
+    def palette(self) -> Palette:
+        """The styles under the current theme and the colours of the terminal."""
+        few = self.app.no_color or self.app.console.color_system == "standard"
+        return palette_of(self.app.current_theme, few)
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """Lines of a part of the window."""
@@ -269,19 +408,23 @@ class RowTable(ScrollView, can_focus=True):
         return super().render_lines(crop)
 
     def render_line(self, y: int) -> Strip:
-        """A row, a blank line, or the text of an empty table."""
+        """A row, an event, a blank line, or the text of an empty table."""
         width, base = self.scrollable_size.width, self._base
-        if y < len(self._cells):
-            return self._line_painter.row(self._cells[y], self._line_style(y))
+        if y < len(self._lines):
+            cell = self._lines[y].cell
+            if isinstance(cell, EventCell):
+                return self._line_painter.event(cell, base)
+            return self._line_painter.row(cell, self._line_style(self._lines[y]))
         if not self.viewport.count and y == self.viewport.height // 2:
             indent = " " * ((width - cell_len(self._empty_text)) // 2)
             return Strip([Segment(fit(indent + self._empty_text, width), base)], width)
         return Strip.blank(width, base)
 
-    def _line_style(self, y: int) -> Style:
-        if self.viewport.top + y != self.viewport.cursor:
-            selected = self._cells[y].sign is Sign.SELECTED
-            return self._component_style("selected") if selected else self._base
+    def _line_style(self, line: TableLine) -> Style:
+        if line.position != self.viewport.cursor:
+            sign = line.cell.sign if isinstance(line.cell, RowCell) else Sign.NONE
+            name = {Sign.SELECTED: "selected", Sign.PAIRED: "paired"}.get(sign)
+            return self._component_style(name) if name else self._base
         if self.app.no_color:
             return self._base + NO_COLOR_CURSOR
         return self._component_style("cursor" if self.has_focus else "cursor-away")
@@ -337,14 +480,35 @@ class RowTable(ScrollView, can_focus=True):
         self._on_moved()
 
     def on_click(self, event: events.Click) -> None:
-        """Put the cursor on the clicked row; a double click opens it."""
-        row = self.viewport.top + event.y
-        if row < self.viewport.count:
+        """Put the cursor on the clicked row and look at its field; a double click opens it."""
+        position = self._lines[event.y].position if 0 <= event.y < len(self._lines) else None
+        if position is not None:
             column = self._painter.shown.column_at(event.x)
             self.column = column.name if column else None
-            self.jump(row)
+            self.jump(position)
+            self._point(event)
             if event.chain == 2:
                 self.post_message(self.Opened())
+
+    def on_mouse_move(self, event: events.MouseMove) -> None:
+        """Look at the field under the mouse, in the cursor's row."""
+        position = self._lines[event.y].position if 0 <= event.y < len(self._lines) else None
+        if position == self.viewport.cursor and not self.viewport.following:
+            self._point(event)
+
+    def _point(self, event: events.MouseEvent) -> None:
+        row = self.cursor_row
+        at = None if row is None else self._painter.byte_at(row, event.x)
+        if row is None or at is None:
+            return
+        fields = enumerate(dissect(row))
+        self.look_at(next((n for n, field in fields if at in field.offsets), None))
+
+    def look_at(self, field: int | None) -> None:
+        """Highlight the bytes of a field of the cursor's row, by its number in `dissect`."""
+        if field != self.field:
+            self.field = field
+            self._draw()
 
     def action_move(self, by: int) -> None:
         """Move the cursor by rows."""

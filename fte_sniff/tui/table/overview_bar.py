@@ -1,0 +1,126 @@
+"""Overview in the scroll bar: where faults, flags, marks, gaps and lost ports are in all rows.
+
+Textual's `ScrollBarRender` draws only the thumb. This one adds the signs that rows have in their
+first cells; a click on one goes to the most important row there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from rich.color import Color
+from rich.segment import Segment, Segments
+from rich.style import Style
+from textual.scrollbar import ScrollBarRender
+
+from fte_sniff.analysis.landmarks import Landmarks, Overview
+from fte_sniff.analysis.row_store import RowNote, RowStore
+from fte_sniff.protocol import Status
+from fte_sniff.tui.table.columns import MARKS, RAISED_MARK
+from fte_sniff.tui.table.painter import EVENT_SIGN, Sign
+from fte_sniff.tui.table.theme import Palette
+from fte_sniff.tui.table.viewport import RowMarks
+
+DENSE: Final = 0.1
+"""Share of the rows of a cell from which on its sign has a background."""
+
+_STATUSES: Final = {RowNote.SUSPECT: Status.SUSPECT, RowNote.MALFORMED: Status.MALFORMED}
+
+
+@dataclass(frozen=True, slots=True)
+class BarSign:
+    """What one cell of the bar shows."""
+
+    text: str
+    style: Style
+
+
+class OverviewBar:
+    """Signs of the shown rows for the cells of a bar."""
+
+    def __init__(self, store: RowStore, landmarks: Landmarks, marks: RowMarks) -> None:
+        self._store, self._landmarks, self._marks = store, landmarks, marks
+        self._overview = Overview(store)
+        self._height = self._rows = 0
+
+    def signs(self, height: int, palette: Palette) -> Mapping[int, BarSign]:
+        """The signs by cell, for a bar of `height` cells."""
+        self._height, self._rows = height, self._store.view.count
+        found = {}
+        for at, cell in enumerate(self._overview.cells(height)):
+            if cell.worst is RowNote.RAISED:
+                sign, style = RAISED_MARK, palette.raised_mark
+            elif cell.worst:
+                status = _STATUSES[cell.worst]
+                sign, style = MARKS[status], palette.marks[status]
+            else:
+                continue
+            # Rare rows have the colour of their sign, without its background.
+            plain = Style(color=style.bgcolor, bold=True) if style.bgcolor else style
+            found[at] = BarSign(sign, style if cell.share >= DENSE else plain)
+        for landmark in self._landmarks.between(self._store.first, self._store.next + 1):
+            if not landmark.is_routine:
+                found[self._cell_of(landmark.index)] = BarSign(EVENT_SIGN, palette.events)
+        for index in self._marks:
+            found[self._cell_of(index)] = BarSign(Sign.MARKED, palette.signs)
+        return found
+
+    @property
+    def _per_cell(self) -> int:
+        return max(1, -(-self._rows // max(1, self._height)))
+
+    def _cell_of(self, index: int) -> int:
+        position = min(self._store.view.position_of(index), max(0, self._rows - 1))
+        return position // self._per_cell
+
+    def position_at(self, cell: int) -> int | None:
+        """Position of the row to which a click on a cell goes."""
+        start, end = cell * self._per_cell, (cell + 1) * self._per_cell
+        view = self._store.view
+        between = self._landmarks.between(self._store.first, self._store.next + 1)
+        special = [*self._marks, *(one.index for one in between if not one.is_routine)]
+        positions = sorted(
+            position for one in special if start <= (position := view.position_of(one)) < end
+        )
+        if positions:
+            return positions[0]
+        return self._overview.worst_between(start, end)
+
+
+class OverviewRender(ScrollBarRender):
+    """The scroll bar with the signs of an overview."""
+
+    signs: Mapping[int, BarSign]
+
+    @classmethod
+    def with_signs(cls, signs: Mapping[int, BarSign]) -> type[OverviewRender]:
+        """A renderer of these signs."""
+        return type("OverviewRender", (cls,), {"signs": signs})
+
+    @classmethod
+    def render_bar(
+        cls,
+        size: int = 25,
+        virtual_size: float = 50,
+        window_size: float = 20,
+        position: float = 0,
+        thickness: int = 1,
+        vertical: bool = True,
+        back_color: Color = Color.parse("#555555"),  # noqa: B008
+        bar_color: Color = Color.parse("bright_magenta"),  # noqa: B008
+    ) -> Segments:
+        """The bar of the base class, with a sign in some of its cells."""
+        bar = super().render_bar(
+            size, virtual_size, window_size, position, thickness, vertical, back_color, bar_color
+        )
+        segments = list(bar.segments)
+        for cell, sign in cls.signs.items():
+            if cell < len(segments):
+                style = segments[cell].style or Style.null()
+                is_thumb = bool(style.reverse)
+                action = Style(meta={"@mouse.down": f"app.overview({cell})"})
+                shown = style + sign.style if is_thumb else style + sign.style + action
+                segments[cell] = Segment(sign.text, shown)
+        return Segments(segments, new_lines=True)
