@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from time import time_ns
 from typing import TYPE_CHECKING, Final
@@ -137,11 +138,15 @@ class EvidenceLog(LogForm):
 
             if read_columns(self, block, streams, name):
                 return
-        for number, line in enumerate(block.lines, block.first):
-            self.read_line(line, number, streams, name)
+        words = self.layout.hypothesis.extractor.size > 1
+        for at, line in enumerate(block.lines):
+            below = block.lines[at + 1 : at + 2] if words else ()
+            self.read_line(line, block.first + at, streams, name, *below)
 
-    def read_line(self, line: bytes, number: int, streams: LogStreams, name: str) -> None:
-        """Append the bytes of a line to the streams."""
+    def read_line(
+        self, line: bytes, number: int, streams: LogStreams, name: str, below: bytes = b""
+    ) -> None:
+        """Append the bytes of a line to the streams; the offset `below` it may show padding."""
         line = line if self._pattern is None else _rearranged(line, self._pattern)
         found = self.layout.runs(line)
         if self._paste and found and (words := self.layout.unread_words(line, found)):
@@ -156,8 +161,9 @@ class EvidenceLog(LogForm):
                 if place is None and label is None and line.strip():
                     self._skip(number, line)
                 continue
+            data = run.data[:-1] if below and _is_padded(run.data, line, below) else run.data
             stream = self.stream_of(streams, name, label)
-            stream.append(run.data, number, self._t_ns, first=self.layout.times.first_byte)
+            stream.append(data, number, self._t_ns, first=self.layout.times.first_byte)
             if run.gap:
                 self._leave_gap(number, line[run.stop :])
 
@@ -204,6 +210,16 @@ class EvidenceLog(LogForm):
     def explain(self) -> list[str]:
         """The form, lanes, times and directions, one line each; the best three scores."""
         return [*self.layout.explain(), *self._scores]
+
+
+def _is_padded(data: bytes, line: bytes, below: bytes) -> bool:
+    """Whether the offsets of two lines of a dump show that the last word is half empty."""
+    for base in (8, 16):
+        with suppress(ValueError, IndexError):
+            length = int(below.split()[0], base) - int(line.split()[0], base)
+            if length == len(data) - 1:
+                return True
+    return False
 
 
 def _rearranged(line: bytes, pattern: re.Pattern[bytes]) -> bytes:

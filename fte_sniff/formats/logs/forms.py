@@ -203,7 +203,7 @@ _TEXTS: Final[tuple[tuple[str, bytes, Callable[[bytes], bytes], str], ...]] = (
      partial(_text, _ESCAPE), "journalctl, logs of C strings without quotes"),
     ("characters of od -c", rb"(?m)(?<=\d)(?:%b)+(?= *$)" % _unnamed(_OD_CELL),
      partial(_text, _OD_CELL), "od -c, hexdump -c"),
-    ("base64", rb"(?<![\w+/=-])(?=[\w+/-])(?:@{4})*+(?:@{2}==|@{3}=)?(?![\w+/=-])".replace(
+    ("base64", rb"(?<![\w+/-])(?=[\w+/-])(?:@{4})*+(?:@{2}==|@{3}=)?(?![\w+/=-])".replace(
         b"@", rb"[\w+/-]"), _base64, "JSON of MQTT and of clouds"),
 )  # fmt: skip
 """Name, pattern, decoder, programs."""

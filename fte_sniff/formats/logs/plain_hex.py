@@ -12,7 +12,7 @@ from typing import Final
 
 from fte_sniff.errors import InputTextError
 from fte_sniff.formats.logs.chance import frames_in
-from fte_sniff.formats.logs.labels import direction_of
+from fte_sniff.formats.logs.labels import direction_of, label_of
 from fte_sniff.formats.logs.streams import LogForm, LogStreams
 from fte_sniff.formats.logs.text import TextBlock
 from fte_sniff.protocol import FRAME_LENGTH
@@ -92,6 +92,8 @@ class PlainLog(LogForm):
     def by_sample(cls, lines: Sequence[bytes]) -> PlainLog | None:
         """The log, if all lines of a sample are plain, but for typing errors."""
         data, names = b"", 0
+        if any(label_of("arrow", line.lstrip()[:2]) for line in lines):
+            return None
         for line in lines:
             if is_plain(line):
                 data += bytes_of_line(line, 0)

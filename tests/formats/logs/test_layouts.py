@@ -168,6 +168,15 @@ def test_a_frame_that_the_other_direction_interrupts_is_whole() -> None:
     assert [row.offset for row in rows if row.port.endswith("tx")] == [0, 10, 20, 30, 40]
 
 
+@pytest.mark.parametrize(("tx", "rx"), [(">", "<"), (">>", "<<"), ("->", "<-")])
+def test_arrows_separate_directions_though_all_else_is_plain_hex(tx: str, rx: str) -> None:
+    log = a_log(3)
+    lines = [f"{tx if sent.way == 'tx' else rx} {sent.data.hex(' ')}" for sent in log]
+    rows, _ = rows_of("\n".join(lines).encode())
+    assert found_in(rows) == frames_of(log)
+    assert {row.port for row in rows} == {"log.txt:rx", "log.txt:tx"}
+
+
 def test_a_garbled_direction_beside_a_clean_one_is_kept() -> None:
     a = frame_of(KINDS[1], random.Random(1)).hex(" ")
     text = f"TX: {a}\nRX: 55 01 13 37 77 88 99\n" * 10
@@ -212,6 +221,25 @@ def test_a_form_and_a_regular_expression_say_where_the_bytes_are() -> None:
         rows_of(text.encode(), LogOptions(form="hexpairs"))
     rows, _ = rows_of(text.encode(), LogOptions(form="hex pairs, spaces"))
     assert [row.raw for row in rows] == [a] * 3
+
+
+@pytest.mark.parametrize(("base", "form"), [("o", "{:06o}"), ("o", "{:04x}"), ("x", "{:04x}")])
+def test_the_byte_that_fills_the_last_word_of_a_dump_is_no_data(base: str, form: str) -> None:
+    data = b"".join(sent.data for sent in a_log(2)) + b"\xaa\x01\x01"
+    words = [int.from_bytes(data[at : at + 2], "little") for at in range(0, len(data), 2)]
+    lines = [
+        f"{2 * at:07{base}} {' '.join(map(form.format, words[at : at + 8]))}"
+        for at in range(0, len(words), 8)
+    ]
+    rows, _ = rows_of("\n".join([*lines, f"{len(data):07{base}}", ""]).encode())
+    assert b"".join(row.raw for row in rows) == data
+
+
+def test_no_frame_goes_on_where_a_dump_leaves_out_lines() -> None:
+    lines = LAYOUTS["hexdump -C"](a_log(2)).splitlines()
+    rows, _ = rows_of("\n".join([*lines[:3], "*", *lines[3:]]).encode())
+    starts = [row.offset for row in rows]
+    assert 48 in starts, "the gap is a boundary between rows"
 
 
 def test_lines_that_a_dump_leaves_out_are_reported() -> None:
