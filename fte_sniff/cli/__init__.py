@@ -23,6 +23,7 @@ Modules:
     repair             `fte-sniff repair`: repair a damaged recording.
     report             `fte-sniff report`: one HTML page with plots.
     report_page        The page of a report.
+    service            Messages to systemd; a command for each finished file.
     settings           Settings file and environment.
     simulate           `fte-sniff simulate`: a controller on a pseudo-terminal, for development.
     stats              `fte-sniff stats`: statistics over files, as text or JSON.

@@ -35,6 +35,7 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.output import summary
 from fte_sniff.cli.recording_options import capture_plan, recording_options
+from fte_sniff.cli.service import FileCommand, ServiceManager
 from fte_sniff.cli.settings import Settings, config_option, lang_option
 from fte_sniff.cli.streams import (
     ENDING_SIGNALS,
@@ -43,7 +44,7 @@ from fte_sniff.cli.streams import (
     has_no_reader,
     print_err,
 )
-from fte_sniff.errors import FteSniffError, printable
+from fte_sniff.errors import FteSniffError, UsageError, printable
 from fte_sniff.formats.writers import OutputFormat, row_writer
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind, Row
 
@@ -85,6 +86,17 @@ capture_options = all_of(
         help="Judge the rows by the rules of a file (docs/check.md); exit code 1 if they do not"
         " pass.",
     ),
+    click.option(
+        "--headless",
+        is_flag=True,
+        help="Only record, as a service: no rows, one line for each file and port event. "
+        "SIGUSR1 begins the next file.",
+    ),
+    click.option(
+        "--on-file",
+        metavar="CMD",
+        help="With --headless: run CMD PATH for each finished file; no shell.",
+    ),
     filter_option,
     alert_option,
     keep_rows_option(1_000_000),
@@ -115,6 +127,8 @@ def run_capture(
     dtr: str,
     rts: str,
     plain: bool,
+    headless: bool,
+    on_file: str | None,
     lang: str | None,
     filter_text: str | None,
     alert_text: str | None,
@@ -142,7 +156,11 @@ def run_capture(
     plan = capture_plan(wiring, **planned)
     setup = line_setup(settings, ports, resolution, gear_ratio, baud)
     with _judged(rules) as observe:
-        if _is_stdout(plan.recording):
+        if headless or on_file is not None:
+            others = {"--plain": plain, "--filter": filter_text, "--alert": alert_text}
+            _check_headless(headless, plan, [name for name, given in others.items() if given])
+            _record_headless(plan, FileCommand(on_file), observe)
+        elif _is_stdout(plan.recording):
             _record_to_stdout(plan, observe)
         elif plain or not (sys.stdout.isatty() and sys.stdin.isatty()):
             if resolution is not None:
@@ -257,6 +275,47 @@ def _print_lines(
         finally:
             finish_session(session)
         lines.close(session.state.progress.waiting)
+        _report_recording(session)
+
+
+def _check_headless(headless: bool, plan: CapturePlan, others: Sequence[str]) -> None:
+    if not headless:
+        raise UsageError("--on-file works with --headless; add it")
+    if others:
+        raise UsageError(f"--headless shows no rows; leave out {others[0]}")
+    if plan.recording is None or _is_stdout(plan.recording):
+        raise UsageError("--headless records to files; name one with -o, or leave out --no-record")
+
+
+def _record_headless(plan: CapturePlan, command: FileCommand, observe: Observer | None) -> None:
+    """Record as a service: no rows on standard output."""
+    from fte_sniff.session.live_session import LiveSession
+
+    manager = ServiceManager(os.environ)
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)
+    session = LiveSession(plan, observe)
+    lines = PlainLines(lambda _: [])
+    with _ended_by_signals(session, plan):
+        session.begin()
+        signal.signal(signal.SIGUSR1, lambda *_: session.rotate())
+        _report_device(session)
+        _report_pipe(session)
+        lines.follow_files(session.state.recording)
+        ports = printable(" and ".join(plan.wiring.names))
+        print_err(f"capturing {ports}, recording to {session.state.recording}")
+        manager.notify("READY=1")
+        try:
+            for update in _updates(session):
+                lines.write(update, session.state.error)
+                command.update(session.state.recordings, session.state.recording)
+                manager.alive(session.received_at_s)
+                if session.stopping:
+                    manager.notify("STOPPING=1")
+        finally:
+            finish_session(session)
+        lines.close()
+        command.update(session.state.recordings, None)
+        command.wait()
         _report_recording(session)
 
 
@@ -379,7 +438,12 @@ class PlainLines:
         self._events: Counter[PortEventKind] = Counter()
         self._failure: FteSniffError | None = None
         self._recording: str | None = None
+        self._follows_files = False
         self._not_shown = 0
+
+    def follow_files(self, first: Path | None) -> None:
+        """Report each file after the first one."""
+        self._follows_files, self._recording = True, str(first)
 
     def write(self, update: FeedUpdate, failure: FteSniffError | None) -> None:
         """Print an update; report an error of the capture once.
@@ -409,11 +473,12 @@ class PlainLines:
         print_err(summary(self._tally, unframed=unframed))
 
     def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
-        """Report once that the recording has stopped, and once that it continues."""
+        """Report once that the recording has stopped, and the file in which it continues."""
         if failure is not None and str(failure) != str(self._failure):
             self._failure, self._recording = failure, None
             print_err(str(failure))
-        if self._failure is not None and recording and recording != self._recording:
+        reports = self._follows_files or self._failure is not None
+        if reports and recording and recording != self._recording:
             self._recording = recording
             print_err(f"recording goes on in {recording}")
 

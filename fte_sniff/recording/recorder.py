@@ -130,6 +130,7 @@ class Recorder:
         self._backoff = Backoff()
         self._is_disk_full = False
         self._is_closed = False
+        self._wants_rotation = False
         self._file_number = 1
         facts = {"part": "1"} if self._options.rotates else {}
         writer = self._open(self._files.first, self._files.existing, facts)
@@ -215,6 +216,10 @@ class Recorder:
         if self._files.are_regular:
             self._rotate_if_due(writer)
             self._check_limits()
+
+    def rotate(self) -> None:
+        """Begin the next file at the next flush, if the current one has rows; from any thread."""
+        self._wants_rotation = True
 
     def close(self) -> None:
         """Flush, and close the file. Closing again does nothing."""
@@ -334,12 +339,14 @@ class Recorder:
 
     def _go_on(self, writer: RecordingWriter) -> None:
         self._failure = None
+        self._wants_rotation = False
         self._file_number += 1
         self._files.opened(writer.path)
         self._writer, self.path = writer, writer.path
         self._changes.append(Change(writer.path))
 
     def _rotate_if_due(self, writer: RecordingWriter) -> None:
+        self._wants_rotation = self._wants_rotation and writer.rows > 0
         if not (self._is_rotation_due(writer) and self._backoff.is_due):
             return
         try:
@@ -361,6 +368,8 @@ class Recorder:
     def _is_rotation_due(self, writer: RecordingWriter) -> bool:
         if writer.span_ns is None:
             return False
+        if self._wants_rotation:
+            return True
         first_ns, last_ns = writer.span_ns
         limits = (
             (writer.size, self._files.rotate_bytes),

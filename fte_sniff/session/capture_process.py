@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import groupby
 from multiprocessing.connection import Connection
@@ -22,6 +22,7 @@ from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.recorder import Change, Recorder
 from fte_sniff.session.capture_state import (
     DROP,
+    ROTATE,
     STOP,
     CapturePlan,
     Ended,
@@ -58,6 +59,7 @@ class Outbox:
         self._recording: list[Change] = []
         self._total = self._dropped = self._leftover = 0
         self._end: Ended | None = None
+        self._turns = 0
         self.progress: Callable[[], WriteProgress] = WriteProgress
         """How far the recording is on the disk; called from the sending thread."""
         self._hurry = threading.Event()
@@ -112,7 +114,7 @@ class Outbox:
         with self._changed:
             found: list[Message] = []
             while not (self._rows or self._events or self._end or self._recording):
-                if not self._changed.wait(SLOW_S) and self.progress().is_slow:
+                if not self._changed.wait(SLOW_S) and self._made_progress():
                     # The view gives up a capture that sends nothing.
                     found.append(self._batch())
                     return found
@@ -124,6 +126,12 @@ class Outbox:
             if self._end:
                 found.append(self._end)
             return found
+
+    def _made_progress(self) -> bool:
+        """Whether the capture still reads, or writes slowly."""
+        progress, turns = self.progress(), self._turns
+        self._turns = progress.turns
+        return progress.is_slow or progress.turns != turns
 
     def _batch(self) -> RowsMessage:
         return RowsMessage(
@@ -173,11 +181,13 @@ class CaptureLoop:
         self._lost: PortEvent | None = None
         self._writing_since_s: float | None = None
         self._is_ending = False
+        self._turns = 0
         outbox.progress = self._progress
 
     def run(self) -> Ended:
         """Process the source to its end, close the recording, and return how it ended."""
         for item in self._source:
+            self._turns += 1
             if isinstance(item, PortEvent):
                 self._process_event(item)
             else:
@@ -296,6 +306,7 @@ class CaptureLoop:
             self._is_ending or self._source.end is not None,
             recorder.size if recorder is not None else 0,
             recorder.fired if recorder is not None else None,
+            self._turns,
         )
 
 
@@ -325,6 +336,8 @@ def capture(plan: CapturePlan, view: Connection) -> None:
     # The name that `lsof` and `fuser` show for the open port.
     with suppress(OSError):
         Path("/proc/self/comm").write_text(PROGRAM)
+    # A service manager sends it to all processes of a service; the view passes it on.
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)
     sys.setswitchinterval(_SWITCH_EVERY_S)
     clock = Clock.tied()
     try:
@@ -353,7 +366,9 @@ def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connect
     path, waits = (recorder.path, recorder.waits_for_reader) if recorder else (None, False)
     _send(view, Started(path, device, waits))
     when_gone = (lambda: None) if plan.outlives_view else source.stop
-    threading.Thread(target=_obey, args=(view, source, when_gone), daemon=True).start()
+    obeyed = {STOP: source.stop, DROP: source.drop}
+    obeyed[ROTATE] = recorder.rotate if recorder is not None else lambda: None
+    threading.Thread(target=_obey, args=(view, obeyed, when_gone), daemon=True).start()
     outbox = Outbox(view, when_gone)
     ended = CaptureLoop(plan, clock, source, recorder, outbox).run()
     # The file is closed; signals may end the process while the last messages are sent.
@@ -397,8 +412,9 @@ def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder | None:
     )
 
 
-def _obey(view: Connection, source: Source, when_gone: Callable[[], None]) -> None:
-    obeyed = {STOP: source.stop, DROP: source.drop}
+def _obey(
+    view: Connection, obeyed: Mapping[str, Callable[[], None]], when_gone: Callable[[], None]
+) -> None:
     try:
         while True:
             obeyed[view.recv()]()

@@ -22,6 +22,10 @@ DROP: Final = "drop"
 """Request after STOP: do not write what still waits, only count it."""
 
 
+ROTATE: Final = "rotate"
+"""Request: begin the next file of the recording."""
+
+
 @dataclass(frozen=True, slots=True)
 class Started:
     """The port and the recording, if any, are open."""
@@ -50,6 +54,8 @@ class WriteProgress:
     """Size of all files."""
     fired: int | None = None
     """How often the trigger fired; None without one."""
+    turns: int = 0
+    """How often the capture has looked for bytes; it grows on a silent line too."""
 
     @property
     def remaining(self) -> TranslatableText:

@@ -14,6 +14,7 @@ from fte_sniff.protocol import PortEvent, Row
 from fte_sniff.session.capture_process import capture
 from fte_sniff.session.capture_state import (
     DROP,
+    ROTATE,
     STOP,
     CapturePlan,
     CaptureState,
@@ -144,6 +145,17 @@ class LiveSession:
         # If it has ended already, `wait` returns how.
         with suppress(OSError):
             self._capture.send(STOP)
+
+    def rotate(self) -> None:
+        """Request the next file of the recording; returns at once."""
+        if self.state.started:
+            with suppress(OSError):
+                self._capture.send(ROTATE)
+
+    @property
+    def received_at_s(self) -> float:
+        """Monotonic time of the last message; one comes every second while the capture works."""
+        return self._received_at_s
 
     def hurry(self) -> None:
         """Do not wait for what `CaptureState.backlog` reports; returns at once.

@@ -1,0 +1,110 @@
+"""What a service needs: messages to systemd, and a command for each finished file.
+
+The protocol of `sd_notify(3)` is a datagram with lines such as `READY=1`; the packages for it are
+not maintained, or need the library of systemd.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import socket
+import subprocess
+from collections.abc import MutableMapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from fte_sniff.cli.streams import print_err
+from fte_sniff.errors import UsageError, quoted, reason_of
+
+
+class ServiceManager:
+    """systemd, or nobody if the environment has no NOTIFY_SOCKET."""
+
+    def __init__(self, environment: MutableMapping[str, str]) -> None:
+        """Read the variables and remove them, so that commands do not inherit them."""
+        address = environment.pop("NOTIFY_SOCKET", "")
+        self._address = "\0" + address[1:] if address.startswith("@") else address
+        usec = environment.pop("WATCHDOG_USEC", "")
+        pid = environment.pop("WATCHDOG_PID", "")
+        is_watched = usec.isdecimal() and pid in ("", str(os.getpid()))
+        self._every_s = int(usec) / 2e6 if is_watched else None
+        self._alive_s: float | None = None
+        self._sent: set[str] = set()
+
+    def notify(self, state: str) -> None:
+        """Send a state such as `READY=1` once."""
+        if state not in self._sent:
+            self._sent.add(state)
+            self._send(state)
+
+    def alive(self, at_s: float) -> None:
+        """Tell the watchdog that the capture made progress at a monotonic time, in seconds."""
+        if self._every_s is None:
+            return
+        if self._alive_s is None or at_s >= self._alive_s + min(self._every_s, 1.0):
+            self._alive_s = at_s
+            self._send("WATCHDOG=1")
+
+    def _send(self, state: str) -> None:
+        if not self._address:
+            return
+        # A manager that is gone or busy does not stop a capture.
+        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
+            channel.setblocking(False)
+            channel.sendto(state.encode(), self._address)
+
+
+class FileCommand:
+    """A command that runs for each finished file, while the capture goes on."""
+
+    def __init__(self, command: str | None) -> None:
+        """Split the command as a shell does; None runs nothing.
+
+        Raises UsageError if it is no command.
+        """
+        try:
+            self._words = shlex.split(command or "")
+        except ValueError as error:
+            raise UsageError(f"--on-file: {quoted(command or '')}: {error}") from error
+        if command is not None and not (self._words and shutil.which(self._words[0])):
+            name = quoted(self._words[0] if self._words else "")
+            raise UsageError(f"--on-file: there is no command {name}; name a program, no shell")
+        self._finished: set[Path] = set()
+        self._running: dict[Path, subprocess.Popen[bytes]] = {}
+
+    def update(self, recordings: Sequence[Path], current: Path | None) -> None:
+        """Run it for files that are finished since the last call; report commands that failed."""
+        for path in recordings if self._words else ():
+            if path != current and path not in self._finished:
+                self._finished.add(path)
+                if path.exists():
+                    self._start(path)
+        for path, process in list(self._running.items()):
+            if process.poll() is not None:
+                self._report(path)
+
+    def wait(self) -> None:
+        """Wait for the commands that still run."""
+        for path, process in list(self._running.items()):
+            process.wait()
+            self._report(path)
+
+    def _start(self, path: Path) -> None:
+        try:
+            # In a session of its own, Ctrl-C does not reach it; its output goes to the log.
+            self._running[path] = subprocess.Popen(
+                [*self._words, str(path)],
+                stdin=subprocess.DEVNULL,
+                stdout=2,
+                start_new_session=True,
+            )
+        except OSError as error:
+            print_err(f"--on-file: {self._words[0]} did not start for {path}: {reason_of(error)}")
+
+    def _report(self, path: Path) -> None:
+        code = self._running.pop(path).returncode
+        if code:
+            how = f"exit code {code}" if code > 0 else f"signal {-code}"
+            print_err(f"--on-file: {self._words[0]} failed for {path}: {how}")

@@ -1,0 +1,182 @@
+"""`live --headless`: a capture as a service, with systemd's messages and commands for files."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import signal
+import socket
+import subprocess
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from fte_sniff.recording.reader import RecordingReader
+from tests.cli.conftest import ROOT
+from tests.cli.processes import BOUND_S, ended, rows_in, started, stderr_until, wait_until
+
+LINE = "sim://?rate=500"
+SILENT = "sim://?host=off&wire=control"
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    """A service manager's socket."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
+        channel.bind(str(tmp_path / "notify"))
+        channel.settimeout(BOUND_S)
+        yield channel
+
+
+def test_it_prints_no_rows_and_records_all(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, "live", LINE, "--headless", "-o", "x.mcap") as process:
+        stderr_until(process, f"capturing {LINE}, recording to x.mcap\n")
+        wait_until(lambda: rows_in(tmp_path / "x.mcap") > 20)
+        process.send_signal(signal.SIGTERM)
+        code, output, errors = ended(process)
+    assert (code, output) == (0, "")
+    assert "recorded to x.mcap" in errors
+    assert rows_in(tmp_path / "x.mcap") > 20
+
+
+def test_usr1_begins_the_next_file_and_no_byte_is_lost(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, "live", LINE, "--headless", "-o", "x.mcap") as process:
+        stderr_until(process, "capturing")
+        for number in (2, 3):
+            current = tmp_path / ("x.mcap" if number == 2 else "x_00002.mcap")
+            wait_until(lambda path=current: rows_in(path) > 20)
+            process.send_signal(signal.SIGUSR1)
+            stderr_until(process, f"recording goes on in x_{number:05}.mcap")
+        process.send_signal(signal.SIGTERM)
+        code, _, errors = ended(process)
+    assert code == 0
+    assert "3 files" in errors
+    names, offset = ["x.mcap", "x_00002.mcap", "x_00003.mcap"], 0
+    assert sorted(path.name for path in tmp_path.glob("*.mcap")) == names
+    for name in names:
+        for row in RecordingReader(tmp_path / name):
+            assert row.offset == offset
+            offset += len(row.raw)
+
+
+def test_usr1_without_rows_does_nothing(environment, tmp_path: Path) -> None:
+    with started(environment, tmp_path, "live", SILENT, "--headless", "-o", "x.mcap") as process:
+        stderr_until(process, "capturing")
+        process.send_signal(signal.SIGUSR1)
+        process.send_signal(signal.SIGTERM)
+        code, _, _ = ended(process)
+    assert code == 0
+    assert [path.name for path in tmp_path.glob("*.mcap")] == ["x.mcap"]
+
+
+@pytest.mark.parametrize("line", [LINE, SILENT])
+def test_systemd_hears_ready_watchdog_and_stopping(environment, tmp_path, manager, line) -> None:
+    service = environment | {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "4000000"}
+    with started(service, tmp_path, "live", line, "--headless", "-o", "x.mcap") as process:
+        assert manager.recv(100) == b"READY=1"
+        for _ in range(3):
+            assert manager.recv(100) == b"WATCHDOG=1"
+        process.send_signal(signal.SIGTERM)
+        while (state := manager.recv(100)) == b"WATCHDOG=1":
+            pass
+        assert state == b"STOPPING=1"
+        assert ended(process)[0] == 0
+
+
+def test_a_hung_capture_does_not_feed_the_watchdog(environment, tmp_path, manager) -> None:
+    service = environment | {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000"}
+    with started(service, tmp_path, "live", LINE, "--headless", "-o", "x.mcap") as process:
+        assert manager.recv(100) == b"READY=1"
+        assert manager.recv(100) == b"WATCHDOG=1"
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        (capture,) = map(int, children)
+        subprocess.run(["kill", "-STOP", str(capture)], check=True)
+        manager.settimeout(3)
+        with suppress(TimeoutError):
+            while manager.recv(100) == b"WATCHDOG=1":
+                pass
+            pytest.fail("another state")
+        subprocess.run(["kill", "-CONT", str(capture)], check=True)
+        manager.settimeout(BOUND_S)
+        assert manager.recv(100) == b"WATCHDOG=1"
+
+
+def test_a_command_runs_for_each_finished_file(environment, tmp_path: Path) -> None:
+    script = tmp_path / "upload"
+    script.write_text('#!/bin/sh\nprintf "%s\\n" "$@" >> done.txt\n')
+    script.chmod(0o755)
+    words = [
+        "live",
+        LINE,
+        "--headless",
+        "-o",
+        "a b.mcap",
+        "--on-file",
+        "./upload '--to here' $HOME",
+    ]
+    with started(environment, tmp_path, *words) as process:
+        stderr_until(process, "capturing")
+        wait_until(lambda: rows_in(tmp_path / "a b.mcap") > 0)
+        process.send_signal(signal.SIGUSR1)
+        wait_until((tmp_path / "done.txt").exists)
+        process.send_signal(signal.SIGTERM)
+        assert ended(process)[0] == 0
+    lines = (tmp_path / "done.txt").read_text().splitlines()
+    assert lines == ["--to here", "$HOME", "a b.mcap", "--to here", "$HOME", "a b_00002.mcap"]
+
+
+def test_a_command_that_fails_or_waits_stops_nothing(environment, tmp_path: Path) -> None:
+    script = tmp_path / "fails"
+    script.write_text("#!/bin/sh\ncase $1 in x.mcap) read line < gate ;; esac\nexit 3\n")
+    script.chmod(0o755)
+    subprocess.run(["mkfifo", tmp_path / "gate"], check=True)
+    words = ["live", LINE, "--headless", "-o", "x.mcap", "--on-file", "./fails"]
+    with started(environment, tmp_path, *words) as process:
+        stderr_until(process, "capturing")
+        for name in ("x.mcap", "x_00002.mcap"):
+            wait_until(lambda name=name: rows_in(tmp_path / name) > 0)
+            process.send_signal(signal.SIGUSR1)
+            stderr_until(process, "recording goes on in")
+        # The first command still waits.
+        stderr_until(process, "--on-file: ./fails failed for x_00002.mcap: exit code 3\n")
+        (tmp_path / "gate").write_text("go\n")
+        stderr_until(process, "--on-file: ./fails failed for x.mcap: exit code 3\n")
+        process.send_signal(signal.SIGTERM)
+        assert ended(process)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--on-file", "true"], "--on-file works with --headless; add it"),
+        (["--headless", "--plain"], "--headless shows no rows; leave out --plain"),
+        (["--headless", "--filter", "motor = 1"], "leave out --filter"),
+        (["--headless", "--no-record"], "--headless records to files"),
+        (["--headless", "-o", "-"], "--headless records to files"),
+        (["--headless", "--on-file", "none-such"], "there is no command 'none-such'"),
+        (["--headless", "--on-file", "'open"], "No closing quotation"),
+        (["--headless", "--on-file", ""], "there is no command ''"),
+    ],
+)
+def test_contradictions_are_usage_errors(run, tmp_path: Path, words, message) -> None:
+    done = run("live", "sim://", *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message in done.stderr
+    assert not list(tmp_path.glob("*.mcap"))
+
+
+@pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="systemd-analyze is not installed")
+def test_systemd_accepts_the_unit_of_the_page(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "service.md").read_text("utf-8")
+    (unit,) = re.findall(r"```ini\n(.*?)```", text, re.DOTALL)
+    program = re.search(r"ExecStart=(\S+)", unit)
+    assert program is not None
+    path = tmp_path / "fte-sniff.service"
+    path.write_text(unit.replace(program[1], "/bin/true").replace("User=logger", "User=daemon"))
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(path)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
