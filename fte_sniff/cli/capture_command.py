@@ -313,7 +313,7 @@ def _record_headless(plan: CapturePlan, command: FileCommand, observe: Observer 
                     manager.notify("STOPPING=1")
         finally:
             finish_session(session)
-        lines.close()
+        lines.close(session.state.progress.waiting)
         command.update(session.state.recordings, None)
         command.wait()
         _report_recording(session)

@@ -85,7 +85,7 @@ def test_bytes_do_not_join_across_a_gap_and_offsets_go_on(kind: PortEventKind) -
     assert [row.raw for row in rows] == [FRAME] * 3 + [FRAME[:6], FRAME[6:]] + [FRAME] * 3
     assert [row.offset for row in rows] == [0, 10, 20, 30, 36, 40, 50, 60]
     assert events == [gap]
-    assert ended == Ended(progress=WriteProgress(is_end=True))
+    assert ended == Ended(progress=WriteProgress(is_end=True, turns=len(items)))
 
 
 def test_other_events_cut_nothing() -> None:
