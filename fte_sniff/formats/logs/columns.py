@@ -153,8 +153,10 @@ def _append(
         if shapes[0].stamp is not None and times is None:
             one_by_one = [*range(start, stop), *one_by_one]
         else:
-            for label, own in labels.items() if stop > start else ():
+            for label, own in labels.items():
                 mine = np.isin(known[part], own)
+                if not mine.any():
+                    continue
                 stream = log.stream_of(streams, name, label)
                 data, size = table[part][mine], sizes[part][mine]
                 if (size < data.shape[1]).any():

@@ -92,7 +92,7 @@ class PlainLog(LogForm):
     def by_sample(cls, lines: Sequence[bytes]) -> PlainLog | None:
         """The log, if all lines of a sample are plain, but for typing errors."""
         data, names = b"", 0
-        if any(label_of("arrow", line.lstrip()[:2]) for line in lines):
+        if any(label_of("arrow", line.lstrip()[:3]) for line in lines):
             return None
         for line in lines:
             if is_plain(line):

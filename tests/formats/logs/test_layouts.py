@@ -168,7 +168,7 @@ def test_a_frame_that_the_other_direction_interrupts_is_whole() -> None:
     assert [row.offset for row in rows if row.port.endswith("tx")] == [0, 10, 20, 30, 40]
 
 
-@pytest.mark.parametrize(("tx", "rx"), [(">", "<"), (">>", "<<"), ("->", "<-")])
+@pytest.mark.parametrize(("tx", "rx"), [(">", "<"), (">>", "<<"), ("-->", "<--")])
 def test_arrows_separate_directions_though_all_else_is_plain_hex(tx: str, rx: str) -> None:
     log = a_log(3)
     lines = [f"{tx if sent.way == 'tx' else rx} {sent.data.hex(' ')}" for sent in log]
