@@ -344,8 +344,11 @@ class RecordingReader:
             raise FileError(f"{self.path} is cut after {len(magic)} bytes: nothing is left in it")
         self._summary = read_summary(stream)
         records = RecordStream(stream, self._summary)
+        summary = self._summary
+        known = summary is not None and summary.guarded and bool(summary.channels)
         for record in records:
-            if record.opcode == Opcode.CHUNK:
+            # A summary with a checksum has the same definitions; a chunk has many messages.
+            if record.opcode == Opcode.CHUNK and not known:
                 with suppress(RecordError):
                     for opcode, body in records_in(unpack(record.body)):
                         self._read_definition(opcode, body)

@@ -267,7 +267,7 @@ def _finished(
             progress.advance(job.size or 0, result.counts.tally.rows)
         return job, result
     except FileError as error:
-        return job, error
+        return job, error if future is None else FileError(f"{error} (as its worker sees it)")
     except FteSniffError:
         raise
     except Exception as error:

@@ -1,0 +1,157 @@
+"""`stats` and `check` over many files: in one process, in several, and on a cluster."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from distributed import Client
+
+from benchmarks.many_files import cluster, make_recordings
+from tests.cli.processes import BOUND_S, PROGRAM, started, wait_until
+
+FILES = 12
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recordings")
+    make_recordings(folder, FILES, 4000)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with cluster(2, tmp_path_factory.mktemp("cluster")) as found:
+        yield found
+
+
+COMMANDS = {
+    "stats": ["stats"],
+    "check": [
+        *("check", "--expect", "max_gap(motor = 1) < 0.001", "--expect", "unanswered() == 0"),
+        *("--expect", "delay(p95) < 1", "--expect", "count(motor = 4) == 0"),
+    ],
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_several_processes_give_the_numbers_of_one(run, recordings: Path, name: str) -> None:
+    one, two = (
+        run(*COMMANDS[name], recordings, "--format", "json", "--jobs", jobs) for jobs in "12"
+    )
+    assert json.loads(one.stdout)["rows"] == FILES * 4000
+    assert (two.returncode, two.stdout, two.stderr) == (one.returncode, one.stdout, one.stderr)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_cluster_gives_the_numbers_of_one_process(
+    run, recordings: Path, address: str, name: str
+) -> None:
+    arguments = [*COMMANDS[name], recordings, "--format", "json"]
+    one, many = run(*arguments, "--jobs", "1"), run(*arguments, "--cluster", address)
+    assert (many.returncode, many.stdout, many.stderr) == (one.returncode, one.stdout, one.stderr)
+
+
+def test_a_cluster_that_loses_a_worker_midway_still_gives_them(
+    run, environment: dict[str, str], tmp_path: Path, recordings: Path
+) -> None:
+    arguments = ["stats", str(recordings), "--format", "json"]
+    expected = run(*arguments, "--jobs", "1").stdout
+    with (
+        cluster(2, tmp_path) as address,
+        Client(address, set_as_default=False) as client,
+        started(environment, tmp_path, *arguments, "--cluster", address) as process,
+    ):
+        assert process.stdout is not None
+        wait_until(lambda: any(client.processing().values()))
+        busy = next(worker for worker, tasks in client.processing().items() if tasks)
+        worker_pid = client.run(os.getpid, workers=[busy])[busy]
+        os.kill(worker_pid, signal.SIGKILL)
+        told = process.stdout.read().decode()
+        assert process.wait(BOUND_S) == 0
+    assert told == expected
+
+
+def test_a_file_that_the_workers_cannot_see_is_named(
+    environment: dict[str, str], tmp_path: Path, recordings: Path, address: str
+) -> None:
+    first, second = sorted(recordings.iterdir())[:2]
+    number = 200  # the workers have no such descriptor
+    with first.open() as own:
+        os.dup2(own.fileno(), number)
+        unseen = f"/proc/self/fd/{number}"
+        done = subprocess.run(
+            [*PROGRAM, "stats", unseen, str(second), "--cluster", address, "--format", "json"],
+            env=environment,
+            pass_fds=[number],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            timeout=BOUND_S,
+        )
+    os.close(number)
+    assert done.returncode == 4, done.stderr
+    assert json.loads(done.stdout)["rows"] == 4000
+    (line,) = done.stderr.splitlines()
+    assert unseen in line
+    assert "worker" in line
+
+
+def test_a_cluster_that_is_not_there_and_options_that_contradict(run, recordings: Path) -> None:
+    done = run("stats", recordings, "--cluster", "tcp://127.0.0.1:9")
+    assert done.returncode == 4
+    (line,) = done.stderr.splitlines()
+    assert "no scheduler answers" in line
+    assert run("stats", recordings, "--cluster", "x", "--jobs", "2").returncode == 2
+    assert run("stats", "-", "--cluster", "x").returncode == 2
+
+
+def _workers(pid: int) -> list[int]:
+    threads = Path(f"/proc/{pid}/task")
+    found = []
+    for task in threads.iterdir() if threads.exists() else ():
+        try:
+            found += [int(one) for one in (task / "children").read_text().split()]
+        except OSError:
+            continue
+    return found
+
+
+def test_a_killed_worker_is_one_line_and_the_others_are_counted(
+    environment: dict[str, str], tmp_path: Path, recordings: Path
+) -> None:
+    arguments = ["stats", str(recordings), "--format", "json", "--jobs", "2"]
+    with started(environment, tmp_path, *arguments) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        wait_until(lambda: bool(_workers(process.pid)))
+        os.kill(_workers(process.pid)[0], signal.SIGKILL)
+        told = json.loads(process.stdout.read())
+        (line,) = process.stderr.read().decode().splitlines()
+        assert process.wait(BOUND_S) == 4
+    assert told["rows"] == (FILES - 1) * 4000
+    assert "was killed by signal 9" in line
+    assert str(recordings) in line
+
+
+def test_ctrl_c_ends_all_processes_and_reports_what_was_read(
+    environment: dict[str, str], tmp_path: Path, recordings: Path
+) -> None:
+    arguments = ["stats", str(recordings), "--jobs", "2"]
+    with started(environment, tmp_path, *arguments) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        wait_until(lambda: len(_workers(process.pid)) == 2)
+        workers = _workers(process.pid)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(BOUND_S) == 130
+        line = process.stderr.read().decode()
+    assert line.startswith("fte-sniff: interrupted; ")
+    assert line.count("\n") == 1
+    assert not any(Path(f"/proc/{worker}").exists() for worker in workers)

@@ -1,0 +1,125 @@
+"""Jobs for files: any split of a capture into files gives the numbers of one file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.recorded_rows import write_recording
+from fte_sniff.analysis.rules import Rule
+from fte_sniff.analysis.statistics import LineSetup
+from fte_sniff.analysis.summary import StatisticsSummary
+from fte_sniff.analysis.verdicts import RuleCheck
+from fte_sniff.errors import FileError
+from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.reader import RecordingReader
+from fte_sniff.row_batch import RowBatch
+from fte_sniff.session.file_jobs import FileJob, FileMerger, finished_jobs
+from fte_sniff.session.input_reading import InputReading
+from fte_sniff.session.inputs import Input, RecordingInput
+from tests.analysis.pieces import Step, captures, pieces_of, state_of
+from tests.analysis.test_measures import EXPECTED
+from tests.analysis.test_statistics import SECOND, frame
+from tests.examples import examples
+
+START = "2026-01-31T12:00:00.000000000Z"
+PORTS = [PortFacts("a", 115_200), PortFacts("b", 115_200)]
+
+
+def opened(path: Path) -> Input:
+    return RecordingInput(RecordingReader(path))
+
+
+def measured(paths: Sequence[Path], model, executor=None):
+    make = partial(StatisticsSummary, LineSetup()) if model is None else partial(RuleCheck, model)
+    merger = FileMerger(make(), InputReading([]))
+    jobs = [FileJob(path, opened, make) for path in paths]
+    for job, result in finished_jobs(jobs, executor, 3):
+        assert not isinstance(result, FileError), result
+        merger.add(job, result)
+    return merger.model
+
+
+def write_parts(folder: Path, parts: Sequence[Sequence[Row | PortEvent]]) -> list[Path]:
+    folder.mkdir()
+    paths = []
+    for number, part in enumerate(parts, 1):
+        rows = [one for one in part if isinstance(one, Row)]
+        events = [one for one in part if isinstance(one, PortEvent)]
+        facts = {"start": START, "host": "here", "part": str(number)}
+        paths.append(folder / f"{number}.mcap")
+        write_recording(paths[-1], PORTS, [RowBatch.from_rows(rows, events=events)], facts)
+    return paths
+
+
+def numbers(model: StatisticsSummary | RuleCheck) -> object:
+    if isinstance(model, RuleCheck):
+        return model.verdicts()
+    parts = model.total, model.statistics, model.answers, model.flags
+    return [state_of(part) for part in parts]
+
+
+@examples(25, deadline=None)
+@given(captures(), st.lists(st.integers(0, 25), max_size=3))
+def test_any_split_into_files_gives_the_numbers_of_one_file(
+    tmp_path_factory: pytest.TempPathFactory, steps: list[Step], cuts: list[int]
+) -> None:
+    folder = tmp_path_factory.mktemp("split")
+    rows = [one for one in steps if isinstance(one, Row) and one.t_ns is not None]
+    rows.sort(key=lambda row: row.t_ns or 0)
+    whole = write_parts(folder / "whole", [rows])
+    split = write_parts(folder / "split", list(pieces_of(rows, cuts)))
+    rules = [Rule.parse(text) for text in EXPECTED]
+    with ThreadPoolExecutor(2) as executor:
+        for model in (None, rules):
+            expected = numbers(measured(whole, model))
+            assert numbers(measured(split, model)) == expected
+            assert numbers(measured(split, model, executor)) == expected
+
+
+def test_a_baud_that_changed_in_one_file_holds_in_the_next(tmp_path: Path) -> None:
+    rows = [_frame(number) for number in range(6)]
+    change = PortEvent(rows[1].t_ns + 1, "a", PortEventKind.BAUD_CHANGED, "", 9600)
+    whole = measured(write_parts(tmp_path / "whole", [[*rows, change]]), None)
+    parts = [[*rows[:3], change], rows[3:4], rows[4:]]
+    split = measured(write_parts(tmp_path / "split", parts), None)
+    assert [one.statistics.ports()[0].baud for one in (whole, split)] == [9600, 9600]
+    assert numbers(split) == numbers(whole)
+
+
+def _frame(number: int) -> Row:
+    row = frame("reset", 10**18 + number * SECOND, port="a")
+    return type(row)(row.port, 10 * number, row.raw, row.t_ns)
+
+
+def test_files_of_other_captures_are_not_continued(tmp_path: Path) -> None:
+    rows = [_frame(number) for number in range(4)]
+    whole = measured(write_parts(tmp_path / "one", [rows]), None)
+    other = [type(row)(row.port, row.offset + 7, row.raw, row.t_ns) for row in rows[2:]]
+    paths = [
+        write_parts(tmp_path / "a", [rows[:2]])[0],
+        tmp_path / "b.mcap",
+    ]
+    write_recording(paths[1], PORTS, [RowBatch.from_rows(other)], {"start": "x", "host": "here"})
+    apart = measured(paths, None)
+    assert whole.statistics.streams(None)[0].periods.count == 3
+    assert apart.statistics.streams(None)[0].periods.count == 2
+
+
+def test_a_file_that_no_worker_can_read_is_named(tmp_path: Path) -> None:
+    make = partial(StatisticsSummary, LineSetup())
+    good = write_parts(tmp_path / "good", [[_frame(0)]])[0]
+    jobs = [FileJob(path, opened, make) for path in (tmp_path / "absent.mcap", good)]
+    with ThreadPoolExecutor(1) as executor:
+        (_, lost), (_, found) = finished_jobs(jobs, executor, 2)
+    assert isinstance(lost, FileError)
+    assert str(lost).startswith(f"{tmp_path / 'absent.mcap'}: there is no such file")
+    assert "as its worker sees it" in str(lost)
+    assert not isinstance(found, FileError)
